@@ -90,7 +90,7 @@ def write_comparison(scene_path: Path, capture_path: Path, out: Path, frame: int
     shot = capture.shots[index]
     camera = capture.cameras[shot.camera]
     truth = FrameStore.open(capture).image(index).astype(np.float32) / 255
-    image = draw(scene.at_frame(shot.frame), camera, scene.header.background).rgb.clip(0, 1)
+    image = draw(scene.at(capture.time_of(shot)), camera, scene.header.background).rgb.clip(0, 1)
     error = np.abs(image - truth).clip(0, 0.25) * 4
 
     width = 5.0

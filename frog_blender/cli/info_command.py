@@ -102,6 +102,7 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
         "training": f"{header.recipe.get('name')}, {header.steps} steps, {header.train_seconds:.0f} s",
         "metrics": [f"{name} {value}" for name, value in header.metrics.items()],
         "capture": header.capture_path,
+        "world": [] if header.world.is_plain else [f"the files' coordinates are {header.world}"],
         "reductions": compression_report.lines(header.capacity),
     }
 

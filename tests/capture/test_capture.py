@@ -122,3 +122,20 @@ def test_a_segment_of_a_moving_camera_keeps_the_cameras_that_it_shows(n3dv: Path
 def test_a_segment_outside_the_capture_is_refused(n3dv: Path, first: int, count: int) -> None:
     with pytest.raises(FrogError, match="expected some of 0 to 4"):
         open_capture(n3dv).segment(first, count)
+
+
+def test_the_time_of_an_image_counts_by_how_much_it_was_late(n3dv: Path) -> None:
+    capture = open_capture(n3dv)  # frames 0 to 4
+    shot = capture.shots[capture.shot_index(1, 2)]
+    assert capture.time_of(shot) == 0.5
+    assert capture.time_of(replace(shot, offset=0.25)) == 2.25 / 4
+    assert capture.time_of(replace(shot, frame=0, offset=-0.5)) == 0
+    assert capture.time_of(replace(shot, frame=4, offset=0.5)) == 1
+    one = replace(capture, shots=(replace(shot, frame=0, offset=0.3),), frame_count=1)
+    assert one.time_of(one.shots[0]) == 0
+
+
+def test_a_segment_keeps_the_offsets(n3dv: Path) -> None:
+    capture = open_capture(n3dv)
+    late = replace(capture, shots=tuple(replace(shot, offset=0.25) for shot in capture.shots))
+    assert {shot.offset for shot in late.segment(1, 3).shots} == {0.25}

@@ -75,6 +75,8 @@ REFUSED: list[tuple[str, Callable[[Data], Any]]] = [
     *[(name, top(**{name: {"a": {"b": 10**400}}})) for name in ("recipe", "metrics", "model")],
     *[("silent_heads", top(model=PLAIN["model"] | {"silent_heads": value})) for value in (None, "means", 5, {})],
     *[("capacity", top(capacity=REPORT | {"reductions": value})) for value in (5, [5], [{"what": "x"}])],
+    *[("world", top(world=value)) for value in (None, [], {"origin": [0, 0, 0]}, {"origin": "abc", "unit": 1})],
+    *[("unit", top(world={"origin": [0, 0, 0], "unit": value})) for value in (*NOT_NUMBERS, 0, -1)],
     *[("width", camera(width=value)) for value in (*NOT_NUMBERS, 0, 65_537, 2**31, 2**31 + 16, 32.0)],
     *[("height", camera(height=value)) for value in (*NOT_NUMBERS, 0, 600_000)],
     ("pixels", camera(width=65_536, height=MAX_PIXELS // 65_536 + 1)),
@@ -111,6 +113,7 @@ ODD: list[Callable[[Data], Any]] = [
     top(metrics={"psnr": None, "split": "training", "cameras": {"odd": [1, 2.5]}}),
     top(background=[1, 1, 1]),
     without("capacity"),
+    top(world={"origin": [448263.0, 5411933.0, 312.0], "unit": 0.001}),
     lens(0, 1, 0.3),
     pose(0, 3, -5e6),
 ]

@@ -19,6 +19,8 @@ from ..arrays import Float64s, ImageArray
 from ..errors import FrogError
 from .camera import Camera
 from .camera_motion import cameras_move
+from .time import frame_to_time
+from .world import FILES_OWN, World
 
 MAX_FRAMES = 1_000_000
 """Frames of a capture: nine hours at 30 a second."""
@@ -51,12 +53,14 @@ class Shot:
         frame: 0 .. ``Capture.frame_count`` - 1.
         path: the video or image file.
         index: frame within the video, 0 for an image.
+        offset: frames by which the image was taken later than its frame, of -0.5 to 0.5.
     """
 
     camera: int
     frame: int
     path: Path
     index: int
+    offset: float = 0.0
 
 
 class Alteration(Protocol):
@@ -98,6 +102,7 @@ class Capture:
         points: (N, 3) float64 points on surfaces that came with the capture, world units; None for most.
         warnings: one sentence each.
         alteration: applied to the images after decoding; None for none.
+        world: what the reader took off the files' coordinates.
     """
 
     path: Path
@@ -115,6 +120,7 @@ class Capture:
     points: Float64s | None = None
     warnings: tuple[str, ...] = ()
     alteration: Alteration | None = None
+    world: World = FILES_OWN
 
     def __post_init__(self) -> None:
         if not self.crops:
@@ -143,6 +149,14 @@ class Capture:
     def shot_index(self, camera: int, frame: int) -> int | None:
         """Index into ``shots`` of a camera's image at a frame; None if there is none."""
         return self._shot_indices.get((camera, frame))
+
+    def time_of(self, shot: Shot) -> float:
+        """The time in [0, 1] at which a shot's image was taken."""
+        return self.time_at(shot.frame + shot.offset)
+
+    def time_at(self, frame: float) -> float:
+        """The time in [0, 1] of a frame with its fraction; before the first and after the last one time stands."""
+        return frame_to_time(min(max(frame, 0.0), self.frame_count - 1.0), self.frame_count)
 
     def is_test(self, shot: Shot) -> bool:
         """True for a held-out image."""

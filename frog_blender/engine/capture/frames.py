@@ -25,7 +25,7 @@ from .capture import Capture, Distortion, Shot
 from .decoding import decode_shots
 from .sharing import lock_exclusively, open_shared
 
-_VERSION = 1  # raise it when the same capture would decode to other bytes
+_VERSION = 2  # raise it when the same capture would decode to other bytes
 _PIXELS = "frames.raw"
 _INDEX = "index.json"
 _PARTIAL = ".partial-"

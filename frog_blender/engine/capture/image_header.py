@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from typing import BinaryIO
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -31,19 +32,27 @@ def png_size(start: bytes) -> tuple[int, int] | None:
     return width, height
 
 
-def _jpeg_size(file: BinaryIO) -> tuple[int, int] | None:
-    """(width, height) from the segments that follow the file's first marker; None where they do not say it."""
+def jpeg_segments(file: BinaryIO) -> Iterator[tuple[int, int]]:
+    """Marker and length of each segment from the file's place on, with the file at its content."""
     while (marker := file.read(2)) and len(marker) == 2 and marker[0] == 0xFF:
         if marker[1] == 0xFF:  # padding: the next byte may be the marker's
             file.seek(-1, 1)
         elif marker[1] not in _JPEG_WITHOUT_LENGTH:
-            head = file.read(7)
-            if len(head) < 7:
+            head = file.read(2)
+            if len(head) < 2 or (length := int.from_bytes(head, "big")) < 2:
+                return
+            content = file.tell()
+            yield marker[1], length - 2
+            file.seek(content + length - 2)
+
+
+def _jpeg_size(file: BinaryIO) -> tuple[int, int] | None:
+    """(width, height) from the segments that follow the file's first marker; None where they do not say it."""
+    for marker, _ in jpeg_segments(file):
+        if marker in _JPEG_FRAMES:
+            head = file.read(5)
+            if len(head) < 5:
                 return None
-            length, _, height, width = struct.unpack(">HBHH", head)
-            if marker[1] in _JPEG_FRAMES:
-                return width, height
-            if length < 2:
-                return None
-            file.seek(length - 7, 1)
+            _, height, width = struct.unpack(">BHH", head)
+            return width, height
     return None

@@ -7,6 +7,7 @@ from pathlib import Path
 from ..errors import found_instead
 from ..io.regular_file import regular_file
 from .image_header import size_in_header
+from .orientation import is_mirrored, orientation_in_header, quarter_turns, turned_size
 from .video import check_image_size, read_image
 
 
@@ -19,10 +20,26 @@ def image_size(path: Path) -> tuple[int, int]:
     try:
         with regular_file(path, "an image").open("rb") as file:
             size = size_in_header(file)
+            file.seek(0)
+            turns = quarter_turns(orientation_in_header(file))
     except OSError as error:
         raise found_instead(path, f"a file that cannot be read ({error.strerror})", "an image") from error
     if size is None or min(size) < 1:
         height, width = read_image(path).shape[:2]
         return width, height
     check_image_size(path, size)
-    return size
+    return turned_size(size, turns)
+
+
+def image_turns(path: Path) -> int:
+    """Quarter turns clockwise by which ``read_image`` turns what the file stores; 0 where it also mirrors it.
+
+    Raises:
+        FrogError: if the file is missing or cannot be read.
+    """
+    try:
+        with regular_file(path, "an image").open("rb") as file:
+            orientation = orientation_in_header(file)
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "an image") from error
+    return 0 if is_mirrored(orientation) else quarter_turns(orientation)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import unicodedata
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -13,12 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Float32s, ImageArray
+from ..arrays import Float32s, Float64s, ImageArray
 from ..errors import FrogError, found_instead
 from ..io.regular_file import regular_file
 from ..optional_imports import is_missing, not_loaded
 from .camera import MAX_SIDE
 from .image_header import size_in_header
+from .movie_header import read_movie_header
+from .orientation import orientation_in_header, oriented, turned
+from .tone_mapping import tone_mapping, transfer_of
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
@@ -29,14 +32,26 @@ _COUNT_BY_DECODING = 1e8
 _MAX_DECODED = 2**28  # pixels of an image: the largest cameras have half as many
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class VideoFacts:
-    """Size in pixels, number of frames and rate of one video."""
+    """One video, as players show it.
+
+    Attributes:
+        width, height: pixels, after its rotation flag.
+        frame_count: frames that are shown; an edit list may hide others.
+        frames_per_second: their mean rate as the file says it.
+        timestamps: (frame_count,) float64 ascending seconds, from the file's start, at which they are shown.
+        turn: degrees clockwise by which the stored frames are shown: 0, 90, 180 or 270.
+        transfer: "hlg" or "pq" for a film of high dynamic range, which is tone-mapped; else "".
+    """
 
     width: int
     height: int
     frame_count: int
     frames_per_second: float
+    timestamps: Float64s
+    turn: int = 0
+    transfer: str = ""
 
 
 def load_opencv() -> Any:  # cv2 has no types that mypy follows
@@ -71,7 +86,17 @@ def _open(path: Path) -> Any:  # a cv2.VideoCapture
     video = load_opencv().VideoCapture(whole)
     if not video.isOpened():
         raise found_instead(path, "a file that cannot be decoded", "a complete video (is it damaged or cut off?)")
+    video.set(load_opencv().CAP_PROP_ORIENTATION_AUTO, 0)  # some builds turn by themselves, others cannot
     return video
+
+
+def _turns(video: Any) -> int:  # of a cv2.VideoCapture
+    """Quarter turns clockwise by which its frames are to be shown; 0 where OpenCV turns them itself."""
+    cv2 = load_opencv()
+    if video.get(cv2.CAP_PROP_ORIENTATION_AUTO):
+        return 0
+    angle = video.get(cv2.CAP_PROP_ORIENTATION_META)
+    return round(angle / 90) % 4 if np.isfinite(angle) else 0
 
 
 def truncated(path: Path, decoded: int, expected: int) -> FrogError:
@@ -88,39 +113,66 @@ def _may_miss(frames: int) -> int:
 
 
 def read_facts(path: Path) -> VideoFacts:
-    """Facts about a video; the first frame is really decoded, small videos are decoded whole.
+    """Facts about a video; the first frame is really decoded. Small videos are decoded whole, and those whose header
+    does not say which frames are shown.
 
     Raises:
         FrogError: if the file is missing, empty or cannot be decoded, or ends long before its header says.
     """
     cv2 = load_opencv()
     video = _open(path)
+    header = read_movie_header(path)
+    planned = None if header is None else header.timestamps
     try:
         with _as_frog_error(path, "a complete video"):
             declared, rate = (video.get(key) for key in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS))
             is_read, image = video.read()
             if not is_read:
                 raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
-            height, width = image.shape[:2]
+            turns = _turns(video)
+            height, width = turned(image, turns).shape[:2]
+            rate = float(rate) if np.isfinite(rate) and 0.1 <= rate <= 1000 else 30.0
             count = int(declared) if np.isfinite(declared) and declared > 0 else 0
-            is_estimate = not count or path.suffix.lower() in _ESTIMATING_SUFFIXES
+            is_estimate = planned is None and (not count or header is not None or _estimates(path))
+            count = count if planned is None else len(planned)
             if is_estimate or count * width * height < _COUNT_BY_DECODING:
-                declared, count = count, 1
+                stamps = [video.get(cv2.CAP_PROP_POS_MSEC)]
                 while video.grab():
-                    count += 1
-                if not is_estimate and count < declared - _may_miss(declared):
-                    raise truncated(path, count, declared)
+                    stamps.append(video.get(cv2.CAP_PROP_POS_MSEC))
+                if not is_estimate and len(stamps) < count - _may_miss(count):
+                    raise truncated(path, len(stamps), count)
+                times = _times(stamps, planned, rate)
+            else:
+                times = np.arange(count) / rate if planned is None else planned
     finally:
         video.release()
-    if not (np.isfinite(rate) and 0.1 <= rate <= 1000):
-        rate = 30.0
-    return VideoFacts(width, height, count, float(rate))
+    return VideoFacts(width, height, len(times), rate, times, 90 * turns, transfer_of(path, header))
+
+
+def _estimates(path: Path) -> bool:
+    return path.suffix.lower() in _ESTIMATING_SUFFIXES
+
+
+def _times(stamps: Sequence[float], planned: Float64s | None, rate: float) -> Float64s:
+    """(N,) seconds of decoded frames.
+
+    Args:
+        stamps: milliseconds as OpenCV says them, which begin with 0.
+        planned: what the header says of all frames that are shown, seconds.
+    """
+    if planned is not None and len(planned) == len(stamps):
+        return planned
+    times = np.array(stamps) / 1000
+    if not np.isfinite(times).all() or (np.diff(times) <= 0).any():  # some containers have no times
+        times = np.arange(len(stamps)) / rate
+    return times if planned is None else planned[0] + times - times[0]
 
 
 def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
-    """The frames of a video with the given ascending indices, each (H, W, 3) uint8 RGB.
+    """The frames of a video with the given ascending indices, each (H, W, 3) uint8 RGB, as players show them.
 
-    Where a large video, whose frames nobody counted, ends a frame before its header says (or 1 %), the last one stays.
+    Turned by the rotation flag, tone-mapped where the film's dynamic range is high. Where a large video, whose frames
+    nobody counted, ends a frame before its header says (or 1 %), the last one stays.
 
     Raises:
         FrogError: if the file cannot be decoded or ends too early.
@@ -130,6 +182,7 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
     video = _open(path)
     try:
         position, last = 0, None
+        turns, toned = _turns(video), tone_mapping(path, read_movie_header(path))
         with _as_frog_error(path, "a complete video"):
             for index in wanted:
                 while position < index and video.grab():
@@ -137,7 +190,8 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
                 is_read, image = video.read() if position == index else (False, None)
                 if is_read and image is not None:
                     position += 1
-                    last = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+                    last = turned(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), turns)
+                    last = last if toned is None else toned.apply(last)
                 elif last is None or wanted[-1] + 1 - position > _may_miss(wanted[-1] + 1) // 2:
                     raise truncated(path, position, wanted[-1] + 1)
                 yield last
@@ -146,7 +200,7 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
 
 
 def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> ImageArray:
-    """An image file as (H, W, 3) uint8 RGB; transparent pixels lie over ``background``.
+    """An image file as (H, W, 3) uint8 RGB, turned as its EXIF says; transparent pixels lie over ``background``.
 
     Raises:
         FrogError: if the file is missing or no image, or one too large to be decoded.
@@ -171,7 +225,8 @@ def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0
 def read_gray(path: Path) -> ImageArray:
     """An image file as (H, W) uint8 brightness; errors as of ``read_image``."""
     with _as_frog_error(path, "an image"):
-        return _decoded(path, load_opencv().IMREAD_GRAYSCALE)
+        cv2 = load_opencv()
+        return _decoded(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
 
 
 def check_image_size(path: Path, size: tuple[int, int]) -> None:
@@ -183,7 +238,7 @@ def check_image_size(path: Path, size: tuple[int, int]) -> None:
 
 
 def _decoded(path: Path, how: int) -> ImageArray:
-    """An image as OpenCV decodes it; raises OpenCV's own errors as well."""
+    """An image as OpenCV decodes it, then turned by its EXIF, which ``how`` ignores; raises OpenCV's own errors too."""
     regular_file(path, "an image")
     # Through memory: OpenCV cannot open paths outside the system's code page on Windows.
     try:
@@ -196,7 +251,7 @@ def _decoded(path: Path, how: int) -> ImageArray:
     image: ImageArray | None = load_opencv().imdecode(np.frombuffer(content, dtype=np.uint8), how)
     if image is None:
         raise found_instead(path, "a file that cannot be decoded", "an image")
-    return image
+    return oriented(image, orientation_in_header(BytesIO(content)))
 
 
 @contextmanager

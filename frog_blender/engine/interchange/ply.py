@@ -21,6 +21,7 @@ from typing import BinaryIO
 import numpy as np
 
 from ..arrays import Array, SceneArrays
+from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, found_instead
 from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
@@ -29,6 +30,8 @@ from .ply_values import cleaned, floats
 
 _EXPECTED = "a binary 3DGS .ply"
 _LONGEST_HEADER = 1 << 16
+_COARSE = 0.01  # of a Gaussian's size: by so much single precision may move it
+_MAX_ORIGIN = 1e12  # world units
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 _NAMES = {
     "i1": ("char", "int8"),
@@ -53,10 +56,12 @@ class Splats:
         arrays: ``means`` (N, 3), ``quaternions`` (N, 4) of length one, ``log_scales`` (N, 3),
             ``opacity_logits`` (N,) and ``sh`` (N, K, 3), float32, as a static scene file has them.
         left_out: rows whose numbers are not finite or too large to be drawn, and which are not among the N.
+        world: what was taken off places in double precision, which no float32 holds.
     """
 
     arrays: SceneArrays
     left_out: int
+    world: World = FILES_OWN
 
 
 def write_splats(path: str | Path, gaussians: NumpyGaussians) -> None:
@@ -164,9 +169,10 @@ def _splats(path: str | Path, table: Array) -> Splats:
         raise found_instead(path, found, f"{_EXPECTED} with every property of a Gaussian")
     if rest not in _RESTS:
         raise found_instead(path, f"{rest} properties f_rest", "0, 9, 24 or 45 of them")
+    world, places = _local_places(table)
     with np.errstate(over="ignore"):  # doubles that no float32 holds become infinite, and are left out
         arrays = {
-            name: np.stack([floats(path, table[column]) for column in columns], axis=1)
+            name: np.stack([floats(path, places.get(column, table[column])) for column in columns], axis=1)
             for name, columns in wanted.items()
         }
     arrays["opacity_logits"] = arrays["opacity_logits"][:, 0]
@@ -175,4 +181,24 @@ def _splats(path: str | Path, table: Array) -> Splats:
     flat = arrays["sh"]
     further = flat[:, 3:].reshape(len(flat), 3, -1).transpose(0, 2, 1)
     arrays["sh"] = np.ascontiguousarray(np.concatenate([flat[:, None, :3], further], axis=1))
-    return Splats(arrays, left_out)
+    return Splats(arrays, left_out, world)
+
+
+def _local_places(table: Array) -> tuple[World, dict[str, Array]]:
+    """A world whose origin lies among the Gaussians, and x, y and z in it, where single precision would move them by
+    a part of their size; else the file's own world, and no places."""
+    columns = {name: table[name] for name in "xyz"}
+    if any(column.dtype.kind != "f" or column.dtype.itemsize != 8 for column in columns.values()):
+        return FILES_OWN, {}
+    finite = [column[np.isfinite(column)] for column in columns.values()]
+    sizes = np.stack([table[f"scale_{axis}"] for axis in range(3)]).astype(np.float64)
+    sizes = sizes[np.isfinite(sizes)]
+    if not sizes.size or not all(column.size for column in finite):
+        return FILES_OWN, {}
+    middle = [float(np.median(column)) for column in finite]
+    steps = max(map(abs, middle)) * float(np.finfo(np.float32).eps)
+    if steps < _COARSE * float(np.exp(np.median(sizes))) or max(map(abs, middle)) > _MAX_ORIGIN:
+        return FILES_OWN, {}
+    x, y, z = (float(round(value)) for value in middle)
+    world = World((x, y, z))
+    return world, {name: columns[name] - value for name, value in zip("xyz", world.origin, strict=True)}

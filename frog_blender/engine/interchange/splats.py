@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..arrays import Array
+from ..capture.world import FILES_OWN, World
 from ..errors import FrogError
 from ..playback.player import CANONICAL, ScenePlayer
 from ..playback.transform import transform
@@ -29,18 +30,23 @@ class Imported:
     path: of the ``.frog`` that was written.
     gaussians: how many are in it.
     left_out: rows of the ``.ply`` whose numbers are not finite or too large.
+    world: what was taken off its coordinates.
     """
 
     path: Path
     gaussians: int
     left_out: int
+    world: World = FILES_OWN
 
     @property
     def warning(self) -> str:
-        """A sentence about what was left out; "" for nothing."""
-        if not self.left_out:
-            return ""
-        return f"{self.left_out:,} Gaussians were left out: their numbers are not finite or too large."
+        """Sentences about what was left out, and taken off; "" for nothing."""
+        sentences = []
+        if self.left_out:
+            sentences.append(f"{self.left_out:,} Gaussians were left out: their numbers are not finite or too large.")
+        if not self.world.is_plain:
+            sentences.append(f"The file's coordinates need more than single precision; they are {self.world}.")
+        return " ".join(sentences)
 
 
 def import_splats(source: Path, target: Path, *, compact: bool = False) -> Imported:
@@ -71,9 +77,10 @@ def import_splats(source: Path, target: Path, *, compact: bool = False) -> Impor
         capture_path=str(source.resolve()),
         capture_format=FROM_PLY,
         scale=1.0,
+        world=splats.world,
     )
     write_scene(target, SceneFile(header, arrays), compact=compact)
-    return Imported(target, len(arrays["means"]), splats.left_out)
+    return Imported(target, len(arrays["means"]), splats.left_out, splats.world)
 
 
 def free_scene_path(source: Path) -> Path:

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from ..capture.camera import Camera
 from ..capture.camera_motion import cameras_move
+from ..capture.world import FILES_OWN, World
 from ..field.names import METHODS
 from ..io.plain_values import (
     JsonMapping,
@@ -40,6 +41,7 @@ MOST_STANDING = 4096
 """Of those, where they are no moving camera's: each becomes an object in Blender."""
 _LONGEST_NAME, _LONGEST_PATH = 1024, 32_768  # characters
 _FASTEST = 1e6  # frames a second
+_LATER = ("capacity", "world")  # fields that the first versions did not have, or that plain scenes leave out
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,7 @@ class SceneHeader:
         metrics: PSNR and so on as measured at the end of training.
         steps, train_seconds: how much training is in it (decoding and seeding not counted).
         capacity: what the training took out of the model (see training.compression), empty where it took nothing.
+        world: where the scene's coordinates lie in those of the capture's files.
     """
 
     method: str
@@ -80,6 +83,7 @@ class SceneHeader:
     train_seconds: float = 0.0
     format_version: int = FORMAT_VERSION
     capacity: JsonMapping = field(default_factory=dict)
+    world: World = FILES_OWN
 
     def __post_init__(self) -> None:
         """Copies the mappings, and lets nobody change the copies: a header says what it said when it was made."""
@@ -102,15 +106,16 @@ class SceneHeader:
         return camera_name in self.test_cameras or frame in self.test_frames
 
     def to_json(self) -> str:
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "cameras"}
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ("cameras", "world")}
         values = {name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in values.items()}
-        return json.dumps({**values, "cameras": [camera.to_json() for camera in self.cameras]}, allow_nan=False)
+        world = {} if self.world.is_plain else {"world": self.world.to_json()}
+        return json.dumps({**values, **world, "cameras": [c.to_json() for c in self.cameras]}, allow_nan=False)
 
     @classmethod
     def from_json(cls, content: str) -> SceneHeader:
         """Raises UnfitValue for a header that nobody could play, draw or import."""
         data = entries(plain_json(content, "a header"), "a header")
-        missing = [name for name in cls.__dataclass_fields__ if name not in data and name != "capacity"]
+        missing = [name for name in cls.__dataclass_fields__ if name not in data and name not in _LATER]
         if missing:
             raise UnfitValue(f"a header without {', '.join(missing)}", "all that a scene needs")
         version = whole(data["format_version"], "format version", 1, 2**31)
@@ -135,7 +140,8 @@ class SceneHeader:
             steps=whole(data["steps"], "steps", 0, 2**62),
             train_seconds=number(data["train_seconds"], "train_seconds", 0, 1e15),
             format_version=version,
-            capacity=_capacity(data.get("capacity", {})),  # version 1 had none
+            capacity=_capacity(data.get("capacity", {})),
+            world=World.from_json(data["world"]) if "world" in data else FILES_OWN,
         )
         if len(header.cameras) > MOST_STANDING and not header.is_moving:
             raise UnfitValue(f"{len(header.cameras)} cameras that do not move", f"at most {MOST_STANDING}")

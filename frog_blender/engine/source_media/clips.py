@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
-from ..capture.readers import transforms_json
+from ..capture.readers import calibrated_videos, transforms_json
 from ..capture.video import VIDEO_SUFFIXES, composed, find_images, find_videos
 from ..errors import FrogError
 from ..io.paths import is_network_path
@@ -99,7 +99,8 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
     match header.capture_format:
         case "n3dv" | "calibrated_videos":
             videos = {video.stem: [video] for video in find_videos(folder)}
-            return videos or _by_stem(folder / "images")
+            named = {name: [video] for name, video in calibrated_videos.named_videos(folder).items()}
+            return videos | named or _by_stem(folder / "images")
         case "transforms":
             return transforms_json.images_by_camera(folder) if transforms_json.matches(folder) else {}
         case "hypernerf":

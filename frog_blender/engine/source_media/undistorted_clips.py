@@ -1,8 +1,8 @@
 """Clips of a capture's cameras as training saw them, for video programs: free of lens distortion, one for each camera.
 
-Needed where lenses distort, or where a video program cannot read a layout's images as a film (Technicolor's end with
-the camera's number). They lie in a folder beside the scene's file, with an index that says what they were made from,
-and that they are whole.
+Needed where lenses distort, where films lack frames, start late or are tone-mapped, or where a video program cannot
+read a layout's images as a film (Technicolor's end with the camera's number). They lie in a folder beside the scene's
+file, with an index that says what they were made from, and that they are whole.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from ..capture.video import load_opencv, read_facts
 from ..errors import FrogError
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject
+from .as_filmed import are_plain_films, is_shown_as_filmed
 from .clips import Clip, camera_path, find_clips
 
 if TYPE_CHECKING:
@@ -37,7 +38,8 @@ if TYPE_CHECKING:
 _INDEX = "clips.json"
 _PARTIAL = ".partial-"
 _ABANDONED_AFTER = 86_400.0  # seconds after which no process writes its films any more
-_NEVER_DISTORTED = frozenset({"n3dv"})  # formats that know no distortion, of which many captures are: not even opened
+# Formats that know no distortion, of which many captures are: their plain films are not even opened.
+_NEVER_DISTORTED = frozenset({"n3dv"})
 
 
 @dataclass(frozen=True)
@@ -85,10 +87,11 @@ def undistortion(
     if not os.path.isdir(capture_folder):
         return None
     shown = find_clips(header, capture_folder)
-    if shown and header.capture_format in _NEVER_DISTORTED:
+    files = (clip.path for clip in shown.values())
+    if shown and header.capture_format in _NEVER_DISTORTED and are_plain_films(files):
         return None
     capture = open_capture(capture_folder, pixel_offsets=header.pixel_offsets or None)
-    if shown and not any(capture.distortions):
+    if shown and not any(capture.distortions) and is_shown_as_filmed(capture):
         return None
     films = _films(header, capture, capture_folder)
     folder, seen = clips_folder(scene_file), _at_size(capture, header)

@@ -62,7 +62,7 @@ def wrong_clocks(capture: Capture, most: int) -> Capture:
 
     def shown(shot: Shot) -> Shot | None:
         source = recorded.get((shot.camera, shot.frame + late[shot.camera]))
-        return source and replace(shot, path=source.path, index=source.index)
+        return source and replace(shot, path=source.path, index=source.index, offset=source.offset)
 
     shots = tuple(found for shot in capture.shots if (found := shown(shot)) is not None)
     return replace(capture, shots=shots)
@@ -71,6 +71,7 @@ def wrong_clocks(capture: Capture, most: int) -> Capture:
 def faster(capture: Capture, pace: int, count: int) -> Capture:
     """Every ``pace``-th frame of the capture, ``count`` in all: motion that is ``pace`` times as fast."""
     recorded = capture.segment(0, pace * count)
-    shots = tuple(replace(shot, frame=shot.frame // pace) for shot in recorded.shots if shot.frame % pace == 0)
+    kept = (shot for shot in recorded.shots if shot.frame % pace == 0)
+    shots = tuple(replace(shot, frame=shot.frame // pace, offset=shot.offset / pace) for shot in kept)
     frames = frozenset(frame // pace for frame in recorded.test_frames if frame % pace == 0)
     return replace(recorded, shots=shots, frame_count=count, test_frames=frames)

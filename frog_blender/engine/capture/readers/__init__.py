@@ -11,6 +11,7 @@ from ...errors import FrogError
 from ..capture import Capture
 from . import calibrated_videos, hypernerf, n3dv, technicolor, transforms_json
 from .checks import checked
+from .local_world import localized
 
 _READERS = {
     "n3dv": n3dv,
@@ -62,7 +63,7 @@ def open_capture(path: Path, *, pixel_offsets: Mapping[str, tuple[float, float]]
     """
     path = Path(path)
     with _readable(path):
-        capture = checked(_READERS[detect(path)].read(path))
+        capture = localized(checked(_READERS[detect(path)].read(path)))
     return capture.with_pixel_offsets(pixel_offsets) if pixel_offsets else capture
 
 

@@ -1,25 +1,43 @@
-"""Synchronised videos and a calibration: ``cameras_opencv.json`` or Qualisys' ``*.qca.txt``.
+"""Videos and a calibration: ``cameras_opencv.json`` or Qualisys' ``*.qca.txt``.
 
-A video belongs to the calibrated camera of its name (``cam01.mp4`` to ``cam01``). Nothing is held out.
+A video belongs to the calibrated camera of its name (``cam01.mp4`` to ``cam01``), or to the one whose ``video`` is its
+path, from the calibration's folder. A camera's ``offset`` and ``rate`` say when it filmed (see ``pairing.Clock``);
+without them, films of constant rate are in step. Nothing is held out.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import FrogError, found_instead
+from ...io.paths import is_network_path
 from ..camera import Camera
 from ..capture import Capture, Distortion
+from ..orientation import turned_camera
 from ..video import VideoFacts, composed, find_videos, read_facts
 from . import qualisys
-from .checks import numbers, pinhole, read_json, rotation, shared_frame_count, shots_of_videos, size
-from .geometry import distortion
+from .checks import number, numbers, pinhole, read_json, rotation, size
+from .geometry import distortion, is_transposed
+from .pairing import Clock, pair_videos
 
 _OPENCV = "cameras_opencv.json"
 _ROUNDING = 1.0  # pixels by which either side of a resized video may be off: encoders want even numbers
+_IN_STEP = Clock()
+_MAX_OFFSET = 1e6  # seconds
+_RATES = 1e-3, 1e3  # slow motion of 240 frames a second that plays at 30 has 0.125
+
+
+@dataclass(frozen=True, eq=False)
+class _Calibrated:
+    """A camera, its lens, its video where the calibration names it, and its clock."""
+
+    camera: Camera
+    lens: Distortion | None
+    video: Path | None = None
+    clock: Clock = _IN_STEP
 
 
 def matches(path: Path) -> bool:
@@ -33,41 +51,76 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if a camera lacks its video or a video its camera, or a value cannot be used.
     """
-    if (path / _OPENCV).is_file():
-        calibration = path / _OPENCV
-        calibrated = _read_opencv(calibration)
-    else:
-        calibration = _qualisys_files(path)[0]
-        calibrated = qualisys.read_cameras(calibration)
-    calibrated = [(replace(camera, name=composed(camera.name)), lens) for camera, lens in calibrated]
-    names = [camera.name for camera, _ in calibrated]
-    if len(set(names)) != len(names):
-        raise found_instead(calibration, f"several cameras named {max(names, key=names.count)}", "one of each name")
-    files = find_videos(path)
-    stems = [composed(video.stem) for video in files]
-    videos = dict(zip(stems, files, strict=True))
-    if len(videos) != len(files):
-        raise found_instead(path, f"several videos named {max(stems, key=stems.count)}", "one video for each camera")
-    _match_names(path, calibration, set(names), set(videos))
-    calibrated.sort(key=lambda entry: entry[0].name)
-    paths = [videos[camera.name] for camera, _ in calibrated]
+    calibrated = _matched(path, *_calibration(path))
+    paths = [video for _, video in calibrated]
     facts = [read_facts(video) for video in paths]
-    frame_count, warnings = shared_frame_count(path, paths, facts)
-    cameras = []
-    for (camera, _), video, fact in zip(calibrated, paths, facts, strict=True):
-        fitted, warning = _fit_to_video(camera, video, fact)
-        cameras.append(fitted)
+    clocks = [entry.clock for entry, _ in calibrated]
+    paired = pair_videos(path, paths, facts, clocks if any(clock != _IN_STEP for clock in clocks) else None)
+    warnings = list(paired.warnings)
+    views = []
+    for (entry, video), fact in zip(calibrated, facts, strict=True):
+        camera, lens, warning = _fit_to_video(entry.camera, entry.lens, video, fact)
+        views.append((camera, lens))
         warnings += [warning] if warning else []
     return Capture(
         path=path,
         format="calibrated_videos",
-        cameras=tuple(cameras),
-        distortions=tuple(lens for _, lens in calibrated),
-        shots=shots_of_videos(paths, frame_count),
-        frame_count=frame_count,
-        frames_per_second=facts[0].frames_per_second,
+        cameras=tuple(camera for camera, _ in views),
+        distortions=tuple(lens for _, lens in views),
+        shots=paired.shots,
+        frame_count=paired.frame_count,
+        frames_per_second=paired.frames_per_second,
         warnings=tuple(warnings),
     )
+
+
+def named_videos(path: Path) -> dict[str, Path]:
+    """The videos of a folder's calibration that it names itself, by camera.
+
+    Raises:
+        FrogError: for a calibration that cannot be used.
+    """
+    if not (path / _OPENCV).is_file():
+        return {}
+    entries = _read_opencv(path / _OPENCV)
+    return {composed(entry.camera.name): entry.video for entry in entries if entry.video is not None}
+
+
+def _calibration(path: Path) -> tuple[Path, list[_Calibrated]]:
+    """The file and its cameras, each of one name."""
+    if (path / _OPENCV).is_file():
+        file = path / _OPENCV
+        calibrated = _read_opencv(file)
+    else:
+        file = _qualisys_files(path)[0]
+        calibrated = [_Calibrated(camera, lens) for camera, lens in qualisys.read_cameras(file)]
+    calibrated = [replace(entry, camera=_composed(entry.camera)) for entry in calibrated]
+    names = [entry.camera.name for entry in calibrated]
+    if len(set(names)) != len(names):
+        raise found_instead(file, f"several cameras named {max(names, key=names.count)}", "one of each name")
+    return file, calibrated
+
+
+def _composed(camera: Camera) -> Camera:
+    return replace(camera, name=composed(camera.name))
+
+
+def _matched(path: Path, calibration: Path, calibrated: list[_Calibrated]) -> list[tuple[_Calibrated, Path]]:
+    """The cameras, sorted by name, each with its video."""
+    named = {entry.camera.name: entry.video for entry in calibrated if entry.video is not None}
+    for name, video in named.items():
+        if not video.is_file():
+            raise found_instead(video, "no file", f"the video of camera {name}, as {calibration.name} says")
+    taken = {video.resolve() for video in named.values()}
+    files = [file for file in find_videos(path) if not named or file.resolve() not in taken]
+    stems = [composed(video.stem) for video in files]
+    videos = dict(zip(stems, files, strict=True))
+    if len(videos) != len(files):
+        raise found_instead(path, f"several videos named {max(stems, key=stems.count)}", "one video for each camera")
+    _match_names(path, calibration, {entry.camera.name for entry in calibrated} - named.keys(), set(videos))
+    videos |= named
+    calibrated = sorted(calibrated, key=lambda entry: entry.camera.name)
+    return [(entry, videos[entry.camera.name]) for entry in calibrated]
 
 
 def _qualisys_files(path: Path) -> list[Path]:
@@ -77,7 +130,7 @@ def _qualisys_files(path: Path) -> list[Path]:
 
 def _match_names(path: Path, calibration: Path, cameras: set[str], videos: set[str]) -> None:
     """Raise unless every camera has its video and every video its camera."""
-    if not videos:
+    if cameras and not videos:
         raise found_instead(path, f"{calibration.name} and no video", f"videos named {', '.join(sorted(cameras))}")
     if cameras - videos:
         lacking = ", ".join(sorted(cameras - videos))
@@ -89,28 +142,44 @@ def _match_names(path: Path, calibration: Path, cameras: set[str], videos: set[s
         raise FrogError(f"{path}: video {extra} has no camera in {calibration.name}, expected one of that name.")
 
 
-def _fit_to_video(camera: Camera, video: Path, facts: VideoFacts) -> tuple[Camera, str | None]:
-    """The calibrated camera for the images that the video really has, and a warning if they differ."""
-    if (facts.width, facts.height) == (camera.width, camera.height):
-        return camera, None
+def _fit_to_video(
+    camera: Camera, lens: Distortion | None, video: Path, facts: VideoFacts
+) -> tuple[Camera, Distortion | None, str | None]:
+    """The calibrated camera and lens for the images that the video really has, and a warning if they differ."""
+    shown, calibrated = (facts.width, facts.height), (camera.width, camera.height)
     sizes = f"{video}: {facts.width} x {facts.height} pixels, calibrated at {camera.width} x {camera.height}"
+    if is_transposed(shown, calibrated):
+        view = turned_camera(camera, lens, facts.turn // 90) if facts.turn % 180 else None
+        if view is None:
+            raise FrogError(f"{sizes}, expected the same way up: the film or its calibration is turned by 90 degrees.")
+        camera, lens, warning = _fit_to_video(*view, video, replace(facts, turn=0))
+        turned = f"{sizes}; taken as calibrated before its rotation flag turned it by {facts.turn} degrees."
+        return camera, lens, turned if warning is None else warning
+    if shown == calibrated:
+        said = f"{video}: turned by 180 degrees, as its rotation flag says; its calibration is taken for that of the "
+        return camera, lens, f"{said}turned images." if facts.turn == 180 else None
     wide, high = facts.width / camera.width, facts.height / camera.height
     much = abs(wide / high - 1) < 0.01 and abs(wide - 1) > 0.05
     little = wide != 1 and high != 1 and abs(wide - high) <= _ROUNDING / camera.width + _ROUNDING / camera.height
     if much or little:
-        return camera.resized(facts.width, facts.height), f"{sizes}; taken as the same image, resized."
-    return (
-        replace(camera, width=facts.width, height=facts.height),
-        f"{sizes}; taken as its upper left part unless a pixel offset is given.",
-    )
+        return camera.resized(*shown), lens, f"{sizes}; taken as the same image, resized."
+    if max(facts.width - camera.width, facts.height - camera.height) > _ROUNDING:
+        raise FrogError(
+            f"{sizes}, expected the calibrated image, that image resized, or a part of it: is the film turned?"
+        )
+    cropped = f"{sizes}; taken as its upper left part unless a pixel offset is given."
+    return replace(camera, width=facts.width, height=facts.height), lens, cropped
 
 
-def _read_opencv(path: Path) -> list[tuple[Camera, Distortion | None]]:
-    """Cameras of ``cameras_opencv.json``: name, width, height, K, dist (k1 k2 p1 p2 k3), R, t; x_camera = R x + t."""
+def _read_opencv(path: Path) -> list[_Calibrated]:
+    """Cameras of ``cameras_opencv.json``: name, width, height, K, dist (k1 k2 p1 p2 k3), R, t; x_camera = R x + t.
+
+    Optional are video (a path), offset (seconds) and rate.
+    """
     entries = read_json(path).get("cameras")
     if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
         raise found_instead(path, "no list of cameras", '"cameras": [{"name": ..., "K": ..., "R": ..., "t": ...}, ...]')
-    cameras: list[tuple[Camera, Distortion | None]] = []
+    cameras: list[_Calibrated] = []
     for position, entry in enumerate(entries):
         name = "" if entry.get("name") is None else str(entry["name"])  # which may be the number 0
         if not name:
@@ -127,5 +196,26 @@ def _read_opencv(path: Path) -> list[tuple[Camera, Distortion | None]]:
             raise found_instead(path, f"{count} distortion coefficients for camera {name}", "4, 5, 8, 12 or 14")
         width = size(entry.get("width"), path, f"width of camera {name}")
         height = size(entry.get("height"), path, f"height of camera {name}")
-        cameras.append((Camera(name, width, height, intrinsics, world_to_camera), distortion(coefficients)))
+        skew, intrinsics[0, 1] = intrinsics[0, 1] / intrinsics[0, 0], 0.0
+        camera = Camera(name, width, height, intrinsics, world_to_camera)
+        lens = distortion(coefficients if count else np.zeros(5), skew)
+        cameras.append(_Calibrated(camera, lens, _video(entry, path, name), _clock(entry, path, name)))
     return cameras
+
+
+def _video(entry: dict[str, object], path: Path, name: str) -> Path | None:
+    """The path that an entry names, from the calibration's folder."""
+    video = entry.get("video")
+    if video is None:
+        return None
+    if not isinstance(video, str) or not video or "\0" in video or is_network_path(video):
+        raise found_instead(path, f"{video!r} as the video of camera {name}", "the path of a file on this computer")
+    return path.parent / video
+
+
+def _clock(entry: dict[str, object], path: Path, name: str) -> Clock:
+    offset = number(entry.get("offset", 0.0), path, f"offset of camera {name}", most=_MAX_OFFSET)
+    rate = number(entry.get("rate", 1.0), path, f"rate of camera {name}", positive=True)
+    if not _RATES[0] <= rate <= _RATES[1]:
+        raise found_instead(path, f"rate of camera {name} = {rate:g}", f"{_RATES[0]:g} to {_RATES[1]:g}")
+    return Clock(offset, rate)

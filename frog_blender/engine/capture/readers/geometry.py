@@ -8,6 +8,7 @@ from ...arrays import Float64s
 from ..capture import Distortion
 
 _PROPORTIONS = 0.02  # relative difference of two aspect ratios that rounded sizes explain
+_TRANSPOSED = 0.01
 
 
 def intrinsics(focal_x: float, focal_y: float, center_x: float, center_y: float) -> Float64s:
@@ -26,6 +27,12 @@ def pose(world_to_camera_rotation: Float64s, center: Float64s) -> Float64s:
 def distortion(coefficients: Float64s, skew: float = 0.0) -> Distortion | None:
     """See ``Distortion``; None where the lens needs no correction."""
     return Distortion(coefficients, skew) if skew or np.any(coefficients) else None
+
+
+def is_transposed(size: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Whether one of two sizes (width, height) has the proportions of the other turned by 90 degrees, not its own."""
+    upright, lying = size[0] * other[1] / (size[1] * other[0]), size[0] * other[0] / (size[1] * other[1])
+    return abs(lying - 1) < _TRANSPOSED < abs(upright - 1)
 
 
 def same_proportions(size: tuple[int, int], other: tuple[int, int]) -> bool:

@@ -16,9 +16,11 @@ from ...errors import FrogError, found_instead
 from ...io.numpy_files import read_npy
 from ..camera import Camera
 from ..capture import Capture, Shot
-from ..video import find_images, find_videos, read_facts, read_image
-from .checks import numbers, rotation, shared_frame_count, shots_of_videos
-from .geometry import intrinsics, pose
+from ..image_size import image_size
+from ..video import find_images, find_videos, read_facts
+from .checks import numbers, rotation
+from .geometry import intrinsics, is_transposed, pose
+from .pairing import pair_videos
 
 _POSES = "poses_bounds.npy"
 _MAX_CAMERAS = 10_000
@@ -51,17 +53,21 @@ def read(path: Path) -> Capture:
     if videos:
         facts = [read_facts(video) for video in videos]
         sizes = [(fact.width, fact.height) for fact in facts]
-        frame_count, warnings = shared_frame_count(path, videos, facts)
-        rate = facts[0].frames_per_second
-        shots = shots_of_videos(videos, frame_count)
+        paired = pair_videos(path, videos, facts)
+        frame_count, rate, shots = paired.frame_count, paired.frames_per_second, paired.shots
+        warnings += paired.warnings
     else:
-        shapes = [read_image(image).shape for image in images]
-        sizes = [(shape[1], shape[0]) for shape in shapes]
+        sizes = [image_size(image) for image in images]
         frame_count, rate = 1, 30.0
         shots = tuple(Shot(index, 0, image, 0) for index, image in enumerate(images))
     cameras = [_camera(row, source, size) for row, source, size in zip(rows, sources, sizes, strict=True)]
     for camera, row in zip(cameras, rows, strict=True):
         stored_height, stored_width = row[4], row[9]
+        if is_transposed((camera.width, camera.height), (stored_width, stored_height)):
+            found = (
+                f"{stored_width:g} x {stored_height:g} for images of {camera.width} x {camera.height} of {camera.name}"
+            )
+            raise found_instead(path / _POSES, found, "the same way up: they are turned by 90 degrees")
         if abs(camera.width / camera.height - stored_width / stored_height) > 0.01 * stored_width / stored_height:
             warnings.append(
                 f"{path}: the images of {camera.name} are {camera.width} x {camera.height}, "

@@ -1,8 +1,9 @@
 """Images with ``transforms.json`` (nerfstudio) or ``transforms_train.json`` (D-NeRF, Blender).
 
 Each listed image has its own pose: camera-to-world in OpenGL's axes (x right, y up, looking along -z). Intrinsics
-and distortion stand at the top level or with an image, whose own values win. ``time`` is optional: without it the
-images follow one another in the order of the list. Images of one static camera are found by their equal poses.
+and distortion stand at the top level or with an image, whose own values win. Images of one static camera are found by
+their equal poses. ``time`` is optional: without it the numbers in the images' names are times, of each static camera
+apart; COLMAP, and so converters, list images in no order. What is missing among times or numbers stays a gap.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
-from ..image_size import image_size
+from ..image_size import image_size, image_turns
+from ..orientation import turned_camera, turned_size
 from ..video import with_ending
 from .checks import number, read_json, rigid, rotation, size
-from .geometry import distortion, intrinsics, pose, same_proportions
+from .frame_times import frame_times, times_by_name
+from .geometry import distortion, intrinsics, is_transposed, pose, same_proportions
 from .static_cameras import camera_names, first_images
 
 _SINGLE = "transforms.json"
@@ -30,7 +33,11 @@ _HOLDOUT_EVERY = 8
 _MAX_RATE = 1e6  # images a second
 _MAX_TIME = 1e30  # in any unit, such as nanoseconds since 1970
 _LENS = ("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy")
-_VIEW = ("transform_matrix", *_LENS, "k1", "k2", "k3", "p1", "p2")  # what tells an image's camera from another's
+_DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # OpenCV's order
+_VIEW = ("transform_matrix", *_LENS, *_DISTORTION)  # what tells an image's camera from another's
+_MODELS = frozenset(
+    {"PINHOLE", "SIMPLE_PINHOLE", "PERSPECTIVE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"}
+)  # whose distortion is OpenCV's
 
 
 @dataclass(frozen=True)
@@ -41,14 +48,14 @@ class _Entry:
         file: the list.
         top, own: what it says of all its images, and of this one.
         image: the file.
-        place: in the list, missing images counted.
+        place: in time, by its name (see ``times_by_name``), missing images counted.
     """
 
     file: Path
     top: dict[str, object]
     own: dict[str, object]
     image: Path
-    place: int
+    place: float
 
 
 def matches(path: Path) -> bool:
@@ -68,14 +75,21 @@ def read(path: Path) -> Capture:
     training = entries[0].file
     has_splits = training.name != _SINGLE
     times = _times(entries)
-    order = {time: rank for rank, time in enumerate(sorted(set(times)))}
+    found = frame_times(times, [entry.file.name for entry in entries], training)
+    if found.are_ranks:
+        warnings.append(f"{training}: the images' times are too far apart for a film; one follows the other.")
     names = _camera_names(path, entries, times)
     first: dict[str, _Entry] = {}  # image of each camera
     for name, entry in zip(names, entries, strict=True):
         first.setdefault(name, entry)
     place = {name: index for index, name in enumerate(first)}
-    views = [_camera(name, entry, image_size(entry.image)) for name, entry in first.items()]
-    shots = [Shot(place[name], order[time], e.image, 0) for name, time, e in zip(names, times, entries, strict=True)]
+    views = [_camera(name, entry) for name, entry in first.items()]
+    when = zip(found.frames.tolist(), found.offsets.tolist(), strict=True)
+    shots = [
+        Shot(place[name], frame, entry.image, 0, offset)
+        for name, (frame, offset), entry in zip(names, when, entries, strict=True)
+    ]
+    warnings += _lens_warnings(entries)
     rate = number(entries[0].top.get("fps", 30.0), training, "fps", positive=True, most=_MAX_RATE)
     capture = Capture(
         path=path,
@@ -83,14 +97,14 @@ def read(path: Path) -> Capture:
         cameras=tuple(camera for camera, _ in views),
         distortions=tuple(lens for _, lens in views),
         shots=tuple(shots),
-        frame_count=len(order),
+        frame_count=int(found.frames.max()) + 1,
         frames_per_second=rate,
         test_cameras=frozenset(name for name, entry in first.items() if entry.file != training),
         # D-NeRF's images are composited over white, as in all published results.
         background=(1.0, 1.0, 1.0) if has_splits else (0.0, 0.0, 0.0),
         warnings=tuple(warnings),
     )
-    is_one_camera = len(order) == len(shots) and capture.frame_count > _HOLDOUT_EVERY // 2
+    is_one_camera = len(set(times)) == len(shots) and capture.frame_count > _HOLDOUT_EVERY // 2
     return capture.with_holdout(_HOLDOUT_EVERY) if is_one_camera and not has_splits else capture
 
 
@@ -117,41 +131,58 @@ def _entries(folder: Path) -> tuple[list[_Entry], list[str]]:
     entries: list[_Entry] = []
     warnings: list[str] = []
     for file in files:
-        found, listed = _find_images(folder, file)
+        found, listed, is_ordered = _find_images(folder, file)
         if not found and file == files[0]:
             raise found_instead(file, f"{listed} listed images of which none exists", "the images beside it")
         if len(found) < listed:
             warnings.append(f"{file}: {listed - len(found)} of {listed} listed images are missing and left out.")
+        if not is_ordered:
+            warnings.append(
+                f'{file}: the images lie in several folders, and no "time" says when they were taken; they follow one '
+                "another in the order of the list."
+            )
         entries += found
     return entries, warnings
 
 
-def _find_images(folder: Path, file: Path) -> tuple[list[_Entry], int]:
-    """The entries whose images exist, and how many are listed."""
+def _find_images(folder: Path, file: Path) -> tuple[list[_Entry], int, bool]:
+    """The entries whose images exist, how many are listed, and whether anything but the list's order says when they
+    were taken."""
     top = read_json(file)
     frames = top.get("frames")
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
         raise found_instead(file, "no list of frames", '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]')
     found = []
-    for place, frame in enumerate(frames):
-        name = frame.get("file_path")
-        if not isinstance(name, str) or not name or "\0" in name:
-            raise found_instead(file, "a frame without a file_path", "a file_path for each frame")
-        inside = os.path.normpath(os.path.join(folder, name.replace("\\", "/")))
+    names = [_listed_name(frame, file) for frame in frames]
+    places, is_ordered = times_by_name(names, [_view(frame, index) for index, frame in enumerate(frames)])
+    for place, name, frame in zip(places, names, frames, strict=True):
+        inside = os.path.normpath(os.path.join(folder, name))
         if not Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder)):
             raise FrogError(f"{file}: the image {name!r} lies outside the capture's folder, expected one inside.")
         image = Path(inside) if os.path.isfile(inside) else with_ending(Path(inside))
         if image is not None:
             found.append(_Entry(file, top, frame, image, place))
-    return found, len(frames)
+    return found, len(frames), is_ordered or all(frame.get("time") is not None for frame in frames)
+
+
+def _listed_name(frame: dict[str, object], file: Path) -> str:
+    """The path of a listed image, with slashes."""
+    name = frame.get("file_path")
+    if not isinstance(name, str) or not name or "\0" in name:
+        raise found_instead(file, "a frame without a file_path", "a file_path for each frame")
+    return name.replace("\\", "/")
+
+
+def _have_times(entries: list[_Entry]) -> bool:
+    return all(entry.own.get("time") is not None for entry in entries)
 
 
 def _times(entries: list[_Entry]) -> list[float]:
-    """A time for each image: its own where all have one, else its place in its list."""
-    if all(entry.own.get("time") is not None for entry in entries):
+    """A time for each image: its own where all have one, else its place by its name."""
+    if _have_times(entries):
         # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one time.
         return [round(number(entry.own["time"], entry.file, "time", most=_MAX_TIME), 6) for entry in entries]
-    return [float(entry.place) for entry in entries]
+    return [entry.place for entry in entries]
 
 
 def _camera_names(folder: Path, entries: list[_Entry], times: list[float]) -> list[str]:
@@ -159,15 +190,35 @@ def _camera_names(folder: Path, entries: list[_Entry], times: list[float]) -> li
     first: list[int] = []
     for file in dict.fromkeys(entry.file for entry in entries):
         of = [index for index, entry in enumerate(entries) if entry.file == file]
-        views = [_view(entries[index]) for index in of]
+        views = [_view(entries[index].own, index) for index in of]
         first += [of[index] for index in first_images(views, [times[index] for index in of])]
     return camera_names(first, _image_names(folder, [entry.image for entry in entries]))
 
 
-def _view(entry: _Entry) -> str:
-    """Pose and lens: equal to another image's where both are known to be the same."""
-    known = entry.own.get("transform_matrix") is not None
-    return json.dumps([entry.own.get(key) for key in _VIEW] if known else entry.place)
+def _view(own: dict[str, object], index: int) -> str:
+    """Pose and lens of image ``index``: equal to another image's where both are known to be the same."""
+    known = own.get("transform_matrix") is not None
+    return json.dumps([own.get(key) for key in _VIEW] if known else index)
+
+
+def _lens_warnings(entries: list[_Entry]) -> list[str]:
+    """What of the lists is not used, or could mean something else."""
+    warnings = []
+    file = entries[0].file
+    if masked := sum(entry.own.get("mask_path") is not None for entry in entries):
+        warnings.append(f"{file}: {masked} images have masks (mask_path), which are not used.")
+    models = {_model(entry) for entry in entries if any(_both(entry).get(key) for key in _DISTORTION[5:])}
+    if models - {"FULL_OPENCV"}:
+        warnings.append(f"{file}: k4, k5 and k6 are taken for those of OpenCV's rational model.")
+    return warnings
+
+
+def _both(entry: _Entry) -> dict[str, object]:
+    return {**entry.top, **entry.own}
+
+
+def _model(entry: _Entry) -> str:
+    return str(_both(entry).get("camera_model", "OPENCV")).upper()
 
 
 def _image_names(folder: Path, images: list[Path]) -> list[str]:
@@ -179,18 +230,22 @@ def _image_names(folder: Path, images: list[Path]) -> list[str]:
     return names if len(set(names)) == len(names) else [f"{name}#{index}" for index, name in enumerate(names)]
 
 
-def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Distortion | None]:
-    """The OpenCV camera of one image, at the image's real (width, height)."""
+def _camera(name: str, entry: _Entry) -> tuple[Camera, Distortion | None]:
+    """The OpenCV camera of one image, and its lens, at the size at which the image is shown."""
     file, top, own = entry.file, entry.top, entry.own
-    both = {**top, **own}
-    model = str(both.get("camera_model", "OPENCV")).upper()
-    if "FISHEYE" in model or model in ("EQUIRECTANGULAR", "ORTHOPHOTO") or both.get("is_fisheye"):
-        raise found_instead(file, f"the camera model {model}", "a perspective camera (PINHOLE or OPENCV)")
+    both, model, real = _both(entry), _model(entry), image_size(entry.image)
+    if model not in _MODELS or both.get("is_fisheye"):
+        found = f"the camera model {model}" if model not in _MODELS else "a fisheye lens"
+        raise found_instead(file, found, f"a perspective camera ({', '.join(sorted(_MODELS))})")
     width = size(both.get("w", real[0]), file, "w")
     height = size(both.get("h", real[1]), file, "h")
+    # Poses are mostly found in images as they are stored; the size tells which, of those turned by 90 degrees.
+    turns = image_turns(entry.image) if is_transposed((width, height), real) else 0
+    real = turned_size(real, turns)
     if not same_proportions((width, height), real):
         found = f"w x h = {width} x {height} for {entry.image.name} of {real[0]} x {real[1]} pixels"
-        raise found_instead(file, found, "the same proportions")
+        turned = ": they are turned by 90 degrees" if is_transposed((width, height), real) else ""
+        raise found_instead(file, found, f"the same proportions{turned}")
     focal_x = _focal(file, top, own, "x", width)
     if focal_x is None:
         raise found_instead(file, "no focal length", "fl_x or camera_angle_x")
@@ -200,11 +255,14 @@ def _camera(name: str, entry: _Entry, real: tuple[int, int]) -> tuple[Camera, Di
     lens = intrinsics(focal_x, focal_y or focal_x, center_x, center_y)
     matrix = rigid(own.get("transform_matrix"), file, f"transform_matrix of {name}")
     camera_to_world = rotation(matrix[:3, :3], file, f"the transform_matrix of {name}") @ np.diag([1.0, -1.0, -1.0])
-    coefficients = np.array([number(both.get(key, 0.0), file, key) for key in ("k1", "k2", "p1", "p2", "k3")])
+    coefficients = np.array([number(both.get(key, 0.0), file, key) for key in _DISTORTION])
+    coefficients = coefficients if coefficients[5:].any() else coefficients[:5]
     camera = Camera(name, width, height, lens, pose(camera_to_world.T, matrix[:3, 3]))
     if (width, height) != real:
         camera = camera.resized(*real)
-    return camera, distortion(coefficients)
+    view = turned_camera(camera, distortion(coefficients), turns)
+    assert view is not None  # no skew, and no sensor is tilted
+    return view
 
 
 def _focal(file: Path, top: dict[str, object], own: dict[str, object], axis: str, pixels: int) -> float | None:

@@ -12,7 +12,6 @@ import torch
 from numpy.typing import NDArray
 
 from ...capture.capture import Capture
-from ...capture.time import frame_to_time
 from ...gaussians import TorchGaussians
 from ...io.plain_values import JsonObject
 from ...rasterizer import GaussianArrays
@@ -201,7 +200,7 @@ class CompressionContext:
         capture = self.training.capture
 
         def gaussians_of(shot: int) -> TorchGaussians:
-            return (played or self.gaussians_at)(frame_to_time(capture.shots[shot].frame, capture.frame_count))
+            return (played or self.gaussians_at)(capture.time_of(capture.shots[shot]))
 
         return ValidationEvaluator(capture, self.training.store, self.record.evaluated[:most], gaussians_of)
 

@@ -6,7 +6,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...capture.time import frame_to_time
 from ...gaussians import TorchGaussians
 from ...playback.render import to_uint8
 from ...rasterizer import GaussianArrays, rasterize
@@ -25,7 +24,7 @@ def draw_report_image(context: CompressionContext, shot_index: int) -> NDArray[n
     """
     capture = context.training.capture
     shot = capture.shots[shot_index]
-    gaussians = context.gaussians_at(frame_to_time(shot.frame, capture.frame_count))
+    gaussians = context.gaussians_at(capture.time_of(shot))
     brightness = (gaussians.sh[:, 0].mean(1) * SH_DC + 0.5).clamp(0, 1)
     tints = torch.tensor(STATIC, device=brightness.device).repeat(len(brightness), 1)
     tints[: context.num_dynamic] = torch.tensor(DYNAMIC, device=brightness.device)

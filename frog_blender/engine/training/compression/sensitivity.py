@@ -13,7 +13,6 @@ import torch
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
-from ...capture.time import frame_to_time
 from ...gaussians import TorchGaussians
 from ...rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from ...spherical_harmonics import SH_DC
@@ -47,8 +46,8 @@ def sample_views(capture: Capture, shots: Sequence[int], count: int, generator: 
     views = []
     for k in range(count):
         shot = capture.shots[in_time[int((k + choice[k]) / count * len(in_time))]]
-        frame = min(max(shot.frame + jitter[k] - 0.5, 0.0), capture.frame_count - 1.0)
-        views.append(SampledView(shot.camera, frame_to_time(frame, capture.frame_count)))
+        time = capture.time_at(shot.frame + shot.offset + jitter[k] - 0.5)
+        views.append(SampledView(shot.camera, time))
     return views
 
 

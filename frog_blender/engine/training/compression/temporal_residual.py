@@ -9,7 +9,6 @@ import torch
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
-from ...capture.time import frame_to_time
 from ...gaussians import TorchGaussians
 from ...rasterizer import Image, rasterize
 from ...spherical_harmonics import SH_DC
@@ -36,7 +35,7 @@ def temporal_error_std(
         count = total = square = torch.zeros((), device="cpu")
         for index in of_camera:
             shot = capture.shots[index]
-            gaussians = gaussians_at(frame_to_time(shot.frame, capture.frame_count))
+            gaussians = gaussians_at(capture.time_of(shot))
             image, colors = _splat_colors(gaussians, capture.cameras[shot.camera], capture.background)
             pixels, error = _splat_values(image, colors, (truth_of(index) - image.rgb.detach()).mean(2))
             seen = pixels >= 1.0

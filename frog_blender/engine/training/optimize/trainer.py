@@ -19,7 +19,6 @@ from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.frames import FrameStore
 from ...capture.seeds import Seeds
-from ...capture.time import frame_to_time
 from ...evaluation.metrics import psnr_of
 from ...gaussians import TorchGaussians
 from ...io.plain_values import JsonObject
@@ -361,7 +360,7 @@ class Trainer:
         if progress < self.recipe.warm_up:
             gaussians = self.model.canonical.gaussians(sh_count)
             return pixels, RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
-        frame_time, schedules = frame_to_time(shot.frame, self.capture.frame_count), self.schedule_state(progress)
+        frame_time, schedules = self.capture.time_of(shot), self.schedule_state(progress)
         return pixels, self.model.draw(frame_time, camera, background, options, schedules, sh_count, pose=pose)
 
     def camera_at(self, index: int, progress: float) -> Camera:
@@ -398,7 +397,7 @@ class Trainer:
         scale = (largest_side or math.inf) / max(camera.width, camera.height)
         if scale < 1:
             camera = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
-        frame_time = frame_to_time(shot.frame, self.capture.frame_count)
+        frame_time = self.capture.time_of(shot)
         gaussians = played(frame_time) if played else self.deform(frame_time)[0]
         return rasterize(gaussians, camera, self.capture.background).rgb.cpu().numpy()
 

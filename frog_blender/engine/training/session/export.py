@@ -213,6 +213,7 @@ def _scene(session: Session, metrics: Metrics | None = None, *, report: bool = T
         capture_format=capture.format,
         scale=session.scale,
         pixel_offsets=dict(job.pixel_offsets or {}),
+        world=capture.world,
         metrics=dict(metrics or {}),
         steps=trainer.step_count,
         train_seconds=trainer.seconds,

@@ -1,0 +1,158 @@
+"""Frames of posed images: from the times that a list states, or from the numbers in the images' names.
+
+Times and numbers in equal steps become frames, and what is missing among them stays a gap. Times in no equal steps
+belong to the frame that is nearest, and keep what is left as an offset.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from ...arrays import Float64s, Ints
+from .checks import frame_span
+
+_NUMBER = re.compile(r"([0-9]+)([^0-9]*)$")  # the last digits of a name, and what follows
+_PARTS = re.compile(r"([0-9]+)")
+_LONGEST = 255  # characters of a file's name
+_OFF_GRID = 0.1  # steps by which a time may lie beside an equal step
+_ROUNDING = 0.02  # frames: an image this near to its frame's time was taken at it
+_MOST_GAPS = 20  # frames for each time: more make no film
+_FEW = 1000  # frames that any capture may have
+_MAX_DIGITS = 15  # of a number that is exact in a float
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTimes:
+    """Of the images in the order of their times.
+
+    Attributes:
+        frames: (N,) the frame of each image, from 0.
+        offsets: (N,) by how many frames it was later, -0.5 to 0.5.
+        are_ranks: the times were too far apart for a film: the frames are their ranks alone.
+    """
+
+    frames: Ints
+    offsets: Float64s
+    are_ranks: bool = False
+
+
+def frame_times(times: Sequence[float], lists: Sequence[Hashable], path: Path) -> FrameTimes:
+    """The frames of images.
+
+    Args:
+        times: of each image, in any unit.
+        lists: which list names each image, the first one to train on. Images of one list at different times have
+            different frames.
+
+    Raises:
+        FrogError: for too many frames.
+    """
+    distinct, place = np.unique(np.asarray(times, np.float64), return_inverse=True)
+    if len(distinct) == 1:
+        return FrameTimes(np.zeros(len(place), np.int64), np.zeros(len(place)))
+    first = np.unique([time for time, of in zip(times, lists, strict=True) if of == lists[0]])
+    for step in _steps(first, distinct):
+        late = (distinct - first[0]) / step
+        late -= min(np.floor(late[0] + 0.5), 0.0)
+        if late[-1] > _FEW + _MOST_GAPS * len(distinct):
+            continue
+        frames = np.floor(late + 0.5).astype(np.int64)
+        offsets = np.where(np.abs(late - frames) <= _ROUNDING, 0.0, late - frames)
+        if not _clash(frames[place], place, lists):
+            frame_span(0, int(frames[-1]), path, "times of frames")
+            return FrameTimes(frames[place], offsets[place])
+    return FrameTimes(place.astype(np.int64), np.zeros(len(place)), are_ranks=True)
+
+
+def _steps(first: Float64s, every: Float64s) -> Iterator[float]:
+    """What may be the time from frame to frame, the likeliest first.
+
+    Args:
+        first: ascending times of the images to train on.
+        every: of all images.
+    """
+    steps = [_equal_step(first) if len(first) > 1 else None, _equal_step(every)]
+    yield from (step for step in steps if step is not None)
+    own = np.diff(first if len(first) > 1 else every)
+    yield from (float(np.median(own)), float(own.min()))
+
+
+def _equal_step(times: Float64s) -> float | None:
+    """The step of ascending times that lie in multiples of one; None where they do not."""
+    steps = np.diff(times)
+    whole = np.round(steps / np.median(steps[steps < 1.5 * steps.min()]))
+    step = float((times[-1] - times[0]) / whole.sum())
+    off = (times - times[0]) / step - np.concatenate([[0.0], np.cumsum(whole)])
+    return step if np.abs(off).max() <= _OFF_GRID else None
+
+
+def _clash(frames: Ints, times: Ints, lists: Sequence[Hashable]) -> bool:
+    """Whether two images of one list have the same frame at different times."""
+    found: dict[tuple[Hashable, int], int] = {}
+    images = zip(lists, frames.tolist(), times.tolist(), strict=True)
+    return any(found.setdefault((of, frame), time) != time for of, frame, time in images)
+
+
+def times_by_name(names: Sequence[str], views: Sequence[Hashable]) -> tuple[list[float], bool]:
+    """A time for each image of one list that states none, and whether it is more than the list's own order.
+
+    Images of standing cameras, which equal views tell, follow each camera's own names; those of one moving camera, in
+    one folder, theirs. Numbers in the names are times where they fit: of one pattern, and shared by the cameras.
+
+    Args:
+        names: paths as the list says them, of missing images, too.
+        views: pose and lens of each image; equal where they are the same.
+    """
+    cameras: dict[Hashable, list[int]] = {}
+    for index, view in enumerate(views):
+        cameras.setdefault(view, []).append(index)
+    if any(len(of) < 2 for of in cameras.values()):
+        cameras = {None: list(range(len(names)))}
+        if len({PurePosixPath(name).parent for name in names}) > 1:
+            return [float(index) for index in range(len(names))], False
+    numbers = [_numbers([names[index] for index in of]) for of in cameras.values()]
+    known = [of for of in numbers if of is not None]
+    shared = len(known) == len(numbers) and max(min(of) for of in known) <= min(max(of) for of in known)
+    times = [0.0] * len(names)
+    for of, own in zip(cameras.values(), numbers, strict=True):
+        if own is None or not shared:
+            order = sorted(range(len(of)), key=lambda index: _natural(names[of[index]]))
+            own = _ranks(order)
+        for index, time in zip(of, own, strict=True):
+            times[index] = float(time)
+    return times, True
+
+
+def _ranks(order: Sequence[int]) -> list[int]:
+    ranks = [0] * len(order)
+    for rank, index in enumerate(order):
+        ranks[index] = rank
+    return ranks
+
+
+def _numbers(names: Sequence[str]) -> list[int] | None:
+    """The last number in each name; None unless they differ, and everything else is the same."""
+    numbers = []
+    around = set()
+    for name in names:
+        path = PurePosixPath(name)
+        match = _NUMBER.search(path.stem) if len(path.name) <= _LONGEST else None
+        if match is None or len(match[1]) > _MAX_DIGITS:
+            return None
+        around.add((path.parent, path.stem[: match.start()], match[2], path.suffix))
+        numbers.append(int(match[1]))
+    return numbers if len(around) == 1 and len(set(numbers)) == len(numbers) else None
+
+
+def _natural(name: str) -> list[tuple[int, int, str]]:
+    """A key by which names sort as people count: 9 before 10."""
+    digits = {index: part.lstrip("0") for index, part in enumerate(_PARTS.split(name)) if index % 2}
+    return [
+        (0, len(digits[index]), digits[index]) if index in digits else (1, 0, part)
+        for index, part in enumerate(_PARTS.split(name))
+    ]

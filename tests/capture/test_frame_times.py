@@ -1,0 +1,209 @@
+"""Frames of posed images: from stated times, and from the numbers in their names."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.readers.frame_times import frame_times, times_by_name
+from frog_blender.engine.errors import FrogError
+
+from .posed_images import OPENGL_AHEAD
+from .test_films import write_oriented
+
+
+def frames_of(times: list[float], lists: list[int] | None = None) -> tuple[list[int], list[float]]:
+    found = frame_times(times, lists or [0] * len(times), Path("c"))
+    assert not found.are_ranks
+    return found.frames.tolist(), found.offsets.tolist()
+
+
+@pytest.mark.parametrize("unit", [1.0, 1 / 23, 1e9 / 30, 0.033367])
+def test_equal_steps_are_frames_and_gaps_stay(unit: float) -> None:
+    there = [0, 1, 2, 7, 8, 23, 3]
+    times = [round(1.7 * unit + unit * frame, 6) for frame in there]
+    assert frames_of(times) == (there, [0.0] * 7)
+
+
+def test_a_thousand_rounded_times_do_not_drift() -> None:
+    there = [frame for frame in range(1500) if frame % 7 != 3]
+    assert frames_of([round(frame / 1499, 6) for frame in there])[0] == there
+
+
+def test_times_in_no_equal_steps_keep_their_fractions() -> None:
+    """Held-out images between those to train on, as D-NeRF has them."""
+    train, test = [frame / 20 for frame in range(21)], [0.12, 0.51, 0.77]
+    frames, offsets = frames_of(train + test, [0] * 21 + [1] * 3)
+    assert frames == [*range(21), 2, 10, 15]
+    np.testing.assert_allclose(offsets[:21], 0, atol=1e-9)
+    np.testing.assert_allclose(offsets[21:], [0.4, 0.2, 0.4], atol=1e-9)
+
+
+def test_images_of_one_list_share_a_frame_only_at_one_time() -> None:
+    frames, offsets = frames_of([0.0, 1.0, 2.0, 2.4, 3.0, 3.0])
+    assert len(set(frames)) == 5 and frames[4] == frames[5]
+    assert max(map(abs, offsets)) <= 0.5
+    late = np.array(frames) + offsets
+    np.testing.assert_allclose(late / late[-1], np.array([0, 1, 2, 2.4, 3, 3]) / 3)
+
+
+def test_times_far_apart_are_no_film() -> None:
+    found = frame_times([0.0, 1e-3, 1e9, 5e9], [0] * 4, Path("c"))
+    assert found.are_ranks and found.frames.tolist() == [0, 1, 2, 3] and not found.offsets.any()
+
+
+def test_one_time_is_one_frame() -> None:
+    assert frames_of([0.3, 0.3]) == ([0, 0], [0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("names", "times"),
+    [
+        (["f_0010.png", "f_0002.png", "f_0001.png"], [10, 2, 1]),
+        (["f_10", "f_9", "f_8"], [10, 9, 8]),
+        (["take2/1.png", "take2/3.png"], [1, 3]),
+        (["b.png", "a10.png", "a9.png"], [2, 1, 0]),
+        (["x1y.png", "x01y.png"], [0, 1]),
+    ],
+)
+def test_one_moving_camera_follows_its_names(names: list[str], times: list[int]) -> None:
+    assert times_by_name(names, range(len(names))) == (times, True)
+
+
+def test_standing_cameras_follow_their_own_names() -> None:
+    shared = ["a/2.png", "a/1.png", "b/1.png", "b/3.png"]
+    assert times_by_name(shared, "aabb") == ([2, 1, 1, 3], True)
+    apart = ["a/002.png", "a/001.png", "b/101.png", "b/102.png"]
+    assert times_by_name(apart, "aabb") == ([1, 0, 0, 1], True)
+    behind = ["1_cam0.png", "2_cam0.png", "1_cam1.png", "2_cam1.png"]
+    assert times_by_name(behind, "aabb") == ([0, 1, 0, 1], True)
+
+
+def test_moving_cameras_in_several_folders_have_the_list_s_order() -> None:
+    assert times_by_name(["b/1.png", "a/7.png"], "xy") == ([0, 1], False)
+
+
+@pytest.mark.parametrize("name", ["9" * 5000 + ".png", "1a" * 5000])
+def test_names_without_end_are_names(name: str) -> None:
+    assert times_by_name([name, "a"], "xy")[1]
+
+
+# From files -------------------------------------------------------------------------------------------------------
+
+
+def write(folder: Path, files: list[str], listed: list[dict[str, Any]], **top: Any) -> Path:
+    """Images 40 x 30 whose grey is their place among ``files``, times 5."""
+    for index, name in enumerate(files):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(folder / name), np.full((30, 40, 3), 5 * index, np.uint8))
+    (folder / "transforms.json").write_text(json.dumps({"fl_x": 50.0, "w": 40, "h": 30, "frames": listed, **top}))
+    return folder
+
+
+def posed(name: str, x: float, **own: Any) -> dict[str, Any]:
+    pose = OPENGL_AHEAD.copy()
+    pose[0, 3] = x
+    return {"file_path": name, "transform_matrix": pose.tolist(), **own}
+
+
+NAMES = [f"images/frame_{number:05d}.png" for number in range(1, 25)]
+SOLVED = [index for index in range(24) if not 8 <= index <= 15]
+
+
+def by_frame(capture: Capture) -> dict[int, str]:
+    return {shot.frame: shot.path.name for shot in capture.shots}
+
+
+@pytest.mark.parametrize("case", ["time", "unlisted", "missing"])
+def test_what_was_not_solved_stays_a_gap(tmp_path: Path, case: str) -> None:
+    files = [NAMES[index] for index in SOLVED] if case == "missing" else NAMES
+    listed = range(24) if case == "missing" else SOLVED
+    frames = [posed(NAMES[index], index, **({"time": index / 23} if case == "time" else {})) for index in listed]
+    capture = open_capture(write(tmp_path, files, frames))
+    assert capture.frame_count == 24 and capture.is_moving
+    assert by_frame(capture) == {index: Path(NAMES[index]).name for index in SOLVED}
+    assert capture.test_frames == {4, 12, 20}
+
+
+def test_the_order_of_a_list_is_no_time(tmp_path: Path) -> None:
+    frames = [posed(name, index) for index, name in enumerate(NAMES)]
+    random.Random(1).shuffle(frames)
+    capture = open_capture(write(tmp_path, NAMES, frames))
+    assert by_frame(capture) == {index: Path(name).name for index, name in enumerate(NAMES)}
+    assert not capture.warnings
+
+
+@pytest.mark.parametrize("with_time", [True, False])
+def test_standing_cameras_film_at_once(tmp_path: Path, with_time: bool) -> None:
+    files = [f"cam{camera:02d}/frame_{frame:05d}.png" for camera in range(3) for frame in range(1, 6)]
+    listed = [posed(n, i // 5, **({"time": i % 5 / 4} if with_time else {})) for i, n in enumerate(files)]
+    capture = open_capture(write(tmp_path, files, listed))
+    assert (len(capture.cameras), capture.frame_count, capture.warnings) == (3, 5, ())
+    seen = {(shot.camera, shot.frame): f"{shot.path.parent.name}/{shot.path.name}" for shot in capture.shots}
+    assert seen == {(i // 5, i % 5): name for i, name in enumerate(files)}
+
+
+def test_moving_cameras_in_folders_without_times_are_said(tmp_path: Path) -> None:
+    files = ["a/1.png", "b/1.png", "a/2.png"]
+    capture = open_capture(write(tmp_path, files, [posed(name, index) for index, name in enumerate(files)]))
+    assert [str(shot.path.relative_to(tmp_path)) for shot in capture.shots] == files
+    assert 'no "time" says when they were taken' in capture.warnings[0]
+
+
+# Lenses -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_rational_model_has_eight_coefficients(tmp_path: Path) -> None:
+    lens = dict(zip(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), np.arange(1, 9) / 100, strict=True))
+    write(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], camera_model="FULL_OPENCV", **lens)
+    capture = open_capture(tmp_path)
+    assert capture.distortions[0] is not None
+    np.testing.assert_allclose(capture.distortions[0].coefficients, np.arange(1, 9) / 100)
+    assert not capture.warnings
+    write(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], k4=0.3)
+    assert "taken for those of OpenCV's rational model" in open_capture(tmp_path).warnings[0]
+
+
+@pytest.mark.parametrize("model", ["FOV", "THIN_PRISM_FISHEYE", "VR180_L", "nonsense"])
+def test_lens_models_that_nobody_here_knows_are_refused(tmp_path: Path, model: str) -> None:
+    write(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], camera_model=model, omega=0.9)
+    with pytest.raises(FrogError, match=f"found the camera model {model.upper()}, expected a perspective camera"):
+        open_capture(tmp_path)
+
+
+def test_masks_that_are_not_used_are_said(tmp_path: Path) -> None:
+    write(tmp_path, NAMES[:2], [posed(NAMES[0], 0, mask_path="m.png"), posed(NAMES[1], 1)])
+    assert "1 images have masks (mask_path), which are not used" in open_capture(tmp_path).warnings[0]
+
+
+@pytest.mark.parametrize("orientation", [6, 8])
+@pytest.mark.parametrize("is_calibrated_as_stored", [True, False])
+def test_photographs_turned_by_exif_fit_their_calibration(
+    tmp_path: Path, cache_folder: Path, orientation: int, is_calibrated_as_stored: bool
+) -> None:
+    """A white spot lies where its world point is seen, in either calibration."""
+    stored = np.zeros((30, 40, 3), np.uint8)
+    stored[4:8, 28:32] = 255
+    size = {"w": 40, "h": 30} if is_calibrated_as_stored else {"w": 30, "h": 40}
+    write(tmp_path, [], [posed("a.png", 0)], **size, k1=0.0)
+    write_oriented(tmp_path / "a.png", stored, orientation)
+    capture = open_capture(tmp_path)
+    camera = capture.cameras[0]
+    assert (camera.width, camera.height) == (30, 40)
+    image = FrameStore.open(capture, cache_folder=cache_folder).image(0)
+    spot = np.argwhere(image[..., 0] > 128).mean(axis=0)[::-1] + 0.5
+    if is_calibrated_as_stored:
+        point = np.array([[(30 - 20) / 50 * 5, (6 - 15) / 50 * 5, 5.0]])
+    else:
+        shown = (30 - 6, 30) if orientation == 6 else (6, 40 - 30)
+        point = np.array([[(shown[0] - 15) / 50 * 5, (shown[1] - 20) / 50 * 5, 5.0]])
+    np.testing.assert_allclose(camera.project(point)[0][0], spot, atol=1e-6)

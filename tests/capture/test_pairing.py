@@ -1,0 +1,262 @@
+"""Films of several cameras by the times of their images: what was dropped, starts late, runs fast or varies."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.films import copied, encode, high_dynamic_range, kept, number_of, numbered
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.readers.pairing import Clock, pair_videos
+from frog_blender.engine.capture.video import VideoFacts
+from frog_blender.engine.errors import FrogError
+
+from .test_calibrated_videos import opencv
+
+
+def facts(times: np.ndarray, rate: float = 30.0) -> VideoFacts:
+    return VideoFacts(64, 48, len(times), rate, np.asarray(times, np.float64))
+
+
+def paired(*films: VideoFacts, clocks: list[Clock] | None = None) -> Any:
+    return pair_videos(Path("c"), [Path(f"cam{index}.mp4") for index in range(len(films))], films, clocks)
+
+
+def times_of(pairing: Any, camera: int) -> np.ndarray:
+    """Seconds after the capture's frame 0 of a camera's images."""
+    shots = [shot for shot in pairing.shots if shot.camera == camera]
+    return np.array([(shot.frame + shot.offset) / pairing.frames_per_second for shot in shots])
+
+
+@pytest.mark.parametrize("rounding", [None, 3, 2.5])
+def test_films_in_step_keep_the_numbers_of_their_frames(rounding: float | None) -> None:
+    """Stamps may be whole milliseconds (Matroska), or waver by a quarter of one (phones)."""
+    times = np.arange(100) / 29.97
+    if rounding == 3:
+        times = times.round(3)
+    elif rounding is not None:
+        times = times + np.random.default_rng(0).uniform(-0.00025, 0.00025, 100)
+    pairing = paired(facts(times, 29.97), facts(np.arange(90) / 29.97, 29.97))
+    assert [(shot.camera, shot.frame, shot.index, shot.offset) for shot in pairing.shots] == [
+        (camera, frame, frame, 0.0) for frame in range(90) for camera in range(2)
+    ]
+    assert (pairing.frame_count, pairing.frames_per_second) == (90, 29.97)
+    assert len(pairing.warnings) == 1
+    assert "different lengths (cam1.mp4 90 frames, cam0.mp4 100)" in pairing.warnings[0]
+
+
+def test_dropped_frames_stay_gaps() -> None:
+    there = [frame for frame in range(293) if frame not in (20, 90, 150)]
+    pairing = paired(facts(np.arange(290) / 30), facts(np.array(there) / 30, 29.7))
+    assert (pairing.frame_count, pairing.frames_per_second) == (290, 30.0)
+    of = [shot for shot in pairing.shots if shot.camera == 1]
+    assert {shot.frame for shot in of} == set(range(290)) - {20, 90, 150}
+    assert all(there[shot.index] == shot.frame and shot.offset == 0 for shot in of)
+    assert "3 frames of cam1.mp4 are missing" in pairing.warnings[0]
+
+
+def test_a_slower_rate_keeps_its_times() -> None:
+    """29.97 beside two of 30: after 16 s they are half a frame apart."""
+    pairing = paired(facts(np.arange(600) / 30), facts(np.arange(600) / 29.97, 29.97), facts(np.arange(600) / 30))
+    assert pairing.frames_per_second == 30
+    np.testing.assert_allclose(np.diff(times_of(pairing, 1)), 1 / 29.97, atol=0.002)
+    assert max(abs(shot.offset) for shot in pairing.shots) <= 0.5
+    assert {shot.offset for shot in pairing.shots if shot.camera != 1} == {0.0}
+    assert any("rates differ (29.97 to 30 a second)" in warning for warning in pairing.warnings)
+
+
+def test_24_beside_30_lose_no_time() -> None:
+    pairing = paired(facts(np.arange(48) / 24, 24), facts(np.arange(60) / 30))
+    assert pairing.frames_per_second == 24
+    taken = times_of(pairing, 1)
+    assert np.abs(taken * 30 - np.round(taken * 30)).max() < 1e-3
+    assert any("more images than 24 a second" in warning for warning in pairing.warnings)
+
+
+def test_a_rate_that_varies_keeps_every_time() -> None:
+    random = np.random.default_rng(3)
+    times = np.sort(np.arange(120) / 30 + random.uniform(-0.008, 0.008, 120))
+    pairing = paired(facts(np.arange(120) / 30), facts(times, 29.9))
+    of = [shot for shot in pairing.shots if shot.camera == 1]
+    start = times_of(pairing, 0)[0] - np.arange(120)[pairing.shots[0].index] / 30
+    found = np.array([(shot.frame + shot.offset) / pairing.frames_per_second for shot in of])
+    np.testing.assert_allclose(found - start, times[[shot.index for shot in of]], atol=0.001)
+    assert any("frame rate of cam1.mp4 varies" in warning for warning in pairing.warnings)
+
+
+def test_a_film_that_starts_late_is_late() -> None:
+    pairing = paired(facts(np.arange(60) / 30), facts(0.51 + np.arange(60) / 30))
+    first = {shot.camera: shot for shot in reversed(pairing.shots)}
+    assert first[0].index in (15, 16)
+    seconds = [(shot.frame + shot.offset) / 30 - shot.index / 30 for shot in (first[0], first[1])]
+    assert seconds[1] - seconds[0] == pytest.approx(0.51)
+    assert any("cam1.mp4 starts 0.510 s after cam0.mp4" in warning for warning in pairing.warnings)
+
+
+def test_clocks_shift_and_stretch_films() -> None:
+    """Film 1 started 0.35 s after the capture, and its clock runs 0.1 % slow."""
+    clocks = [Clock(), Clock(0.35, 1.001)]
+    pairing = paired(facts(np.arange(900) / 30), facts(np.arange(900) / 30), clocks=clocks)
+    shots = [shot for shot in pairing.shots if shot.camera == 1]
+    origin = times_of(pairing, 0)[0] - next(shot.index for shot in pairing.shots if shot.camera == 0) / 30
+    found = np.array([(shot.frame + shot.offset) / pairing.frames_per_second - origin for shot in shots])
+    np.testing.assert_allclose(found, [0.35 + 1.001 * shot.index / 30 for shot in shots], atol=0.001)
+    assert not any("as their files say" in warning for warning in pairing.warnings)
+
+
+def test_whole_frames_of_offset_leave_no_fraction() -> None:
+    pairing = paired(facts(np.arange(30) / 30), facts(np.arange(30) / 30), clocks=[Clock(), Clock(0.1)])
+    assert {(shot.index - shot.frame, shot.offset) for shot in pairing.shots if shot.camera == 0} == {(3, 0.0)}
+    assert {(shot.index - shot.frame, shot.offset) for shot in pairing.shots if shot.camera == 1} == {(0, 0.0)}
+    assert pairing.frame_count == 27
+
+
+def test_films_of_different_times_are_refused() -> None:
+    with pytest.raises(FrogError, match=r"cam0.mp4 ends at 0.97 s and cam1.mp4 starts at 5.00 s"):
+        paired(facts(np.arange(30) / 30), facts(np.arange(30) / 30), clocks=[Clock(), Clock(5)])
+
+
+# From files -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return encode(tmp_path_factory.mktemp("film") / "film.mp4", numbered(60), "-g", 15)
+
+
+def calibrated(folder: Path, *cameras: dict[str, Any]) -> Path:
+    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": list(cameras)}))
+    return folder
+
+
+def shows(capture: Capture, cache: Path, camera: int) -> dict[int, int]:
+    """By frame the number of the image that a camera shows."""
+    store = FrameStore.open(capture, cache_folder=cache)
+    shots = enumerate(capture.shots)
+    return {shot.frame: number_of(store.image(index)) for index, shot in shots if shot.camera == camera}
+
+
+def plain(name: str, **changes: Any) -> dict[str, Any]:
+    return opencv(name, dist=[], **changes)
+
+
+def test_two_cameras_of_which_one_dropped_frames_show_the_same_times(film: Path, tmp_path: Path) -> None:
+    there = [frame for frame in range(60) if frame not in (7, 8, 31)]
+    (tmp_path / "a.mp4").write_bytes(film.read_bytes())
+    kept(film, tmp_path / "b.mp4", there)
+    capture = open_capture(calibrated(tmp_path, plain("a"), plain("b")))
+    assert shows(capture, tmp_path / "cache", 0) == {frame: frame for frame in range(60)}
+    assert shows(capture, tmp_path / "cache", 1) == {frame: frame for frame in there}
+    assert "3 frames of b.mp4 are missing" in capture.warnings[0]
+
+
+def test_trimmed_films_show_what_a_player_shows(film: Path, tmp_path: Path) -> None:
+    copied(film, tmp_path / "a.mp4", "-ss", 0.7)
+    copied(film, tmp_path / "b.mp4", "-ss", 0.8)
+    capture = open_capture(calibrated(tmp_path, plain("a"), plain("b")))
+    assert shows(capture, tmp_path / "cache", 0) == {frame: frame + 21 for frame in range(36)}
+    assert shows(capture, tmp_path / "cache", 1) == {frame: frame + 24 for frame in range(36)}
+
+
+def test_a_calibration_may_name_films_and_their_clocks(film: Path, tmp_path: Path) -> None:
+    (tmp_path / "films").mkdir()
+    (tmp_path / "found").mkdir()
+    for name in ("one", "two"):
+        (tmp_path / "films" / f"{name}.mp4").write_bytes(film.read_bytes())
+    cameras = [
+        plain("a", video="../films/one.mp4"),
+        plain("b", video=str(tmp_path / "films" / "two.mp4"), offset=0.2 + 1 / 120),
+    ]
+    capture = open_capture(calibrated(tmp_path / "found", *cameras))
+    assert [camera.name for camera in capture.cameras] == ["a", "b"]
+    found = [shows(capture, tmp_path / "cache", camera) for camera in range(2)]
+    assert {found[0][frame] - found[1][frame] for frame in found[0] if frame in found[1]} == {6}
+    late = {camera: {shot.offset for shot in capture.shots if shot.camera == camera} for camera in range(2)}
+    assert np.ptp([*late[0], *late[1]]) == pytest.approx(0.25, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        ({"video": "nowhere.mp4"}, r"nowhere.mp4: found no file, expected the video of camera a"),
+        ({"video": 3}, "3 as the video of camera a"),
+        ({"video": "//server/film.mp4"}, "as the video of camera a"),
+        ({"offset": "soon"}, "offset of camera a that is not made of numbers"),
+        ({"offset": 1e9}, "offset of camera a with the number 1e"),
+        ({"rate": 0}, "rate of camera a = 0"),
+        ({"rate": 1e5}, "rate of camera a = 100000"),
+    ],
+)
+def test_clocks_and_films_that_make_no_sense_are_refused(
+    film: Path, tmp_path: Path, changes: dict[str, Any], found: str
+) -> None:
+    (tmp_path / "a.mp4").write_bytes(film.read_bytes())
+    with pytest.raises(FrogError, match=found):
+        open_capture(calibrated(tmp_path, plain("a", **changes)))
+
+
+@pytest.mark.parametrize("turn", [90, 270])
+def test_a_film_turned_after_its_calibration_turns_its_camera(film: Path, tmp_path: Path, turn: int) -> None:
+    """Whatever lies at a world point lies at its pixel in the image that is shown."""
+    copied(film, tmp_path / "a.mp4", "-display_rotation", turn)
+    lens = [-0.1, 0.01, 0.02, -0.03, 0.005]
+    (tmp_path / "plain").mkdir()
+    (tmp_path / "plain" / "a.mp4").write_bytes(film.read_bytes())
+    straight = open_capture(calibrated(tmp_path / "plain", opencv("a", dist=lens)))
+    capture = open_capture(calibrated(tmp_path, opencv("a", dist=lens)))
+    camera, before = capture.cameras[0], straight.cameras[0]
+    assert (camera.width, camera.height) == (48, 64)
+    assert "before its rotation flag turned it by" in capture.warnings[0]
+    pixels = np.array([[10.0, 20.0], [50.0, 5.0]])
+    points = before.unproject(pixels, np.array([3.0, 4.0]))
+    x, y = pixels.T
+    expected = np.stack([y, 64 - x] if turn == 90 else [48 - y, x], axis=1)  # ffmpeg counts against the clock
+    np.testing.assert_allclose(camera.project(points)[0], expected, atol=1e-9)
+    shown = FrameStore.open(capture, cache_folder=tmp_path / "cache").image(3)
+    unturned = FrameStore.open(straight, cache_folder=tmp_path / "cache").image(3)
+    found = np.rot90(unturned, 1 if turn == 90 else -1)
+    assert np.abs(shown.astype(int) - found)[3:-3, 3:-3].mean() < 2  # distortion is removed alike
+
+
+@pytest.mark.parametrize(
+    ("size", "sentence"),
+    [
+        ((48, 64), r"64 x 48 pixels, calibrated at 48 x 64, expected the same way up: .* turned by 90 degrees"),
+        ((96, 128), "expected the same way up"),
+        ((60, 48), "expected the calibrated image, that image resized, or a part of it"),
+        ((80, 40), "is the film turned"),
+    ],
+)
+def test_a_film_larger_than_its_calibration_is_no_crop(
+    film: Path, tmp_path: Path, size: tuple[int, int], sentence: str
+) -> None:
+    (tmp_path / "a.mp4").write_bytes(film.read_bytes())
+    with pytest.raises(FrogError, match=sentence):
+        open_capture(calibrated(tmp_path, plain("a", width=size[0], height=size[1])))
+
+
+def test_a_film_upside_down_is_said(film: Path, tmp_path: Path) -> None:
+    copied(film, tmp_path / "a.mp4", "-display_rotation", 180)
+    capture = open_capture(calibrated(tmp_path, plain("a")))
+    assert "turned by 180 degrees, as its rotation flag says" in capture.warnings[0]
+
+
+def test_high_dynamic_range_is_said(tmp_path: Path) -> None:
+    high_dynamic_range(tmp_path / "a.mp4", numbered(3), "arib-std-b67")
+    capture = open_capture(calibrated(tmp_path, plain("a")))
+    assert re.search(r"a\.mp4 is of high dynamic range \(HLG\) and is tone-mapped", capture.warnings[0])
+
+
+def test_skew_is_removed_like_distortion(film: Path, tmp_path: Path) -> None:
+    (tmp_path / "a.mp4").write_bytes(film.read_bytes())
+    capture = open_capture(calibrated(tmp_path, plain("a", K=[[50, 2.5, 30], [0, 51, 25], [0, 0, 1]])))
+    assert capture.distortions[0] is not None
+    assert capture.distortions[0].skew == pytest.approx(0.05)
+    assert capture.cameras[0].intrinsics[0, 1] == 0

@@ -1,0 +1,91 @@
+"""Clips of films that a video program would show at other times, or otherwise, than training saw them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.films import copied, encode, high_dynamic_range, kept, number_of, numbered
+
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.video import decode
+from frog_blender.engine.source_media.clips import find_clips
+from frog_blender.engine.source_media.undistorted_clips import clips_folder, undistortion
+
+from .test_undistorted_clips import header_of
+
+
+@pytest.fixture
+def film(tmp_path: Path) -> Path:
+    return encode(tmp_path / "film.mp4", numbered(20), "-g", 5)
+
+
+def calibrated(folder: Path, **changes: dict[str, Any]) -> Path:
+    lens = {"K": [[50.0, 0, 32], [0, 50.0, 24], [0, 0, 1]], "R": np.eye(3).tolist(), "t": [0.0, 0.0, 0.0]}
+    cameras = [{"name": name, "width": 64, "height": 48, **lens, **changes.get(name, {})} for name in ("a", "b")]
+    folder.mkdir(exist_ok=True)
+    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": cameras}))
+    return folder
+
+
+def n3dv(folder: Path) -> Path:
+    folder.mkdir(exist_ok=True)
+    row = np.concatenate(
+        [np.stack([[0, 1, 0], [1, 0, 0], [0, 0, -1], [0, 0, 0], [48, 64, 50]], axis=1).ravel(), [1, 9]]
+    )
+    np.save(folder / "poses_bounds.npy", np.stack([row, row]).astype(float))
+    return folder
+
+
+@pytest.mark.parametrize("layout", [calibrated, n3dv])
+def test_clips_of_films_that_lack_frames_show_each_image_at_its_time(film: Path, tmp_path: Path, layout: Any) -> None:
+    folder = layout(tmp_path / "c")
+    (folder / "a.mp4").write_bytes(film.read_bytes())
+    kept(film, folder / "b.mp4", [frame for frame in range(20) if frame not in (4, 5, 11)])
+    header, scene = header_of(open_capture(folder)), tmp_path / "x.frog"
+    films = undistortion(header, scene, folder)
+    assert films is not None
+    list(films.steps)
+    found = [number_of(image) for image in decode(clips_folder(scene) / "b.mp4", range(20))]
+    assert found == [0, 1, 2, 3, 3, 3, 6, 7, 8, 9, 10, 10, *range(12, 20)], "the image before stays in a gap"
+
+
+@pytest.mark.parametrize("layout", [calibrated, n3dv])
+def test_plain_films_are_shown_as_they_are(film: Path, tmp_path: Path, layout: Any) -> None:
+    folder = layout(tmp_path / "c")
+    for name in ("a", "b"):
+        (folder / f"{name}.mp4").write_bytes(film.read_bytes())
+    assert undistortion(header_of(open_capture(folder)), tmp_path / "x.frog", folder) is None
+
+
+def test_a_late_clock_and_high_dynamic_range_need_clips(film: Path, tmp_path: Path) -> None:
+    late = calibrated(tmp_path / "late", b={"offset": 0.1})
+    for name in ("a", "b"):
+        (late / f"{name}.mp4").write_bytes(film.read_bytes())
+    header = header_of(open_capture(late))
+    films = undistortion(header, tmp_path / "late.frog", late)
+    assert films is not None
+    list(films.steps)
+    found = [next(decode(clips_folder(tmp_path / "late.frog") / f"{name}.mp4", [5])) for name in ("a", "b")]
+    assert [number_of(image) for image in found] == [8, 5]
+    bright = calibrated(tmp_path / "bright")
+    for name in ("a", "b"):
+        high_dynamic_range(bright / f"{name}.mp4", numbered(4), "smpte2084")
+    assert undistortion(header_of(open_capture(bright)), tmp_path / "bright.frog", bright) is not None
+
+
+def test_trimmed_films_need_no_clips(film: Path, tmp_path: Path) -> None:
+    folder = calibrated(tmp_path / "c")
+    for name in ("a", "b"):
+        copied(film, folder / f"{name}.mp4", "-ss", 0.2)
+    assert undistortion(header_of(open_capture(folder)), tmp_path / "x.frog", folder) is None
+
+
+def test_films_that_a_calibration_names_are_found(film: Path, tmp_path: Path) -> None:
+    folder = calibrated(tmp_path / "c", a={"video": "../film.mp4"})
+    (folder / "b.mp4").write_bytes(film.read_bytes())
+    clips = find_clips(header_of(open_capture(folder)), folder)
+    assert {name: clip.path.resolve() for name, clip in clips.items()} == {"a": film, "b": folder / "b.mp4"}
