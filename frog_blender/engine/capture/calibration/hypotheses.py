@@ -1,0 +1,155 @@
+"""Several starts of the mapper, compared by one measure over the same observations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Bools, Float64s
+from .adjustment import Adjusted, adjust
+from .lens import Lens
+from .mapping import Model, incremental
+from .tracks import Pairs, Tracks, cost, join, located
+
+STARTS = (0.7, 0.9, 1.2, 1.7)
+"""Focal lengths to start from, over the width of the image."""
+_PER_CAMERA = 500  # observations that a comparison needs; more of them take longer and change nothing
+_PER_PAIR = 40
+_OWN_GAINS = 0.02  # of the cost, before focal lengths of their own are believed: together they drift
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One start and what became of it.
+
+    Attributes:
+        start: focal length over the width.
+        own: every camera has a focal length of its own.
+        adjusted: the model; None where the mapper found none.
+        cost: of the observations of all cameras, 1 for those of a camera without a pose.
+    """
+
+    start: float
+    own: bool
+    adjusted: Adjusted | None
+    cost: float
+
+    @property
+    def focals(self) -> Float64s:
+        """(cameras,) pixels; NaN for those without a pose."""
+        if self.adjusted is None:
+            return np.empty(0)
+        model = self.adjusted.model
+        placed = np.isfinite(model.poses).all(axis=(1, 2))
+        return np.where(placed, [lens.focal for lens in model.lenses], np.nan)
+
+
+def thinned(tracks: Tracks, pairs: Pairs, cameras: int) -> tuple[Tracks, dict[tuple[int, int], Bools]]:
+    """Enough tracks to compare solutions by, and which matches of each pair belong to them.
+
+    Long tracks come first. Cameras and pairs that see little keep all that they have.
+    """
+    random = np.random.default_rng(0)
+    lengths = np.bincount(tracks.points, minlength=tracks.count)
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    seen = np.zeros(cameras, np.int64)
+    shared = np.zeros((cameras, cameras), np.int64)
+    chosen = np.zeros(tracks.count, bool)
+    for point in np.lexsort((random.random(tracks.count), -lengths)).tolist():
+        own = tracks.cameras[starts[point] : starts[point + 1]]
+        among = np.ix_(own, own)
+        if seen[own].min() < _PER_CAMERA or shared[among].min() < _PER_PAIR:
+            chosen[point] = True
+            seen[own] += 1
+            shared[among] += 1
+    kept = tracks.chosen(chosen[tracks.points])
+    known = [set(kept.features[kept.cameras == camera].tolist()) for camera in range(cameras)]
+    masks = {
+        (one, other): np.array([a in known[one] and b in known[other] for a, b in matches.tolist()], bool)
+        for (one, other), matches in pairs.items()
+    }
+    return kept, masks
+
+
+def propose(
+    lenses: Sequence[Lens],
+    groups: Sequence[int],
+    pixels: Sequence[Float64s],
+    pairs: Pairs,
+    progress: Callable[[int, int], None],
+) -> tuple[list[Hypothesis], Tracks, Pairs]:
+    """All hypotheses, the tracks that they were compared by, and those tracks' matches.
+
+    Args:
+        pairs: verified matches.
+        progress: told (done, all) starts.
+    """
+    tracks, masks = thinned(join(pairs, pixels), pairs, len(lenses))
+    few = {pair: pairs[pair][mask] for pair, mask in masks.items() if mask.any()}
+    own_groups = list(range(len(lenses)))
+    kinds = [(False, list(groups))]
+    if len(set(groups)) < len(lenses):
+        kinds.append((True, own_groups))
+    found: list[Hypothesis] = []
+    for place, (start, (own, grouping)) in enumerate((s, kind) for s in STARTS for kind in kinds):
+        progress(place, len(STARTS) * len(kinds))
+        model = incremental(
+            [Lens(lens.width, lens.height, start * lens.width) for lens in lenses], grouping, pixels, few
+        )
+        found.append(_weighed(start, own, model, tracks, grouping))
+    return found, tracks, few
+
+
+def _weighed(start: float, own: bool, model: Model | None, tracks: Tracks, groups: Sequence[int]) -> Hypothesis:
+    if model is None or len(model.placed) < 2:
+        return Hypothesis(start, own, None, 1.0)
+    adjusted = adjust(model, tracks, groups, [0] * len(groups))
+    return Hypothesis(start, own, adjusted, whole_cost(adjusted.distances, tracks, adjusted.model.lenses))
+
+
+def whole_cost(distances: Float64s, tracks: Tracks, lenses: Sequence[Lens]) -> float:
+    """Truncated squared residuals of all observations, in units of each camera's limit."""
+    limits = np.array([lens.limit for lens in lenses])
+    return cost(distances, limits[tracks.cameras])
+
+
+def held_out_cost(adjusted: Adjusted, tracks: Tracks) -> float:
+    """The cost of tracks that the model was not adjusted to: only their points are fitted."""
+    model = adjusted.model
+    limits = np.array([lens.limit for lens in model.lenses])
+    _, distances = located(tracks, model.poses, model.lenses, limits)
+    return cost(distances, limits[tracks.cameras])
+
+
+def halves(tracks: Tracks) -> tuple[Tracks, Tracks]:
+    """The tracks in two halves, at random."""
+    first = np.random.default_rng(1).random(tracks.count) < 0.5
+    return tracks.chosen(first[tracks.points]), tracks.chosen(~first[tracks.points])
+
+
+def best(hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:
+    """The hypothesis that places most cameras at the least cost; one focal length a group unless own ones gain much."""
+    models = [each for each in hypotheses if each.adjusted is not None]
+    if not models:
+        return None
+
+    def placed(each: Hypothesis) -> int:
+        return int(np.isfinite(each.focals).sum())
+
+    most = max(map(placed, models))
+    models = [each for each in models if placed(each) == most]
+    return min(models, key=lambda each: each.cost * (1 + _OWN_GAINS if each.own else 1))
+
+
+def rivals(hypotheses: Sequence[Hypothesis], chosen: Hypothesis) -> list[tuple[Hypothesis, float]]:
+    """Hypotheses that fit the images as well, within 5 % of the cost, with other focal lengths: by what factor."""
+    found = []
+    for each in hypotheses:
+        if each is chosen or each.adjusted is None or each.cost > 1.05 * chosen.cost:
+            continue
+        ratio = np.nanmedian(each.focals / chosen.focals) if len(each.focals) else np.nan
+        if np.isfinite(ratio) and abs(np.log(ratio)) > 0.03:
+            found.append((each, float(ratio)))
+    return found

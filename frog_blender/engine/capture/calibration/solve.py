@@ -1,0 +1,136 @@
+"""From features of standing cameras to their poses and lenses: pairs, hypotheses, adjustment, distortion, evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from ...arrays import Float64s
+from .adjustment import Adjusted, adjust
+from .evidence import CameraEvidence, PairEvidence, closing_triangles, disagreement, of_cameras, of_pairs
+from .features import Features
+from .hypotheses import Hypothesis, best, halves, held_out_cost, propose, rivals
+from .lens import Lens
+from .matching import match
+from .tracks import Pairs, Tracks, join
+from .two_view import verified
+
+Progress = Callable[[str, int, int], None]
+"""Told a stage's name, and how much of how much is done."""
+
+_RELEASE_GAINS = 0.002  # of the held-out cost, before a coefficient is believed
+_RELEASE_SURE = 0.02  # uncertainty of the focal length with it
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What came of the features; ``verdict`` says whether it is to be believed.
+
+    Attributes:
+        adjusted: the model; None where there is none.
+        tracks: its observations.
+        cameras, pairs: what supports it.
+        hypotheses: all starts.
+        chosen: the start that it came from.
+        rivals: starts that fit as well with other focal lengths, and by what factor.
+        coefficients: for each camera how many of k1 and k2 were freed.
+        halves_apart: how far cameras lie apart when half of the tracks are used each, over the rig's diameter.
+    """
+
+    adjusted: Adjusted | None
+    tracks: Tracks
+    cameras: tuple[CameraEvidence, ...]
+    pairs: tuple[PairEvidence, ...]
+    hypotheses: tuple[Hypothesis, ...]
+    chosen: Hypothesis | None
+    rivals: tuple[tuple[Hypothesis, float], ...]
+    coefficients: tuple[int, ...]
+    halves_apart: float
+
+
+def match_all(features: Sequence[Features], sizes: Sequence[tuple[int, int]], progress: Progress) -> tuple[Pairs, Pairs]:
+    """The matches of every pair of cameras, and those that pass the two-view check."""
+    lenses = [Lens(*size, 1.2 * size[0]) for size in sizes]
+    every = list(combinations(range(len(features)), 2))
+    matches, checked = {}, {}
+    for place, (one, other) in enumerate(every):
+        progress("matches", place, len(every))
+        found = match(features[one], features[other])
+        matches[one, other] = found
+        checked[one, other] = verified(
+            lenses[one], features[one].pixels, lenses[other], features[other].pixels, found
+        )
+    return matches, checked
+
+
+def solve(
+    features: Sequence[Features],
+    sizes: Sequence[tuple[int, int]],
+    groups: Sequence[int],
+    pairs: tuple[Pairs, Pairs],
+    progress: Progress,
+) -> Solution:
+    """Poses and lenses of standing cameras.
+
+    Args:
+        sizes: width and height in pixels of each camera.
+        groups: cameras of one group are of one kind.
+        pairs: as of ``match_all``.
+    """
+    matches, checked = pairs
+    pixels = [each.pixels for each in features]
+    lenses = [Lens(*size, 1.2 * size[0]) for size in sizes]
+    found, few, _ = propose(
+        lenses, groups, pixels, checked, lambda done, all_: progress("poses", done, all_)
+    )
+    chosen = best(found)
+    if chosen is None or chosen.adjusted is None:
+        evidence = tuple(of_pairs(matches, checked, None, few))
+        return Solution(None, few, (), evidence, tuple(found), None, (), (0,) * len(sizes), np.inf)
+    grouping = list(range(len(sizes))) if chosen.own else list(groups)
+    progress("bundle adjustment", 0, 3)
+    coefficients, apart = _released(chosen.adjusted, few, grouping)
+    progress("bundle adjustment", 1, 3)
+    tracks = join(checked, pixels)
+    adjusted = adjust(chosen.adjusted.model, tracks, grouping, coefficients)
+    progress("bundle adjustment", 2, 3)
+    closing = closing_triangles(adjusted.model.lenses, pixels, checked)
+    return Solution(
+        adjusted,
+        tracks,
+        tuple(of_cameras(adjusted, tracks, closing)),
+        tuple(of_pairs(matches, checked, adjusted, tracks)),
+        tuple(found),
+        chosen,
+        tuple(rivals(found, chosen)),
+        tuple(coefficients),
+        apart,
+    )
+
+
+def _released(start: Adjusted, tracks: Tracks, groups: Sequence[int]) -> tuple[list[int], float]:
+    """For each camera how many of k1 and k2 the held-out tracks ask for, and how far the halves' cameras lie apart."""
+    one, other = halves(tracks)
+    coefficients = [0] * len(groups)
+    fits = adjust(start.model, one, groups, coefficients), adjust(start.model, other, groups, coefficients)
+    least = held_out_cost(fits[0], other) + held_out_cost(fits[1], one)
+    for group in sorted(set(groups)):
+        for more in (1, 2):
+            tried = [more if each == group else had for each, had in zip(groups, coefficients, strict=True)]
+            new = adjust(fits[0].model, one, groups, tried), adjust(fits[1].model, other, groups, tried)
+            gained = held_out_cost(new[0], other) + held_out_cost(new[1], one)
+            sure = max(float(_uncertainty(each, groups, group)) for each in new) < _RELEASE_SURE
+            if not (sure and gained < (1 - _RELEASE_GAINS) * least):
+                break
+            coefficients, least, fits = tried, gained, new
+    return coefficients, disagreement(fits[0].model, fits[1].model)
+
+
+def _uncertainty(adjusted: Adjusted, groups: Sequence[int], group: int) -> Float64s:
+    """Of the focal length of a group's cameras that have a pose."""
+    own = [camera for camera in adjusted.model.placed if groups[camera] == group]
+    found: Float64s = np.max(adjusted.uncertainty[own], initial=0.0)
+    return found

@@ -1,0 +1,83 @@
+"""The poses and lenses of standing cameras from their views: what the caller sees of the child's work."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+
+import numpy as np
+
+from ...arrays import Float64s
+from ...errors import FrogError, brief
+from ...io.atomic_files import write_atomically
+from ...io.plain_values import JsonObject
+from ..camera import Camera
+from ..readers.geometry import intrinsics
+from .calibration import CalibratedCamera, Calibration
+from .child_process import REQUEST, Progress, run
+from .evidence import CameraEvidence, PairEvidence
+from .films import View
+from .standing_task import arrays_of
+from .work_folder import WorkFolder, key_of
+
+
+def calibrate_standing(
+    views: Sequence[View], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]
+) -> Calibration:
+    """The cameras of standing views.
+
+    Args:
+        work: keeps the stages, so that a second call with the same views continues.
+        progress: told a stage's name, and how much of how much is done.
+        cancelled: asked several times a second.
+
+    Raises:
+        CalibrationRefused: if the views do not fix their cameras: why, and what to film next time.
+        CalibrationCancelled: if ``cancelled`` said so.
+        FrogError: if pycolmap is missing, or its process died.
+    """
+    entries = []
+    for view in views:
+        arrays = arrays_of(view)
+        key = key_of(view.name, list(view.size), view.group, *(arrays[name] for name in sorted(arrays)))
+        if not work.file("view", key).is_file():
+            work.keep("view", key, arrays)
+        entries.append({"name": view.name, "size": list(view.size), "group": view.group, "key": key})
+    folder = work.path / "standing"
+    write_atomically(folder / REQUEST, json.dumps({"work": str(work.path), "views": entries}).encode())
+    result = run("standing", folder, progress, cancelled)
+    try:
+        return _calibration(result)
+    except (KeyError, TypeError, ValueError) as error:
+        raise FrogError(f"{folder}: found a result that is damaged ({brief(error)}), expected a whole one.") from error
+
+
+def _calibration(result: JsonObject) -> Calibration:
+    """The calibration that the child's result describes; KeyError, TypeError or ValueError where it is damaged."""
+    return Calibration(
+        tuple(_camera(entry) for entry in result["cameras"]),
+        np.asarray(result["points"], np.float64).reshape(-1, 3),
+        tuple(PairEvidence(*(int(entry[each.name]) for each in fields(PairEvidence))) for entry in result["pairs"]),
+        float(result["start"]),
+        bool(result["own_focals"]),
+        tuple(float(each) for each in result["costs"]),
+        float(result["halves_apart"]),
+        tuple(str(each) for each in result["warnings"]),
+    )
+
+
+def _camera(entry: JsonObject) -> CalibratedCamera:
+    lens = entry["lens"]
+    width, height, focal = int(lens["width"]), int(lens["height"]), float(lens["focal"])
+    pose: Float64s = np.vstack([np.asarray(entry["pose"], np.float64).reshape(3, 4), [[0.0, 0.0, 0.0, 1.0]]])
+    camera = Camera(str(entry["name"]), width, height, intrinsics(focal, focal, width / 2, height / 2), pose)
+    evidence = entry["evidence"]
+    whole = {name: int(evidence[name]) for name in ("observations", "shared_by_three")}
+    others = {name.name: float(evidence[name.name]) for name in fields(CameraEvidence) if name.name not in whole}
+    return CalibratedCamera(
+        camera,
+        (float(lens["k1"]), float(lens["k2"])),
+        CameraEvidence(**whole, **others),
+        np.asarray(entry["observations"], np.float64).reshape(-1, 3),
+    )

@@ -1,0 +1,125 @@
+"""Whether a solution is to be believed: what is not gets a sentence that names cameras, and says what to film.
+
+A low residual proves nothing, so none of these tests looks at it. What they ask is whether independent parts of the
+data agree: three cameras about a point, three rotations around a triangle, two starts, two halves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .evidence import CLOSES
+from .solve import Solution
+
+_LEAST_SHARED = 15
+_FEW_SHARED = 60
+_LEAST_CLOSING, _FEW_CLOSING = 0.3, 0.5
+_UNSURE, _DOUBTFUL = 0.05, 0.02  # standard deviation of a focal length
+_APART, _DOUBTFUL_APART = 0.03, 0.005  # of the rig's diameter
+_FEW_AGREEING = 0.5
+_NAMED = 6  # pairs
+
+REMEDY = (
+    "Next time hold a ChArUco board into the views of neighbouring cameras, set the cameras closer together, or film "
+    "a slow walk through the empty set with one more camera"
+)
+"""What to film where cameras are not connected."""
+
+
+def refusal(solution: Solution, names: Sequence[str]) -> str | None:
+    """Why the solution must not be used, in one sentence; None where nothing speaks against it."""
+    adjusted = solution.adjusted
+    placed = adjusted.model.placed if adjusted is not None else []
+    if len(names) < 3:
+        return (
+            f"{len(names)} standing cameras cannot be calibrated from their images: a single pair proves nothing. "
+            "Next time film with at least three cameras, or hold a ChArUco board into the views."
+        )
+    if len(placed) < len(names) or adjusted is None:
+        lost = [name for index, name in enumerate(names) if index not in placed]
+        return _unconnected(solution, names, lost if placed else list(names))
+    weak = [names[i] for i, each in enumerate(solution.cameras) if each.shared_by_three < _LEAST_SHARED]
+    if weak:
+        return _unconnected(solution, names, weak)
+    open_ = [names[i] for i, each in enumerate(solution.cameras) if each.closing < _LEAST_CLOSING]
+    if open_:
+        return (
+            f"The views of {_listed(open_)} contradict the others: the rotations of most triangles of cameras do not "
+            f"close within {CLOSES:g} degrees. {REMEDY}."
+        )
+    unsure = max(each.focal_uncertainty for each in solution.cameras)
+    if not unsure <= _UNSURE:
+        return (
+            f"The images do not fix the focal length (within {_percent(unsure)}). "
+            "Next time fill more of the images with textured things at different depths, or hold a ChArUco board."
+        )
+    if solution.rivals:
+        _, factor = max(solution.rivals, key=lambda each: abs(np.log(each[1])))
+        return (
+            f"Two solutions fit the images equally well, with focal lengths a factor {factor:.2f} apart. "
+            "Next time fill more of the images with textured things at different depths, or hold a ChArUco board."
+        )
+    if solution.halves_apart > _APART:
+        return (
+            f"Two halves of the points put the cameras {_percent(solution.halves_apart)} of the rig's size apart: "
+            f"there are too few. {REMEDY}."
+        )
+    return None
+
+
+def warnings(solution: Solution, names: Sequence[str]) -> list[str]:
+    """Sentences about what is in doubt though nothing speaks against it."""
+    found = []
+    weak = [names[i] for i, each in enumerate(solution.cameras) if each.shared_by_three < _FEW_SHARED]
+    if weak:
+        found.append(f"Few points are seen by {_listed(weak)} and two other cameras at once: look at the result.")
+    alone = [names[i] for i, each in enumerate(solution.cameras) if np.isnan(each.closing)]
+    if alone:
+        found.append(f"No triangle of matching pairs tests {_listed(alone)}: look at the result.")
+    open_ = [names[i] for i, each in enumerate(solution.cameras) if each.closing < _FEW_CLOSING]
+    if open_:
+        found.append(f"Several pairs of {_listed(open_)} contradict the solution: look at the result.")
+    unsure = max(each.focal_uncertainty for each in solution.cameras)
+    if unsure > _DOUBTFUL:
+        found.append(f"The focal length is known within {_percent(unsure)} only.")
+    if solution.halves_apart > _DOUBTFUL_APART:
+        found.append(
+            f"Camera positions are known within about {_percent(solution.halves_apart)} of the rig's size only."
+        )
+    doubted = [names[i] for i, each in enumerate(solution.cameras) if each.share < _FEW_AGREEING]
+    if doubted:
+        found.append(f"Most matches of {_listed(doubted)} disagree with the solution: look at the result.")
+    return found
+
+
+def _unconnected(solution: Solution, names: Sequence[str], lost: Sequence[str]) -> str:
+    """The refusal for cameras that share no points with two others, with the pairs that do match."""
+    agreeing = [pair for pair in solution.pairs if pair.agreeing >= _LEAST_SHARED]
+    apart = [
+        f"{names[pair.one]}-{names[pair.other]}"
+        for pair in solution.pairs
+        if pair.agreeing < _LEAST_SHARED and not {names[pair.one], names[pair.other]}.isdisjoint(lost)
+    ]
+    matching = [
+        f"{names[pair.one]}-{names[pair.other]} ({pair.agreeing} points)"
+        for pair in sorted(agreeing, key=lambda pair: -pair.agreeing)
+    ]
+    only = f"only {_listed(matching)} match" + ("es" if len(matching) == 1 else "") if matching else "no pair matches"
+    return (
+        f"{_listed(lost)} share{'s' if len(lost) == 1 else ''} no points with two other cameras at once: {only}, "
+        f"and {_listed(apart)} do not. {REMEDY}."
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names in a sentence, the first few of many."""
+    shown = list(names[:_NAMED])
+    if len(names) > _NAMED:
+        return f"{', '.join(shown)} and {len(names) - _NAMED} more"
+    return ", ".join(shown[:-1]) + (" and " if len(shown) > 1 else "") + shown[-1] if shown else "none"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if np.isfinite(share) else "any amount"

@@ -1,0 +1,69 @@
+"""The hidden folder of a calibration's stages: each result is kept under a hash of all that decides it."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ...arrays import Array
+from ...errors import FrogError
+from ...io.atomic_files import write_atomically
+from ...io.numpy_files import read_npz
+
+NAME = ".frog_calibration"
+"""The folder's name, beside the result."""
+_VERSION = 1  # raise it when the same input would give another result
+_MOST = 2**31  # numbers of one stage
+
+
+def key_of(*parts: object) -> str:
+    """A hash of plain values and arrays."""
+    digest = hashlib.blake2b(str(_VERSION).encode(), digest_size=12)
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            digest.update(f"{part.dtype} {part.shape}".encode() + np.ascontiguousarray(part).tobytes())
+        else:
+            digest.update(json.dumps(part).encode())
+        digest.update(b"\0")
+    return digest.hexdigest()
+
+
+def key_of_file(path: Path) -> list[object]:
+    """What tells a file from another one or an older one, for ``key_of``, without reading it."""
+    state = path.stat()
+    return [path.name, state.st_size, state.st_mtime_ns]
+
+
+class WorkFolder:
+    """Stages of earlier runs, by name and key."""
+
+    def __init__(self, path: Path) -> None:
+        """Args: path: the folder, made when the first stage is kept."""
+        self.path = path
+
+    def file(self, stage: str, key: str) -> Path:
+        """Where a stage's result lies."""
+        return self.path / f"{stage}-{key}.npz"
+
+    def load(self, stage: str, key: str) -> dict[str, Array] | None:
+        """The arrays of a stage; None where it was not kept, or its file is damaged."""
+        path = self.file(stage, key)
+        if not path.is_file():
+            return None
+        try:
+            return read_npz(path, "a stage of a calibration", lambda name, shape: None, _MOST)
+        except FrogError:
+            return None
+
+    def keep(self, stage: str, key: str, arrays: Mapping[str, Array]) -> Path:
+        """Writes a stage's arrays, whole or not at all; older results of the stage's name stay."""
+        content = io.BytesIO()
+        np.savez(content, **arrays)
+        path = self.file(stage, key)
+        write_atomically(path, content.getvalue())
+        return path
