@@ -56,14 +56,9 @@ def evaluate(
         shot = capture.shots[index]
         camera = capture.cameras[shot.camera]
         truth = store.image(index).astype(np.float32) / 255
-<<<<<<< HEAD
-        drawing = draw(scene.at_frame(shot.frame), camera, scene.header.background)
+        drawing = draw(scene.at(capture.time_of(shot)), camera, scene.header.background)
         say(drawing.notice)
         sums.setdefault(camera.name, _Sums()).add(drawing.rgb.clip(0, 1), truth, masks.of(shot), more_metrics or {})
-=======
-        image = draw(scene.at(capture.time_of(shot)), camera, scene.header.background).rgb.clip(0, 1)
-        sums.setdefault(camera.name, _Sums()).add(image, truth, masks.of(shot), more_metrics or {})
->>>>>>> h5
         if progress:
             progress(done + 1, len(chosen))
     return {
