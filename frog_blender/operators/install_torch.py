@@ -1,4 +1,4 @@
-"""Install torch. Nothing is downloaded without a click and without Blender's Online Access."""
+"""Install torch, or pycolmap alone. Nothing is downloaded without a click and without Blender's Online Access."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -6,23 +6,28 @@ import bpy
 
 from ..engine.errors import FrogError
 from ..torch_install import task
-from ..torch_install.installer import SIZES
+from ..torch_install.installer import CALIBRATION_SIZES, PYCOLMAP, SIZES, has_pycolmap_wheel
 from ..ui import preferences
 
 
+def may_download(operator: type[bpy.types.Operator]) -> bool:
+    """Whether the user allows downloads and none is running; otherwise it says why not."""
+    if not bpy.app.online_access:
+        operator.poll_message_set("Enable Online Access in Preferences > System first.")
+        return False
+    operator.poll_message_set("An installation is already running.")
+    return not task.is_running()
+
+
 class FROG_OT_install_torch(bpy.types.Operator):
-    """Download torch and OpenCV, which training needs, into a separate folder. Blender itself is not changed"""
+    """Download torch, OpenCV and pycolmap into a separate folder. Blender itself is not changed"""
 
     bl_idname = "frog.install_torch"
     bl_label = "Install torch"
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        if not bpy.app.online_access:
-            cls.poll_message_set("Enable Online Access in Preferences > System first.")
-            return False
-        cls.poll_message_set("An installation is already running.")
-        return not task.is_running()
+        return may_download(cls)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         text = f"This downloads {SIZES}, depending on what the package index serves."
@@ -32,6 +37,30 @@ class FROG_OT_install_torch(bpy.types.Operator):
         index = preferences.package_index()
         try:
             task.begin(["--index-url", index] if index else [], preferences.use_installation)
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class FROG_OT_install_calibration(bpy.types.Operator):
+    """Download pycolmap and OpenCV, which calibration needs, into a separate folder. Blender itself is not changed"""
+
+    bl_idname = "frog.install_calibration"
+    bl_label = "Install pycolmap"
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        cls.poll_message_set("There is no pycolmap for this kind of computer.")
+        return has_pycolmap_wheel() and may_download(cls)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        text = f"This downloads pycolmap {PYCOLMAP} and OpenCV, {CALIBRATION_SIZES}."
+        return context.window_manager.invoke_confirm(self, event, title="Install pycolmap", message=text)
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        try:  # from pip's own index: PyTorch's has no pycolmap
+            task.begin_calibration([], preferences.add_folder)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -53,5 +82,5 @@ class FROG_OT_cancel_installation(bpy.types.Operator):
         return {"FINISHED"}
 
 
-_CLASSES = (FROG_OT_install_torch, FROG_OT_cancel_installation)
+_CLASSES = (FROG_OT_install_torch, FROG_OT_install_calibration, FROG_OT_cancel_installation)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -1,4 +1,4 @@
-"""Installs torch into a folder of its own with pip, in the background, completely or not at all.
+"""Installs torch, or pycolmap alone, into a folder of its own with pip, in the background, completely or not at all.
 
 Knows nothing of Blender's windows; see ``task`` for that.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import glob
 import importlib.util
 import os
+import platform
 import shutil
 import site
 import subprocess
@@ -20,12 +21,26 @@ from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 from ..engine.errors import FrogError, brief
-from .folders import has_torch, partial_prefix, switch_to
+from .folders import has_package, package_of, partial_prefix, switch_to
 
-PACKAGES = ("torch", "opencv-contrib-python-headless", "imageio-ffmpeg")
-"""Packages that training and reading captures need and Blender's Python lacks."""
-SIZES = "about 0.3 GB for the CPU only (1 GB on disk), about 3 GB with CUDA (7 GB on disk)"
-BYTES_NEEDED = 1.5e9  # while the smaller of the two is unpacked
+
+def has_pycolmap_wheel(system: str = sys.platform, machine: str = platform.machine()) -> bool:
+    """Whether PyPI has pycolmap for this kind of computer, of names as Python gives them."""
+    return (system, machine.lower()) in (("linux", "x86_64"), ("win32", "amd64"), ("darwin", "arm64"))
+
+
+PYCOLMAP = "4.2.1"
+"""Version of pycolmap that calibration was tested with; its interface changes from one to the next."""
+_READING = ("opencv-contrib-python-headless", "imageio-ffmpeg")
+_CALIBRATION = (f"pycolmap=={PYCOLMAP}",) if has_pycolmap_wheel() else ()
+PACKAGES = ("torch", *_READING, *_CALIBRATION)
+"""Packages that training, reading captures and calibrating need and Blender's Python lacks."""
+CALIBRATION_PACKAGES = (*_CALIBRATION, *_READING)
+"""Packages for whoever has torch, or only wants to calibrate."""
+SIZES = "about 0.4 GB for the CPU only (1.2 GB on disk), about 3 GB with CUDA (7 GB on disk)"
+CALIBRATION_SIZES = "about 0.1 GB (0.4 GB on disk)"
+BYTES_NEEDED = 1.7e9  # while the smaller of the two is unpacked
+CALIBRATION_BYTES_NEEDED = 0.6e9
 _LINES_KEPT = 30
 
 
@@ -83,6 +98,7 @@ class Installation:
     ) -> None:
         self.folder, self.line, self.error = folder, "Starting", ""
         self.running = self.done = False
+        self._wanted = package_of(folder)
         self._arguments, self._packages = list(arguments), list(packages)
         self._pip, self._bytes_needed = pip, bytes_needed
         self._cancelled = threading.Event()
@@ -98,9 +114,8 @@ class Installation:
         except OSError as error:
             raise FrogError(f"{self.folder.parent}: the folder could not be created ({error.strerror}).") from error
         if free < self._bytes_needed:
-            raise FrogError(
-                f"{self.folder.parent}: found {free / 1e9:.1f} GB free, torch needs {self._bytes_needed / 1e9:.1f} GB."
-            )
+            needs = f"{self._wanted} needs {self._bytes_needed / 1e9:.1f} GB"
+            raise FrogError(f"{self.folder.parent}: found {free / 1e9:.1f} GB free, {needs}.")
         # Wheels only: a source package would run its own build code.
         options = ["--disable-pip-version-check", "--no-input", "--progress-bar", "off", "--only-binary=:all:"]
         self._command = [*command, "install", *options]
@@ -133,7 +148,7 @@ class Installation:
                     self.done = True
         except Exception as error:  # would be lost otherwise
             reason = getattr(error, "strerror", None) or brief(repr(error))
-            self.error = f"{self.folder}: torch could not be installed ({reason})."
+            self.error = f"{self.folder}: {self._wanted} could not be installed ({reason})."
         finally:
             self.running = False
 
@@ -160,6 +175,8 @@ class Installation:
                 said = [*said[-_LINES_KEPT:], self.line]
         if self._process.wait() and not self._cancelled.is_set():
             errors = [line.removeprefix("ERROR: ") for line in said if line.startswith("ERROR")]
-            self.error = f"torch could not be installed: {(errors or said or ['pip said nothing'])[-1]}"
-        elif not has_torch(target) and not self._cancelled.is_set():
-            self.error = f"torch could not be installed: pip brought none ({(said or ['it said nothing'])[-1]})."
+            self.error = f"{self._wanted} could not be installed: {(errors or said or ['pip said nothing'])[-1]}"
+        elif not has_package(target) and not self._cancelled.is_set():
+            self.error = (
+                f"{self._wanted} could not be installed: pip brought none ({(said or ['it said nothing'])[-1]})."
+            )

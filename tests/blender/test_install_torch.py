@@ -21,7 +21,7 @@ from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.torch_install import folders, task
-from frog_blender.torch_install.folders import clear_remains, has_torch, installed
+from frog_blender.torch_install.folders import clear_remains, has_package, installed
 from frog_blender.torch_install.installer import PACKAGES, Installation, pip_command
 from frog_blender.training_task.request import TrainingRequest
 
@@ -251,7 +251,7 @@ sys.stdin.read()
         assert other.stdout.readline() == "held\n"
         second = finished(Installation(folder, pip=quick_pip).start())
         clear_remains(folder)
-        assert second.done and installed(folder) == second.folder and has_torch(folder)
+        assert second.done and installed(folder) == second.folder and has_package(folder)
     clear_remains(folder)
     assert not folder.exists() and installed(folder) == second.folder
 
