@@ -1,0 +1,78 @@
+"""One camera's film as synchronisation sees it: when its frames were taken by its own clock, and gray images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...arrays import Float64s, ImageArray
+from ...errors import found_instead
+from ..video import VideoFacts, decode, load_opencv, read_facts
+
+LONGEST_SIDE = 720
+"""Pixels of the gray images: enough for features, and a phone's film costs no more than a small one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """A video.
+
+    Attributes:
+        name: its camera.
+        path: the file.
+        timestamps: (N,) float64 seconds, ascending: when each frame is shown.
+        width, height: pixels, as stored.
+    """
+
+    name: str
+    path: Path
+    timestamps: Float64s
+    width: int
+    height: int
+
+    @property
+    def interval(self) -> float:
+        """Seconds between two frames (the median; a gap does not count)."""
+        return float(np.median(np.diff(self.timestamps)))
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first frame to the last."""
+        return float(self.timestamps[-1] - self.timestamps[0])
+
+    @property
+    def scale(self) -> float:
+        """Pixels of a gray image for each pixel of the film, at most 1."""
+        return min(1.0, LONGEST_SIDE / max(self.width, self.height))
+
+    def gray(self, indices: Sequence[int]) -> Iterator[ImageArray]:
+        """The frames with these ascending indices, each (H, W) uint8, scaled to at most LONGEST_SIDE.
+
+        Raises:
+            FrogError: if the video cannot be decoded.
+        """
+        cv2 = load_opencv()
+        size = (max(1, round(self.width * self.scale)), max(1, round(self.height * self.scale)))
+        for image in decode(self.path, indices):
+            gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+            yield gray if gray.shape[::-1] == size else cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
+
+
+def open_film(name: str, path: Path) -> Film:
+    """A camera's video; FrogError if it cannot be decoded or has fewer than three frames."""
+    facts = read_facts(path)
+    times = _timestamps(facts)
+    if len(times) < 3:
+        raise found_instead(path, f"a video of {len(times)} frames", "at least three, in which something moves")
+    return Film(name, path, times, facts.width, facts.height)
+
+
+def _timestamps(facts: VideoFacts) -> Float64s:
+    """(N,) seconds at which the frames are shown."""
+    stamps = getattr(facts, "timestamps", None)
+    if stamps is None:
+        return np.arange(facts.frame_count) / facts.frames_per_second
+    return np.asarray(stamps, dtype=np.float64)

@@ -1,0 +1,186 @@
+"""Raw films of several cameras to one clock a camera, from every source that they offer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ...errors import FrogError
+from ..camera import Camera
+from ..capture import Distortion
+from .audio import audio_lag, read_audio
+from .energy import energy_lag
+from .ffmpeg import notes
+from .films import Film, open_film
+from .lags import NamedTracks, track_lag
+from .look import Look, look_at
+from .motion import Rig, coarse_lags, find_points, fine_lags, undistorted
+from .pair import PairLag
+from .report import reported
+from .solve import Clock, Solution, solve
+from .synchronization import Synchronization
+from .timecode import read_note, window
+from .work import Progress, Work
+
+_SURE = 0.75  # of the weight of every film's pairs must agree for a start to be searched near only
+
+
+def synchronize(
+    films: Mapping[str, Path],
+    cameras: Mapping[str, Camera] | None = None,
+    *,
+    distortions: Mapping[str, Distortion | None] | None = None,
+    tracks: Mapping[str, NamedTracks] | None = None,
+    given: Mapping[str, Clock] | None = None,
+    progress: Progress = lambda what, share: None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Synchronization:
+    """The offset and the rate of every camera's clock.
+
+    Args:
+        films: a video for each camera's name.
+        cameras: where known, the answer is right to a few hundredths of a frame; at the films' sizes or others of the
+            same proportions. Films without a camera are synchronised by sound and motion energy.
+        distortions: of the cameras' lenses.
+        tracks: points known by name in all films, as a person's joints are; for films whose cameras are not known.
+        given: clocks that are known and stay.
+        progress, cancelled: see work.Work.
+
+    Raises:
+        FrogError: if a film cannot be decoded, or a name in ``given`` has no film.
+        SynchronizationCancelled: if the user ended it.
+    """
+    work = Work(progress, cancelled)
+    opened = [open_film(name, path) for name, path in films.items()]
+    known = _given(given or {}, opened)
+    if len(opened) < 2:
+        return reported(opened, _alone(opened, known), [], known)
+    looks = [look_at(film, work.part(*_share(0.0, 0.3, i, len(opened)))) for i, film in enumerate(opened)]
+    pairs = _start(opened, looks, work.part(0.3, 0.4))
+    if tracks is not None:
+        pairs += _track_lags(opened, tracks, work.part(0.4, 0.5))
+        named = [pair for pair in pairs if pair.source == "tracks"]
+        pairs = named or pairs
+    solution = _solved(opened, pairs, known)
+    if cameras is not None:
+        calibrated = [i for i, film in enumerate(opened) if film.name in cameras]
+        if len(calibrated) >= 2:
+            rig = _rig(opened, looks, calibrated, (cameras, distortions or {}), solution, work.part(0.5, 0.75))
+            pairs, solution = _refined(opened, rig, calibrated, pairs, solution, known, work.part(0.75, 1.0))
+    work.step("Synchronised", 1, 1)
+    return reported(opened, solution, pairs, known)
+
+
+def _share(start: float, end: float, number: int, count: int) -> tuple[float, float]:
+    """The part of [start, end] that one of several equal steps takes."""
+    return start + (end - start) * number / count, start + (end - start) * (number + 1) / count
+
+
+def _given(given: Mapping[str, Clock], films: Sequence[Film]) -> dict[int, Clock]:
+    numbers = {film.name: number for number, film in enumerate(films)}
+    if unknown := sorted(set(given) - set(numbers)):
+        raise FrogError(f"A clock is given for camera {unknown[0]}, expected one of {', '.join(numbers)}.")
+    return {numbers[name]: clock for name, clock in given.items()}
+
+
+def _solved(films: Sequence[Film], pairs: Sequence[PairLag], given: Mapping[int, Clock]) -> Solution:
+    frame = max(film.interval for film in films)
+    return solve(len(films), pairs, frame, max(film.duration for film in films), given)
+
+
+def _alone(films: Sequence[Film], given: Mapping[int, Clock]) -> Solution:
+    return solve(len(films), [], 1.0, 1.0, given)
+
+
+def _start(films: Sequence[Film], looks: Sequence[Look], work: Work) -> list[PairLag]:
+    """Lags from sound where there is some, else from motion energy; those that timecodes exclude come last."""
+    sounds = []
+    for number, film in enumerate(films):
+        work.part(0.0, 0.5).step(f"Listening to {film.name}", number, len(films))
+        sounds.append(read_audio(film))
+    starts = [read_note(notes(film.path), 1 / film.interval) for film in films]
+    found = []
+    for first in range(len(films)):
+        work.part(0.5, 1.0).step("Comparing sound and motion", first, len(films))
+        for second in range(first + 1, len(films)):
+            pair = (first, second)
+            heard, other = sounds[first], sounds[second]
+            lag = None if heard is None or other is None else audio_lag(pair, (heard, other))
+            if lag is None:
+                step = min(films[first].interval, films[second].interval)
+                lag = energy_lag(pair, (looks[first].energy, looks[second].energy), step)
+            if lag is not None:
+                found.append(_preferred(lag, window(starts[first], starts[second])))
+    return found
+
+
+def _preferred(lag: PairLag, allowed: tuple[float, float] | None) -> PairLag:
+    """The best maximum inside a window; without one inside, or a window, the best of all."""
+    if allowed is None or allowed[0] <= lag.lag <= allowed[1]:
+        return lag
+    inside = [other for other in lag.others if allowed[0] <= other[0] <= allowed[1]]
+    if not inside:
+        return lag
+    rest = ((lag.lag, lag.score), *(other for other in lag.others if other != inside[0]))
+    return replace(lag, lag=inside[0][0], score=inside[0][1], others=rest)
+
+
+def _track_lags(films: Sequence[Film], tracks: Mapping[str, NamedTracks], work: Work) -> list[PairLag]:
+    found = []
+    pairs = [(i, j) for i in range(len(films)) for j in range(i + 1, len(films))]
+    for number, pair in enumerate(pairs):
+        work.step("Comparing named points", number, len(pairs))
+        first, second = (tracks.get(films[film].name) for film in pair)
+        if first is not None and second is not None:
+            frame = max(films[film].interval for film in pair)
+            lag = track_lag(pair, (first, second), frame, max(films[film].width for film in pair))
+            found += [] if lag is None else [lag]
+    return found
+
+
+def _rig(
+    films: Sequence[Film],
+    looks: Sequence[Look],
+    calibrated: Sequence[int],
+    lenses: tuple[Mapping[str, Camera], Mapping[str, Distortion | None]],
+    start: Solution,
+    work: Work,
+) -> Rig:
+    cameras, points = [], []
+    for position, number in enumerate(calibrated):
+        film = films[number]
+        camera = lenses[0][film.name].resized(film.width, film.height)
+        part = work.part(*_share(0.0, 1.0, position, len(calibrated)))
+        found = find_points(film, looks[number], start.clocks, number, part)
+        cameras.append(camera)
+        points.append(undistorted(found, camera, lenses[1].get(film.name)))
+    return Rig(tuple(films[number] for number in calibrated), tuple(cameras), tuple(points))
+
+
+def _refined(
+    films: Sequence[Film],
+    rig: Rig,
+    calibrated: Sequence[int],
+    pairs: list[PairLag],
+    start: Solution,
+    given: Mapping[int, Clock],
+    work: Work,
+) -> tuple[list[PairLag], Solution]:
+    """Lags of moving points in place of the start's, for the films whose cameras are known."""
+    clocks = replace(
+        start.clocks, offsets=start.clocks.offsets[list(calibrated)], rates=start.clocks.rates[list(calibrated)]
+    )
+    is_sure = bool(start.connected.all() and (start.support >= _SURE).all())
+    solution = start
+    for stage, part in enumerate((work.part(0.0, 0.4), work.part(0.4, 1.0))):
+        found = fine_lags(rig, clocks, part) if stage else coarse_lags(rig, clocks, is_sure, part)
+        numbered = [replace(lag, first=calibrated[lag.first], second=calibrated[lag.second]) for lag in found]
+        reached = {film for lag in numbered for film in (lag.first, lag.second)}
+        # Where nothing that moves is shared, the start is all there is.
+        rest = [lag for lag in pairs if lag.source != "motion" and not {lag.first, lag.second} <= reached]
+        pairs = numbered + rest
+        solution = _solved(films, pairs, given)
+        chosen = list(calibrated)
+        clocks = replace(clocks, offsets=solution.clocks.offsets[chosen], rates=solution.clocks.rates[chosen])
+    return pairs, solution

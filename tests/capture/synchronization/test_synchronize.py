@@ -1,0 +1,113 @@
+"""Films of a moving scene, started at different times, to the times they were started at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.capture import Distortion
+from frog_blender.engine.capture.synchronization import (
+    Clock,
+    Synchronization,
+    SynchronizationCancelled,
+    carry,
+    common_times,
+    synchronize,
+)
+from frog_blender.engine.capture.synchronization.films import open_film
+from frog_blender.engine.capture.synchronization.look import look_at
+from frog_blender.engine.capture.synchronization.motion import find_points
+from frog_blender.engine.capture.synchronization.work import silently
+from frog_blender.engine.errors import FrogError
+
+from .moving_scene import MovingScene, Start, cards, ring, write_film, write_films
+
+SIZE = (200, 150)
+
+
+def errors(found: Synchronization, starts: dict[str, Start]) -> np.ndarray:
+    """Frames by which offsets are wrong, whatever capture time starts with."""
+    wrong = np.array([found.offsets[name] - start.offset for name, start in starts.items()])
+    return np.abs(wrong - np.median(wrong)) / found.frame
+
+
+def test_offsets_are_right_to_a_few_hundredths_of_a_frame(tmp_path: Path) -> None:
+    cameras = ring(4, *SIZE)
+    starts = {name: Start(o, 20.0) for name, o in zip(cameras, (0.0, 0.317, -0.208, 0.111), strict=True)}
+    films = write_films(tmp_path, MovingScene(cards()), cameras, starts, 2.0)
+    reports: list[float] = []
+    found = synchronize(films, cameras, progress=lambda what, share: reports.append(share))
+    assert errors(found, starts).max() < 0.05
+    assert found.refusal is None and found.warnings == ()
+    assert all(camera.confidence > 0.8 and camera.sources == ("motion",) for camera in found.cameras)
+    assert min(found.offsets.values()) == 0
+    assert reports == sorted(reports) and reports[-1] == 1.0
+    # The curve's maximum lies at the answer.
+    for camera in found.cameras:
+        best = camera.curve.lags[int(np.nanargmax(camera.curve.scores))]
+        assert abs(best - camera.offset) < 0.3 * found.frame
+
+
+def test_films_of_different_rates_through_distorted_lenses(tmp_path: Path) -> None:
+    cameras = ring(3, *SIZE)
+    starts = {
+        name: Start(o, rate) for name, o, rate in zip(cameras, (0.0, 0.217, -0.108), (24.0, 30.0, 24.0), strict=True)
+    }
+    films = write_films(tmp_path, MovingScene(cards()), cameras, starts, 2.0)
+    found = synchronize(films, cameras, distortions={"cam00": Distortion(np.zeros(5))})
+    assert errors(found, starts).max() < 0.1
+
+
+def test_a_fast_clock_is_measured(tmp_path: Path) -> None:
+    cameras = ring(2, *SIZE)
+    starts = {"cam00": Start(0.0, 10.0), "cam01": Start(0.13, 10.0, 1.001)}
+    films = write_films(tmp_path, MovingScene(cards()), cameras, starts, 26.0)
+    found = synchronize(films, cameras)
+    assert abs(found.rates["cam01"] / found.rates["cam00"] - 1.001) < 1e-4
+    assert errors(found, starts).max() < 0.1
+
+
+def test_given_clocks_stay(tmp_path: Path) -> None:
+    cameras = ring(2, *SIZE)
+    starts = {"cam00": Start(0.0, 20.0), "cam01": Start(0.15, 20.0)}
+    films = write_films(tmp_path, MovingScene(cards()), cameras, starts, 1.5)
+    found = synchronize(films, cameras, given={"cam00": Clock(7.0)})
+    assert found.offsets["cam00"] == 7.0
+    assert abs(found.offsets["cam01"] - 7.15) < 0.1 * found.frame
+    with pytest.raises(FrogError, match="cam09"):
+        synchronize(films, cameras, given={"cam09": Clock(0.0)})
+    with pytest.raises(SynchronizationCancelled):
+        synchronize(films, cameras, cancelled=lambda: True)
+
+
+def test_a_film_that_shares_nothing_is_refused(tmp_path: Path) -> None:
+    cameras = ring(2, *SIZE)
+    films = write_films(tmp_path, MovingScene(cards()), cameras, {n: Start(0.0, 20.0) for n in cameras}, 1.0)
+    films["still"] = write_film(tmp_path / "still.mp4", lambda frame: np.full((150, 200, 3), 90, np.uint8), 20, 20.0)
+    found = synchronize(films)
+    assert found.refusal is not None and "still" in found.refusal
+    assert all(camera.confidence < 0.75 for camera in found.cameras)  # motion energy alone proves little
+
+
+def test_moving_points_are_carried_to_common_times(tmp_path: Path) -> None:
+    cameras = ring(2, *SIZE)
+    scene = MovingScene(cards(1))
+    starts = {"cam00": Start(0.0, 20.0), "cam01": Start(0.13, 20.0)}
+    films = write_films(tmp_path, scene, cameras, starts, 1.5)
+    points = {}
+    for number, (name, path) in enumerate(films.items()):
+        film = open_film(name, path)
+        points[name] = find_points(film, look_at(film, silently()), None, number, silently())
+    clocks = {name: Clock(start.offset) for name, start in starts.items()}
+    times = common_times(points, clocks, 5)
+    assert len(times) == 5
+    carried = carry(points, clocks, times)
+    assert {(one.camera, one.time) for one in carried} == {(name, time) for name in cameras for time in times}
+    for one in carried:
+        # All that moves is one card: its points lie on it at that very time.
+        corners, _ = cameras[one.camera].project(scene.moving[0].corners(one.time))
+        low, high = corners.min(axis=0) - 3, corners.max(axis=0) + 3
+        assert ((one.positions > low) & (one.positions < high)).all(axis=1).mean() > 0.9
+        assert len(one.positions) == len(one.descriptors)
