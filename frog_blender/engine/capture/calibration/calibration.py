@@ -46,6 +46,7 @@ class Calibration:
         costs: of all starts that found a model.
         halves_apart: how far cameras lie apart when half of the points are used each, over the rig's diameter.
         warnings: one sentence each.
+        is_metric: the scale is not free: lengths are metres.
     """
 
     cameras: tuple[CalibratedCamera, ...]
@@ -56,3 +57,4 @@ class Calibration:
     costs: tuple[float, ...] = ()
     halves_apart: float = 0.0
     warnings: tuple[str, ...] = ()
+    is_metric: bool = False

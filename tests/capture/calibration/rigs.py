@@ -1,0 +1,137 @@
+"""Rigs and what they see, made up: cameras about a room, boards, and a person who walks about in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from frog_blender.engine.arrays import Array, Float64s
+from frog_blender.engine.capture.calibration.board_detection import Board, Corners
+from frog_blender.engine.capture.calibration.calibration import Calibration
+from frog_blender.engine.capture.calibration.rig_result import CameraFacts
+from frog_blender.engine.capture.camera import Camera, rotation_about
+
+WIDE = (1280, 720)
+TALL = (1088, 1920)
+
+
+def looking(name: str, size: tuple[int, int], focal: float, place: Sequence[float], at: Sequence[float]) -> Camera:
+    """A camera at a place of a world with z up, upright, its principal point in the middle."""
+    forward = np.subtract(at, place).astype(float)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    pose[:3, 3] = -pose[:3, :3] @ np.asarray(place, float)
+    lens = np.array([[focal, 0.0, size[0] / 2], [0.0, focal, size[1] / 2], [0.0, 0.0, 1.0]])
+    return Camera(name, *size, lens, pose)
+
+
+def around(degrees: Sequence[float], size: tuple[int, int], focal: float, distance: float = 3.5) -> list[Camera]:
+    """Cameras about the middle of a room, a metre and a half or so above the floor."""
+    cameras = []
+    for number, angle in enumerate(np.radians(degrees)):
+        place = [distance * np.cos(angle), distance * np.sin(angle), 1.4 + 0.3 * (number % 3)]
+        cameras.append(looking(f"cam{number:02d}", size, focal, place, [0.0, 0.0, 0.9]))
+    return cameras
+
+
+def facts_of(cameras: Sequence[Camera]) -> list[CameraFacts]:
+    return [CameraFacts(camera.name, camera.width, camera.height) for camera in cameras]
+
+
+def pixels_of(camera: Camera, points: Array, k1: float = 0.0, k2: float = 0.0) -> Float64s:
+    """(N, 2) where points (N, 3) appear, distorted; NaN outside the image and behind it."""
+    local = points @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    plane = local[:, :2] / local[:, 2:]
+    squared = (plane**2).sum(1, keepdims=True)
+    seen = plane * (1 + k1 * squared + k2 * squared**2) * camera.intrinsics[0, 0] + camera.intrinsics[:2, 2]
+    inside = (local[:, 2] > 0) & (seen > 0).all(1) & (seen < (camera.width, camera.height)).all(1)
+    return np.where(inside[:, None], seen, np.nan)
+
+
+def board_poses(count: int, seed: int, tilt: float = 0.9) -> list[Float64s]:
+    """(4, 4) poses of a board that is moved and turned about the middle of the room; ``tilt`` in radians."""
+    rng = np.random.default_rng(seed)
+    poses = []
+    for _ in range(count):
+        pose = np.eye(4)
+        pose[:3, :3] = rotation_about(np.array([0.0, 0.0, rng.uniform(0, 2 * np.pi)])) @ rotation_about(
+            np.array([*rng.uniform(-tilt, tilt, 2), 0.0])
+        )
+        pose[:3, 3] = [*rng.uniform(-0.5, 0.5, 2), rng.uniform(0.4, 1.4)]
+        poses.append(pose)
+    return poses
+
+
+def corners_seen(
+    camera: Camera, board: Board, poses: Sequence[Float64s], noise: float, seed: int, *, k1: float = 0.0
+) -> list[Corners | None]:
+    """What a camera sees of the board's corners, ``noise`` pixels off; None where it shows fewer than six."""
+    rng = np.random.default_rng(seed)
+    seen: list[Corners | None] = []
+    for pose in poses:
+        pixels = pixels_of(camera, board.places @ pose[:3, :3].T + pose[:3, 3], k1)
+        numbers = np.flatnonzero(np.isfinite(pixels[:, 0]))
+        noisy = pixels[numbers] + rng.normal(0, noise, (len(numbers), 2))
+        seen.append(Corners(numbers, noisy) if len(numbers) >= 6 else None)
+    return seen
+
+
+def skeleton(time: float) -> Float64s:
+    """(16, 3) joints of a person of 1.7 m who walks along a curve through the room; ``time`` in seconds."""
+    swing = 0.4 * np.sin(2 * np.pi * 0.9 * time)
+    heading = 0.5 * time + 0.4 * np.sin(0.7 * time)
+    body = np.array(
+        [
+            *([0.0, side * 0.19, 1.42] for side in (1, -1)),
+            *([0.5 * side * swing, side * 0.24, 1.12] for side in (1, -1)),
+            *([0.9 * side * swing + 0.1, side * 0.26, 0.88] for side in (1, -1)),
+            *([0.0, side * 0.1, 0.92] for side in (1, -1)),
+            *([-0.5 * side * swing + 0.05, side * 0.11, 0.5] for side in (1, -1)),
+            *([-0.9 * side * swing, side * 0.11, 0.09] for side in (1, -1)),
+            *([-0.9 * side * swing - 0.07, side * 0.11, 0.03] for side in (1, -1)),
+            *([-0.9 * side * swing + 0.17, side * 0.12, 0.02] for side in (1, -1)),
+        ]
+    )
+    walked = [0.6 * np.cos(0.45 * time), 0.6 * np.sin(0.6 * time), 0.0]
+    return np.asarray(body @ rotation_about(np.array([0.0, 0.0, heading])).T + walked)
+
+
+def rig_errors(found: Calibration, truth: Sequence[Camera]) -> tuple[float, float, float, float]:
+    """The worst centre in % of the rig's diameter, the worst rotation in degrees and focal length in %, all after the
+    similarity that fits the centres best, and that similarity's scale."""
+    cameras = [each.camera for each in found.cameras]
+    ours = np.stack([camera.center for camera in cameras])
+    theirs = np.stack([camera.center for camera in truth])
+    scale, turn, shift = similarity(ours, theirs)
+    diameter = max(float(np.linalg.norm(one - other)) for one in theirs for other in theirs)
+    centers = np.linalg.norm(scale * ours @ turn.T + shift - theirs, axis=1) / diameter * 100
+    pairs = list(zip(cameras, truth, strict=True))
+    summed = sum(camera.rotation.T @ true.rotation for camera, true in pairs)
+    left, _, right = np.linalg.svd(summed)
+    common = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    cosines = [(np.trace(camera.rotation @ common @ true.rotation.T) - 1) / 2 for camera, true in pairs]
+    focals = [abs(camera.intrinsics[0, 0] / true.intrinsics[0, 0] - 1) * 100 for camera, true in pairs]
+    return float(centers.max()), float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max()), max(focals), scale
+
+
+def similarity(source: Float64s, target: Float64s) -> tuple[float, Float64s, Float64s]:
+    """Scale, rotation and shift that take points (N, 3) to others best (Umeyama)."""
+    from_middle, to_middle = source.mean(0), target.mean(0)
+    spread = (target - to_middle).T @ (source - from_middle)
+    left, values, right = np.linalg.svd(spread)
+    flip = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
+    turn = left @ flip @ right
+    scale = float((values * flip.diagonal()).sum() / ((source - from_middle) ** 2).sum())
+    return scale, turn, to_middle - scale * turn @ from_middle
+
+
+def off_center(camera: Camera, x: float, y: float) -> Camera:
+    """The camera with its principal point so many pixels off the middle."""
+    intrinsics = camera.intrinsics.copy()
+    intrinsics[:2, 2] += (x, y)
+    return replace(camera, intrinsics=intrinsics)
