@@ -66,14 +66,14 @@ def footage_folder(stored: str) -> Path:
     return folder
 
 
-def open_result(folder: Path, outcome: "Outcome") -> None:
-    """Shows a calibration's report, and reads the capture that it made of a folder, for every scene that names it."""
-    report_images.show(outcome.page)
+def open_result(folder: Path, _outcome: "Outcome") -> None:
+    """Reads the capture that a calibration made of a folder, for every scene that names it, and draws what it found."""
     for scene in bpy.data.scenes:
         stored = scene.frog.capture_folder
         named = bpy.path.abspath(stored) if stored else ""
         if named and Path(os.path.normpath(named)) == Path(os.path.normpath(folder)):
-            capture_summary.inspect(named)
+            summary = capture_summary.inspect(named)
+            report_images.show(folder, summary.capture)
 
 
 _CLASSES = (FROG_OT_calibrate, FROG_OT_cancel_calibration)

@@ -64,7 +64,8 @@ class FROG_OT_edit_clock(bpy.types.Operator):
         layout.use_property_split = True
         layout.prop(self, "offset")
         layout.prop(self, "rate")
-        preview_image.draw(layout, context, report_images.CURVES)
+        folder = Path(bpy.path.abspath(context.scene.frog.capture_folder))
+        preview_image.draw(layout, context, report_images.curves_name(folder))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)

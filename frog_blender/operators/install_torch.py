@@ -1,12 +1,14 @@
-"""Install torch, or pycolmap alone. Nothing is downloaded without a click and without Blender's Online Access."""
+"""Install torch, or what calibration needs. Nothing is downloaded without a click and without Online Access."""
 
 # mypy: disable-error-code="valid-type"
 
 import bpy
 
+from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
+from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
 from ..torch_install import task
-from ..torch_install.installer import CALIBRATION_SIZES, PYCOLMAP, SIZES, has_pycolmap_wheel
+from ..torch_install.packages import CALIBRATION_SIZES, PYCOLMAP, SIZES, has_pycolmap_wheel
 from ..ui import preferences
 
 
@@ -36,7 +38,8 @@ class FROG_OT_install_torch(bpy.types.Operator):
     def execute(self, _context: bpy.types.Context) -> set[str]:
         index = preferences.package_index()
         try:
-            task.begin(["--index-url", index] if index else [], preferences.use_installation)
+            # Besides pip's own, which alone has the other packages.
+            task.begin(["--extra-index-url", index] if index else [], preferences.use_installation)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -67,6 +70,30 @@ class FROG_OT_install_calibration(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class FROG_OT_fetch_landmarks(bpy.types.Operator):
+    """Download the file that finds a person's joints, by which cameras that stand far apart can be calibrated"""
+
+    bl_idname = "frog.fetch_landmarks"
+    bl_label = "Fetch Landmark File"
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        cls.poll_message_set("The landmark file is there.")
+        return landmark_file() is None and may_download(cls)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        text = f"This downloads {LICENSE}: {LANDMARK_SIZES}."
+        return context.window_manager.invoke_confirm(self, event, title="Fetch Landmark File", message=text)
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        try:
+            task.begin_landmarks()
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
 class FROG_OT_cancel_installation(bpy.types.Operator):
     """Stop the download and discard what was downloaded so far"""
 
@@ -82,5 +109,5 @@ class FROG_OT_cancel_installation(bpy.types.Operator):
         return {"FINISHED"}
 
 
-_CLASSES = (FROG_OT_install_torch, FROG_OT_install_calibration, FROG_OT_cancel_installation)
+_CLASSES = (FROG_OT_install_torch, FROG_OT_install_calibration, FROG_OT_fetch_landmarks, FROG_OT_cancel_installation)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -10,7 +10,9 @@ import bpy
 
 from .. import addon_state
 from .folders import CALIBRATION, TORCH, clear_remains, remains
-from .installer import CALIBRATION_BYTES_NEEDED, CALIBRATION_PACKAGES, Installation
+from .installer import Installation
+from .landmarks import LandmarkDownload
+from .packages import CALIBRATION_BYTES_NEEDED, CALIBRATION_PACKAGES
 
 TICK_SECONDS = 0.5
 STOP_SECONDS = 10.0  # seconds for a cancelled installation to clean up when the add-on is disabled
@@ -20,7 +22,7 @@ class CurrentInstallation:
     """The running installation or the last one, and the callback for its folder."""
 
     def __init__(self) -> None:
-        self.installation: Installation | None = None
+        self.installation: Installation | LandmarkDownload | None = None
         self.on_done: Callable[[Path], None] = lambda folder: None
 
 
@@ -29,7 +31,7 @@ def folder(name: str = TORCH) -> Path:
     return Path(bpy.utils.user_resource("DATAFILES", path="frog_blender")) / name
 
 
-def current() -> Installation | None:
+def current() -> Installation | LandmarkDownload | None:
     """The running installation, or the last one."""
     return addon_state.get(CurrentInstallation).installation
 
@@ -58,7 +60,12 @@ def begin_calibration(arguments: Sequence[str], on_done: Callable[[Path], None])
     )
 
 
-def _begin(installation: Installation, on_done: Callable[[Path], None]) -> None:
+def begin_landmarks() -> None:
+    """Starts to fetch the file that finds a person's joints; FrogError if it cannot be started."""
+    _begin(LandmarkDownload(), lambda folder: None)
+
+
+def _begin(installation: Installation | LandmarkDownload, on_done: Callable[[Path], None]) -> None:
     state = addon_state.get(CurrentInstallation)
     state.installation, state.on_done = installation.start(), on_done
     if not bpy.app.timers.is_registered(tick):

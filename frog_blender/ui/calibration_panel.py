@@ -9,6 +9,7 @@ import bpy
 from ..calibration_task import runner
 from ..calibration_task.clocks import CameraClock
 from ..calibration_task.state import CalibrationState
+from ..engine.capture.calibration.landmark_file import landmark_file
 from . import capture_summary, contact_sheet, preferences, preview_image, report_images
 from .capture_summary import CaptureSummary
 from .text import wrapped_label
@@ -48,6 +49,10 @@ def _draw_progress(
 def _draw_end(layout: bpy.types.UILayout, state: CalibrationState, context: bpy.types.Context) -> None:
     if state.error:
         wrapped_label(layout, state.error, context, icon="QUESTION" if state.is_refused else "ERROR")
+        if state.is_refused and landmark_file() is None:
+            sentence = "Where a person is in view, their joints may help: that takes a file."
+            wrapped_label(layout, sentence, context, icon="INFO")
+            preferences.draw_landmarks(layout)
     elif state.cancelled:
         wrapped_label(layout, "Cancelled. The next calibration continues with what was done.", context, icon="CANCEL")
     outcome = state.outcome
@@ -58,7 +63,7 @@ def _draw_end(layout: bpy.types.UILayout, state: CalibrationState, context: bpy.
         wrapped_label(layout, "The calibration that was there is kept, and used.", context, icon="INFO")
     for warning in outcome.warnings:
         wrapped_label(layout, warning, context, icon="INFO")
-    preview_image.draw(layout, context, report_images.RIG)
+    preview_image.draw(layout, context, report_images.rig_name(state.folder))
     if outcome.page.is_file():
         layout.operator("wm.path_open", text="Open Report", icon="TEXT").filepath = str(outcome.page)
 
@@ -131,7 +136,7 @@ class FROG_PT_synchronization(bpy.types.Panel):
             if clocks.found is not None:
                 sentence += f" What was found lies beside it in {clocks.found.name}."
             wrapped_label(layout, sentence, context, icon="INFO")
-        preview_image.draw(layout, context, report_images.CURVES)
+        preview_image.draw(layout, context, report_images.curves_name(clocks.path.parent))
 
 
 def described(clock: CameraClock) -> str:

@@ -11,11 +11,13 @@ import bpy
 from bpy.props import IntProperty, StringProperty
 
 from .. import __package__ as base_package
+from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
+from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
 from ..timeline import playback_cache
 from ..torch_install import task
 from ..torch_install.folders import CALIBRATION, installed
-from ..torch_install.installer import CALIBRATION_SIZES, PYCOLMAP, SIZES, has_pycolmap_wheel
+from ..torch_install.packages import CALIBRATION_SIZES, PYCOLMAP, SIZES, build_advice, has_pycolmap_wheel
 
 
 def _on_cache_limit(settings: Any, _context: bpy.types.Context) -> None:
@@ -35,8 +37,8 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
 
     package_index: StringProperty(
         name="Package Index",
-        description="URL of the package index for Install torch, such as PyTorch's own for the CPU or a CUDA "
-        'version (see "Get Started" on its site). Empty for pip\'s default',
+        description="URL of a further package index for Install torch, such as PyTorch's own for the CPU or a CUDA "
+        'version (see "Get Started" on its site). Empty for pip\'s default alone',
     )
 
     cache_megabytes: IntProperty(
@@ -60,9 +62,13 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
             if not _draw_running(layout):
                 layout.operator("frog.install_torch", icon="IMPORT")
                 layout.label(text=f"Downloads torch, OpenCV and pycolmap {PYCOLMAP}: {SIZES}.")
+                if build_advice():
+                    layout.label(text=build_advice())
         elif calibration_needed():
             layout.label(text=calibration_needed(), icon="INFO")
             draw_calibration_installation(layout)
+        else:
+            draw_landmarks(layout)
 
 
 def draw_calibration_installation(layout: bpy.types.UILayout) -> None:
@@ -70,6 +76,13 @@ def draw_calibration_installation(layout: bpy.types.UILayout) -> None:
     if not _draw_running(layout) and has_pycolmap_wheel():
         layout.operator("frog.install_calibration", icon="IMPORT")
         layout.label(text=f"Downloads {CALIBRATION_SIZES}.")
+
+
+def draw_landmarks(layout: bpy.types.UILayout) -> None:
+    """Draws the button that fetches the file that finds a person's joints, unless it is there."""
+    if landmark_file() is None and not _draw_running(layout):
+        layout.operator("frog.fetch_landmarks", icon="IMPORT")
+        layout.label(text=f"{LICENSE}: {LANDMARK_SIZES}.")
 
 
 def _draw_running(layout: bpy.types.UILayout) -> bool:

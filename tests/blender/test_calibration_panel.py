@@ -56,8 +56,9 @@ def calibrator_of(folder):
 
 
 @pytest.fixture
-def raw(tmp_path):
-    """A folder of four videos and nothing else."""
+def raw(tmp_path, monkeypatch):
+    """A folder of four videos and nothing else, and a cache with nothing in it."""
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     folder = film.write_capture(tmp_path / "raw")
     (folder / "poses_bounds.npy").unlink()
     return folder
@@ -131,7 +132,8 @@ def test_a_refusal_says_what_to_film_and_leaves_the_button(empty, drawn, raw):
 
     ended(runner.begin(raw, refuse, open_result))
     said = drawn()
-    assert "Film a walk from one to the other." in said and "frog.calibrate" in said
+    assert "Film a walk from one to the other." in said and "frog.calibrate" in said.split()
+    assert "frog.fetch_landmarks" in said, "joints may help"
     assert sorted(raw.iterdir()) == files
 
 
