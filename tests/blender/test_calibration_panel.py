@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,9 +15,20 @@ from support.training_panel import Written
 from frog_blender.calibration_task import runner
 from frog_blender.calibration_task.clocks import CameraClock, read_clocks, write_clock
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
+from frog_blender.engine.capture.synchronization import CameraClock as CameraClockFound
+from frog_blender.engine.capture.synchronization import Synchronization
+from frog_blender.engine.capture.synchronization.pair import Curve
 from frog_blender.engine.errors import FrogError
 from frog_blender.operators.calibrate import open_result
-from frog_blender.ui import calibration_panel, capture_summary, contact_sheet, rig_overlay, train_panel
+from frog_blender.ui import (
+    calibration_panel,
+    capture_summary,
+    contact_sheet,
+    preview_image,
+    report_images,
+    rig_overlay,
+    train_panel,
+)
 
 film = pytest.importorskip("support.synthetic_capture")
 
@@ -275,3 +287,45 @@ def test_the_rig_is_drawn_until_a_scene_is_imported(empty, raw, static_rig):
     empty.frog.show_rig = True
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     assert rig_overlay.shown_capture(empty) is None
+
+
+def report_of(folder, synchronization):
+    (folder / report_images.REPORT).write_text(json.dumps({"synchronization": synchronization}))
+    return folder / report_images.REPORT
+
+
+def synchronization(names):
+    """Clocks with a maximum each."""
+    lags = np.linspace(-1, 1, 41)
+    clocks = [
+        CameraClockFound(name, 0.1 * i, 1.0, 0.9, ("motion",), None, Curve(lags, np.exp(-((lags - 0.1 * i) ** 2))))
+        for i, name in enumerate(names)
+    ]
+    return Synchronization(tuple(clocks), 1 / 24, 0.001)
+
+
+def test_the_curves_of_a_report_are_drawn(empty, raw):
+    calibration(raw)
+    report_of(raw, synchronization(film.CAMERAS).to_json())
+    empty.frog.capture_folder = str(raw)
+    image = report_images.curves(raw / report_images.REPORT)
+    icon = preview_image.icons()[report_images.curves_name(raw)]  # a window alone gives it a number
+    assert tuple(icon.image_size) == image.shape[1::-1] and len(np.unique(image)) > 2
+    (raw / report_images.REPORT).unlink()
+    empty.frog.capture_folder = str(raw)
+    assert report_images.curves_name(raw) not in preview_image.icons(), "that was an earlier report"
+
+
+@pytest.mark.parametrize("found", [None, 3, {}, {"version": 1, "cameras": [{"name": "a", "offset": "b"}]}])
+def test_a_report_without_curves_draws_none(raw, found):
+    assert report_images.curves(report_of(raw, found)) is None
+    assert report_images.curves(raw / "nowhere.json") is None
+
+
+def test_the_rig_from_above_shows_every_camera(raw):
+    calibration(raw)
+    capture = capture_summary.inspect(str(raw)).capture
+    image = report_images.rig_from_above(capture)
+    without = report_images.rig_from_above(replace(capture, cameras=capture.cameras[:3], distortions=(None,) * 3))
+    assert image.dtype == np.uint8 and image.shape[0] == image.shape[1]
+    assert (image != without).any() and (image != 255).any()
