@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from ..engine.errors import FrogError
 from ..engine.notices import as_sentences
+from .calibrate import add_calibrate_parser
 from .chart_command import add_chart_parser
 from .demo_command import add_demo_parser
 from .eval_command import add_eval_parser
@@ -78,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_train_parser(commands)
     add_info_parser(commands)
+    add_calibrate_parser(commands)
     add_eval_parser(commands)
     add_render_parser(commands)
     add_export_parser(commands)

@@ -36,6 +36,25 @@ def bar(name: str) -> Iterator[Callable[[int, int], None]]:
         _close(line)
 
 
+@contextmanager
+def stage_bars() -> Iterator[Callable[[str, int, int], None]]:
+    """Yields ``report(stage, done, total)``, which shows a bar for each stage in turn."""
+    line: tqdm | None = None
+
+    def report(stage: str, done: int, total: int) -> None:
+        nonlocal line
+        if line is None or line.desc != stage:
+            _close(line)
+            line = tqdm(desc=stage, file=sys.stderr, leave=False)
+        line.total = total
+        line.update(done - line.n)
+
+    try:
+        yield report
+    finally:
+        _close(line)
+
+
 def show(stream: Iterator[Event], output: Path) -> bool:
     """Follows a training to ``output`` to its end; True when it finished, False when it was cancelled."""
     line: tqdm | None = None

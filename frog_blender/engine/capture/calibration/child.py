@@ -1,6 +1,7 @@
 """The process in which pycolmap runs: ``python -m ...calibration.child TASK FOLDER``.
 
-It reads ``request.json`` there and writes ``result.json``: a result, ``{"refused": sentence}`` or ``{"error": sentence}``.
+It reads ``request.json`` there and writes ``result.json``: a result, ``{"refused": sentence}`` or
+``{"error": sentence}``.
 Progress goes to standard output, a line of JSON each. It ends when the process that started it does.
 """
 

@@ -175,7 +175,7 @@ def with_groups(views: Sequence[View]) -> list[View]:
 def _median(stack: Array) -> ImageArray:
     """(H, W) uint8 median over the images (N, H, W), in strips: numpy's copies are large."""
     rows = [np.median(stack[:, top : top + 64], axis=0) for top in range(0, stack.shape[1], 64)]
-    return np.concatenate(rows).round().astype(np.uint8)
+    return np.asarray(np.concatenate(rows).round(), np.uint8)
 
 
 def _changing(stack: Array) -> Bools:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...arrays import Bools, Float64s
 from .adjustment import Adjusted, adjust
+from .evidence import disagreement
 from .lens import Lens
 from .mapping import Model, incremental
 from .tracks import Pairs, Tracks, cost, join, located
@@ -17,6 +18,7 @@ STARTS = (0.7, 0.9, 1.2, 1.7)
 """Focal lengths to start from, over the width of the image."""
 _PER_CAMERA = 500  # observations that a comparison needs; more of them take longer and change nothing
 _PER_PAIR = 40
+_SAME_FOCAL, _SAME_PLACES = 0.01, 0.01  # of the focal length and of the rig's diameter
 _OWN_GAINS = 0.02  # of the cost, before focal lengths of their own are believed: together they drift
 
 
@@ -98,15 +100,31 @@ def propose(
         model = incremental(
             [Lens(lens.width, lens.height, start * lens.width) for lens in lenses], grouping, pixels, few
         )
-        found.append(_weighed(start, own, model, tracks, grouping))
+        found.append(_weighed(Hypothesis(start, own, None, 1.0), model, tracks, grouping, found))
     return found, tracks, few
 
 
-def _weighed(start: float, own: bool, model: Model | None, tracks: Tracks, groups: Sequence[int]) -> Hypothesis:
+def _weighed(
+    empty: Hypothesis, model: Model | None, tracks: Tracks, groups: Sequence[int], others: Sequence[Hypothesis]
+) -> Hypothesis:
+    """A start with its adjusted model, or that of another start which the mapper led to the same place."""
     if model is None or len(model.placed) < 2:
-        return Hypothesis(start, own, None, 1.0)
+        return empty
+    for other in others:
+        if other.own == empty.own and other.adjusted is not None and _same(model, other.adjusted.model):
+            return replace(other, start=empty.start)
     adjusted = adjust(model, tracks, groups, [0] * len(groups))
-    return Hypothesis(start, own, adjusted, whole_cost(adjusted.distances, tracks, adjusted.model.lenses))
+    return replace(empty, adjusted=adjusted, cost=whole_cost(adjusted.distances, tracks, adjusted.model.lenses))
+
+
+def _same(one: Model, other: Model) -> bool:
+    """Equal but for what another adjustment would settle."""
+    focals = np.array([[a.focal, b.focal] for a, b in zip(one.lenses, other.lenses, strict=True)])[one.placed]
+    return (
+        one.placed == other.placed
+        and bool(np.abs(np.log(focals[:, 0] / focals[:, 1])).max() < _SAME_FOCAL)
+        and disagreement(one, other) < _SAME_PLACES
+    )
 
 
 def whole_cost(distances: Float64s, tracks: Tracks, lenses: Sequence[Lens]) -> float:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Float64s
+from ..video import load_opencv
 from .colmap import load_pycolmap
 from .lens import Lens
 from .tracks import Pairs
@@ -34,7 +35,8 @@ class Model:
     @property
     def placed(self) -> list[int]:
         """The cameras that have a pose."""
-        return np.flatnonzero(np.isfinite(self.poses).all(axis=(1, 2))).tolist()
+        found: list[int] = np.flatnonzero(np.isfinite(self.poses).all(axis=(1, 2))).tolist()
+        return found
 
 
 def incremental(
@@ -112,6 +114,13 @@ def _options(limit: float) -> Any:  # pycolmap.IncrementalPipelineOptions
     return pipeline
 
 
+def _fundamental(one: Float64s, other: Float64s) -> Float64s | None:
+    """(3, 3) the fundamental matrix of verified matches (M, 2) each; None where they do not fix it."""
+    cv2 = load_opencv()
+    found, _ = cv2.findFundamentalMat(one, other, cv2.FM_8POINT)
+    return None if found is None or found.shape != (3, 3) else np.asarray(found, np.float64)
+
+
 def _write_database(
     path: Path, lenses: Sequence[Lens], groups: Sequence[int], pixels: Sequence[Float64s], pairs: Pairs
 ) -> None:
@@ -135,6 +144,10 @@ def _write_database(
                 geometry = pycolmap.TwoViewGeometry(
                     config=pycolmap.TwoViewGeometryConfiguration(_UNCALIBRATED), inlier_matches=indices
                 )
+                fundamental = _fundamental(pixels[one][matches[:, 0]], pixels[other][matches[:, 1]])
+                if fundamental is None:
+                    continue
+                geometry.F = fundamental
                 database.write_two_view_geometry(one + 1, other + 1, geometry)
     finally:
         database.close()

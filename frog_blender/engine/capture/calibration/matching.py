@@ -22,7 +22,7 @@ def match(one: Features, other: Features) -> Ints:
 
 
 def mutual_nearest(one: ImageArray, other: ImageArray) -> Ints:
-    """(M, 2) int64 pairs of descriptors (N, 128) uint8 that are each other's nearest, by the ratio test of Lowe 2004."""
+    """(M, 2) int64 pairs of descriptors (N, 128) uint8 that are each other's nearest, by Lowe's ratio test (2004)."""
     if len(one) < 2 or len(other) < 2:
         return np.empty((0, 2), np.int64)
     left, right = _unit(one), _unit(other)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arrays import Float64s
 from ...io.plain_values import JsonObject
 from ..video import read_gray
 from .adjustment import adjust
@@ -28,7 +29,7 @@ from .work_folder import WorkFolder, key_of, key_of_file
 Tell = Callable[[str, int, int], None]
 _EXHAUSTIVE = 60  # images up to which every pair is matched, and the incremental mapper alone is asked
 _OVERLAP = 10  # neighbours in time that an image is matched with, besides those 2, 4, 8, ... images away
-_INCREMENTAL_STARTS = (0.9, 1.3)
+_STARTS = (0.9, 1.3)
 _LEAST_PLACED = 0.8  # of the images
 _UNSURE, _DOUBTFUL = 0.05, 0.02  # standard deviation of the focal length
 _APART, _DOUBTFUL_APART = 0.03, 0.01  # of the path's size
@@ -74,9 +75,7 @@ def _features(work: WorkFolder, path: Path, key: str, size: tuple[int, int]) -> 
     return Features(kept["pixels"], kept["descriptors"], np.zeros(len(kept["pixels"]), np.int64))
 
 
-def _pairs(
-    work: WorkFolder, features: Sequence[Features], size: tuple[int, int], keys: list[str], tell: Tell
-) -> Pairs:
+def _pairs(work: WorkFolder, features: Sequence[Features], size: tuple[int, int], keys: list[str], tell: Tell) -> Pairs:
     """Verified matches, of an earlier run or new."""
     key = key_of(keys)
     kept = work.load("sequence", key)
@@ -102,16 +101,16 @@ def _neighbours(count: int) -> list[tuple[int, int]]:
 
 
 def _proposed(
-    pixels: Sequence[np.ndarray], size: tuple[int, int], pairs: Pairs, tracks: Tracks, tell: Tell
+    pixels: Sequence[Float64s], size: tuple[int, int], pairs: Pairs, tracks: Tracks, tell: Tell
 ) -> list[Hypothesis]:
     """What the mappers find: the incremental one from several focal lengths, and for many images the global one."""
     groups = [0] * len(pixels)
     found = []
-    starts = [*_INCREMENTAL_STARTS, *([0.0] if len(pixels) > _EXHAUSTIVE else [])]
-    for place, start in enumerate(starts):
-        tell("poses", place, len(starts))
-        lenses = [Lens(*size, (start or 1.2) * size[0])] * len(pixels)
-        model = (incremental if start else global_)(lenses, groups, pixels, pairs)
+    for place, start in enumerate(_STARTS):
+        tell("poses", place, len(_STARTS))
+        lenses = [Lens(*size, start * size[0])] * len(pixels)
+        by_global = len(pixels) > _EXHAUSTIVE and place == 0
+        model = (global_ if by_global else incremental)(lenses, groups, pixels, pairs)
         if model is None or len(model.placed) < 2:
             found.append(Hypothesis(start, False, None, 1.0))
             continue
@@ -126,7 +125,7 @@ def _uniform(model: Model) -> Model:
 
 
 def _judged(chosen: Hypothesis, found: Sequence[Hypothesis], tracks: Tracks, tell: Tell) -> JsonObject:
-    """The result, with distortion where held-out tracks ask for it; CalibrationRefused where it is not to be believed."""
+    """The result, with distortion where held-out tracks ask for it; CalibrationRefused where it cannot be believed."""
     assert chosen.adjusted is not None
     tell("bundle adjustment", 0, 3)
     model = chosen.adjusted.model
@@ -158,7 +157,9 @@ def _judged(chosen: Hypothesis, found: Sequence[Hypothesis], tracks: Tracks, tel
             f"Two solutions fit the images equally well, with focal lengths a factor {factor:.2f} apart. {_REMEDY}"
         )
     if apart > _APART:
-        raise CalibrationRefused(f"Two halves of the points put the camera {100 * apart:.1f} % of its path apart. {_REMEDY}")
+        raise CalibrationRefused(
+            f"Two halves of the points put the camera {100 * apart:.1f} % of its path apart. {_REMEDY}"
+        )
     warnings = [] if len(placed) == count else [f"{count - len(placed)} of {count} images could not be placed."]
     if unsure > _DOUBTFUL:
         warnings.append(f"The focal length is known within {100 * unsure:.1f} % only.")

@@ -6,15 +6,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from ...errors import FrogError
 from ..camera import Camera
 from ..capture import Distortion
+from ..readers.geometry import distortion
 from .calibration import Calibration, CalibrationRefused
 from .child_process import CalibrationCancelled, Progress
 from .films import Film, View, common_times, find_films, is_standing, look, with_groups
-from .report import write_report
+from .moving import calibrate_moving, still_images
+from .report import write_moving_report, write_report
 from .result_files import write_cameras
 from .standing import calibrate_standing
+from .standing_task import arrays_of, view_of
 from .work_folder import NAME, WorkFolder, key_of, key_of_file
 
 _TIMES = 5  # at which moving points are compared
@@ -84,8 +89,6 @@ def calibrate(
         CalibrationCancelled: if ``cancelled`` said so. What is done is kept.
         FrogError: for footage that cannot be used, or a result that cannot be written.
     """
-    from .moving import calibrate_moving, still_images
-
     folder = Path(folder)
     if not folder.is_dir():
         raise FrogError(f"{folder}: there is no such folder, expected one with a video of each camera.")
@@ -93,17 +96,17 @@ def calibrate(
     work = WorkFolder(out / NAME)
     images = still_images(folder)
     if images:
-        return calibrate_moving(images, None, out, work, progress, cancelled)
+        return _of_moving(images, None, out, work, progress, cancelled)
     films = find_films(folder)
     standing = _standing(films, work, progress, cancelled)
     if not any(standing):
         if len(films) > 1:
             raise FrogError(f"{folder}: several moving cameras cannot be calibrated together yet; give one film alone.")
-        return calibrate_moving([], films[0], out, work, progress, cancelled)
+        return _of_moving([], films[0], out, work, progress, cancelled)
     if not all(standing):
         moving = [film.name for film, stands in zip(films, standing, strict=True) if not stands]
         raise FrogError(
-            f"{folder}: {', '.join(moving)} moves while other cameras stand, expected standing cameras or one that moves."
+            f"{folder}: found {', '.join(moving)} moving beside standing cameras, expected those, or one that moves."
         )
     calibration, films, warnings = _of_standing(films, options, work, progress, cancelled, synchronize=synchronize)
     warnings = list(dict.fromkeys([*calibration.warnings, *warnings]))
@@ -112,6 +115,20 @@ def calibrate(
     cameras = write_cameras(out, calibration, films)
     report, page = write_report(out, calibration, films, _plates(films, work))
     return Outcome(cameras, report, page, "found" in cameras.stem, tuple(warnings))
+
+
+def _of_moving(
+    images: Sequence[Path],
+    film: Film | None,
+    out: Path,
+    work: WorkFolder,
+    progress: Progress,
+    cancelled: Callable[[], bool],
+) -> Outcome:
+    """The result for one moving camera."""
+    path, result, warnings = calibrate_moving(images, film, out, work, progress, cancelled)
+    report, page = write_moving_report(out, result, warnings)
+    return Outcome(path, report, page, "found" in path.stem, tuple(warnings))
 
 
 def _of_standing(
@@ -140,7 +157,7 @@ def _of_standing(
     calibration = _first(solved, films)
     for _ in range(_ROUNDS):
         cameras = [each.camera for each in calibration.cameras]
-        lenses = [Distortion([*each.distortion, 0.0, 0.0]) for each in calibration.cameras]
+        lenses = [distortion(np.array([*each.distortion, 0.0, 0.0])) for each in calibration.cameras]
         clocks, warnings = synchronize(films, cameras, lenses, progress, cancelled)
         films = [_with_clock(film, clocks.get(film.name)) for film in films]
         calibration = solved(common_times(films, _TIMES))
@@ -162,12 +179,8 @@ def _with_clock(film: Film, clock: tuple[float, float] | None) -> Film:
     return film if clock is None else replace(film, offset=clock[0], rate=clock[1])
 
 
-def _standing(
-    films: Sequence[Film], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]
-) -> list[bool]:
+def _standing(films: Sequence[Film], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]) -> list[bool]:
     """Which films were taken by cameras that stand."""
-    import numpy as np
-
     answers = []
     for place, film in enumerate(films):
         progress("films", place, len(films))
@@ -185,8 +198,6 @@ def _views(
     films: Sequence[Film], times: Sequence[float], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]
 ) -> list[View]:
     """What calibration looks at, of an earlier run or new."""
-    from .standing_task import arrays_of, view_of
-
     views = []
     for place, film in enumerate(films):
         progress("images", place, len(films))

@@ -1,3 +1,165 @@
-"""report"""
+"""What a calibration found, for programs (``calibration_report.json``) and for people (one page with images)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from html import escape
 from pathlib import Path
-def write_report(out, calibration, films, views): return Path('a'), Path('b')
+
+from ...io.atomic_files import write_atomically
+from ...io.plain_values import JsonObject
+from .calibration import Calibration
+from .drawings import camera_image, matches_table, rig_from_above
+from .films import Film, View
+
+REPORT, PAGE = "calibration_report.json", "calibration_report.html"
+"""Names of the two files; a later run replaces them."""
+_STYLE = (
+    "body{font:15px sans-serif;max-width:64rem;margin:2rem auto;color:#222}table{border-collapse:collapse}"
+    "td,th{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #ddd}figure{display:inline-block;margin:.4rem}"
+    "figcaption{font-size:13px;color:#555}.warning{color:#a40}img{width:19rem}"
+)
+
+
+def write_report(
+    folder: Path, calibration: Calibration, films: Sequence[Film], views: Sequence[View]
+) -> tuple[Path, Path]:
+    """Writes both files into a folder and returns their paths.
+
+    Args:
+        films, views: of the cameras, in their order.
+
+    Raises:
+        FrogError: if one cannot be written.
+    """
+    facts = _facts(calibration, films)
+    write_atomically(folder / REPORT, json.dumps(facts, indent=1).encode())
+    write_atomically(folder / PAGE, _page(calibration, facts, views).encode())
+    return folder / REPORT, folder / PAGE
+
+
+def write_moving_report(folder: Path, result: JsonObject, warnings: Sequence[str]) -> tuple[Path, Path]:
+    """The same for one moving camera, by the child's result."""
+    lens, poses = result["lens"], result["poses"]
+    facts: JsonObject = {
+        "kind": "one moving camera",
+        "images": len(poses),
+        "focal": lens["focal"],
+        "distortion": [lens["k1"], lens["k2"]],
+        "focal_uncertainty": result["focal_uncertainty"],
+        "residual": result["residual"],
+        "halves_apart": result["halves_apart"],
+        "costs": result["costs"],
+        "warnings": list(warnings),
+    }
+    write_atomically(folder / REPORT, json.dumps(facts, indent=1).encode())
+    places = [_center(pose) for pose in poses]
+    ahead = [(pose[2][0], pose[2][1]) for pose in poses]
+    drawn = rig_from_above([""] * len(poses), [(x, y) for x, y, _ in places], ahead, result["points"])
+    sentence = (
+        f"{len(poses)} images; focal length {lens['focal']:.1f} pixels, known within "
+        f"{100 * result['focal_uncertainty']:.2f} %; median residual {result['residual']:.2f} pixels."
+    )
+    parts = [f"<p>{escape(sentence)}</p>", *_warnings(warnings), f"<h2>The path from above</h2>{drawn}"]
+    write_atomically(folder / PAGE, _html(parts).encode())
+    return folder / REPORT, folder / PAGE
+
+
+def _facts(calibration: Calibration, films: Sequence[Film]) -> JsonObject:
+    """All figures as plain values; what is not finite is null."""
+    cameras = []
+    for found, film in zip(calibration.cameras, films, strict=True):
+        evidence = {key: _finite(value) for key, value in asdict(found.evidence).items()}
+        lens = {"focal": float(found.camera.intrinsics[0, 0]), "distortion": list(found.distortion)}
+        clock = {"offset": film.offset, "rate": film.rate}
+        cameras.append({"name": found.camera.name, **lens, **clock, **evidence})
+    names = [found.camera.name for found in calibration.cameras]
+    return {
+        "kind": "standing cameras",
+        "cameras": cameras,
+        "pairs": [
+            {
+                "cameras": [names[p.one], names[p.other]],
+                "matches": p.matches,
+                "verified": p.verified,
+                "agreeing": p.agreeing,
+            }
+            for p in calibration.pairs
+        ],
+        "points": len(calibration.points),
+        "own_focals": calibration.own_focals,
+        "start": calibration.start,
+        "costs": list(calibration.costs),
+        "halves_apart": _finite(calibration.halves_apart),
+        "warnings": list(calibration.warnings),
+    }
+
+
+def _page(calibration: Calibration, facts: JsonObject, views: Sequence[View]) -> str:
+    names = [found.camera.name for found in calibration.cameras]
+    places = [(float(found.camera.center[0]), float(found.camera.center[1])) for found in calibration.cameras]
+    ahead = [(float(found.camera.forward[0]), float(found.camera.forward[1])) for found in calibration.cameras]
+    sentence = (
+        f"{len(names)} standing cameras, {len(calibration.points)} points. Two halves of the points put the cameras "
+        f"{100 * calibration.halves_apart:.2f} % of the rig's size apart. A low residual alone proves nothing."
+    )
+    figures = [
+        f"<figure>{camera_image(view.plate, view.size, found.observations)}"
+        f"<figcaption>{escape(view.name)}: observations that agree (green) and do not (red)</figcaption></figure>"
+        for view, found in zip(views, calibration.cameras, strict=True)
+    ]
+    parts = [
+        f"<p>{escape(sentence)}</p>",
+        *_warnings(calibration.warnings),
+        f"<h2>The rig from above</h2>{rig_from_above(names, places, ahead, calibration.points.tolist())}",
+        f"<h2>Cameras</h2>{_table(facts['cameras'])}",
+        f"<h2>Points that pairs of cameras share</h2>{matches_table(names, calibration.pairs)}",
+        f"<h2>Coverage</h2>{''.join(figures)}",
+    ]
+    return _html(parts)
+
+
+def _table(cameras: Sequence[JsonObject]) -> str:
+    """A row for each camera."""
+    columns: dict[str, Callable[[JsonObject], str]] = {
+        "camera": lambda c: escape(c["name"]),
+        "focal length (px)": lambda c: f"{c['focal']:.1f}",
+        "known within": lambda c: _percent(c["focal_uncertainty"]),
+        "k1, k2": lambda c: ", ".join(f"{k:.4f}" for k in c["distortion"]),
+        "median residual (px)": lambda c: "" if c["residual"] is None else f"{c['residual']:.2f}",
+        "points": lambda c: str(c["observations"]),
+        "seen by two others": lambda c: str(c["shared_by_three"]),
+        "agreeing": lambda c: _percent(c["share"]),
+        "image covered": lambda c: _percent(c["coverage"]),
+        "triangles that close": lambda c: _percent(c["closing"]),
+        "offset (s)": lambda c: f"{c['offset']:.4f}",
+    }
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    rows = ("".join(f"<td>{column(camera)}</td>" for column in columns.values()) for camera in cameras)
+    return f"<table><tr>{head}</tr>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+
+
+def _warnings(warnings: Sequence[str]) -> list[str]:
+    return [f"<p class='warning'>{escape(warning)}</p>" for warning in warnings]
+
+
+def _html(parts: Sequence[str]) -> str:
+    head = f"<meta charset='utf-8'><title>Calibration</title><style>{_STYLE}</style>"
+    return f"<!doctype html><html><head>{head}</head><body><h1>Calibration</h1>{''.join(parts)}</body></html>"
+
+
+def _center(pose: Sequence[Sequence[float]]) -> tuple[float, float, float]:
+    """A camera's centre of its pose (3, 4), world to camera."""
+    x, y, z = (-sum(pose[row][column] * pose[row][3] for row in range(3)) for column in range(3))
+    return x, y, z
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.3g} %"

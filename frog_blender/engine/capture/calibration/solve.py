@@ -51,7 +51,9 @@ class Solution:
     halves_apart: float
 
 
-def match_all(features: Sequence[Features], sizes: Sequence[tuple[int, int]], progress: Progress) -> tuple[Pairs, Pairs]:
+def match_all(
+    features: Sequence[Features], sizes: Sequence[tuple[int, int]], progress: Progress
+) -> tuple[Pairs, Pairs]:
     """The matches of every pair of cameras, and those that pass the two-view check."""
     lenses = [Lens(*size, 1.2 * size[0]) for size in sizes]
     every = list(combinations(range(len(features)), 2))
@@ -60,9 +62,7 @@ def match_all(features: Sequence[Features], sizes: Sequence[tuple[int, int]], pr
         progress("matches", place, len(every))
         found = match(features[one], features[other])
         matches[one, other] = found
-        checked[one, other] = verified(
-            lenses[one], features[one].pixels, lenses[other], features[other].pixels, found
-        )
+        checked[one, other] = verified(lenses[one], features[one].pixels, lenses[other], features[other].pixels, found)
     return matches, checked
 
 
@@ -83,9 +83,7 @@ def solve(
     matches, checked = pairs
     pixels = [each.pixels for each in features]
     lenses = [Lens(*size, 1.2 * size[0]) for size in sizes]
-    found, few, _ = propose(
-        lenses, groups, pixels, checked, lambda done, all_: progress("poses", done, all_)
-    )
+    found, few, _ = propose(lenses, groups, pixels, checked, lambda done, all_: progress("poses", done, all_))
     chosen = best(found)
     if chosen is None or chosen.adjusted is None:
         evidence = tuple(of_pairs(matches, checked, None, few))

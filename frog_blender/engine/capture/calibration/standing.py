@@ -73,11 +73,18 @@ def _camera(entry: JsonObject) -> CalibratedCamera:
     pose: Float64s = np.vstack([np.asarray(entry["pose"], np.float64).reshape(3, 4), [[0.0, 0.0, 0.0, 1.0]]])
     camera = Camera(str(entry["name"]), width, height, intrinsics(focal, focal, width / 2, height / 2), pose)
     evidence = entry["evidence"]
-    whole = {name: int(evidence[name]) for name in ("observations", "shared_by_three")}
-    others = {name.name: float(evidence[name.name]) for name in fields(CameraEvidence) if name.name not in whole}
+    supported = CameraEvidence(
+        observations=int(evidence["observations"]),
+        share=float(evidence["share"]),
+        shared_by_three=int(evidence["shared_by_three"]),
+        residual=float(evidence["residual"]),
+        coverage=float(evidence["coverage"]),
+        focal_uncertainty=float(evidence["focal_uncertainty"]),
+        closing=float(evidence["closing"]),
+    )
     return CalibratedCamera(
         camera,
         (float(lens["k1"]), float(lens["k2"])),
-        CameraEvidence(**whole, **others),
+        supported,
         np.asarray(entry["observations"], np.float64).reshape(-1, 3),
     )

@@ -52,7 +52,7 @@ def join(pairs: Pairs, pixels: Sequence[Float64s]) -> Tracks:
         pixels: (N, 2) of all features, for each camera.
     """
     starts = np.concatenate([[0], np.cumsum([len(each) for each in pixels])]).astype(np.int64)
-    edges = [matches + [starts[one], starts[other]] for (one, other), matches in sorted(pairs.items()) if len(matches)]
+    edges = [matches + starts[[one, other]] for (one, other), matches in sorted(pairs.items()) if len(matches)]
     if not edges:
         empty = np.empty(0, np.int64)
         return Tracks(empty, empty, empty, np.empty((0, 2)), 0)
@@ -77,7 +77,7 @@ def _components(edges: Ints, nodes: int) -> Ints:
         np.minimum.at(label, edges[:, 1], least)
         label = label[label]
         if np.array_equal(before, label):
-            return label
+            return np.asarray(label, np.int64)
 
 
 def triangulate(tracks: Tracks, poses: Float64s, lenses: Sequence[Lens], used: Bools | None = None) -> Float64s:
@@ -132,7 +132,7 @@ def undistorted(tracks: Tracks, lenses: Sequence[Lens]) -> Float64s:
 
 
 def residuals(tracks: Tracks, points: Float64s, poses: Float64s, lenses: Sequence[Lens]) -> Float64s:
-    """(N,) distances in pixels of observations from their points; infinite where there is no point before the camera."""
+    """(N,) distances in pixels of observations from their points; infinite where no point lies before the camera."""
     pose = poses[tracks.cameras]
     local = np.einsum("nij,nj->ni", pose[:, :, :3], points[tracks.points]) + pose[:, :, 3]
     distances = np.full(len(local), np.inf)

@@ -79,4 +79,5 @@ def undistorted_pixels(lens: Lens, pixels: Float64s) -> Float64s:
     """(N, 2) where a lens of the same focal length without distortion would see the same points."""
     if not (lens.k1 or lens.k2):
         return pixels
-    return lens.focal * lens.rays(pixels) + np.array([lens.width / 2, lens.height / 2])
+    moved: Float64s = lens.focal * lens.rays(pixels) + np.array([lens.width / 2, lens.height / 2])
+    return moved

@@ -1,0 +1,88 @@
+"""Drawings of a calibration's report: SVG, and images with what was observed in them, to stand in one HTML page."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from ...arrays import Float64s, ImageArray
+from ..video import load_opencv
+from .evidence import PairEvidence
+
+_SIDE, _MARGIN = 560, 40
+_DOTS = 1500  # points in the drawing of a rig
+_WIDE = 480  # pixels of a camera's image
+_GREEN, _RED = (60, 170, 40), (40, 40, 220)  # blue, green, red
+
+Place = tuple[float, float]
+
+
+def rig_from_above(
+    names: Sequence[str], places: Sequence[Place], ahead: Sequence[Place], points: Sequence[Sequence[float]]
+) -> str:
+    """The cameras and points as an SVG, y up.
+
+    Args:
+        places: x and y of each camera.
+        ahead: x and y of its viewing direction.
+        points: x, y and z each.
+    """
+    cameras, looks = np.array(places).reshape(-1, 2), np.array(ahead).reshape(-1, 2)
+    middle = (cameras.min(axis=0) + cameras.max(axis=0)) / 2
+    reach = max(float(np.abs(cameras - middle).max()), 1e-9)
+    dots = np.array([point[:2] for point in points]).reshape(-1, 2)[:: max(1, len(points) // _DOTS)]
+    near = dots[np.abs(dots - middle).max(axis=1) < 1.5 * reach] if len(dots) else dots
+    reach = max(reach, float(np.abs(near - middle).max())) if len(near) else reach
+    scale = (_SIDE / 2 - _MARGIN) / reach
+
+    def at(place: Float64s) -> tuple[float, float]:
+        x, y = (place - middle) * scale
+        return round(float(x) + _SIDE / 2, 1), round(_SIDE / 2 - float(y), 1)
+
+    parts = [f"<circle cx='{x}' cy='{y}' r='1' fill='#999'/>" for x, y in map(at, near)]
+    for name, camera, look in zip(names, cameras, looks, strict=True):
+        (x, y), (ex, ey) = at(camera), at(camera + look * 22 / scale)
+        parts.append(f"<line x1='{x}' y1='{y}' x2='{ex}' y2='{ey}' stroke='#27c' stroke-width='2'/>")
+        parts.append(f"<circle cx='{x}' cy='{y}' r='4' fill='#27c'/>")
+        if name:
+            parts.append(f"<text x='{x + 6}' y='{y - 6}' font-size='12'>{escape(name)}</text>")
+    return f"<svg viewBox='0 0 {_SIDE} {_SIDE}' width='{_SIDE}' height='{_SIDE}'>{''.join(parts)}</svg>"
+
+
+def matches_table(names: Sequence[str], pairs: Sequence[PairEvidence]) -> str:
+    """A square table of the points that agree for each pair; the more, the darker."""
+    counts = {(pair.one, pair.other): pair for pair in pairs}
+    most = max((pair.agreeing for pair in pairs), default=1) or 1
+    rows = ["<tr><th></th>" + "".join(f"<th>{escape(name)}</th>" for name in names) + "</tr>"]
+    for i, name in enumerate(names):
+        cells = []
+        for j in range(len(names)):
+            pair = counts.get((min(i, j), max(i, j)))
+            if pair is None:
+                cells.append("<td></td>")
+                continue
+            title = f"{pair.matches} matches, {pair.verified} pass the two-view check, {pair.agreeing} agree"
+            shade = 0.5 * (pair.agreeing / most) ** 0.5
+            cells.append(f"<td title='{title}' style='background:rgba(40,120,200,{shade:.2f})'>{pair.agreeing}</td>")
+        rows.append(f"<tr><th>{escape(name)}</th>{''.join(cells)}</tr>")
+    return f"<table>{''.join(rows)}</table>"
+
+
+def camera_image(plate: ImageArray, size: tuple[int, int], observations: Float64s) -> str:
+    """A camera's background with observations in it, as an ``img`` element.
+
+    Args:
+        size: width and height of the film, in whose pixels the observations are.
+        observations: (N, 3) x, y, and 1 for those that agree.
+    """
+    cv2 = load_opencv()
+    scale = _WIDE / size[0]
+    small = cv2.resize(plate, (_WIDE, max(1, round(size[1] * scale))), interpolation=cv2.INTER_AREA)
+    image = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
+    for x, y, agrees in observations.tolist():
+        cv2.circle(image, (int(x * scale), int(y * scale)), 2, _GREEN if agrees else _RED, -1, cv2.LINE_AA)
+    _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 80])
+    return f"<img alt='' src='data:image/jpeg;base64,{base64.b64encode(content.tobytes()).decode()}'>"
