@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ..engine.capture.calibration.pipeline import Outcome
 
+_MANY = 500
+
 
 @dataclass
 class CalibrationState:
@@ -39,6 +41,8 @@ class CalibrationState:
 
     @property
     def doing(self) -> str:
-        """The present stage in words."""
+        """The present stage in words; of many parts, which are shares of it, in percent."""
         stage = self.stage[:1].upper() + self.stage[1:]
+        if self.total >= _MANY:
+            return f"{stage}: {100 * self.fraction:.0f} %"
         return f"{stage}: {self.done:,} of {self.total:,}" if self.total > 1 else stage
