@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -159,3 +164,38 @@ def test_the_timer_ends_with_the_calibration(addon, tmp_path):
     finally:
         runner.stop()
         runner.set_current(None)
+
+
+def test_a_calibrator_that_crashes_is_one_sentence(addon, tmp_path):
+    """The real process, which finds no request and ends with an error."""
+    from frog_blender.engine.capture.calibration.child_process import run
+
+    task = runner.CalibrationTask(tmp_path, lambda progress, cancelled: run("standing", tmp_path, progress, cancelled))
+    state = finish(task.start())
+    assert state.error.startswith("The calibration's process ended with status 1 (") and state.outcome is None
+    assert not list(tmp_path.iterdir()), "nothing was written"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGKILL")
+def test_a_killed_calibrator_leaves_blender_as_it_was(empty, tmp_path):
+    """As the system does when memory runs out."""
+    from frog_blender.engine.capture.calibration.child_process import run
+
+    objects = len(bpy.data.objects)
+    os.mkfifo(tmp_path / "request.json")  # the real process waits at it
+    task = runner.CalibrationTask(tmp_path, lambda progress, cancelled: run("standing", tmp_path, progress, cancelled))
+    task.start()
+    deadline = time.monotonic() + 60
+    while not (children := children_of(os.getpid(), "calibration.child")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    for child in children:
+        os.kill(child, signal.SIGKILL)
+    state = finish(task)
+    assert "was ended by signal 9" in state.error and state.outcome is None and len(bpy.data.objects) == objects
+
+
+def children_of(process, word):
+    """Child processes whose command holds a word."""
+    listed = subprocess.run(["ps", "-ww", "-eo", "pid,ppid,args"], capture_output=True, text=True, check=True).stdout
+    rows = [line.split(None, 2) for line in listed.splitlines()[1:]]
+    return [int(row[0]) for row in rows if int(row[1]) == process and word in row[2]]
