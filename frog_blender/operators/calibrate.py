@@ -1,13 +1,14 @@
 """Calibrate Cameras: raw videos become a capture, in the background."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
 
 from ..calibration_task import runner
-from ..calibration_task.request import CalibrationRequest
+from ..calibration_task.request import CalibrationRequest, Calibrator, Progress
 from ..engine.errors import FrogError
 from ..ui import capture_summary, preferences, report_images
 
@@ -32,7 +33,8 @@ class FROG_OT_calibrate(bpy.types.Operator):
             needed = preferences.calibration_needed()
             if needed:
                 raise FrogError(needed)
-            runner.begin(folder, CalibrationRequest(folder).calibrate, open_result)
+            opening = CaptureOpening(folder, CalibrationRequest(folder).calibrate)
+            runner.begin(folder, opening.calibrate, opening.show)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -66,14 +68,31 @@ def footage_folder(stored: str) -> Path:
     return folder
 
 
-def open_result(folder: Path, _outcome: "Outcome") -> None:
-    """Reads the capture that a calibration made of a folder, for every scene that names it, and draws what it found."""
-    for scene in bpy.data.scenes:
-        stored = scene.frog.capture_folder
-        named = bpy.path.abspath(stored) if stored else ""
-        if named and Path(os.path.normpath(named)) == Path(os.path.normpath(folder)):
-            summary = capture_summary.inspect(named)
-            report_images.show(folder, summary.capture)
+class CaptureOpening:
+    """A calibration, and then the capture that it made of a folder of footage.
+
+    The capture is read on the worker thread, because small videos are decoded for that.
+    """
+
+    def __init__(self, folder: Path, calibrator: Calibrator) -> None:
+        self.folder, self._calibrator = folder, calibrator
+        self._summary = capture_summary.CaptureSummary()
+
+    def calibrate(self, progress: Progress, cancelled: Callable[[], bool]) -> "Outcome":
+        """For the worker thread."""
+        outcome = self._calibrator(progress, cancelled)
+        progress("opening the capture", 0, 1)
+        self._summary = capture_summary.read(self.folder)
+        return outcome
+
+    def show(self, folder: Path, _outcome: "Outcome") -> None:
+        """For the main thread: shows the capture in every scene that names it, and draws what was found."""
+        for scene in bpy.data.scenes:
+            stored = scene.frog.capture_folder
+            named = bpy.path.abspath(stored) if stored else ""
+            if named and Path(os.path.normpath(named)) == Path(os.path.normpath(folder)):
+                capture_summary.store(named, self._summary)
+                report_images.show(folder, self._summary.capture)
 
 
 _CLASSES = (FROG_OT_calibrate, FROG_OT_cancel_calibration)

@@ -76,10 +76,16 @@ def is_outdated(folder: str) -> bool:
 
 def inspect(folder: str) -> CaptureSummary:
     """Inspect a folder and store its summary."""
-    inspected = addon_state.get(Inspected)
-    inspected.stamps[folder] = _stamp(folder)
-    summary = inspected.summaries[folder] = _inspect(Path(folder)) if folder else CaptureSummary()
+    addon_state.get(Inspected).stamps[folder] = _stamp(folder)
+    summary = read(Path(folder)) if folder else CaptureSummary()
+    addon_state.get(Inspected).summaries[folder] = summary
     return summary
+
+
+def store(folder: str, summary: CaptureSummary) -> None:
+    """Stores the summary of a folder that was just read."""
+    inspected = addon_state.get(Inspected)
+    inspected.stamps[folder], inspected.summaries[folder] = _stamp(folder), summary
 
 
 def _stamp(folder: str) -> object:
@@ -93,7 +99,8 @@ def _stamp(folder: str) -> object:
         return None
 
 
-def _inspect(folder: Path) -> CaptureSummary:
+def read(folder: Path) -> CaptureSummary:
+    """The summary of a folder, not stored. Any thread may call it; small videos are decoded, which takes a while."""
     try:
         from ..engine.capture.readers import open_capture
 

@@ -19,7 +19,7 @@ from frog_blender.engine.capture.synchronization import CameraClock as CameraClo
 from frog_blender.engine.capture.synchronization import Synchronization
 from frog_blender.engine.capture.synchronization.pair import Curve
 from frog_blender.engine.errors import FrogError
-from frog_blender.operators.calibrate import open_result
+from frog_blender.operators.calibrate import CaptureOpening
 from frog_blender.ui import (
     calibration_panel,
     capture_summary,
@@ -93,6 +93,12 @@ def drawn(empty):
     runner.set_current(None)
 
 
+def begin(folder, calibrator):
+    """As the operator does."""
+    opening = CaptureOpening(folder, calibrator)
+    return runner.begin(folder, opening.calibrate, opening.show)
+
+
 def ended(task):
     assert task.join(20.0)
     while task.pump():
@@ -113,7 +119,7 @@ def test_raw_videos_say_so_and_offer_to_be_calibrated(empty, drawn, raw):
 
 def test_from_videos_to_a_capture(empty, drawn, raw):
     empty.frog.capture_folder = str(raw)
-    task = runner.begin(raw, calibrator_of(raw), open_result)
+    task = begin(raw, calibrator_of(raw))
     state = ended(task)
     assert not state.error
     said = drawn()
@@ -142,7 +148,7 @@ def test_a_refusal_says_what_to_film_and_leaves_the_button(empty, drawn, raw):
     def refuse(progress, cancelled):
         raise CalibrationRefused("cam00 and cam03 share nothing. Film a walk from one to the other.")
 
-    ended(runner.begin(raw, refuse, open_result))
+    ended(begin(raw, refuse))
     said = drawn()
     assert "Film a walk from one to the other." in said and "frog.calibrate" in said.split()
     assert "frog.fetch_landmarks" in said, "joints may help"
@@ -176,7 +182,7 @@ def test_a_cancelled_calibration(empty, drawn, raw):
             pass
         raise RuntimeError("ended")
 
-    task = runner.begin(raw, calibrate, open_result)
+    task = begin(raw, calibrate)
     assert bpy.ops.frog.cancel_calibration() == {"FINISHED"}
     assert "Cancelling frog.cancel_calibration" in drawn()
     ended(task)
