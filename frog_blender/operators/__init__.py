@@ -5,7 +5,9 @@ from __future__ import annotations
 from . import (
     align,
     bake,
+    calibrate,
     cameras,
+    capture_cameras,
     clips,
     compose,
     export_scene,
@@ -32,6 +34,8 @@ _FAMILIES = (
     compose,
     train,
     install_torch,
+    calibrate,
+    capture_cameras,
 )
 
 

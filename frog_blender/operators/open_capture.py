@@ -1,4 +1,4 @@
-"""Choosing the capture to train from: by dropping its videos, or its folder in File > Import."""
+"""Choosing the capture to train from: by dropping its videos, calibrated or raw, or its folder in File > Import."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -9,12 +9,12 @@ import bpy
 from bpy.props import BoolProperty, CollectionProperty, StringProperty
 
 from ..engine.capture.video import VIDEO_SUFFIXES
-from ..engine.errors import FrogError, found_instead
+from ..engine.errors import FrogError
 from ..ui import capture_summary, preferences, sidebar_tab
 
 
 class FROG_OT_drop_videos(bpy.types.Operator):
-    """Use the capture that these videos belong to for training and show a summary of it"""
+    """Use the folder of these videos for training and show what was found in it"""
 
     bl_idname = "frog.drop_videos"
     bl_label = "FRoG Capture of These Videos"
@@ -66,22 +66,13 @@ class FROG_OT_import_capture(bpy.types.Operator):
 
 
 def capture_of(videos: list[Path]) -> Path:
-    """The folder of the capture with these videos; FrogError, stating what is missing, if there is none."""
-    from ..engine.capture.readers import detect
-
+    """The folder with these videos, calibrated or not; FrogError for none, or those of several folders."""
     if not videos:
         raise FrogError("Found no video, expected the videos of one capture.")
     folders = {video.parent for video in videos}
     if len(folders) > 1:
         raise FrogError(f"Found videos in {len(folders)} folders, expected the videos of one capture in one folder.")
     (folder,) = folders
-    try:
-        detect(folder)
-    except FrogError as error:
-        found = f"{len(videos)} videos without cameras" if len(videos) > 1 else "a video without cameras"
-        expected = "next to it" if len(videos) == 1 else "next to them"
-        expected += " a file with the camera poses: poses_bounds.npy (N3DV), cameras_opencv.json (OpenCV)"
-        raise found_instead(folder, found, f"{expected} or NAME.qca.txt (Qualisys)") from error
     return folder
 
 

@@ -1,7 +1,8 @@
-"""Folders of torch installations: the current one, and leftovers to remove.
+"""Folders of installed packages: the current one, and leftovers to remove.
 
 A folder whose libraries are loaded cannot be replaced on Windows. So each installation gets a new one, ``torch``,
 ``torch-2`` and so on, and the file ``torch.current`` beside them names the one that counts, unless that is ``torch``.
+``calibration``, which has pycolmap and no torch, is another such name.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from typing import BinaryIO
 
 from ..engine.capture.sharing import lock_exclusively, open_shared
 
+TORCH, CALIBRATION = "torch", "calibration"
+"""Names of the folders."""
 _POINTER = ".current"
 
 
@@ -55,7 +58,7 @@ def installed(folder: Path) -> Path | None:
     except (OSError, ValueError):
         named = folder.name
     choices = [folder.with_name(named)] if _is_version(named, folder) else []
-    return next((path for path in [*choices, folder] if has_torch(path)), None)
+    return next((path for path in [*choices, folder] if has_package(path)), None)
 
 
 def clear_remains(folder: Path) -> None:
@@ -80,13 +83,18 @@ def _is_version(name: str, folder: Path) -> bool:
     return re.fullmatch(rf"{re.escape(folder.name)}(-\d+)?", name) is not None
 
 
-def has_torch(folder: Path) -> bool:
-    """Whether a folder contains torch."""
-    return _torch_in(folder).is_file()
+def package_of(folder: Path) -> str:
+    """The package that a folder of this name is there for."""
+    return "pycolmap" if folder.name.startswith(CALIBRATION) else "torch"
 
 
-def _torch_in(folder: Path) -> Path:
-    return folder / "torch" / "__init__.py"
+def has_package(folder: Path) -> bool:
+    """Whether a folder contains the package that it is there for."""
+    return _package_in(folder).is_file()
+
+
+def _package_in(folder: Path) -> Path:
+    return folder / package_of(folder) / "__init__.py"
 
 
 def _is_running(process: int) -> bool:
@@ -120,10 +128,10 @@ def _loaded_torch() -> str | None:
 
 
 def _is_held(folder: Path) -> bool:
-    """Whether any process uses the torch in a folder."""
-    if not has_torch(folder):
+    """Whether any process uses the package in a folder."""
+    if not has_package(folder):
         return False
-    file = open_shared(_torch_in(folder))
+    file = open_shared(_package_in(folder))
     if file is None:
         return True
     with file:
@@ -134,7 +142,7 @@ def switch_to(partial: Path, folder: Path) -> Path:
     """Makes a folder of packages the current installation and returns its new path."""
     before = installed(folder)
     numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
-    if not has_torch(folder):
+    if not has_package(folder):
         shutil.rmtree(folder, ignore_errors=True)  # left by an earlier version
     target = next(path for path in itertools.chain([folder], numbered) if not os.path.lexists(path))
     partial.rename(target)

@@ -1,4 +1,4 @@
-"""The current installation of torch, started by an operator and polled by a timer."""
+"""The current installation, started by an operator and polled by a timer."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from pathlib import Path
 import bpy
 
 from .. import addon_state
-from .folders import clear_remains, remains
+from .folders import CALIBRATION, TORCH, clear_remains, remains
 from .installer import Installation
+from .landmarks import LandmarkDownload
+from .packages import CALIBRATION_BYTES_NEEDED, CALIBRATION_PACKAGES
 
 TICK_SECONDS = 0.5
 STOP_SECONDS = 10.0  # seconds for a cancelled installation to clean up when the add-on is disabled
@@ -20,16 +22,16 @@ class CurrentInstallation:
     """The running installation or the last one, and the callback for its folder."""
 
     def __init__(self) -> None:
-        self.installation: Installation | None = None
+        self.installation: Installation | LandmarkDownload | None = None
         self.on_done: Callable[[Path], None] = lambda folder: None
 
 
-def folder() -> Path:
+def folder(name: str = TORCH) -> Path:
     """Where this add-on's torch lies: with the user's extensions, so that it outlives upgrades of the add-on."""
-    return Path(bpy.utils.user_resource("DATAFILES", path="frog_blender")) / "torch"
+    return Path(bpy.utils.user_resource("DATAFILES", path="frog_blender")) / name
 
 
-def current() -> Installation | None:
+def current() -> Installation | LandmarkDownload | None:
     """The running installation, or the last one."""
     return addon_state.get(CurrentInstallation).installation
 
@@ -41,13 +43,31 @@ def is_running() -> bool:
 
 
 def begin(arguments: Sequence[str], on_done: Callable[[Path], None]) -> None:
-    """Starts an installation with additional arguments for pip; FrogError if it cannot be started.
+    """Starts an installation of all packages with additional arguments for pip; FrogError if it cannot be started.
 
     Args:
         on_done: is given the folder when all is done, on Blender's main thread.
     """
+    _begin(Installation(folder(), arguments), on_done)
+
+
+def begin_calibration(arguments: Sequence[str], on_done: Callable[[Path], None]) -> None:
+    """The same for what calibration needs, without torch."""
+    packages = folder(CALIBRATION)
+    _begin(
+        Installation(packages, arguments, CALIBRATION_PACKAGES, bytes_needed=CALIBRATION_BYTES_NEEDED),
+        on_done,
+    )
+
+
+def begin_landmarks() -> None:
+    """Starts to fetch the file that finds a person's joints; FrogError if it cannot be started."""
+    _begin(LandmarkDownload(), lambda folder: None)
+
+
+def _begin(installation: Installation | LandmarkDownload, on_done: Callable[[Path], None]) -> None:
     state = addon_state.get(CurrentInstallation)
-    state.installation, state.on_done = Installation(folder(), arguments).start(), on_done
+    state.installation, state.on_done = installation.start(), on_done
     if not bpy.app.timers.is_registered(tick):
         bpy.app.timers.register(tick, first_interval=TICK_SECONDS, persistent=True)
 
@@ -74,9 +94,9 @@ def tick() -> float | None:
 
 
 def register() -> None:
-    place = folder()
-    if remains(place):  # removing gigabytes takes a while
-        threading.Thread(target=clear_remains, args=(place,), name="FRoG tidying", daemon=True).start()
+    for place in (folder(), folder(CALIBRATION)):
+        if remains(place):  # removing gigabytes takes a while
+            threading.Thread(target=clear_remains, args=(place,), name="FRoG tidying", daemon=True).start()
 
 
 def unregister() -> None:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from .. import addon_state
+from .. import addon_state, redrawing
 from ..engine import memory
 from ..engine.errors import FrogError, brief
 from ..engine.training.session.cancel_token import CancelToken
@@ -267,7 +267,7 @@ def tick() -> float | None:
         if task.pump():
             for watcher in addon_state.get(BackgroundTraining).watchers:
                 watcher(task.state)
-            _redraw()
+            redrawing.sidebars()
         if task.state.running:
             unsaved_changes.count_as_unsaved()
     except Exception:  # Blender drops a timer that fails, and with it the rest of the training
@@ -275,15 +275,6 @@ def tick() -> float | None:
         task.state.preview = None
     task.hand_over()
     return TIMER_SECONDS if task.state.running or task.waiting else None
-
-
-def _redraw() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:  # the sidebar only: redrawing the viewport is expensive
-                    if region.type == "UI":
-                        region.tag_redraw()
 
 
 def register() -> None:

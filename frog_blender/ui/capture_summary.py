@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import addon_state
+from ..calibration_task.clocks import ClockFile, read_clocks
+from ..calibration_task.request import raw_footage
 from ..engine.errors import FrogError
 from ..engine.optional_imports import is_missing, not_loaded
 
@@ -24,12 +26,16 @@ class CaptureSummary:
         lines, warnings: for the panel.
         error: a sentence when the folder cannot be used; then there is nothing else.
         capture: opened, not decoded.
+        raw_footage: what is to be calibrated first, such as "4 videos"; then there are only lines.
+        clocks: of the cameras of calibrated videos.
     """
 
     lines: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     error: str = ""
     capture: Capture | None = None
+    raw_footage: str = ""
+    clocks: ClockFile | None = None
 
     @property
     def cameras(self) -> list[str]:
@@ -61,35 +67,49 @@ def known(folder: str) -> CaptureSummary | None:
 
 
 def is_outdated(folder: str) -> bool:
-    """Whether a folder that could not be used has changed, so that the error may be fixed."""
+    """Whether a folder that could not be used as it was has changed, so that what was missing may be there."""
     inspected = addon_state.get(Inspected)
     summary = inspected.summaries.get(folder)
-    return summary is not None and bool(summary.error) and _stamp(folder) != inspected.stamps.get(folder)
+    is_unfit = summary is not None and bool(summary.error or summary.raw_footage)
+    return is_unfit and _stamp(folder) != inspected.stamps.get(folder)
 
 
 def inspect(folder: str) -> CaptureSummary:
     """Inspect a folder and store its summary."""
-    inspected = addon_state.get(Inspected)
-    inspected.stamps[folder] = _stamp(folder)
-    summary = inspected.summaries[folder] = _inspect(Path(folder)) if folder else CaptureSummary()
+    addon_state.get(Inspected).stamps[folder] = _stamp(folder)
+    summary = read(Path(folder)) if folder else CaptureSummary()
+    addon_state.get(Inspected).summaries[folder] = summary
     return summary
 
 
+def store(folder: str, summary: CaptureSummary) -> None:
+    """Stores the summary of a folder that was just read."""
+    inspected = addon_state.get(Inspected)
+    inspected.stamps[folder], inspected.summaries[folder] = _stamp(folder), summary
+
+
 def _stamp(folder: str) -> object:
-    """Names, times and sizes of a folder's files; None if there is no folder."""
+    """Names, times and sizes of a folder's files; None if there is no folder. Hidden ones change as work goes on."""
     try:
         with os.scandir(folder) as entries:
-            files = [(entry.name, entry.stat()) for entry in islice(entries, _FILES_LOOKED_AT)]
+            visible = (entry for entry in entries if not entry.name.startswith("."))
+            files = [(entry.name, entry.stat()) for entry in islice(visible, _FILES_LOOKED_AT)]
         return sorted((name, status.st_mtime_ns, status.st_size) for name, status in files)
     except (OSError, ValueError):
         return None
 
 
-def _inspect(folder: Path) -> CaptureSummary:
+def read(folder: Path) -> CaptureSummary:
+    """The summary of a folder, not stored. Any thread may call it; small videos are decoded, which takes a while."""
     try:
         from ..engine.capture.readers import open_capture
 
+        raw = raw_footage(folder)
+        if raw:
+            sentence = f"Found {raw} without a calibration. Calibrate Cameras finds where the cameras stood."
+            return CaptureSummary((sentence,), raw_footage=raw)
         capture = open_capture(folder)
+        clocks = read_clocks(folder) if capture.format == "calibrated_videos" else None
     except FrogError as error:
         return CaptureSummary(error=str(error))
     except ImportError as error:
@@ -98,7 +118,7 @@ def _inspect(folder: Path) -> CaptureSummary:
         return CaptureSummary(error=f"Reading a capture needs the Python package {error.name or error}.")
     except Exception as error:
         return CaptureSummary(error=f"{folder}: this capture cannot be read ({type(error).__name__}: {error}).")
-    return CaptureSummary(_lines(capture), tuple(capture.warnings), capture=capture)
+    return CaptureSummary(_lines(capture), tuple(capture.warnings), capture=capture, clocks=clocks)
 
 
 def _lines(capture: Capture) -> tuple[str, ...]:

@@ -11,11 +11,13 @@ import bpy
 from bpy.props import IntProperty, StringProperty
 
 from .. import __package__ as base_package
+from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
+from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
 from ..timeline import playback_cache
 from ..torch_install import task
-from ..torch_install.folders import installed
-from ..torch_install.installer import SIZES
+from ..torch_install.folders import CALIBRATION, installed
+from ..torch_install.packages import CALIBRATION_SIZES, PYCOLMAP, SIZES, build_advice, has_pycolmap_wheel
 
 
 def _on_cache_limit(settings: Any, _context: bpy.types.Context) -> None:
@@ -35,8 +37,8 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
 
     package_index: StringProperty(
         name="Package Index",
-        description="URL of the package index for Install torch, such as PyTorch's own for the CPU or a CUDA "
-        'version (see "Get Started" on its site). Empty for pip\'s default',
+        description="URL of a further package index for Install torch, such as PyTorch's own for the CPU or a CUDA "
+        'version (see "Get Started" on its site). Empty for pip\'s default alone',
     )
 
     cache_megabytes: IntProperty(
@@ -57,20 +59,43 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
         layout.label(text="Opening, scrubbing and rendering a .frog file does not need torch.")
         if torch_needed():
             layout.prop(self, "package_index")
-            draw_installation(layout)
+            if not _draw_running(layout):
+                layout.operator("frog.install_torch", icon="IMPORT")
+                layout.label(text=f"Downloads torch, OpenCV and pycolmap {PYCOLMAP}: {SIZES}.")
+                if build_advice():
+                    layout.label(text=build_advice())
+        elif calibration_needed():
+            layout.label(text=calibration_needed(), icon="INFO")
+            draw_calibration_installation(layout)
+        else:
+            draw_landmarks(layout)
 
 
-def draw_installation(layout: bpy.types.UILayout) -> None:
-    """Draws the button that installs torch, and its progress."""
+def draw_calibration_installation(layout: bpy.types.UILayout) -> None:
+    """Draws the button that installs what calibration needs, and the progress of an installation."""
+    if not _draw_running(layout) and has_pycolmap_wheel():
+        layout.operator("frog.install_calibration", icon="IMPORT")
+        layout.label(text=f"Downloads {CALIBRATION_SIZES}.")
+
+
+def draw_landmarks(layout: bpy.types.UILayout) -> None:
+    """Draws the button that fetches the file that finds a person's joints, unless it is there."""
+    if landmark_file() is None and not _draw_running(layout):
+        layout.operator("frog.fetch_landmarks", icon="IMPORT")
+        layout.label(text=f"{LICENSE}: {LANDMARK_SIZES}.")
+
+
+def _draw_running(layout: bpy.types.UILayout) -> bool:
+    """Draws the running installation and returns whether there is one; draws the error of one that failed."""
     current = task.current()
-    if current is not None and current.running:
+    if current is None:
+        return False
+    if current.running:
         layout.label(text=current.line[:100], icon="IMPORT")
         layout.operator("frog.cancel_installation", icon="CANCEL")
-        return
-    if current is not None and current.error:
+    elif current.error:
         layout.label(text=current.error, icon="ERROR")
-    layout.operator("frog.install_torch", icon="IMPORT")
-    layout.label(text=f"Downloads {SIZES}.")
+    return current.running
 
 
 def _preferences() -> Any:
@@ -122,6 +147,21 @@ def torch_needed() -> str:
     return ""
 
 
+def calibration_needed() -> str:
+    """What is missing for calibration, as a sentence; an empty string if nothing is. Imports nothing."""
+    add_environment()
+    if not _is_importable("cv2"):
+        return "Calibrating cameras needs OpenCV and pycolmap. Install them here, or with torch in the preferences."
+    if _is_importable("pycolmap"):
+        return ""
+    if has_pycolmap_wheel():
+        return "Calibrating cameras needs pycolmap. Install it here, or with torch in the preferences."
+    return (
+        "Cameras cannot be calibrated on this computer: there is no pycolmap for Intel Macs and for Linux on ARM. "
+        "Calibrate the videos on another one and bring cameras_opencv.json along."
+    )
+
+
 def make_torch_importable() -> None:
     """Make the environment set in the preferences importable; FrogError if training still lacks torch."""
     add_environment()
@@ -131,7 +171,10 @@ def make_torch_importable() -> None:
 
 
 def add_environment() -> None:
-    """Append the environment set in the preferences to ``sys.path``, if torch is not importable yet."""
+    """Append the environments of torch and of pycolmap to ``sys.path``, where they are not importable yet."""
+    packages = installed(task.folder(CALIBRATION))
+    if packages is not None and not _is_importable("pycolmap"):
+        add_folder(packages)
     if _is_importable() or not torch_path():
         return
     try:
@@ -159,9 +202,9 @@ def site_packages(folder: Path) -> Path:
     raise FrogError(f"{folder}: found {found}, expected an environment of Python {python} with torch.")
 
 
-def _is_importable() -> bool:
+def _is_importable(package: str = "torch") -> bool:
     try:
-        return importlib.util.find_spec("torch") is not None
+        return importlib.util.find_spec(package) is not None
     except ValueError:  # what find_spec raises for a module that was blocked
         return False
 

@@ -1,4 +1,4 @@
-"""The preview of a training in the panel: one icon whose pixels are replaced, no data-block."""
+"""Images in panels, such as the preview of a training: icons whose pixels are replaced, no data-blocks."""
 
 from __future__ import annotations
 
@@ -12,38 +12,37 @@ from ..training_task.state import TrainingState
 NAME = "training"
 
 
-class PreviewIcon:
-    """The state of the icon.
+class PreviewIcons:
+    """The state of the icons.
 
     Attributes:
         icons: what Blender keeps custom icons in, while the add-on is on.
-        shown: the image that it shows.
+        shown: the images that they show, by name.
     """
 
     def __init__(self) -> None:
         self.icons: bpy.utils.previews.ImagePreviewCollection | None = None
-        self.shown: np.ndarray | None = None
-
-
-def _icon() -> PreviewIcon:
-    return addon_state.get(PreviewIcon)
+        self.shown: dict[str, np.ndarray] = {}
 
 
 def icons() -> bpy.utils.previews.ImagePreviewCollection | None:
-    """The preview collection of the icon; None while the add-on is disabled."""
-    return _icon().icons
+    """The preview collection of the icons; None while the add-on is disabled."""
+    return addon_state.get(PreviewIcons).icons
 
 
-def show(image: np.ndarray | None) -> None:
-    """Show an image (H, W, 3) uint8, rows from the top. The same image again costs nothing, None removes it."""
-    preview = _icon()
-    if preview.icons is None or image is preview.shown:
+def show(image: np.ndarray | None, name: str = NAME) -> None:
+    """Show an image (H, W, 3) uint8, rows from the top, as the icon of a name.
+
+    The same image again costs nothing, None removes it.
+    """
+    preview = addon_state.get(PreviewIcons)
+    if preview.icons is None or image is preview.shown.get(name):
         return
-    preview.shown = image
     if image is None:
-        preview.icons.clear()
+        del preview.shown[name], preview.icons[name]
         return
-    icon = preview.icons[NAME] if NAME in preview.icons else preview.icons.new(NAME)
+    preview.shown[name] = image
+    icon = preview.icons[name] if name in preview.icons else preview.icons.new(name)
     height, width = image.shape[:2]
     pixels = np.full((height, width, 4), 255, np.uint8)
     pixels[:, :, :3] = image[::-1]  # Blender's rows go up
@@ -57,19 +56,27 @@ def show_training(state: TrainingState) -> None:
     show(state.preview)
 
 
-def icon_id() -> int:
-    """For ``layout.template_icon``; 0 where there is no image, and without a window."""
+def icon_id(name: str = NAME) -> int:
+    """For ``layout.template_icon``; 0 where there is no image of that name, and without a window."""
     found = icons()
-    return found[NAME].icon_id if found is not None and NAME in found else 0
+    return found[name].icon_id if found is not None and name in found else 0
+
+
+def draw(layout: bpy.types.UILayout, context: bpy.types.Context, name: str = NAME) -> None:
+    """Draws an image as wide as the sidebar, if there is one. It fills a square of as many rows as that is wide."""
+    if icon_id(name):
+        rows = context.region.width / (20 * context.preferences.system.ui_scale) - 3 if context.region else 8
+        layout.template_icon(icon_id(name), scale=min(max(rows, 6.0), 16.0))
 
 
 def register() -> None:
-    _icon().icons = bpy.utils.previews.new()
+    addon_state.get(PreviewIcons).icons = bpy.utils.previews.new()
     runner.watch(show_training)
 
 
 def unregister() -> None:
-    preview = _icon()
+    preview = addon_state.get(PreviewIcons)
     if preview.icons is not None:
         bpy.utils.previews.remove(preview.icons)
-    preview.icons = preview.shown = None
+    preview.icons = None
+    preview.shown.clear()

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import bpy
 
-from .. import addon_state
+from .. import addon_state, redrawing
 from ..timeline import playback
 
 REST = 1.0  # seconds between refreshes: what stays outdated must not keep Blender busy
@@ -42,11 +42,7 @@ def tick() -> None:
     refreshes.wanted.clear()
     for refresh in pending:
         refresh()
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            for region in area.regions if area.type == "VIEW_3D" else ():
-                if region.type == "UI":
-                    region.tag_redraw()
+    redrawing.sidebars()
 
 
 def register() -> None:

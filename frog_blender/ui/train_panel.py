@@ -13,7 +13,7 @@ from ..scene_import.scene_setup import is_set_up
 from ..training_task import runner
 from ..training_task.request import can_resume
 from ..training_task.state import TrainingState
-from . import capture_summary, preferences, presets, preview_image, refreshing, training_time
+from . import calibration_panel, capture_summary, preferences, presets, preview_image, refreshing, training_time
 from .text import duration, wrapped_label
 
 
@@ -77,6 +77,7 @@ def _draw_capture(layout: bpy.types.UILayout, folder: str, context: bpy.types.Co
         wrapped_label(column, line, context)
     for warning in summary.warnings:
         wrapped_label(box, warning, context, icon="INFO")
+    calibration_panel.draw_calibration(box, Path(folder), summary, context)
     if summary.error:
         wrapped_label(box, summary.error, context, icon="ERROR")
         box.operator("frog.inspect_capture", text="Check Again", icon="FILE_REFRESH")
@@ -94,7 +95,7 @@ def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Co
         wrapped_label(layout, needed, context, icon="ERROR")
     row = layout.row()
     row.scale_y = 1.5
-    row.enabled = not needed
+    row.enabled = not needed and not (summary is not None and summary.raw_footage)
     row.operator("frog.train", icon="PLAY")
     if can_resume(settings):
         row.operator("frog.train", text="Resume", icon="FRAME_NEXT").resume = True
@@ -113,10 +114,7 @@ def _draw_training(
         wrapped_label(box, line, context, icon="MOD_DECIM")
     for warning in state.warnings[-3:]:
         wrapped_label(box, warning, context, icon="INFO")
-    if preview_image.icon_id():
-        # The image is as wide as the sidebar: it fills a square of this many rows.
-        rows = context.region.width / (20 * context.preferences.system.ui_scale) - 3 if context.region else 8
-        box.template_icon(preview_image.icon_id(), scale=min(max(rows, 6.0), 16.0))
+    preview_image.draw(box, context)
     if state.running:
         box.prop(settings, "preview_camera")
 

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
-from .. import relative_paths
+from .. import redrawing, relative_paths
 from ..engine.training.session.output_paths import free_output
 from .path_options import PATH_OPTIONS
 
@@ -40,10 +40,13 @@ CAPACITIES = (
 def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
     if relative_paths.are_being_written():
         return
-    from . import capture_summary, preferences  # imported late, as this imports the readers
+    from . import capture_summary, preferences, report_images  # imported late, as this imports the readers
 
     preferences.add_environment()  # may have OpenCV, which reads videos
-    capture_summary.inspect(bpy.path.abspath(settings.capture_folder))
+    folder = bpy.path.abspath(settings.capture_folder)
+    summary = capture_summary.inspect(folder)
+    report_images.show(Path(folder), summary.capture if summary.clocks is not None and summary.clocks.is_own else None)
+    redrawing.viewports()  # where the rig is drawn
     if settings.capture_folder and settings.output_path in ("", settings.derived_output):
         folder = Path(bpy.path.abspath(settings.capture_folder))
         settings.derived_output = settings.output_path = str(free_output(Path(f"{folder}.frog"), folder))
@@ -55,6 +58,10 @@ def camera_names(settings: Any, _context: bpy.types.Context, text: str) -> list[
 
     summary = capture_summary.known(bpy.path.abspath(settings.capture_folder))
     return [name for name in summary.cameras if text.lower() in name.lower()] if summary else []
+
+
+def _on_show_rig(_settings: Any, _context: bpy.types.Context) -> None:
+    redrawing.viewports()
 
 
 def _on_preview_camera(settings: Any, _context: bpy.types.Context) -> None:
@@ -146,6 +153,12 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
         "capture format's default",
         min=-1,
         default=-1,
+    )
+    show_rig: BoolProperty(
+        name="Draw Rig",
+        description="Draw the capture's cameras into the viewport until a scene of it is imported",
+        default=True,
+        update=_on_show_rig,
     )
     import_when_done: BoolProperty(
         name="Import When Done",

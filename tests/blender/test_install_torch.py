@@ -9,37 +9,25 @@ import sys
 import tarfile
 import threading
 import time
-import zipfile
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
 import pytest
+from support.wheels import finished, wheel
 
 from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.torch_install import folders, task
-from frog_blender.torch_install.folders import clear_remains, has_torch, installed
-from frog_blender.torch_install.installer import PACKAGES, Installation, pip_command
+from frog_blender.torch_install.folders import clear_remains, has_package, installed
+from frog_blender.torch_install.installer import Installation
+from frog_blender.torch_install.packages import PACKAGES
+from frog_blender.torch_install.pip_run import pip_command
 from frog_blender.training_task.request import TrainingRequest
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-def wheel(folder: Path, name: str, content: str = "") -> None:
-    """A package of one file, as an index would serve it."""
-    folder.mkdir(exist_ok=True)
-    module = name.replace("-", "_")
-    info = f"{module}-9.9.dist-info"
-    with zipfile.ZipFile(folder / f"{module}-9.9-py3-none-any.whl", "w") as file:
-        file.writestr(f"{module}/__init__.py", content)
-        file.writestr(f"{info}/METADATA", f"Metadata-Version: 2.1\nName: {name}\nVersion: 9.9\n")
-        file.writestr(
-            f"{info}/WHEEL", "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
-        )
-        file.writestr(f"{info}/RECORD", "")
 
 
 @pytest.fixture
@@ -52,12 +40,6 @@ def index(tmp_path, monkeypatch):
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "wheels"))
     return tmp_path / "wheels"
-
-
-def finished(installation):
-    assert installation.join(120.0)
-    assert not installation.running
-    return installation
 
 
 def test_it_is_whole(tmp_path, index):
@@ -251,7 +233,7 @@ sys.stdin.read()
         assert other.stdout.readline() == "held\n"
         second = finished(Installation(folder, pip=quick_pip).start())
         clear_remains(folder)
-        assert second.done and installed(folder) == second.folder and has_torch(folder)
+        assert second.done and installed(folder) == second.folder and has_package(folder)
     clear_remains(folder)
     assert not folder.exists() and installed(folder) == second.folder
 

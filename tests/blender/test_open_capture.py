@@ -33,15 +33,13 @@ def test_videos_of_several_folders(empty, capture):
         capture_of([capture / "cam00.mp4", capture.parent / "cam01.mp4"])
 
 
-def test_videos_without_cameras_say_what_is_missing(empty, tmp_path):
-    for name in ("a.mp4", "b.MP4"):
-        (tmp_path / name).write_bytes(b"x")
-    before = empty.frog.capture_folder
-    with pytest.raises(RuntimeError, match="2 videos without cameras") as error:
-        drop(tmp_path, "a.mp4", "b.MP4")
-    said = str(error.value)
-    assert str(tmp_path) in said and "poses_bounds.npy" in said and "cameras_opencv.json" in said
-    assert empty.frog.capture_folder == before
+def test_dropped_raw_videos_are_chosen_to_be_calibrated(empty, capture):
+    (capture / "poses_bounds.npy").unlink()
+    assert drop(capture, "cam01.mp4", "cam02.mp4") == {"FINISHED"}
+    assert empty.frog.capture_folder == str(capture) and empty.frog.output_path == f"{capture}.frog"
+    summary = capture_summary.known(str(capture))
+    assert summary.raw_footage == "4 videos" and summary.capture is None and not summary.error
+    assert "4 videos without a calibration" in " ".join(summary.lines)
 
 
 def test_a_calibration_that_does_not_fit_says_so(empty, capture):

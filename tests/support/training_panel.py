@@ -33,7 +33,7 @@ class Written:
     def box(self, **_):
         return Written(self.said)
 
-    row = column = box
+    row = column = grid_flow = box
 
 
 def told(*said):

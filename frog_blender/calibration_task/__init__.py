@@ -1,0 +1,1 @@
+"""Calibration of raw videos in a background thread, and its state for the panel."""

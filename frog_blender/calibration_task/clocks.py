@@ -1,0 +1,94 @@
+"""The cameras' clocks in ``cameras_opencv.json``: read for the panel, and corrected in a file of our own making."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..engine.capture.readers.checks import number, read_json
+from ..engine.errors import FrogError, found_instead
+from ..engine.io.atomic_files import write_atomically
+
+CAMERAS, FOUND = "cameras_opencv.json", "cameras_found.json"
+_MAKER = "frog calibrate"
+OFFSETS = 1e6  # seconds; as readers allow
+RATES = 1e-3, 1e3
+
+
+@dataclass(frozen=True)
+class CameraClock:
+    """Capture time = ``offset`` + ``rate`` * film time, in seconds."""
+
+    name: str
+    offset: float = 0.0
+    rate: float = 1.0
+
+
+@dataclass(frozen=True)
+class ClockFile:
+    """The clocks of a capture.
+
+    Attributes:
+        path: the calibration that has them.
+        clocks: in the file's order.
+        is_own: this program wrote the file, so that it may change it.
+        found: the calibration that was found beside one that was given, if there is one.
+    """
+
+    path: Path
+    clocks: tuple[CameraClock, ...]
+    is_own: bool
+    found: Path | None = None
+
+
+def read_clocks(folder: Path) -> ClockFile | None:
+    """The clocks of a folder of calibrated videos; None without ``cameras_opencv.json``, or for a single camera.
+
+    Raises:
+        FrogError: if the file cannot be used.
+    """
+    path = folder / CAMERAS
+    if not path.is_file():
+        return None
+    content = read_json(path)
+    clocks = tuple(
+        CameraClock(name, _number(entry, "offset", 0.0, path, name), _number(entry, "rate", 1.0, path, name))
+        for name, entry in _entries(content, path)
+    )
+    found = folder / FOUND
+    is_own = content.get("made_by") == _MAKER
+    return ClockFile(path, clocks, is_own, found if found.is_file() else None) if len(clocks) > 1 else None
+
+
+def write_clock(folder: Path, clock: CameraClock) -> None:
+    """Changes one camera's clock, and nothing else, in a calibration that this program wrote.
+
+    Raises:
+        FrogError: if the file was given, has no such camera or cannot be written, or a value is out of range.
+    """
+    path = folder / CAMERAS
+    if not (math.isfinite(clock.offset) and abs(clock.offset) <= OFFSETS):
+        raise found_instead(path, f"an offset of {clock.offset:g} s", f"at most {OFFSETS:g} either way")
+    if not RATES[0] <= clock.rate <= RATES[1]:
+        raise found_instead(path, f"a rate of {clock.rate:g}", f"{RATES[0]:g} to {RATES[1]:g}")
+    content = read_json(path)
+    if content.get("made_by") != _MAKER:
+        raise FrogError(f"{path}: this calibration was given, so it is not changed; correct it where it was made.")
+    named = [entry for name, entry in _entries(content, path) if name == clock.name]
+    if not named:
+        raise found_instead(path, f"no camera {clock.name}", "one of that name")
+    named[0].update(offset=clock.offset, rate=clock.rate)
+    write_atomically(path, json.dumps(content, indent=1).encode())
+
+
+def _entries(content: dict[str, object], path: Path) -> list[tuple[str, dict[str, object]]]:
+    listed = content.get("cameras")
+    if not isinstance(listed, list) or not all(isinstance(entry, dict) and "name" in entry for entry in listed):
+        raise found_instead(path, "no list of named cameras", '"cameras": [{"name": ..., ...}, ...]')
+    return [(str(entry["name"]), entry) for entry in listed]
+
+
+def _number(entry: dict[str, object], key: str, default: float, path: Path, name: str) -> float:
+    return number(entry.get(key, default), path, f"{key} of camera {name}")

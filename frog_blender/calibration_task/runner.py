@@ -1,0 +1,225 @@
+"""Calibration in the background: a worker thread, a queue of its progress, and ``pump()`` on the main thread.
+
+The worker never touches Blender. What may crash runs in processes that the worker starts.
+"""
+
+from __future__ import annotations
+
+import atexit
+import queue
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+
+from .. import addon_state, redrawing
+from ..engine.errors import FrogError, brief
+from .request import Calibrator
+from .state import CalibrationState
+
+if TYPE_CHECKING:
+    from ..engine.capture.calibration.pipeline import Outcome
+
+PUMP_MESSAGES = 500  # the most messages one pump() applies
+TIMER_SECONDS = 0.1
+QUIT_SECONDS = 5.0  # for a cancelled calibration to end its processes when Blender quits
+
+OnFinished = Callable[[Path, "Outcome"], None]
+"""Is called on the main thread with the folder and what was written. May raise FrogError."""
+
+
+@dataclass(frozen=True)
+class _Told:
+    """Progress."""
+
+    stage: str
+    done: int
+    total: int
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """The worker's last message."""
+
+    outcome: Outcome | None = None
+    error: str = ""
+    is_refused: bool = False
+
+
+class CalibrationTask:
+    """One calibration: ``start()`` it, ``pump()`` it until ``state.running`` is false.
+
+    Args:
+        folder: of the videos.
+        calibrator: does the work; called on the worker thread.
+        on_finished: is given what a successful one wrote.
+    """
+
+    def __init__(self, folder: Path, calibrator: Calibrator, on_finished: OnFinished | None = None) -> None:
+        self.state = CalibrationState(folder)
+        self.on_finished = on_finished
+        self._calibrator = calibrator
+        self._stop = threading.Event()
+        self._messages: queue.Queue[_Told | _Ended] = queue.Queue()
+        self._thread = threading.Thread(target=self._work, name="FRoG calibration", daemon=True)
+
+    def start(self) -> CalibrationTask:
+        self._thread.start()
+        return self
+
+    def cancel(self) -> None:
+        """Asks the worker to end. Stages that are done are kept for the next time."""
+        self._stop.set()
+
+    @property
+    def is_stopping(self) -> bool:
+        """True from ``cancel()`` to the end."""
+        return self.state.running and self._stop.is_set()
+
+    def join(self, seconds: float = QUIT_SECONDS) -> bool:
+        """Waits for the worker; true if it ended."""
+        if self._thread.is_alive():
+            self._thread.join(seconds)
+        return not self._thread.is_alive()
+
+    def _work(self) -> None:
+        """Runs on the worker thread: queues progress, and how it ended."""
+        from ..engine.capture.calibration.calibration import CalibrationRefused
+
+        try:
+            outcome = self._calibrator(self._tell, self._stop.is_set)
+        except CalibrationRefused as refused:
+            self._messages.put(_Ended(error=str(refused), is_refused=True))
+        except FrogError as error:
+            self._messages.put(_Ended(error=str(error)))
+        except BaseException as error:
+            if self._stop.is_set():  # each part has an exception of its own for this
+                self._messages.put(_Ended())
+                return
+            traceback.print_exc(file=sys.stderr)
+            reason = f"Calibration stopped on an unexpected {type(error).__name__}: {brief(error)}."
+            self._messages.put(_Ended(error=reason))
+        else:
+            self._messages.put(_Ended(outcome))
+
+    def _tell(self, stage: str, done: int, total: int) -> None:
+        self._messages.put(_Told(stage, done, total))
+
+    def pump(self, most: int = PUMP_MESSAGES) -> int:
+        """Applies waiting messages to ``state``, at most ``most``; returns how many. Never waits."""
+        for applied in range(most):
+            try:
+                message = self._messages.get_nowait()
+            except queue.Empty:
+                if not self._has_died():
+                    return applied
+                message = _Ended(error="The calibration stopped without an error message.")
+            self._apply(message)
+        return most
+
+    def _has_died(self) -> bool:
+        """Whether the worker ended without its last message."""
+        gone = self.state.running and self._thread.ident is not None and not self._thread.is_alive()
+        return gone and self._messages.empty()  # checked last: a message may have come just before the end
+
+    def _apply(self, message: _Told | _Ended) -> None:
+        state = self.state
+        if isinstance(message, _Told):
+            state.stage, state.done, state.total = message.stage, message.done, message.total
+            return
+        state.running = False
+        state.error, state.is_refused, state.outcome = message.error, message.is_refused, message.outcome
+        state.cancelled = self._stop.is_set() and state.outcome is None
+        if state.cancelled:
+            state.error, state.is_refused = "", False
+        if state.outcome is not None and self.on_finished is not None:
+            self._hand_over(state.outcome, self.on_finished)
+
+    def _hand_over(self, outcome: Outcome, on_finished: OnFinished) -> None:
+        try:
+            on_finished(self.state.folder, outcome)
+        except FrogError as error:
+            self.state.error = str(error)
+        except Exception as error:  # would be lost otherwise, and the result exists
+            traceback.print_exc(file=sys.stderr)
+            self.state.error = f"{outcome.cameras}: written, but the capture could not be opened ({brief(error)})."
+
+
+class BackgroundCalibration:
+    """The calibration that the panel shows: running, or the last one that ran."""
+
+    def __init__(self) -> None:
+        self.current: CalibrationTask | None = None
+
+
+def current() -> CalibrationTask | None:
+    """The calibration that the panel shows: running, or the last one that ran."""
+    return addon_state.get(BackgroundCalibration).current
+
+
+def set_current(task: CalibrationTask | None) -> None:
+    """Sets the calibration that the panel shows; None for none."""
+    addon_state.get(BackgroundCalibration).current = task
+
+
+def is_running() -> bool:
+    """Whether a calibration is running."""
+    task = current()
+    return task is not None and task.state.running
+
+
+def begin(folder: Path, calibrator: Calibrator, on_finished: OnFinished | None = None) -> CalibrationTask:
+    """Starts a calibration as the current one, pumped by a timer; FrogError if one is running already."""
+    if is_running():
+        raise FrogError("A calibration is already running. Wait for it or cancel it first.")
+    task = CalibrationTask(folder, calibrator, on_finished)
+    try:
+        task.start()
+    except RuntimeError as error:  # no thread could be created
+        raise FrogError(f"The calibration could not be started ({error}).") from error
+    set_current(task)
+    if not bpy.app.timers.is_registered(tick):
+        bpy.app.timers.register(tick, first_interval=TIMER_SECONDS, persistent=True)
+    return task
+
+
+def tick() -> float | None:
+    """What Blender's timer calls: pumps the current calibration. Returns the seconds until the next call, or None."""
+    task = current()
+    if task is None:
+        return None
+    if task.pump():
+        redrawing.sidebars()
+    if task.state.running:
+        return TIMER_SECONDS
+    redrawing.viewports()  # the rig is drawn there
+    return None
+
+
+def stop() -> None:
+    """Cancels the current calibration and waits for it to end its processes."""
+    task = current()
+    if task is None:
+        return
+    task.cancel()
+    task.on_finished = None
+    if task.join():
+        while task.pump():
+            pass
+
+
+def register() -> None:
+    atexit.register(stop)
+
+
+def unregister() -> None:
+    stop()
+    set_current(None)
+    atexit.unregister(stop)
+    if bpy.app.timers.is_registered(tick):
+        bpy.app.timers.unregister(tick)

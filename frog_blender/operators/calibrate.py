@@ -1,0 +1,99 @@
+"""Calibrate Cameras: raw videos become a capture, in the background."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ..calibration_task import runner
+from ..calibration_task.request import CalibrationRequest, Calibrator, Progress
+from ..engine.errors import FrogError
+from ..ui import capture_summary, preferences, report_images
+
+if TYPE_CHECKING:
+    from ..engine.capture.calibration.pipeline import Outcome
+
+
+class FROG_OT_calibrate(bpy.types.Operator):
+    """Find where the cameras stood and when each began to film, in the background. No file that is there is changed"""
+
+    bl_idname = "frog.calibrate"
+    bl_label = "Calibrate Cameras"
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        cls.poll_message_set("A calibration is already running.")
+        return not runner.is_running()
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            folder = footage_folder(context.scene.frog.capture_folder)
+            needed = preferences.calibration_needed()
+            if needed:
+                raise FrogError(needed)
+            opening = CaptureOpening(folder, CalibrationRequest(folder).calibrate)
+            runner.begin(folder, opening.calibrate, opening.show)
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class FROG_OT_cancel_calibration(bpy.types.Operator):
+    """Stop the calibration. Stages that are done are kept, so that the next one continues there"""
+
+    bl_idname = "frog.cancel_calibration"
+    bl_label = "Cancel"
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        return runner.is_running()
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        task = runner.current()
+        if task is not None:
+            task.cancel()
+        return {"FINISHED"}
+
+
+def footage_folder(stored: str) -> Path:
+    """The folder of the panel's setting; FrogError if there is none."""
+    if not stored:
+        raise FrogError("No capture is selected. Choose the folder with the videos to calibrate.")
+    folder = Path(bpy.path.abspath(stored))
+    if not os.path.isdir(folder):  # false, not an error, without permission
+        raise FrogError(f"{folder}: found no such folder, expected one with a video of each camera.")
+    return folder
+
+
+class CaptureOpening:
+    """A calibration, and then the capture that it made of a folder of footage.
+
+    The capture is read on the worker thread, because small videos are decoded for that.
+    """
+
+    def __init__(self, folder: Path, calibrator: Calibrator) -> None:
+        self.folder, self._calibrator = folder, calibrator
+        self._summary = capture_summary.CaptureSummary()
+
+    def calibrate(self, progress: Progress, cancelled: Callable[[], bool]) -> "Outcome":
+        """For the worker thread."""
+        outcome = self._calibrator(progress, cancelled)
+        progress("opening the capture", 0, 1)
+        self._summary = capture_summary.read(self.folder)
+        return outcome
+
+    def show(self, folder: Path, _outcome: "Outcome") -> None:
+        """For the main thread: shows the capture in every scene that names it, and draws what was found."""
+        for scene in bpy.data.scenes:
+            stored = scene.frog.capture_folder
+            named = bpy.path.abspath(stored) if stored else ""
+            if named and Path(os.path.normpath(named)) == Path(os.path.normpath(folder)):
+                capture_summary.store(named, self._summary)
+                report_images.show(folder, self._summary.capture)
+
+
+_CLASSES = (FROG_OT_calibrate, FROG_OT_cancel_calibration)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -1,0 +1,90 @@
+"""The cameras of the capture to train from: a contact sheet, and corrections of their clocks."""
+
+# mypy: disable-error-code="valid-type"
+
+from pathlib import Path
+
+import bpy
+from bpy.props import FloatProperty, StringProperty
+
+from ..calibration_task.clocks import OFFSETS, RATES, CameraClock, write_clock
+from ..engine.errors import FrogError
+from ..ui import capture_summary, contact_sheet, preferences, preview_image, report_images
+
+
+class FROG_OT_show_contact_sheet(bpy.types.Operator):
+    """Show the first image of each camera"""
+
+    bl_idname = "frog.show_contact_sheet"
+    bl_label = "Show Images"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        preferences.add_environment()  # may have OpenCV, which reads videos
+        folder = bpy.path.abspath(context.scene.frog.capture_folder)
+        summary = capture_summary.known(folder) or capture_summary.inspect(folder)
+        if summary.error or not folder:
+            self.report({"ERROR"}, summary.error or "No capture is selected. Choose the folder with the videos.")
+            return {"CANCELLED"}
+        contact_sheet.show(folder, summary)
+        return {"FINISHED"}
+
+
+class FROG_OT_edit_clock(bpy.types.Operator):
+    """Correct when this camera began to film. The calibration that FRoG wrote is changed, never one that was given"""
+
+    bl_idname = "frog.edit_clock"
+    bl_label = "Correct Clock"
+
+    camera: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    offset: FloatProperty(
+        name="Offset",
+        description="Seconds after the capture's beginning at which this camera's film begins",
+        min=-OFFSETS,
+        max=OFFSETS,
+        precision=4,
+        step=1,
+        options={"SKIP_SAVE"},
+    )
+    rate: FloatProperty(
+        name="Rate",
+        description="Seconds of the capture for each second of this camera's film; 1 for a clock that runs right",
+        default=1.0,
+        min=RATES[0],
+        max=RATES[1],
+        precision=6,
+        step=0.001,
+        options={"SKIP_SAVE"},
+    )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_props_dialog(self, width=400, title=f"Clock of {self.camera}")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.prop(self, "offset")
+        layout.prop(self, "rate")
+        folder = Path(bpy.path.abspath(context.scene.frog.capture_folder))
+        preview_image.draw(layout, context, report_images.curves_name(folder))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        folder = bpy.path.abspath(context.scene.frog.capture_folder)
+        try:
+            write_clock(Path(folder), CameraClock(self.camera, _rounded(self.offset), _rounded(self.rate)))
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        preferences.add_environment()
+        summary = capture_summary.inspect(folder)
+        if summary.error:
+            self.report({"WARNING"}, summary.error)
+        return {"FINISHED"}
+
+
+def _rounded(value: float) -> float:
+    """As typed: Blender's numbers are of single precision, so that 0.1 reads 0.10000000149."""
+    return float(f"{value:.7g}")
+
+
+_CLASSES = (FROG_OT_show_contact_sheet, FROG_OT_edit_clock)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

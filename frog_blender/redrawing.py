@@ -1,0 +1,24 @@
+"""Redraws what shows the state of background work."""
+
+from __future__ import annotations
+
+import bpy
+
+
+def sidebars() -> None:
+    """Redraws the sidebars of all viewports; the viewports themselves are expensive."""
+    for area in _viewports():
+        for region in area.regions:
+            if region.type == "UI":
+                region.tag_redraw()
+
+
+def viewports() -> None:
+    """Redraws all viewports."""
+    for area in _viewports():
+        area.tag_redraw()
+
+
+def _viewports() -> list[bpy.types.Area]:
+    windows = bpy.context.window_manager.windows
+    return [area for window in windows for area in window.screen.areas if area.type == "VIEW_3D"]

@@ -1,0 +1,154 @@
+"""The Train panel's part about calibration, and its sub-panels about the cameras and their clocks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..calibration_task import runner
+from ..calibration_task.clocks import CameraClock
+from ..calibration_task.state import CalibrationState
+from ..engine.capture.calibration.landmark_file import landmark_file
+from . import capture_summary, contact_sheet, preferences, preview_image, report_images
+from .capture_summary import CaptureSummary
+from .text import wrapped_label
+
+
+def draw_calibration(
+    layout: bpy.types.UILayout, folder: Path, summary: CaptureSummary, context: bpy.types.Context
+) -> None:
+    """Draws the running calibration, the end of the last one of this folder, and the button for raw footage."""
+    task = runner.current()
+    if task is not None and task.state.running:
+        _draw_progress(layout, task, folder, context)
+        return
+    if task is not None and task.state.folder == folder:
+        _draw_end(layout, task.state, context)
+    if summary.raw_footage:
+        needed = preferences.calibration_needed()
+        if needed:
+            wrapped_label(layout, needed, context, icon="ERROR")
+            preferences.draw_calibration_installation(layout)
+        row = layout.row()
+        row.scale_y = 1.5
+        row.enabled = not needed
+        row.operator("frog.calibrate", icon="CAMERA_DATA")
+
+
+def _draw_progress(
+    layout: bpy.types.UILayout, task: runner.CalibrationTask, folder: Path, context: bpy.types.Context
+) -> None:
+    state = task.state
+    if state.folder != folder:
+        wrapped_label(layout, f"Calibrating {state.folder.name}", context)
+    layout.progress(factor=state.fraction, text="Cancelling" if task.is_stopping else state.doing)
+    layout.operator("frog.cancel_calibration", icon="CANCEL")
+
+
+def _draw_end(layout: bpy.types.UILayout, state: CalibrationState, context: bpy.types.Context) -> None:
+    if state.error:
+        wrapped_label(layout, state.error, context, icon="QUESTION" if state.is_refused else "ERROR")
+        if state.is_refused and landmark_file() is None:
+            sentence = "Where a person is in view, their joints may help: that takes a file."
+            wrapped_label(layout, sentence, context, icon="INFO")
+            preferences.draw_landmarks(layout)
+    elif state.cancelled:
+        wrapped_label(layout, "Cancelled. The next calibration continues with what was done.", context, icon="CANCEL")
+    outcome = state.outcome
+    if outcome is None:
+        return
+    wrapped_label(layout, f"Calibrated: {outcome.cameras.name}", context, icon="CHECKMARK")
+    if outcome.given_kept:
+        wrapped_label(layout, "The calibration that was there is kept, and used.", context, icon="INFO")
+    for warning in outcome.warnings:
+        wrapped_label(layout, warning, context, icon="INFO")
+    preview_image.draw(layout, context, report_images.rig_name(state.folder))
+    if outcome.page.is_file():
+        layout.operator("wm.path_open", text="Open Report", icon="TEXT").filepath = str(outcome.page)
+
+
+class FROG_PT_cameras(bpy.types.Panel):
+    """One image of each camera, and the rig."""
+
+    bl_label = "Cameras"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "FRoG"
+    bl_parent_id = "FROG_PT_train"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        summary = _summary(context)
+        return summary is not None and bool(summary.capture is not None or summary.raw_footage)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, summary = self.layout, _summary(context)
+        if summary is not None and summary.capture is not None:
+            layout.prop(context.scene.frog, "show_rig")
+        folder = bpy.path.abspath(context.scene.frog.capture_folder)
+        images = contact_sheet.shown(folder)
+        if images is None:
+            layout.operator("frog.show_contact_sheet", icon="IMAGE_REFERENCE")
+            return
+        if images.error:
+            wrapped_label(layout, images.error, context, icon="ERROR")
+        elif not images.is_whole:
+            layout.label(text=f"Decoding: {len(images.names)} of {images.total}", icon="TIME")
+        grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+        for name in images.names:
+            column = grid.column(align=True)
+            column.template_icon(preview_image.icon_id(contact_sheet.icon_name(name)), scale=6.0)
+            column.label(text=name)
+
+
+class FROG_PT_synchronization(bpy.types.Panel):
+    """When each camera began to film, and how fast its clock runs."""
+
+    bl_label = "Synchronization"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "FRoG"
+    bl_parent_id = "FROG_PT_train"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        summary = _summary(context)
+        return summary is not None and summary.clocks is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        summary = _summary(context)
+        if summary is None or summary.clocks is None:
+            return
+        layout, clocks = self.layout, summary.clocks
+        column = layout.column(align=True)
+        for clock in clocks.clocks:
+            row = column.row(align=True)
+            row.label(text=clock.name)
+            row.label(text=described(clock))
+            if clocks.is_own:
+                operator = row.operator("frog.edit_clock", text="", icon="GREASEPENCIL")
+                operator.camera, operator.offset, operator.rate = clock.name, clock.offset, clock.rate
+        if not clocks.is_own:
+            sentence = f"{clocks.path.name} was given, so it is not changed here."
+            if clocks.found is not None:
+                sentence += f" What was found lies beside it in {clocks.found.name}."
+            wrapped_label(layout, sentence, context, icon="INFO")
+        preview_image.draw(layout, context, report_images.curves_name(clocks.path.parent))
+
+
+def described(clock: CameraClock) -> str:
+    """A clock in a row of the panel: ``+0.133 s``, with the rate where it is not 1."""
+    rate = f", x {clock.rate:.5f}" if clock.rate != 1.0 else ""
+    return f"{clock.offset:+.3f} s{rate}"
+
+
+def _summary(context: bpy.types.Context) -> CaptureSummary | None:
+    folder = context.scene.frog.capture_folder
+    return capture_summary.known(bpy.path.abspath(folder)) if folder else None
+
+
+_CLASSES = (FROG_PT_cameras, FROG_PT_synchronization)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -1,0 +1,87 @@
+"""What a calibration found, as images for the panel: the rig from above, and the synchronisation curves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..engine.arrays import ImageArray
+from ..engine.capture.capture import Capture
+from ..engine.capture.readers.checks import read_json
+from ..engine.capture.synchronization import Synchronization, draw_curves
+from ..engine.capture.video import load_opencv
+from ..engine.errors import FrogError
+from ..engine.io.plain_values import UnfitValue
+from . import preview_image
+
+REPORT = "calibration_report.json"
+_SIDE, _MARGIN = 480, 50  # pixels
+_PAPER, _INK, _POINTS, _CAMERA = (255, 255, 255), (40, 40, 40), (170, 170, 170), (30, 100, 200)
+_MOST_POINTS = 3000
+_MOST_NAMES = 40
+
+
+def show(folder: Path, capture: Capture | None) -> None:
+    """Draws what a folder's calibration found, in place of what an earlier one did.
+
+    Args:
+        capture: whose z axis points up, as calibrations write it; None draws nothing.
+    """
+    try:
+        rig = None if capture is None else rig_from_above(capture)
+        preview_image.show(rig, rig_name(folder))
+        preview_image.show(None if capture is None else curves(folder / REPORT), curves_name(folder))
+    except FrogError:  # without OpenCV nothing is drawn
+        return
+
+
+def rig_name(folder: Path) -> str:
+    """The name of a folder's rig in ``preview_image``."""
+    return f"rig {folder}"
+
+
+def curves_name(folder: Path) -> str:
+    """The name of a folder's synchronisation curves in ``preview_image``."""
+    return f"curves {folder}"
+
+
+def curves(report: Path) -> ImageArray | None:
+    """(H, W, 3) uint8, the curves in a report; None for a report without any, or none that can be read."""
+    if not report.is_file():
+        return None
+    try:
+        found = read_json(report).get("synchronization")
+        synchronization = None if found is None else Synchronization.from_json(found)
+    except (FrogError, UnfitValue):
+        return None
+    return None if synchronization is None else draw_curves(synchronization)
+
+
+def rig_from_above(capture: Capture) -> ImageArray:
+    """(SIDE, SIDE, 3) uint8: the cameras with their viewing directions and names, and the points, seen along -z."""
+    cv2 = load_opencv()
+    centers = np.array([camera.center[:2] for camera in capture.cameras])
+    ahead = np.array([camera.forward[:2] for camera in capture.cameras])
+    points = np.empty((0, 2)) if capture.points is None else capture.points[:, :2]
+    points = points[:: max(1, len(points) // _MOST_POINTS)]
+    middle = (centers.min(axis=0) + centers.max(axis=0)) / 2
+    reach = max(float(np.abs(centers - middle).max()), 1e-9)
+    points = points[np.abs(points - middle).max(axis=1, initial=0.0) < 1.5 * reach]
+    reach = max(reach, float(np.abs(points - middle).max(initial=0.0)))
+    scale = (_SIDE / 2 - _MARGIN) / reach
+
+    def pixel(place: np.ndarray) -> tuple[int, int]:
+        x, y = (place - middle) * scale
+        return round(_SIDE / 2 + float(x)), round(_SIDE / 2 - float(y))
+
+    image = np.full((_SIDE, _SIDE, 3), _PAPER, np.uint8)
+    for point in points:
+        cv2.circle(image, pixel(point), 1, _POINTS, -1)
+    for camera, center, direction in zip(capture.cameras, centers, ahead, strict=True):
+        cv2.line(image, pixel(center), pixel(center + direction * 24 / scale), _CAMERA, 2, cv2.LINE_AA)
+        cv2.circle(image, pixel(center), 5, _CAMERA, -1, cv2.LINE_AA)
+        if len(centers) <= _MOST_NAMES:
+            x, y = pixel(center)
+            cv2.putText(image, camera.name, (x + 8, y - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _INK, 1, cv2.LINE_AA)
+    return image

@@ -1,0 +1,160 @@
+"""The cameras of the chosen capture, drawn into viewports before there is a scene of it; the file does not change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .. import addon_state, reported_once
+from ..cameras import pose_of
+from ..engine.capture.camera import Camera
+from ..engine.capture.capture import Capture
+from ..timeline import playback
+from . import capture_summary
+
+DEPTH = 0.1  # of a drawn camera, in diameters of the rig
+_MOST_NAMES = 40
+_MOST_POINTS = 50_000
+_COLOR, _HELD_OUT, _POINTS = (1.0, 0.62, 0.15, 1.0), (0.35, 0.7, 1.0, 1.0), (0.6, 0.6, 0.6, 0.6)
+_EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1), (1, 5), (5, 2))
+_FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's axes to Blender's
+
+
+class RigOverlay:
+    """What is drawn.
+
+    Attributes:
+        handlers: of Blender.
+        capture: whose cameras the batches show.
+        batches: with a colour each; of the graphics card.
+        names: of the cameras, with the points that they stand at.
+    """
+
+    def __init__(self) -> None:
+        self.handlers: list[Any] = []
+        self.capture: Capture | None = None
+        self.batches: list[tuple[Any, tuple[float, ...]]] = []
+        self.names: list[tuple[str, np.ndarray]] = []
+
+
+def shown_capture(scene: bpy.types.Scene) -> Capture | None:
+    """The capture whose rig is drawn in a scene: the one in the panel, until a scene of captures is imported."""
+    settings = scene.frog
+    if not (settings.show_rig and settings.capture_folder) or any(playback.captures(scene.objects)):
+        return None
+    summary = capture_summary.known(bpy.path.abspath(settings.capture_folder))
+    return summary.capture if summary is not None else None
+
+
+def frusta(cameras: Sequence[Camera]) -> np.ndarray:
+    """(N, 10, 2, 3) lines of N cameras: a pyramid from the centre to its image, with a roof that shows what is up."""
+    depth = DEPTH * _diameter(cameras)
+    return np.array([_corners(camera, depth)[np.array(_EDGES)] for camera in cameras]).reshape(-1, len(_EDGES), 2, 3)
+
+
+def _corners(camera: Camera, depth: float) -> np.ndarray:
+    """(6, 3) of a camera in the world: its centre, the image's corners and a point above it."""
+    width, height = camera.width, camera.height
+    pixels = np.array([(0, 0), (width, 0), (width, height), (0, height), (width / 2, -0.25 * height)])
+    rays = np.concatenate([pixels, np.ones((5, 1))], axis=1) @ np.linalg.inv(camera.intrinsics).T * depth
+    pose = pose_of(camera)
+    return np.concatenate([np.zeros((1, 3)), rays]) @ (pose[:3, :3] @ _FLIP).T + pose[:3, 3]
+
+
+def _diameter(cameras: Sequence[Camera]) -> float:
+    """The largest side of the box around the centres; 1 where all stand in one place."""
+    centres = np.array([pose_of(camera)[:3, 3] for camera in cameras]).reshape(-1, 3)
+    return float(np.ptp(centres, axis=0).max(initial=0.0)) or 1.0
+
+
+def _build(overlay: RigOverlay, capture: Capture) -> None:
+    """Makes the batches of a capture."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    cameras = list(capture.cameras)
+    lines = frusta(cameras).astype(np.float32)
+    held_out = np.array([camera.name in capture.test_cameras for camera in cameras], dtype=bool)
+    overlay.capture, overlay.batches = capture, []
+    for chosen, color in ((~held_out, _COLOR), (held_out, _HELD_OUT)):
+        if chosen.any():
+            batch = batch_for_shader(shader, "LINES", {"pos": lines[chosen].reshape(-1, 3)})
+            overlay.batches.append((batch, color))
+    if capture.points is not None and len(capture.points):
+        step = -(-len(capture.points) // _MOST_POINTS)
+        points = capture.points[::step].astype(np.float32)
+        overlay.batches.append((batch_for_shader(shader, "POINTS", {"pos": points}), _POINTS))
+    few = cameras if len(cameras) <= _MOST_NAMES else []
+    overlay.names = [(camera.name, pose_of(camera)[:3, 3]) for camera in few]
+
+
+def _draw_lines() -> None:
+    import gpu
+
+    overlay, capture = addon_state.get(RigOverlay), shown_capture(bpy.context.scene)
+    if capture is None:
+        overlay.capture, overlay.batches, overlay.names = None, [], []
+        return
+    if overlay.capture is not capture:
+        _build(overlay, capture)
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    gpu.state.blend_set("ALPHA")
+    gpu.state.depth_test_set("LESS_EQUAL")
+    shader.bind()
+    for batch, color in overlay.batches:
+        shader.uniform_float("color", color)
+        batch.draw(shader)
+    gpu.state.depth_test_set("NONE")
+    gpu.state.blend_set("NONE")
+
+
+def _draw_names() -> None:
+    import blf
+    from bpy_extras.view3d_utils import location_3d_to_region_2d
+
+    overlay, context = addon_state.get(RigOverlay), bpy.context
+    if overlay.capture is None or overlay.capture is not shown_capture(context.scene):
+        return
+    blf.size(0, 11.0 * context.preferences.system.ui_scale)
+    blf.color(0, *_COLOR)
+    for name, place in overlay.names:
+        pixel = location_3d_to_region_2d(context.region, context.region_data, place)
+        if pixel is not None:
+            blf.position(0, pixel.x + 6, pixel.y + 6, 0)
+            blf.draw(0, name)
+
+
+def _lines() -> None:
+    _guarded("the rig", _draw_lines)
+
+
+def _names() -> None:
+    _guarded("the cameras' names", _draw_names)
+
+
+def _guarded(what: str, draw: Any) -> None:
+    """An error is reported once, not at every redraw."""
+    try:
+        draw()
+    except Exception as error:
+        reported_once.unexpected(f"drawing {what}", error)
+
+
+def register() -> None:
+    if bpy.app.background:  # nothing is drawn, and there may be no graphics
+        return
+    add = bpy.types.SpaceView3D.draw_handler_add
+    overlay = addon_state.get(RigOverlay)
+    overlay.handlers = [add(_lines, (), "WINDOW", "POST_VIEW"), add(_names, (), "WINDOW", "POST_PIXEL")]
+
+
+def unregister() -> None:
+    overlay = addon_state.get(RigOverlay)
+    for handler in overlay.handlers:
+        bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
+    overlay.handlers = []
+    overlay.batches = []

@@ -1,0 +1,337 @@
+"""From raw videos in the panel to a capture that can be trained from: what is said, and what the operators do."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from support.training_panel import Written
+
+from frog_blender.calibration_task import runner
+from frog_blender.calibration_task.clocks import CameraClock, read_clocks, write_clock
+from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
+from frog_blender.engine.capture.synchronization import CameraClock as CameraClockFound
+from frog_blender.engine.capture.synchronization import Synchronization
+from frog_blender.engine.capture.synchronization.pair import Curve
+from frog_blender.engine.errors import FrogError
+from frog_blender.operators.calibrate import CaptureOpening
+from frog_blender.ui import (
+    calibration_panel,
+    capture_summary,
+    contact_sheet,
+    preview_image,
+    report_images,
+    rig_overlay,
+    train_panel,
+)
+
+film = pytest.importorskip("support.synthetic_capture")
+
+
+def calibration(folder: Path, **changed) -> None:
+    """What a calibration writes beside the videos: the true cameras."""
+    cameras = [
+        {
+            "name": camera.name,
+            "width": camera.width,
+            "height": camera.height,
+            "K": camera.intrinsics.tolist(),
+            "dist": [],
+            "R": camera.rotation.tolist(),
+            "t": camera.world_to_camera[:3, 3].tolist(),
+        }
+        for camera in film.rig()
+    ]
+    cameras[1]["offset"] = 0.02
+    content = {"made_by": "frog calibrate", "cameras": cameras, "points": [[0, 0, 1]]} | changed
+    (folder / "cameras_opencv.json").write_text(json.dumps(content))
+
+
+def calibrator_of(folder):
+    """Stands in for the pipeline, in the thread in which that runs."""
+
+    def calibrate(progress, cancelled):
+        progress("bundle adjustment", 1, 2)
+        calibration(folder)
+        page = folder / "calibration_report.html"
+        page.write_text("<p>Four cameras.</p>")
+        cameras, report = folder / "cameras_opencv.json", folder / "calibration_report.json"
+        warnings = ("cam03 sees little of what the others see.",)
+        return SimpleNamespace(cameras=cameras, report=report, page=page, given_kept=False, warnings=warnings)
+
+    return calibrate
+
+
+@pytest.fixture
+def raw(tmp_path, monkeypatch):
+    """A folder of four videos and nothing else, and a cache with nothing in it."""
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    folder = film.write_capture(tmp_path / "raw")
+    (folder / "poses_bounds.npy").unlink()
+    return folder
+
+
+@pytest.fixture
+def drawn(empty):
+    """A function that draws a panel and gives what it says, label lines joined."""
+
+    def draw(panel=train_panel.FROG_PT_train):
+        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+        context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=280), preferences=preferences)
+        layout = Written()
+        if not hasattr(panel, "poll") or panel.poll(context):
+            panel.draw(SimpleNamespace(layout=layout), context)
+        return " ".join(layout.said)
+
+    yield draw
+    runner.stop()
+    runner.set_current(None)
+
+
+def begin(folder, calibrator):
+    """As the operator does."""
+    opening = CaptureOpening(folder, calibrator)
+    return runner.begin(folder, opening.calibrate, opening.show)
+
+
+def ended(task):
+    assert task.join(20.0)
+    while task.pump():
+        pass
+    return task.state
+
+
+def test_raw_videos_say_so_and_offer_to_be_calibrated(empty, drawn, raw):
+    empty.frog.capture_folder = str(raw)
+    said = drawn()
+    assert "Found 4 videos without a calibration." in said and "frog.calibrate" in said
+    assert capture_summary.known(str(raw)).capture is None
+    calibration(raw)
+    assert capture_summary.is_outdated(str(raw)), "what was missing may be there"
+    capture_summary.inspect(str(raw))
+    assert "frog.calibrate" not in drawn() and "Format: calibrated_videos" in drawn()
+
+
+def test_from_videos_to_a_capture(empty, drawn, raw):
+    empty.frog.capture_folder = str(raw)
+    task = begin(raw, calibrator_of(raw))
+    state = ended(task)
+    assert not state.error
+    said = drawn()
+    assert "Format: calibrated_videos" in said and "Cameras: 4 cameras" in said, "it opens by itself"
+    assert "Calibrated: cameras_opencv.json" in said and "cam03 sees little" in said and "wm.path_open" in said
+    assert "frog.calibrate" not in said and "Roughly" in said
+    empty.frog.capture_folder = str(raw.parent)
+    assert "Calibrated" not in drawn(), "that was another folder"
+
+
+def test_a_running_calibration_shows_its_stage(empty, drawn, raw):
+    empty.frog.capture_folder = str(raw)
+    task = runner.CalibrationTask(raw, lambda progress, cancelled: progress("films", 1, 4))
+    runner.set_current(task)
+    task.state.stage, task.state.done, task.state.total = "films", 1, 4
+    said = drawn()
+    assert "Films: 1 of 4 frog.cancel_calibration" in said and "frog.calibrate" not in said.split()
+    empty.frog.capture_folder = str(raw.parent)
+    assert "Calibrating raw" in drawn()
+
+
+def test_a_refusal_says_what_to_film_and_leaves_the_button(empty, drawn, raw):
+    empty.frog.capture_folder = str(raw)
+    files = sorted(raw.iterdir())
+
+    def refuse(progress, cancelled):
+        raise CalibrationRefused("cam00 and cam03 share nothing. Film a walk from one to the other.")
+
+    ended(begin(raw, refuse))
+    said = drawn()
+    assert "Film a walk from one to the other." in said and "frog.calibrate" in said.split()
+    assert "frog.fetch_landmarks" in said, "joints may help"
+    assert sorted(raw.iterdir()) == files
+
+
+def test_the_operator_says_what_is_wrong(empty, raw, tmp_path):
+    with pytest.raises(RuntimeError, match="No capture is selected"):
+        bpy.ops.frog.calibrate()
+    empty.frog.capture_folder = str(tmp_path / "nowhere")
+    with pytest.raises(RuntimeError, match="found no such folder"):
+        bpy.ops.frog.calibrate()
+
+
+def test_the_real_pipeline_says_which_film_it_cannot_use(empty, drawn, tmp_path):
+    pytest.importorskip("pycolmap")
+    for name in ("a.mp4", "b.mp4"):
+        (tmp_path / name).write_bytes(b"x" * 100)
+    empty.frog.capture_folder = str(tmp_path)
+    assert bpy.ops.frog.calibrate() == {"FINISHED"}
+    state = ended(runner.current())
+    assert "a.mp4: found a file that cannot be decoded" in state.error and not state.is_refused
+    assert "a.mp4: found a file" in drawn()
+
+
+def test_a_cancelled_calibration(empty, drawn, raw):
+    empty.frog.capture_folder = str(raw)
+
+    def calibrate(progress, cancelled):
+        while not cancelled():
+            pass
+        raise RuntimeError("ended")
+
+    task = begin(raw, calibrate)
+    assert bpy.ops.frog.cancel_calibration() == {"FINISHED"}
+    assert "Cancelling frog.cancel_calibration" in drawn()
+    ended(task)
+    assert "Cancelled. The next calibration continues" in drawn() and "frog.calibrate" in drawn()
+    assert not bpy.ops.frog.cancel_calibration.poll()
+
+
+def test_clocks_are_listed_and_corrected(empty, drawn, raw):
+    calibration(raw)
+    empty.frog.capture_folder = str(raw)
+    said = drawn(calibration_panel.FROG_PT_synchronization)
+    assert "cam01 +0.020 s frog.edit_clock" in said and "cam00 +0.000 s" in said
+    assert bpy.ops.frog.edit_clock(camera="cam02", offset=0.1, rate=1.0005) == {"FINISHED"}
+    assert "cam02 +0.100 s, x 1.00050" in drawn(calibration_panel.FROG_PT_synchronization)
+    content = json.loads((raw / "cameras_opencv.json").read_text())
+    assert content["points"] == [[0, 0, 1]] and content["cameras"][1]["offset"] == 0.02, "nothing else has changed"
+    changed = {shot.offset for shot in capture_summary.known(str(raw)).capture.shots}
+    assert changed != {0.0}, "the capture's times follow"
+    with pytest.raises(RuntimeError, match="no camera cam09"):
+        bpy.ops.frog.edit_clock(camera="cam09")
+
+
+def test_a_given_calibration_is_not_changed(empty, drawn, raw):
+    calibration(raw, made_by="somebody else")
+    empty.frog.capture_folder = str(raw)
+    before = (raw / "cameras_opencv.json").read_bytes()
+    said = drawn(calibration_panel.FROG_PT_synchronization)
+    assert "was given" in said and "frog.edit_clock" not in said
+    with pytest.raises(RuntimeError, match="was given"):
+        bpy.ops.frog.edit_clock(camera="cam02", offset=0.1)
+    assert (raw / "cameras_opencv.json").read_bytes() == before
+    (raw / "cameras_found.json").write_text("{}")
+    capture_summary.inspect(str(raw))
+    assert "beside it in cameras_found.json" in drawn(calibration_panel.FROG_PT_synchronization)
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[]", '{"cameras": 3}', '{"cameras": [4, 5]}', '{"cameras": [{"name": "a", "offset": "b"}]}']
+)
+def test_clocks_that_cannot_be_read_are_one_error(tmp_path, content):
+    (tmp_path / "cameras_opencv.json").write_text(content)
+    with pytest.raises(FrogError, match=r"cameras_opencv\.json"):
+        read_clocks(tmp_path)
+
+
+@pytest.mark.parametrize("clock", [CameraClock("cam01", float("nan")), CameraClock("cam01", 0.0, 0.0)])
+def test_clocks_out_of_range_are_not_written(raw, clock):
+    calibration(raw)
+    before = (raw / "cameras_opencv.json").read_bytes()
+    with pytest.raises(FrogError, match="expected"):
+        write_clock(raw, clock)
+    assert (raw / "cameras_opencv.json").read_bytes() == before
+
+
+def finished_sheet(folder):
+    sheet = contact_sheet.shown(str(folder))
+    assert sheet is not None and sheet.join(20.0)
+    while contact_sheet.tick() is not None:
+        pass
+    return sheet
+
+
+@pytest.mark.parametrize("is_calibrated", [False, True], ids=["raw", "calibrated"])
+def test_the_contact_sheet_has_one_image_of_each_camera(empty, drawn, raw, is_calibrated):
+    if is_calibrated:
+        calibration(raw)
+    empty.frog.capture_folder = str(raw)
+    assert "frog.show_contact_sheet" in drawn(calibration_panel.FROG_PT_cameras)
+    assert bpy.ops.frog.show_contact_sheet() == {"FINISHED"}
+    sheet = finished_sheet(raw)
+    assert sheet.is_whole and sheet.names == list(film.CAMERAS) and not sheet.error
+    said = drawn(calibration_panel.FROG_PT_cameras)
+    assert said.split().count("image") == 4 and "cam03" in said and "Decoding" not in said
+    contact_sheet.close()
+    assert contact_sheet.shown(str(raw)) is None
+
+
+def test_a_film_that_cannot_be_decoded_does_not_hide_the_others(empty, drawn, raw):
+    (raw / "cam02.mp4").write_bytes(b"x")
+    empty.frog.capture_folder = str(raw)
+    bpy.ops.frog.show_contact_sheet()
+    sheet = finished_sheet(raw)
+    assert sheet.names == ["cam00", "cam01", "cam03"] and "cam02.mp4" in sheet.error
+    assert "cam02.mp4" in drawn(calibration_panel.FROG_PT_cameras)
+    contact_sheet.close()
+
+
+def test_the_drawn_rig_looks_as_the_cameras_do():
+    cameras = film.rig()
+    lines = rig_overlay.frusta(cameras)
+    assert lines.shape == (4, 10, 2, 3)
+    for camera, drawn_lines in zip(cameras, lines, strict=True):
+        centre, corners = drawn_lines[:4, 0], drawn_lines[:4, 1]
+        np.testing.assert_allclose(centre, np.tile(camera.center, (4, 1)), atol=1e-9)
+        seen = corners @ camera.rotation.T + camera.world_to_camera[:3, 3]
+        assert (seen[:, 2] > 0).all()
+        pixels = seen @ camera.intrinsics.T
+        size = np.array([camera.width, camera.height])
+        np.testing.assert_allclose(pixels[:, :2] / pixels[:, 2:], [[0, 0], [size[0], 0], size, [0, size[1]]], atol=1e-6)
+
+
+def test_the_rig_is_drawn_until_a_scene_is_imported(empty, raw, static_rig):
+    calibration(raw)
+    empty.frog.capture_folder = str(raw)
+    assert rig_overlay.shown_capture(empty) is capture_summary.known(str(raw)).capture
+    empty.frog.show_rig = False
+    assert rig_overlay.shown_capture(empty) is None
+    empty.frog.show_rig = True
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    assert rig_overlay.shown_capture(empty) is None
+
+
+def report_of(folder, synchronization):
+    (folder / report_images.REPORT).write_text(json.dumps({"synchronization": synchronization}))
+    return folder / report_images.REPORT
+
+
+def synchronization(names):
+    """Clocks with a maximum each."""
+    lags = np.linspace(-1, 1, 41)
+    clocks = [
+        CameraClockFound(name, 0.1 * i, 1.0, 0.9, ("motion",), None, Curve(lags, np.exp(-((lags - 0.1 * i) ** 2))))
+        for i, name in enumerate(names)
+    ]
+    return Synchronization(tuple(clocks), 1 / 24, 0.001)
+
+
+def test_the_curves_of_a_report_are_drawn(empty, raw):
+    calibration(raw)
+    report_of(raw, synchronization(film.CAMERAS).to_json())
+    empty.frog.capture_folder = str(raw)
+    image = report_images.curves(raw / report_images.REPORT)
+    icon = preview_image.icons()[report_images.curves_name(raw)]  # a window alone gives it a number
+    assert tuple(icon.image_size) == image.shape[1::-1] and len(np.unique(image)) > 2
+    (raw / report_images.REPORT).unlink()
+    empty.frog.capture_folder = str(raw)
+    assert report_images.curves_name(raw) not in preview_image.icons(), "that was an earlier report"
+
+
+@pytest.mark.parametrize("found", [None, 3, {}, {"version": 1, "cameras": [{"name": "a", "offset": "b"}]}])
+def test_a_report_without_curves_draws_none(raw, found):
+    assert report_images.curves(report_of(raw, found)) is None
+    assert report_images.curves(raw / "nowhere.json") is None
+
+
+def test_the_rig_from_above_shows_every_camera(raw):
+    calibration(raw)
+    capture = capture_summary.inspect(str(raw)).capture
+    image = report_images.rig_from_above(capture)
+    without = report_images.rig_from_above(replace(capture, cameras=capture.cameras[:3], distortions=(None,) * 3))
+    assert image.dtype == np.uint8 and image.shape[0] == image.shape[1]
+    assert (image != without).any() and (image != 255).any()

@@ -1,0 +1,93 @@
+"""What calibration needs by its own buttons: packages, and the landmark file; whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+
+import bpy
+import pytest
+from support.wheels import finished, wheel
+
+from frog_blender.torch_install.folders import installed
+from frog_blender.torch_install.installer import Installation
+from frog_blender.torch_install.landmarks import LandmarkDownload
+from frog_blender.torch_install.packages import CALIBRATION_PACKAGES, build_advice, has_pycolmap_wheel
+
+
+def test_what_calibration_needs_is_installed_by_itself(tmp_path, monkeypatch):
+    for name in CALIBRATION_PACKAGES:
+        wheel(tmp_path / "wheels", name)
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)  # this computer's may hold packages to a version
+    monkeypatch.delenv("PIP_CONSTRAINT", raising=False)
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "wheels"))
+    folder = tmp_path / "data" / "calibration"
+    if not has_pycolmap_wheel():
+        pytest.skip("there is no pycolmap for this computer")
+    done = finished(Installation(folder, packages=CALIBRATION_PACKAGES).start())
+    assert done.done and not done.error and installed(folder) == folder
+    assert (folder / "pycolmap" / "__init__.py").is_file() and not (folder / "torch").exists()
+    again = finished(Installation(folder, packages=CALIBRATION_PACKAGES).start())
+    assert installed(folder) == again.folder == folder.with_name("calibration-2") and not folder.exists()
+
+
+def test_pycolmap_that_did_not_come_is_named(tmp_path):
+    silent = [sys.executable, "-c", "print('all is well')"]
+    failed = finished(Installation(tmp_path / "data" / "calibration", pip=silent).start())
+    assert failed.error == "pycolmap could not be installed: pip brought none (all is well)."
+
+
+def test_computers_without_a_wheel_are_known():
+    there = [("linux", "x86_64"), ("win32", "AMD64"), ("darwin", "arm64")]
+    missing = [("linux", "aarch64"), ("darwin", "x86_64"), ("win32", "ARM64")]
+    assert all(has_pycolmap_wheel(*computer) for computer in there)
+    assert not any(has_pycolmap_wheel(*computer) for computer in missing)
+
+
+def test_the_build_of_torch_that_suits_the_computer_is_named():
+    assert "CPU above" in build_advice("linux", False) and build_advice("linux", True) == ""
+    assert "CUDA above" in build_advice("win32", True) and build_advice("win32", False) == ""
+    assert build_advice("darwin", False) == ""
+
+
+def test_the_landmark_file_is_taken_out_of_what_pip_brings_or_nothing_is(tmp_path):
+    """The real file is not at hand; another one in its place is refused, and nothing stays."""
+    code = """
+import sys, zipfile
+folder = sys.argv[sys.argv.index("--dest") + 1]
+with zipfile.ZipFile(f"{folder}/mediapipe-0.10.21-cp311-cp311-manylinux_2_28_x86_64.whl", "w") as wheel:
+    wheel.writestr("mediapipe/modules/pose_landmark/pose_landmark_full.tflite", "something else")
+print("Saved", folder)
+"""
+    download = LandmarkDownload(pip=[sys.executable, "-c", code], cache=tmp_path / "cache").start()
+    failed = finished(download)
+    assert not failed.done and "checksum" in failed.error and failed.line.startswith("Saved")
+    assert not list(tmp_path.rglob("*.tflite"))
+    silent = LandmarkDownload(
+        pip=[sys.executable, "-c", "print('ERROR: no such thing'); raise SystemExit(1)"], cache=tmp_path
+    )
+    assert finished(silent.start()).error == "The landmark file could not be fetched: no such thing"
+
+
+def test_a_cancelled_download_of_landmarks_says_nothing(tmp_path):
+    slow = [sys.executable, "-c", "import time; print('Collecting', flush=True); time.sleep(60)"]
+    download = LandmarkDownload(pip=slow, cache=tmp_path / "cache").start()
+    deadline = time.monotonic() + 20
+    while download.line != "Collecting" and time.monotonic() < deadline:
+        time.sleep(0.01)
+    download.cancel()
+    finished(download)
+    assert not download.done and not download.error
+
+
+def test_nothing_is_downloaded_without_online_access(empty):
+    system = bpy.context.preferences.system
+    allowed = system.use_online_access
+    try:
+        system.use_online_access = False
+        for operator in (bpy.ops.frog.install_torch, bpy.ops.frog.install_calibration, bpy.ops.frog.fetch_landmarks):
+            assert not operator.poll()
+    finally:
+        system.use_online_access = allowed
