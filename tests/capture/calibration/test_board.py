@@ -130,6 +130,18 @@ def test_films_out_of_step_are_refused() -> None:
         calibrate_board(facts_of(cameras), BOARD, corners)
 
 
+def test_films_a_little_out_of_step_come_with_a_warning() -> None:
+    cameras, poses = rig(), board_poses(24, 8)
+    late = [pose.copy() for pose in poses]
+    for number, pose in enumerate(late):
+        pose[:3, 3] += 0.012 * np.array([np.cos(number), np.sin(number), 0.0])
+    corners = [corners_seen(camera, BOARD, late if i == 1 else poses, 0.2, i) for i, camera in enumerate(cameras)]
+
+    found = calibrate_board(facts_of(cameras), BOARD, corners)
+
+    assert any("out of step" in warning for warning in found.warnings)
+
+
 # --- boards in images
 
 

@@ -21,7 +21,7 @@ _LEAST_IMAGES = 5  # that show the board, of each camera
 _LEAST_SHARED = 3  # frames in which two cameras saw the board at once
 _MOST_SCATTER = 15.0  # degrees by which half the frames may disagree on how two cameras stand
 _MOST_SIGMA = 0.05  # relative, of a focal length
-_MOST_RESIDUAL = 0.004  # of the longer side, median of a camera
+_MOST_RESIDUAL, _DOUBTFUL_RESIDUAL = 0.004, 0.0015  # of the longer side, median of a camera
 _FALSE = 0.008  # of the longer side: a corner that is farther off is another one
 _GAIN = 0.02  # by which a camera's held-out cost must fall for one more lens parameter
 _CORNER_SIGMA = 0.01  # of the distance from the middle, at the image's corner: the most a coefficient may leave open
@@ -61,10 +61,9 @@ def calibrate_board(
     free[:, [FOCAL, K1]] = True
     first = solve(rig, seen.sightings, _options(free, _LOSS))
     solution = _with_more_of_the_lenses(seen, first, free)
-    _check(seen, board, solution)
-    warnings = (
-        [] if board.square else [f"The size of the squares of {board} is not given: the rig's scale is arbitrary."]
-    )
+    warnings = _check(seen, board, solution)
+    if not board.square:
+        warnings.append(f"The size of the squares of {board} is not given: the rig's scale is arbitrary.")
     limits = _FALSE * np.array([camera.side for camera in facts])
     agrees = np.linalg.norm(solution.rig.residuals(seen.sightings), axis=1) < limits[seen.sightings.cameras]
     found = calibration_of(facts, solution, seen.sightings, agrees, is_metric=board.square is not None)
@@ -259,8 +258,9 @@ def _is_certain(seen: _Seen, solution: Solution, parameters: Sequence[int]) -> B
     return np.asarray((sigmas[:, K2] * square**2 < _CORNER_SIGMA) & (slope > 0.2))
 
 
-def _check(seen: _Seen, board: Board, solution: Solution) -> None:
-    """Refuse what does not hold together."""
+def _check(seen: _Seen, board: Board, solution: Solution) -> list[str]:
+    """Refuses what does not hold together; the warnings where it hardly does."""
+    warnings = []
     sightings = seen.sightings
     off = np.linalg.norm(solution.rig.residuals(sightings), axis=1)
     for index, camera in enumerate(seen.facts):
@@ -276,3 +276,9 @@ def _check(seen: _Seen, board: Board, solution: Solution) -> None:
                 f"The corners that camera {camera.name} sees lie {residual:.1f} pixels from where {board} would put "
                 "them: the films are not in step, the lens is a fisheye's, or the board is not flat or not this one."
             )
+        if residual > _DOUBTFUL_RESIDUAL * camera.side:
+            warnings.append(
+                f"The corners that camera {camera.name} sees lie {residual:.1f} pixels from where they should: its "
+                "film may be a little out of step with the others."
+            )
+    return warnings
