@@ -208,8 +208,8 @@ def _refined(views: Geometry, lag: float) -> _Fit | None:
         prior = np.zeros(columns.shape[1])
         prior[-3:] = _CORRELATED * noise / (_BIAS * views.width) ** 2
         normal = columns.T @ (weights[:, None] * columns) + np.diag(prior + 1e-12)
-        wanted = columns.T @ (weights * r)
-        wanted[-3:] += prior[-3:] * bias
+        pulled = np.concatenate([np.zeros(len(clocks)), bias])  # the prior is that there is no bias
+        wanted = columns.T @ (weights * r) + prior * pulled
         change = -np.linalg.solve(normal, wanted)
         lag += float(np.clip(change[0], -views.frame / 2, views.frame / 2))
         rate += float(change[1]) if drifts else 0.0
