@@ -6,7 +6,7 @@ along its epipolar line, says nothing and is left out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,6 +22,9 @@ _MOST_TRIED, _MOST_FITTED = 600, 3000  # matches at each lag of the curve, and i
 _DOUBT = 10.0  # a score of few matches is taken as if so many more had failed
 _LEAST = 12  # matches that the fine search needs
 _ROUNDS = 8
+_STARTS = 3  # maxima of the curve that are refined
+_CORRELATED = 4.0  # matches that count as one: neighbours and successive keyframes err together
+_BIAS = 0.003  # of the width: residuals that a poor calibration leaves, constant and rising across the image
 _DRIFT_SECONDS = 15.0  # two clocks' rates are told apart only where matches spread over so much time
 _SLOWEST = 5e-6  # what two quartz clocks differ in at least: a smaller rate is no rate
 _NEAR = REACH  # frames by which two points may be apart: each is carried half of the way
@@ -68,6 +71,7 @@ class Geometry:
         matrix: (3, 3) fundamental matrix, first to second.
         frame: seconds between frames, of the slower film.
         width: pixels of the wider film.
+        bias: (3,) pixels by ``places``: what the cameras' calibration leaves of every residual.
     """
 
     points: tuple[MovingPoints, MovingPoints]
@@ -75,6 +79,7 @@ class Geometry:
     matrix: Float64s
     frame: float
     width: int
+    bias: Float64s = field(default_factory=lambda: np.zeros(3))
 
     @property
     def truncation(self) -> float:
@@ -88,7 +93,13 @@ class Geometry:
         carried = (middle[1] + lags - middle[0]) / 2  # each goes half of the way
         a, good_a = first.positions(matches.first, middle[0] + carried)
         b, good_b = second.positions(matches.second, middle[1] - carried)
-        return signed_residuals(self.matrix, a, b), good_a & good_b
+        return signed_residuals(self.matrix, a, b) + self.places(matches) @ self.bias, good_a & good_b
+
+    def places(self, matches: Matches) -> Float64s:
+        """(M, 3): one, and where the points lie in the first image, in half widths from its points' middle."""
+        where = self.points[0].tracks[matches.first, REACH]
+        middle = self.points[0].tracks[:, REACH].mean(axis=0) if len(where) else np.zeros(2)
+        return np.column_stack([np.ones(len(where)), 2 * (where - middle) / self.width])
 
     def slopes(self, matches: Matches, lags: Float64s | float) -> tuple[Float64s, Float64s, Bools]:
         """Residuals (M,) pixels, their derivatives (M,) in pixels a second of lag, and which could be had."""
@@ -110,24 +121,32 @@ def epipolar_lag(
         step: frames between the lags that are tried first.
     """
     curve = score_curve(views, lags, step * views.frame)
-    found = maxima(curve, views.frame)
-    if not found or found[0][1] <= 0:
-        return None
-    best = _refined(views, found[0][0])
+    best: tuple[float, _Fit, Curve] | None = None
+    for start, _ in maxima(curve, views.frame, most=_STARTS):
+        fit = _refined(views, start)
+        if fit is None:
+            continue
+        adjusted = score_curve(replace(views, bias=fit.bias), (fit.lag, fit.lag), step * views.frame)
+        score = float(np.nanmax(adjusted.scores)) if np.isfinite(adjusted.scores).any() else 0.0
+        if score > 0 and (best is None or score > best[0]):
+            best = score, fit, adjusted
     if best is None:
         return None
-    lag, at, sigma, rate, rate_sigma = best
+    score, fit, _ = best
+    if np.any(fit.bias):
+        curve = score_curve(replace(views, bias=fit.bias), lags, step * views.frame)
+    others = [other for other in maxima(curve, views.frame) if abs(other[0] - fit.lag) >= views.frame]
     return PairLag(
         first=pair[0],
         second=pair[1],
-        lag=lag,
-        at=at,
-        sigma=sigma,
-        score=found[0][1],
+        lag=fit.lag,
+        at=fit.at,
+        sigma=fit.sigma,
+        score=score,
         source="motion",
-        rate=rate,
-        rate_sigma=rate_sigma,
-        others=tuple(found[1:]),
+        rate=fit.rate,
+        rate_sigma=fit.rate_sigma,
+        others=tuple(others),
         curve=curve,
     )
 
@@ -147,38 +166,57 @@ def score_curve(views: Geometry, lags: tuple[float, float], step: float) -> Curv
     return Curve(grid, scores)
 
 
-def _refined(views: Geometry, lag: float) -> tuple[float, float, float, float, float] | None:
-    """Lag, the second film's time it holds at, its sigma, the first film's rate by the second's, and its sigma.
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A lag as PairLag has it, and the bias that was found with it."""
 
-    Reweighted least squares on residuals that are linear in the lag, and in a rate where the films are long.
+    lag: float
+    at: float
+    sigma: float
+    rate: float
+    rate_sigma: float
+    bias: Float64s
+
+
+def _refined(views: Geometry, lag: float) -> _Fit | None:
+    """The lag near one that is right to a frame or so; None where too few matches move.
+
+    Reweighted least squares on residuals that are linear in the lag, in a rate where the films are long, and in where
+    a point lies: cameras that were calibrated from little leave residuals that no lag can explain.
     """
     start, at, rate, sigmas = lag, 0.0, 0.0, (np.inf, np.inf)
-    scale = views.truncation
+    scale, bias = views.truncation, np.zeros(3)
     for turn in range(_ROUNDS):
         times = views.points[1].times[views.matches.second, REACH]
         predicted = lag + rate * (times - at)
         near = views.matches.within(predicted, _NEAR * views.frame).thinned(_MOST_FITTED)
         times = views.points[1].times[near.second, REACH]
-        local = lag + rate * (times - at)
-        residuals, slopes, good = views.slopes(near, local)
+        residuals, slopes, good = views.slopes(near, lag + rate * (times - at))
+        places = views.places(near)
+        residuals = residuals + places @ bias
         good &= (np.abs(slopes) * views.frame > _LEAST_SLOPE) & (np.abs(residuals) < 3 * scale)
         if good.sum() < _LEAST:
             return None
         r, g, t = residuals[good], slopes[good], times[good]
         weights = np.maximum(1 - (r / (3 * scale)) ** 2, 0) ** 2  # Tukey's
+        noise = float((weights * r**2).sum() / max(weights.sum(), 1e-9))
         middle = float(np.average(t, weights=weights * g**2 + 1e-12))
         lag, at = lag + rate * (middle - at), middle
         drifts = bool(np.ptp(t) >= _DRIFT_SECONDS) and turn >= 2
-        columns = np.stack([g, g * (t - middle)], axis=1) if drifts else g[:, None]
-        normal = columns.T @ (weights[:, None] * columns)
-        change = -np.linalg.solve(normal + 1e-12 * np.eye(len(normal)), columns.T @ (weights * r))
+        clocks = [g, g * (t - middle)] if drifts else [g]
+        columns = np.column_stack([*clocks, places[good]])
+        prior = np.zeros(columns.shape[1])
+        prior[-3:] = _CORRELATED * noise / (_BIAS * views.width) ** 2
+        normal = columns.T @ (weights[:, None] * columns) + np.diag(prior + 1e-12)
+        pulled = np.concatenate([np.zeros(len(clocks)), bias])  # the prior is that there is no bias
+        wanted = columns.T @ (weights * r) + prior * pulled
+        change = -np.linalg.solve(normal, wanted)
         lag += float(np.clip(change[0], -views.frame / 2, views.frame / 2))
         rate += float(change[1]) if drifts else 0.0
+        bias = bias + change[-3:]
         scale = max(0.1, 0.5 * scale, min(scale, 2.5 * float(np.median(np.abs(r)))))
-        noise = float((weights * r**2).sum() / max(weights.sum(), 1e-9))
-        # Neighbouring points and successive keyframes err together: count one in four.
-        inverse = np.linalg.inv(normal + 1e-12 * np.eye(len(normal))) * 4 * noise
-        sigmas = (float(np.sqrt(inverse[0, 0])), float(np.sqrt(inverse[-1, -1])) if drifts else np.inf)
+        inverse = np.linalg.inv(normal) * _CORRELATED * noise
+        sigmas = (float(np.sqrt(inverse[0, 0])), float(np.sqrt(inverse[1, 1])) if drifts else np.inf)
     if abs(lag - start) > 2 * views.frame and abs(rate) < _SLOWEST:
         return None
-    return lag, at, max(sigmas[0], 1e-3 * views.frame), 1 + rate, sigmas[1]
+    return _Fit(lag, at, max(sigmas[0], 1e-3 * views.frame), 1 + rate, sigmas[1], bias)

@@ -15,7 +15,7 @@ from .epipolar import signed_residuals
 from .pair import Curve, PairLag, maxima
 
 _STEP = 0.25  # frames
-_LEAST_OVERLAP = 0.25  # of the shorter film
+_LEAST_OVERLAP = 0.5  # of the shorter film: one geometry fits a few poses at any lag
 _LEAST = 30  # points seen by both
 _TRUNCATION = 0.012  # of the width: named points are uncertain by so much
 _CONFIDENCE, _ROUNDS = 0.999, 2000
@@ -111,7 +111,20 @@ def _score(seen: tuple[Float64s, Float64s], width: int, known: Float64s | None) 
     if matrix is None or matrix.shape[0] < 3:
         return float("nan")
     residuals = signed_residuals(matrix[:3], *seen)
+    if known is not None:
+        residuals = _without_bias(residuals, seen[0], truncation, width)
     return 1 - float(np.minimum((residuals / truncation) ** 2, 1).mean())
+
+
+def _without_bias(residuals: Float64s, places: Float64s, truncation: float, width: int) -> Float64s:
+    """(M,) residuals less what is constant and rises across the image: a detector sees joints beside where they are."""
+    columns = np.column_stack([np.ones(len(places)), (places - places.mean(axis=0)) / width])
+    left = residuals
+    for _ in range(3):
+        weights = 1 / (1 + (left / truncation) ** 2)
+        normal = columns.T @ (weights[:, None] * columns) + 1e-6 * len(places) * np.eye(3)
+        left = residuals - columns @ np.linalg.solve(normal, columns.T @ (weights * residuals))
+    return left
 
 
 def _smoothed(scores: Float64s) -> Float64s:
