@@ -11,7 +11,7 @@ from frog_blender.engine.capture.calibration.calibration import Calibration, Cal
 from frog_blender.engine.capture.calibration.standing import calibrate_standing
 from frog_blender.engine.capture.calibration.work_folder import WorkFolder
 
-from .walls import FOCAL, center_errors, rig, view
+from .walls import FOCAL, camera, center_errors, distorted_view, rig, view
 
 pytest.importorskip("pycolmap")
 
@@ -81,3 +81,18 @@ def test_cameras_of_another_room_are_refused_by_name(tmp_path: Path) -> None:
 def test_two_cameras_prove_nothing(tmp_path: Path) -> None:
     with pytest.raises(CalibrationRefused, match="a single pair proves nothing"):
         calibrate_standing([view(camera) for camera in rig()[:2]], WorkFolder(tmp_path), lambda *_: None, lambda: False)
+
+
+def test_distortion_is_found_where_there_is_some(tmp_path: Path) -> None:
+    views = [distorted_view(each, -0.2) for each in rig()]
+    found = calibrate_standing(views, WorkFolder(tmp_path), lambda *_: None, lambda: False)
+    assert all(abs(each.distortion[0] + 0.2) < 0.02 for each in found.cameras)
+    assert center_errors([each.camera for each in found.cameras], rig()).max() < 0.005
+    assert abs(found.cameras[0].camera.intrinsics[0, 0] / FOCAL - 1) < 0.01
+
+
+def test_a_rig_that_does_not_fix_its_focal_length_is_refused(tmp_path: Path) -> None:
+    """All cameras look the same way: nearly any focal length explains them."""
+    line = [camera(f"cam{i}", (-1.2 + 0.6 * i, 0, -3.3), (-1.2 + 0.6 * i, 0, 10)) for i in range(5)]
+    with pytest.raises(CalibrationRefused, match="focal length"):
+        calibrate_standing([view(each) for each in line], WorkFolder(tmp_path), lambda *_: None, lambda: False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -76,6 +77,19 @@ def view(seen_by: Camera, seed: int = 1) -> View:
     """What calibration looks at, in which nothing moves."""
     plate = image(seen_by, seed)
     return View(seen_by.name, (seen_by.width, seen_by.height), plate, np.zeros(plate.shape, bool))
+
+
+def distorted_view(seen_by: Camera, k1: float) -> View:
+    """The same through a lens with that distortion."""
+    margin = 80  # pixels that a barrel-shaped image shows beyond a straight one
+    shift = np.array([[0, 0, margin], [0, 0, margin], [0, 0, 0]])
+    size = {"width": WIDTH + 2 * margin, "height": HEIGHT + 2 * margin}
+    wide = replace(seen_by, **size, intrinsics=seen_by.intrinsics + shift)
+    pixels = np.stack(np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5), axis=-1).reshape(-1, 1, 2)
+    straight = cv2.undistortPoints(pixels, seen_by.intrinsics, np.array([k1, 0, 0, 0]), P=wide.intrinsics)
+    columns, rows = np.float32(straight.reshape(HEIGHT, WIDTH, 2) - 0.5).transpose(2, 0, 1)
+    plate = cv2.remap(image(wide), columns, rows, cv2.INTER_LINEAR)
+    return View(seen_by.name, (WIDTH, HEIGHT), plate, np.zeros(plate.shape, bool))
 
 
 def film(path: Path, images: list[np.ndarray]) -> None:

@@ -19,7 +19,8 @@ STARTS = (0.7, 0.9, 1.2, 1.7)
 _PER_CAMERA = 500  # observations that a comparison needs; more of them take longer and change nothing
 _PER_PAIR = 40
 _SAME_FOCAL, _SAME_PLACES = 0.01, 0.01  # of the focal length and of the rig's diameter
-_OWN_GAINS = 0.02  # of the cost, before focal lengths of their own are believed: together they drift
+OWN_GAINS = 0.02
+"""Share of the cost that focal lengths of their own must save before they are believed: together they drift."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,11 @@ class Hypothesis:
     own: bool
     adjusted: Adjusted | None
     cost: float
+
+    @property
+    def placed(self) -> int:
+        """How many cameras have a pose."""
+        return 0 if self.adjusted is None else len(self.adjusted.model.placed)
 
     @property
     def focals(self) -> Float64s:
@@ -147,18 +153,42 @@ def halves(tracks: Tracks) -> tuple[Tracks, Tracks]:
     return tracks.chosen(first[tracks.points]), tracks.chosen(~first[tracks.points])
 
 
-def best(hypotheses: Sequence[Hypothesis]) -> Hypothesis | None:
-    """The hypothesis that places most cameras at the least cost; one focal length a group unless own ones gain much."""
+def candidates(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The best hypothesis of one focal length a group; and the best of own ones, where those gain much.
+
+    Both place as many cameras as any. Own focal lengths imitate lens distortion, so that a choice between the two must
+    wait for it.
+    """
     models = [each for each in hypotheses if each.adjusted is not None]
-    if not models:
-        return None
+    most = max((each.placed for each in models), default=0)
+    models = [each for each in models if each.placed == most]
+    shared = min((each for each in models if not each.own), key=lambda each: each.cost, default=None)
+    own = min((each for each in models if each.own), key=lambda each: each.cost, default=None)
+    if shared is not None and own is not None and own.cost * (1 + OWN_GAINS) > shared.cost:
+        own = None
+    return [each for each in (shared, own) if each is not None]
 
-    def placed(each: Hypothesis) -> int:
-        return int(np.isfinite(each.focals).sum())
 
-    most = max(map(placed, models))
-    models = [each for each in models if placed(each) == most]
-    return min(models, key=lambda each: each.cost * (1 + _OWN_GAINS if each.own else 1))
+def settled(
+    hypotheses: Sequence[Hypothesis], tracks: Tracks, kinds: Sequence[int], coefficients: Sequence[int]
+) -> list[Hypothesis]:
+    """The hypotheses with that many of k1 and k2 free for each camera: without, wrong focal lengths imitate them."""
+    if not any(coefficients):
+        return list(hypotheses)
+    found: list[Hypothesis] = []
+    for each in hypotheses:
+        if each.adjusted is None or not each.adjusted.model.placed:
+            found.append(each)
+            continue
+        same = [i for i, other in enumerate(hypotheses[: len(found)]) if other.adjusted is each.adjusted]
+        if same:  # two starts that led to one place
+            found.append(replace(found[same[0]], start=each.start))
+            continue
+        groups = list(range(len(kinds))) if each.own else kinds
+        again = adjust(each.adjusted.model, tracks, groups, coefficients)
+        weighed = whole_cost(again.distances, tracks, again.model.lenses)
+        found.append(replace(each, adjusted=again, cost=weighed))
+    return found
 
 
 def rivals(hypotheses: Sequence[Hypothesis], chosen: Hypothesis) -> list[tuple[Hypothesis, float]]:

@@ -17,7 +17,7 @@ from .calibration import CalibrationRefused
 from .evidence import agreeing, disagreement
 from .features import SMALL, Extractor, Features
 from .films import resized
-from .hypotheses import Hypothesis, best, halves, held_out_cost, rivals, whole_cost
+from .hypotheses import Hypothesis, candidates, halves, held_out_cost, rivals, whole_cost
 from .lens import Lens
 from .mapping import Model, global_, incremental
 from .matching import match
@@ -58,10 +58,10 @@ def moving(request: JsonObject, tell: Tell) -> JsonObject:
     pairs = _pairs(work, features, size, keys, tell)
     tracks = join(pairs, [each.pixels for each in features])
     found = _proposed([each.pixels for each in features], size, pairs, tracks, tell)
-    chosen = best(found)
-    if chosen is None or chosen.adjusted is None:
+    models = candidates(found)
+    if not models:
         raise CalibrationRefused(f"No two images of the moving camera could be placed. {_REMEDY}")
-    return _judged(chosen, found, tracks, tell)
+    return _judged(models[0], found, tracks, tell)
 
 
 def _features(work: WorkFolder, path: Path, key: str, size: tuple[int, int]) -> Features:

@@ -8,12 +8,12 @@ from itertools import combinations
 
 import numpy as np
 
-from ...arrays import Float64s
 from .adjustment import Adjusted, adjust
 from .evidence import CameraEvidence, PairEvidence, closing_triangles, disagreement, of_cameras, of_pairs
 from .features import Features
-from .hypotheses import Hypothesis, best, halves, held_out_cost, propose, rivals
+from .hypotheses import OWN_GAINS, Hypothesis, candidates, halves, held_out_cost, propose, rivals, settled
 from .lens import Lens
+from .mapping import Model
 from .matching import match
 from .tracks import Pairs, Tracks, join
 from .two_view import verified
@@ -84,17 +84,19 @@ def solve(
     pixels = [each.pixels for each in features]
     lenses = [Lens(*size, 1.2 * size[0]) for size in sizes]
     found, few, _ = propose(lenses, groups, pixels, checked, lambda done, all_: progress("poses", done, all_))
-    chosen = best(found)
-    if chosen is None or chosen.adjusted is None:
+    starts = [each for each in candidates(found) if each.adjusted is not None]
+    if not starts:
         evidence = tuple(of_pairs(matches, checked, None, few))
         return Solution(None, few, (), evidence, tuple(found), None, (), (0,) * len(sizes), np.inf)
-    grouping = list(range(len(sizes))) if chosen.own else list(groups)
     progress("bundle adjustment", 0, 3)
-    coefficients, apart = _released(chosen.adjusted, few, grouping)
+    released = [(each, _released(each, few, groups)) for each in starts]
+    chosen, best = min(released, key=lambda each: each[1].cost * (1 + OWN_GAINS if each[0].own else 1))
+    grouping = list(range(len(sizes))) if chosen.own else list(groups)
     progress("bundle adjustment", 1, 3)
     tracks = join(checked, pixels)
-    adjusted = adjust(chosen.adjusted.model, tracks, grouping, coefficients)
+    adjusted = adjust(best.model, tracks, grouping, best.coefficients)
     progress("bundle adjustment", 2, 3)
+    final = settled(found, few, groups, best.coefficients)
     closing = closing_triangles(adjusted.model.lenses, pixels, checked)
     return Solution(
         adjusted,
@@ -103,32 +105,51 @@ def solve(
         tuple(of_pairs(matches, checked, adjusted, tracks)),
         tuple(found),
         chosen,
-        tuple(rivals(found, chosen)),
-        tuple(coefficients),
-        apart,
+        tuple(rivals(final, final[found.index(chosen)])),
+        best.coefficients,
+        best.apart,
     )
 
 
-def _released(start: Adjusted, tracks: Tracks, groups: Sequence[int]) -> tuple[list[int], float]:
-    """For each camera how many of k1 and k2 the held-out tracks ask for, and how far the halves' cameras lie apart."""
+@dataclass(frozen=True, eq=False)
+class _Released:
+    """A start with the distortion that held-out tracks ask for.
+
+    Attributes:
+        model: adjusted to half of the tracks.
+        coefficients: for each camera how many of k1 and k2 are free.
+        cost: of the tracks that were held out.
+        apart: how far the halves' cameras lie apart, over the rig's diameter.
+    """
+
+    model: Model
+    coefficients: tuple[int, ...]
+    cost: float
+    apart: float
+
+
+def _released(start: Hypothesis, tracks: Tracks, kinds: Sequence[int]) -> _Released:
+    """Frees k1, then k2, of all cameras of a kind together, where that lowers the cost of held-out tracks."""
+    assert start.adjusted is not None
+    model = start.adjusted.model
+    groups = list(range(len(kinds))) if start.own else list(kinds)
     one, other = halves(tracks)
-    coefficients = [0] * len(groups)
-    fits = adjust(start.model, one, groups, coefficients), adjust(start.model, other, groups, coefficients)
+    coefficients = [0] * len(kinds)
+    fits = adjust(model, one, groups, coefficients), adjust(model, other, groups, coefficients)
     least = held_out_cost(fits[0], other) + held_out_cost(fits[1], one)
-    for group in sorted(set(groups)):
+    for kind in sorted(set(kinds)):
         for more in (1, 2):
-            tried = [more if each == group else had for each, had in zip(groups, coefficients, strict=True)]
+            tried = [more if each == kind else had for each, had in zip(kinds, coefficients, strict=True)]
             new = adjust(fits[0].model, one, groups, tried), adjust(fits[1].model, other, groups, tried)
             gained = held_out_cost(new[0], other) + held_out_cost(new[1], one)
-            sure = max(float(_uncertainty(each, groups, group)) for each in new) < _RELEASE_SURE
+            sure = max(_uncertainty(each, kinds, kind) for each in new) < _RELEASE_SURE
             if not (sure and gained < (1 - _RELEASE_GAINS) * least):
                 break
             coefficients, least, fits = tried, gained, new
-    return coefficients, disagreement(fits[0].model, fits[1].model)
+    return _Released(fits[0].model, tuple(coefficients), least / 2, disagreement(fits[0].model, fits[1].model))
 
 
-def _uncertainty(adjusted: Adjusted, groups: Sequence[int], group: int) -> Float64s:
-    """Of the focal length of a group's cameras that have a pose."""
-    own = [camera for camera in adjusted.model.placed if groups[camera] == group]
-    found: Float64s = np.max(adjusted.uncertainty[own], initial=0.0)
-    return found
+def _uncertainty(adjusted: Adjusted, kinds: Sequence[int], kind: int) -> float:
+    """Of the focal lengths of a kind's cameras that have a pose."""
+    own = [camera for camera in adjusted.model.placed if kinds[camera] == kind]
+    return float(np.max(adjusted.uncertainty[own], initial=0.0))
