@@ -46,7 +46,7 @@ def test_a_standing_camera_stands_and_a_moving_one_moves(tmp_path: Path) -> None
 
 
 def test_common_times_are_frames_of_the_first_film() -> None:
-    facts = VideoFacts(320, 240, 30, 10.0)
+    facts = VideoFacts(320, 240, 30, 10.0, np.arange(30) / 10.0)
     films = [Film("a", Path("a"), facts), Film("b", Path("b"), facts, 0.53)]
     times = common_times(films, 3)
     assert all(films[0].frame_at(time) == pytest.approx(round(films[0].frame_at(time))) for time in times)
@@ -54,7 +54,7 @@ def test_common_times_are_frames_of_the_first_film() -> None:
 
 
 def test_films_without_a_common_time_are_refused() -> None:
-    facts = VideoFacts(320, 240, 30, 10.0)
+    facts = VideoFacts(320, 240, 30, 10.0, np.arange(30) / 10.0)
     with pytest.raises(FrogError, match="no time in common"):
         common_times([Film("a", Path("a"), facts), Film("b", Path("b"), facts, 9.0)], 3)
 

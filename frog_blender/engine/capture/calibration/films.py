@@ -46,8 +46,7 @@ class Film:
     @property
     def stamps(self) -> Float64s:
         """(N,) film times in seconds at which the frames are shown."""
-        known: Float64s | None = getattr(self.facts, "timestamps", None)
-        return np.arange(self.facts.frame_count) / self.facts.frames_per_second if known is None else known
+        return self.facts.timestamps
 
     def frame_at(self, time: float) -> float:
         """The frame, a real number, that was taken at a capture time in seconds; beyond the ends at the mean rate."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import Float64s, ImageArray
 from ...errors import found_instead
-from ..video import VideoFacts, decode, load_opencv, read_facts
+from ..video import decode, load_opencv, read_facts
 
 LONGEST_SIDE = 720
 """Pixels of the gray images: enough for features, and a phone's film costs no more than a small one."""
@@ -64,15 +64,6 @@ class Film:
 def open_film(name: str, path: Path) -> Film:
     """A camera's video; FrogError if it cannot be decoded or has fewer than three frames."""
     facts = read_facts(path)
-    times = _timestamps(facts)
-    if len(times) < 3:
-        raise found_instead(path, f"a video of {len(times)} frames", "at least three, in which something moves")
-    return Film(name, path, times, facts.width, facts.height)
-
-
-def _timestamps(facts: VideoFacts) -> Float64s:
-    """(N,) seconds at which the frames are shown."""
-    stamps = getattr(facts, "timestamps", None)
-    if stamps is None:
-        return np.arange(facts.frame_count) / facts.frames_per_second
-    return np.asarray(stamps, dtype=np.float64)
+    if facts.frame_count < 3:
+        raise found_instead(path, f"a video of {facts.frame_count} frames", "at least three, in which something moves")
+    return Film(name, path, facts.timestamps, facts.width, facts.height)
