@@ -17,6 +17,10 @@ if str(Path(__file__).parent) not in sys.path:
 INTEGRATION = (
     "benchmarks",
     "blender",
+    "capture/calibration/test_child_process.py",
+    "capture/calibration/test_moving.py",
+    "capture/calibration/test_pipeline.py",
+    "capture/calibration/test_standing.py",
     "capture/test_seeds.py",
     "cli",
     "experiments",

@@ -86,3 +86,10 @@ def camera_image(plate: ImageArray, size: tuple[int, int], observations: Float64
         cv2.circle(image, (int(x * scale), int(y * scale)), 2, _GREEN if agrees else _RED, -1, cv2.LINE_AA)
     _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 80])
     return f"<img alt='' src='data:image/jpeg;base64,{base64.b64encode(content.tobytes()).decode()}'>"
+
+
+def wide_image(image: ImageArray) -> str:
+    """An image (H, W, 3) RGB as an ``img`` element, without loss."""
+    cv2 = load_opencv()
+    _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    return f"<img alt='' src='data:image/png;base64,{base64.b64encode(content.tobytes()).decode()}'>"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +16,8 @@ BACKGROUND = -1
 """The moment of features that are there at all times."""
 _PEAK = 0.003  # COLMAP's 0.0067 loses small and dark images
 _MOST = 4096  # features of an image
-_SMALL = 900  # pixels of the longer side
+SMALL = 900
+"""Pixels of the longer side up to which features are sought at twice the size as well."""
 _MARGIN = 24  # pixels around what changes that its features see
 _LEAST_SHIFT = 1e-3  # of a frame
 
@@ -35,21 +37,34 @@ class Features:
     moments: Ints
 
 
-def find_features(view: View) -> Features:
-    """The features of a standing camera: outside what changes on its plate, inside it at each common time."""
-    extractor = Extractor(upsampled=max(view.plate.shape) < _SMALL)
-    parts = [_kept(*extractor.of(view.plate), ~view.changing, BACKGROUND)]
-    for moment, image in enumerate(view.images):
-        if image is None or not view.changing.any():
-            continue
-        found = _kept(*_within(extractor, image, view.changing), view.changing, moment)
-        parts.append(_carried(found, image, view.nexts[moment], abs(view.shares[moment])))
-    scale = np.array(view.size) / view.plate.shape[::-1]
+def background_features(view: View) -> Features:
+    """The features of a standing camera's plate, outside what changes; in pixels of the film."""
+    extractor = Extractor(upsampled=max(view.plate.shape) < SMALL)
+    return _scaled(_kept(*extractor.of(view.plate), ~view.changing, BACKGROUND), view)
+
+
+def moment_features(view: View, moment: int) -> Features:
+    """Those of what moves at one of the common times, none where the film has no image then; in pixels of the film."""
+    image = view.images[moment]
+    if image is None or not view.changing.any():
+        return Features(np.empty((0, 2)), np.empty((0, 128), np.uint8), np.empty(0, np.int64))
+    extractor = Extractor(upsampled=max(view.plate.shape) < SMALL)
+    found = _kept(*_within(extractor, image, view.changing), view.changing, moment)
+    return _scaled(_carried(found, image, view.nexts[moment], abs(view.shares[moment])), view)
+
+
+def pooled(parts: Sequence[Features]) -> Features:
+    """All of them as one camera's."""
     return Features(
-        np.concatenate([part.pixels for part in parts]) * scale,
+        np.concatenate([part.pixels for part in parts]),
         np.concatenate([part.descriptors for part in parts]),
         np.concatenate([part.moments for part in parts]),
     )
+
+
+def _scaled(found: Features, view: View) -> Features:
+    """From pixels of the view's images to those of its film."""
+    return replace(found, pixels=found.pixels * (np.array(view.size) / view.plate.shape[::-1]))
 
 
 class Extractor:

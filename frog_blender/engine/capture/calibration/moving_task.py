@@ -15,7 +15,7 @@ from ..video import read_gray
 from .adjustment import adjust
 from .calibration import CalibrationRefused
 from .evidence import agreeing, disagreement
-from .features import Extractor, Features
+from .features import SMALL, Extractor, Features
 from .films import resized
 from .hypotheses import Hypothesis, best, halves, held_out_cost, rivals, whole_cost
 from .lens import Lens
@@ -68,7 +68,7 @@ def _features(work: WorkFolder, path: Path, key: str, size: tuple[int, int]) -> 
     kept = work.load("image", key)
     if kept is None:
         gray = resized(read_gray(path), size)
-        pixels, descriptors = Extractor(upsampled=max(size) < 900).of(gray)
+        pixels, descriptors = Extractor(upsampled=max(size) < SMALL).of(gray)
         scale = np.array(size) / gray.shape[::-1]
         kept = {"pixels": pixels.astype(np.float64) * scale, "descriptors": descriptors}
         work.keep("image", key, kept)

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FrogError
-from ..camera import Camera
-from ..capture import Distortion
 from ..readers.geometry import distortion
 from .calibration import Calibration, CalibrationRefused
 from .child_process import CalibrationCancelled, Progress
+from .clocks import Clocks, FoundClocks, Synchronize, differ, find_clocks, with_clocks
 from .films import Film, View, common_times, find_films, is_standing, look, with_groups
 from .moving import calibrate_moving, still_images
 from .report import write_moving_report, write_report
@@ -24,14 +23,6 @@ from .work_folder import NAME, WorkFolder, key_of, key_of_file
 
 _TIMES = 5  # at which moving points are compared
 _ROUNDS = 2  # of synchronisation: calibrated from the background, then from what moves as well
-
-Clocks = dict[str, tuple[float, float]]
-"""Offset in seconds and rate of each camera's film: capture time = offset + rate * film time."""
-Synchronize = Callable[
-    [Sequence[Film], Sequence[Camera], Sequence[Distortion | None], Progress, Callable[[], bool]],
-    tuple[Clocks, list[str]],
-]
-"""Finds the films' clocks, with warnings, by cameras that are known up to what moves; it may raise FrogError."""
 
 
 @dataclass(frozen=True)
@@ -75,14 +66,14 @@ def calibrate(
     options: Options,
     progress: Progress,
     cancelled: Callable[[], bool],
-    synchronize: Synchronize | None = None,
+    synchronize: Synchronize | None = find_clocks,
 ) -> Outcome:
     """Finds the cameras of a folder of films and writes them.
 
     Args:
         progress: told a stage's name, and how much of how much is done.
         cancelled: asked several times a second.
-        synchronize: finds the films' clocks; without it films are taken to be in step, unless their points disagree.
+        synchronize: finds the films' clocks; with None films are taken to be in step.
 
     Raises:
         CalibrationRefused: if the footage does not fix its cameras: why, and what to film next time.
@@ -108,13 +99,13 @@ def calibrate(
         raise FrogError(
             f"{folder}: found {', '.join(moving)} moving beside standing cameras, expected those, or one that moves."
         )
-    calibration, films, warnings = _of_standing(films, options, work, progress, cancelled, synchronize=synchronize)
-    warnings = list(dict.fromkeys([*calibration.warnings, *warnings]))
+    calibration, films, clocks = _of_standing(films, options, work, progress, cancelled, synchronize=synchronize)
+    warnings = tuple(dict.fromkeys([*calibration.warnings, *clocks.warnings]))
     progress("report", 0, 1)
-    calibration = replace(calibration, warnings=tuple(warnings))
+    calibration = replace(calibration, warnings=warnings)
     cameras = write_cameras(out, calibration, films)
-    report, page = write_report(out, calibration, films, _plates(films, work))
-    return Outcome(cameras, report, page, "found" in cameras.stem, tuple(warnings))
+    report, page = write_report(out, calibration, films, _plates(films, work), clocks)
+    return Outcome(cameras, report, page, "found" in cameras.stem, warnings)
 
 
 def _of_moving(
@@ -139,44 +130,54 @@ def _of_standing(
     cancelled: Callable[[], bool],
     *,
     synchronize: Synchronize | None,
-) -> tuple[Calibration, list[Film], list[str]]:
+) -> tuple[Calibration, list[Film], FoundClocks]:
     """The rig and the films with their clocks. Calibration and synchronisation take turns where clocks are unknown."""
-    films = [_with_clock(film, (options.clocks or {}).get(film.name)) for film in films]
-    warnings: list[str] = []
+    given = options.clocks or {}
+    films = with_clocks(films, given)
 
-    def solved(times: Sequence[float]) -> Calibration:
-        views = _views(films, times, work, progress, cancelled)
-        return calibrate_standing(views, work, progress, cancelled)
+    def solved(films: Sequence[Film], count: int) -> Calibration:
+        times = common_times(films, count) if count else []
+        return calibrate_standing(_views(films, times, work, progress, cancelled), work, progress, cancelled)
 
     if options.background_only:
-        return solved([]), films, warnings
-    if options.in_step or options.clocks is not None or synchronize is None:
-        if not (options.in_step or options.clocks):
-            warnings.append("The films were taken to be in step: nothing looked whether they are.")
-        return solved(common_times(films, _TIMES)), films, warnings
+        return solved(films, 0), films, FoundClocks(given)
+    if options.in_step or given or synchronize is None:
+        guess = (
+            ()
+            if options.in_step or given
+            else ("The films were taken to be in step: nothing looked whether they are.",)
+        )
+        return solved(films, _TIMES), films, FoundClocks(given, warnings=guess)
     calibration = _first(solved, films)
+    before: Clocks = {}
     for _ in range(_ROUNDS):
-        cameras = [each.camera for each in calibration.cameras]
-        lenses = [distortion(np.array([*each.distortion, 0.0, 0.0])) for each in calibration.cameras]
-        clocks, warnings = synchronize(films, cameras, lenses, progress, cancelled)
-        films = [_with_clock(film, clocks.get(film.name)) for film in films]
-        calibration = solved(common_times(films, _TIMES))
-    return calibration, films, warnings
+        cameras = {
+            each.camera.name: (each.camera, distortion(np.array([*each.distortion, 0.0, 0.0])))
+            for each in calibration.cameras
+        }
+        found = synchronize(films, cameras, progress, cancelled)
+        if found.refusal is not None:
+            kept = replace(found, warnings=(found.refusal, *found.warnings))
+            return calibration, films, kept
+        films = with_clocks(films, found.clocks)
+        if before and not differ(before, found.clocks, films):
+            break
+        before = found.clocks
+        calibration = solved(films, _TIMES)
+        if all(clock == (0.0, 1.0) for clock in found.clocks.values()):
+            break  # in step: nothing that a second look could correct
+    return calibration, films, found
 
 
-def _first(solved: Callable[[Sequence[float]], Calibration], films: Sequence[Film]) -> Calibration:
+def _first(solved: Callable[[Sequence[Film], int], Calibration], films: Sequence[Film]) -> Calibration:
     """A calibration before clocks are known: by the background, else by films that are taken to be in step."""
     try:
-        return solved([])
+        return solved(films, 0)
     except CalibrationRefused as refused:
         try:
-            return solved(common_times(films, _TIMES))
+            return solved(films, _TIMES)
         except FrogError:
             raise refused from None
-
-
-def _with_clock(film: Film, clock: tuple[float, float] | None) -> Film:
-    return film if clock is None else replace(film, offset=clock[0], rate=clock[1])
 
 
 def _standing(films: Sequence[Film], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]) -> list[bool]:

@@ -12,7 +12,8 @@ from pathlib import Path
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from .calibration import Calibration
-from .drawings import camera_image, matches_table, rig_from_above
+from .clocks import FoundClocks
+from .drawings import camera_image, matches_table, rig_from_above, wide_image
 from .films import Film, View
 
 REPORT, PAGE = "calibration_report.json", "calibration_report.html"
@@ -20,24 +21,25 @@ REPORT, PAGE = "calibration_report.json", "calibration_report.html"
 _STYLE = (
     "body{font:15px sans-serif;max-width:64rem;margin:2rem auto;color:#222}table{border-collapse:collapse}"
     "td,th{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #ddd}figure{display:inline-block;margin:.4rem}"
-    "figcaption{font-size:13px;color:#555}.warning{color:#a40}img{width:19rem}"
+    "figcaption{font-size:13px;color:#555}.warning{color:#a40}figure img{width:19rem}img{max-width:100%}"
 )
 
 
 def write_report(
-    folder: Path, calibration: Calibration, films: Sequence[Film], views: Sequence[View]
+    folder: Path, calibration: Calibration, films: Sequence[Film], views: Sequence[View], clocks: FoundClocks
 ) -> tuple[Path, Path]:
     """Writes both files into a folder and returns their paths.
 
     Args:
         films, views: of the cameras, in their order.
+        clocks: what synchronisation found.
 
     Raises:
         FrogError: if one cannot be written.
     """
-    facts = _facts(calibration, films)
+    facts = _facts(calibration, films) | {"synchronization": clocks.facts}
     write_atomically(folder / REPORT, json.dumps(facts, indent=1).encode())
-    write_atomically(folder / PAGE, _page(calibration, facts, views).encode())
+    write_atomically(folder / PAGE, _page(calibration, facts, views, clocks).encode())
     return folder / REPORT, folder / PAGE
 
 
@@ -98,7 +100,7 @@ def _facts(calibration: Calibration, films: Sequence[Film]) -> JsonObject:
     }
 
 
-def _page(calibration: Calibration, facts: JsonObject, views: Sequence[View]) -> str:
+def _page(calibration: Calibration, facts: JsonObject, views: Sequence[View], clocks: FoundClocks) -> str:
     names = [found.camera.name for found in calibration.cameras]
     places = [(float(found.camera.center[0]), float(found.camera.center[1])) for found in calibration.cameras]
     ahead = [(float(found.camera.forward[0]), float(found.camera.forward[1])) for found in calibration.cameras]
@@ -119,6 +121,8 @@ def _page(calibration: Calibration, facts: JsonObject, views: Sequence[View]) ->
         f"<h2>Points that pairs of cameras share</h2>{matches_table(names, calibration.pairs)}",
         f"<h2>Coverage</h2>{''.join(figures)}",
     ]
+    if clocks.curves is not None:
+        parts.append(f"<h2>Synchronisation</h2>{wide_image(clocks.curves)}")
     return _html(parts)
 
 

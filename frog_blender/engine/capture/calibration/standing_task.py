@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from ...arrays import Array, ImageArray
 from ...io.plain_values import JsonObject
 from .calibration import CalibrationRefused
 from .evidence import agreeing
-from .features import Features, find_features
+from .features import BACKGROUND, Features, background_features, moment_features, pooled
 from .films import View
 from .orientation import oriented
 from .solve import Solution, match_all, solve
@@ -38,10 +40,7 @@ def standing(request: JsonObject, tell: Tell) -> JsonObject:
             raise FileNotFoundError(work.file("view", entry["key"]))
         views.append(view_of(entry, arrays))
         keys.append(entry["key"])
-    features = []
-    for place, (view, key) in enumerate(zip(views, keys, strict=True)):
-        tell("features", place, len(views))
-        features.append(_features(work, view, key))
+    features = _all_features(work, views, tell)
     pairs = _pairs(work, features, [view.size for view in views], keys, tell)
     solution = solve(features, [view.size for view in views], [view.group for view in views], pairs, tell)
     names = [view.name for view in views]
@@ -77,10 +76,35 @@ def view_of(entry: JsonObject, arrays: dict[str, Array]) -> View:
     )
 
 
-def _features(work: WorkFolder, view: View, key: str) -> Features:
+def _all_features(work: WorkFolder, views: Sequence[View], tell: Tell) -> list[Features]:
+    """The pooled features of each view, image by image of an earlier run or new."""
+    wanted = [(view, moment) for view in views for moment in range(BACKGROUND, len(view.images))]
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # pycolmap works outside Python's lock
+        parts = []
+        for place, part in enumerate(threads.map(lambda each: _features(work, *each), wanted)):
+            tell("features", place, len(wanted))
+            parts.append(part)
+    own = iter(parts)
+    return [pooled([next(own) for _ in range(len(view.images) + 1)]) for view in views]
+
+
+def _features(work: WorkFolder, view: View, moment: int) -> Features:
+    """Those of the background, or of a moment."""
+    if moment == BACKGROUND:
+        key = key_of(view.plate, view.changing)
+    else:
+        near, towards = view.images[moment], view.nexts[moment]
+        missing = np.empty(0)
+        key = key_of(
+            missing if near is None else near,
+            missing if towards is None else towards,
+            view.shares[moment],
+            view.changing,
+            moment,
+        )
     kept = work.load("features", key)
     if kept is None:
-        found = find_features(view)
+        found = background_features(view) if moment == BACKGROUND else moment_features(view, moment)
         kept = {"pixels": found.pixels, "descriptors": found.descriptors, "moments": found.moments}
         work.keep("features", key, kept)
     return Features(kept["pixels"], kept["descriptors"], kept["moments"])

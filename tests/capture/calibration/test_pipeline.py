@@ -1,0 +1,63 @@
+"""``frog calibrate`` from videos on disk to a capture that opens."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from frog_blender.cli.main import main
+from frog_blender.engine.capture.calibration.child_process import CalibrationCancelled
+from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.errors import FrogError
+
+from .walls import camera, center_errors, film, image, rig
+
+pytest.importorskip("pycolmap")
+
+
+@pytest.fixture(scope="module")
+def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("footage")
+    for each in rig():
+        film(folder / f"{each.name}.mp4", [image(each)] * 6)
+    return folder
+
+
+def test_videos_become_a_capture(footage: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", str(footage), "--in-step"]) == 0
+    assert "cameras_opencv.json: the cameras" in capsys.readouterr().out
+    capture = open_capture(footage)
+    assert center_errors(list(capture.cameras), rig()).max() < 0.01
+    report = json.loads((footage / "calibration_report.json").read_text())
+    assert [each["name"] for each in report["cameras"]] == [each.name for each in rig()]
+    assert len(report["pairs"]) == 10
+    page = (footage / "calibration_report.html").read_text()
+    assert page.count("<svg") == 1 and page.count("data:image/jpeg") == 5
+    # A second run finds the same, and overwrites nothing.
+    before = (footage / "cameras_opencv.json").read_bytes()
+    assert main(["calibrate", str(footage), "--in-step"]) == 0
+    assert (footage / "cameras_opencv.json").read_bytes() == before
+
+
+def test_it_can_be_cancelled_at_once(footage: Path, tmp_path: Path) -> None:
+    with pytest.raises(CalibrationCancelled):
+        calibrate(footage, Options(out=tmp_path, in_step=True), lambda *_: None, lambda: True)
+    assert not list(tmp_path.glob("*.json"))
+
+
+def test_a_moving_camera_beside_standing_ones_is_refused(tmp_path: Path) -> None:
+    for each in rig()[:2]:
+        film(tmp_path / f"{each.name}.mp4", [image(each)] * 6)
+    film(tmp_path / "walk.mp4", [image(camera("w", (-1.0 + 0.25 * i, 0, -3.2))) for i in range(6)])
+    with pytest.raises(FrogError, match="found walk moving beside standing cameras"):
+        calibrate(tmp_path, Options(), lambda *_: None, lambda: False)
+
+
+def test_clocks_are_checked(footage: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", str(footage), "--clock", "cam0=soon"]) == 1
+    assert "expected CAMERA=SECONDS" in capsys.readouterr().err
+    assert main(["calibrate", str(footage / "nowhere")]) == 1
+    assert "there is no such folder" in capsys.readouterr().err

@@ -1,0 +1,83 @@
+"""Cameras of a rig that the tests film: found, refused, continued, cancelled."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
+from frog_blender.engine.capture.calibration.standing import calibrate_standing
+from frog_blender.engine.capture.calibration.work_folder import WorkFolder
+
+from .walls import FOCAL, center_errors, rig, view
+
+pytest.importorskip("pycolmap")
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory: pytest.TempPathFactory) -> WorkFolder:
+    return WorkFolder(tmp_path_factory.mktemp("stages"))
+
+
+@pytest.fixture(scope="module")
+def found(work: WorkFolder) -> Calibration:
+    return calibrate_standing([view(camera) for camera in rig()], work, lambda *_: None, lambda: False)
+
+
+def test_the_rig_is_found(found: Calibration) -> None:
+    cameras = [each.camera for each in found.cameras]
+    assert center_errors(cameras, rig()).max() < 0.005
+    assert abs(cameras[0].intrinsics[0, 0] / FOCAL - 1) < 0.01
+    assert [camera.name for camera in cameras] == ["cam0", "cam1", "cam2", "cam3", "cam4"]
+
+
+def test_the_world_stands_upright(found: Calibration) -> None:
+    up = np.mean([-each.camera.rotation[1] for each in found.cameras], axis=0)
+    ahead = np.mean([each.camera.forward for each in found.cameras], axis=0)
+    assert up[2] > 0.98
+    assert ahead[1] > 0.9 and abs(ahead[0]) < 0.01
+
+
+def test_points_lie_before_the_cameras(found: Calibration) -> None:
+    assert len(found.points) > 100
+    for each in found.cameras:
+        _, depths = each.camera.project(found.points)
+        assert (depths > 0).mean() > 0.95
+
+
+def test_no_distortion_is_believed_where_there_is_none(found: Calibration) -> None:
+    assert all(abs(k) < 0.02 for each in found.cameras for k in each.distortion)
+
+
+def test_a_second_run_continues(found: Calibration, work: WorkFolder) -> None:
+    kept = {path: path.stat().st_mtime_ns for path in work.path.glob("*.npz")}
+    assert {path.name.split("-")[0] for path in kept} == {"view", "features", "pairs"}
+    stages = set()
+    again = calibrate_standing(
+        [view(camera) for camera in rig()], work, lambda stage, *_: stages.add(stage), lambda: False
+    )
+    assert "matches" not in stages
+    assert {path: path.stat().st_mtime_ns for path in work.path.glob("*.npz")} == kept
+    for one, other in zip(found.cameras, again.cameras, strict=True):
+        assert np.allclose(one.camera.world_to_camera, other.camera.world_to_camera, atol=1e-3)
+
+
+def test_a_damaged_stage_is_made_again(found: Calibration, work: WorkFolder) -> None:
+    (damaged,) = work.path.glob("pairs-*.npz")
+    damaged.write_bytes(b"PK\x03\x04 cut off")
+    calibrate_standing([view(camera) for camera in rig()], work, lambda *_: None, lambda: False)
+    assert damaged.stat().st_size > 1000
+
+
+def test_cameras_of_another_room_are_refused_by_name(tmp_path: Path) -> None:
+    views = [view(camera, 1 if index < 3 else 50) for index, camera in enumerate(rig())]
+    with pytest.raises(CalibrationRefused, match=r"cam3 and cam4 share no points .* Next time") as refused:
+        calibrate_standing(views, WorkFolder(tmp_path), lambda *_: None, lambda: False)
+    assert "cam0-cam1 (" in str(refused.value)
+
+
+def test_two_cameras_prove_nothing(tmp_path: Path) -> None:
+    with pytest.raises(CalibrationRefused, match="a single pair proves nothing"):
+        calibrate_standing([view(camera) for camera in rig()[:2]], WorkFolder(tmp_path), lambda *_: None, lambda: False)

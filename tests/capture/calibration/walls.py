@@ -1,0 +1,98 @@
+"""A room that the tests film themselves: textured walls, drawn exactly by the homography of each."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from frog_blender.engine.capture.calibration.films import View
+from frog_blender.engine.capture.camera import Camera
+
+WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
+_TEXELS = 640
+
+
+@lru_cache
+def texture(seed: int) -> np.ndarray:
+    """(640, 640) uint8 of overlapping discs: corners and blobs of all sizes."""
+    random = np.random.default_rng(seed)
+    image = np.full((_TEXELS, _TEXELS), 120, np.uint8)
+    for _ in range(900):
+        center = random.integers(0, _TEXELS, 2).tolist()
+        size = random.integers(4, 26, 2).tolist()
+        cv2.ellipse(image, center, size, float(random.uniform(0, 180)), 0, 360, int(random.integers(20, 240)), -1)
+    return cv2.GaussianBlur(image, (0, 0), 1.2)
+
+
+def walls(seed: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, int]]:
+    """Corner, two edges and texture of each wall, the farthest first. World: x right, y down, z ahead."""
+    return [
+        (np.array([-3.0, -2.2, 3.0]), np.array([6.0, 0, 0.8]), np.array([0, 4.4, 0]), seed),
+        (np.array([-2.4, 0.9, 0.6]), np.array([4.8, 0, 0]), np.array([0, 0.2, 2.6]), seed + 1),
+        (np.array([-1.6, -1.0, 1.2]), np.array([1.1, 0, 0.5]), np.array([0, 1.9, 0.1]), seed + 2),
+        (np.array([0.4, -0.6, 0.4]), np.array([1.2, 0, -0.4]), np.array([0.1, 1.4, 0]), seed + 3),
+    ]
+
+
+def camera(name: str, center: tuple[float, float, float], target: tuple[float, float, float] = (0, 0, 1.5)) -> Camera:
+    """A level camera that looks at a target."""
+    ahead = np.subtract(target, center)
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross([0.0, 1.0, 0.0], ahead)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
+    pose[:3, 3] = -pose[:3, :3] @ np.array(center)
+    return Camera(name, WIDTH, HEIGHT, np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), pose)
+
+
+def rig() -> list[Camera]:
+    """Five cameras on an arc, 10 degrees apart, at two heights."""
+    places = [(-1.8, -0.3, -3.0), (-0.9, 0.2, -3.3), (0.0, -0.4, -3.4), (0.9, 0.1, -3.3), (1.8, -0.2, -3.0)]
+    return [camera(f"cam{index}", place) for index, place in enumerate(places)]
+
+
+def image(seen_by: Camera, seed: int = 1) -> np.ndarray:
+    """(H, W) uint8: what a camera sees of the room."""
+    result = np.full((seen_by.height, seen_by.width), 60, np.uint8)
+    for corner, across, down, number in walls(seed):
+        plane = np.stack([across / _TEXELS, down / _TEXELS, corner], axis=1)
+        homography = seen_by.intrinsics @ (
+            seen_by.rotation @ plane + np.outer(seen_by.world_to_camera[:3, 3], [0, 0, 1])
+        )
+        shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])  # OpenCV counts from the middles of pixels
+        homography = shift @ homography @ np.linalg.inv(shift)
+        size = (seen_by.width, seen_by.height)
+        drawn = cv2.warpPerspective(texture(number), homography, size, flags=cv2.INTER_AREA)
+        cover = cv2.warpPerspective(np.full((_TEXELS, _TEXELS), 255, np.uint8), homography, size)
+        result = np.where(cover > 127, drawn, result)
+    return result
+
+
+def view(seen_by: Camera, seed: int = 1) -> View:
+    """What calibration looks at, in which nothing moves."""
+    plate = image(seen_by, seed)
+    return View(seen_by.name, (seen_by.width, seen_by.height), plate, np.zeros(plate.shape, bool))
+
+
+def film(path: Path, images: list[np.ndarray]) -> None:
+    """Writes images (H, W) as a video of 10 frames a second."""
+    height, width = images[0].shape
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 10.0, (width, height))
+    for each in images:
+        writer.write(cv2.cvtColor(each, cv2.COLOR_GRAY2BGR))
+    writer.release()
+
+
+def center_errors(found: list[Camera], true: list[Camera]) -> np.ndarray:
+    """Distances of the centres after similarity alignment, over the rig's diameter."""
+    a, b = (np.array([each.center for each in cameras]) for cameras in (found, true))
+    diameter = np.linalg.norm(b[:, None] - b, axis=2).max()
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    left, values, right = np.linalg.svd(b.T @ a)
+    signs = np.array([1, 1, np.linalg.det(left @ right)])
+    scale = (values * signs).sum() / (a**2).sum()
+    return np.linalg.norm(scale * a @ (left * signs @ right).T - b, axis=1) / diameter
