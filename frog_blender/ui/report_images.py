@@ -83,5 +83,5 @@ def rig_from_above(capture: Capture) -> ImageArray:
         cv2.circle(image, pixel(center), 5, _CAMERA, -1, cv2.LINE_AA)
         if len(centers) <= _MOST_NAMES:
             x, y = pixel(center)
-            cv2.putText(image, camera.name, (x + 8, y - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _INK, 1, cv2.LINE_AA)
+            cv2.putText(image, camera.name, (x + 8, y - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.7, _INK, 1, cv2.LINE_AA)
     return image
