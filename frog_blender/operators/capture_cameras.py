@@ -25,7 +25,11 @@ class FROG_OT_show_contact_sheet(bpy.types.Operator):
         if summary.error or not folder:
             self.report({"ERROR"}, summary.error or "No capture is selected. Choose the folder with the videos.")
             return {"CANCELLED"}
-        contact_sheet.show(folder, summary)
+        try:
+            contact_sheet.show(folder, summary)
+        except OSError as error:
+            self.report({"ERROR"}, f"{folder}: could not be read ({error.strerror}).")
+            return {"CANCELLED"}
         return {"FINISHED"}
 
 

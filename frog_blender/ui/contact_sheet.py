@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from .. import addon_state, redrawing
+from ..engine.capture.calibration.moving import still_images
 from ..engine.capture.video import VIDEO_SUFFIXES, composed, decode, find_videos, load_opencv, read_image
 from ..engine.errors import FrogError, brief
 from . import preview_image
@@ -118,9 +119,10 @@ def shown(folder: str) -> ContactSheet | None:
 
 
 def show(folder: str, summary: CaptureSummary) -> ContactSheet:
-    """Decodes the images of a folder's cameras, in place of those of another one."""
+    """Decodes the images of a folder's cameras, in place of those of another one; OSError as of ``sources``."""
+    sheet = ContactSheet(folder, sources(Path(folder), summary))
     close()
-    sheet = ContactSheet(folder, sources(Path(folder), summary)).start()
+    sheet.start()
     addon_state.get(CurrentContactSheet).sheet = sheet
     if not bpy.app.timers.is_registered(tick):
         bpy.app.timers.register(tick, first_interval=TICK_SECONDS, persistent=True)
@@ -143,10 +145,14 @@ def icon_name(camera: str) -> str:
 
 
 def sources(folder: Path, summary: CaptureSummary) -> list[Source]:
-    """What to decode: each camera's first image, or that of each raw video; at most MOST."""
+    """What to decode: each camera's first image, or that of each raw video; at most MOST.
+
+    Raises:
+        OSError: if the folder cannot be read.
+    """
     capture = summary.capture
     if capture is None:
-        found = [(composed(video.stem), video, 0) for video in find_videos(folder)]
+        found = [(composed(path.stem), path, 0) for path in find_videos(folder) or still_images(folder)]
     else:
         first = {shot.camera: shot for shot in reversed(capture.shots)}
         found = [(capture.cameras[camera].name, shot.path, shot.index) for camera, shot in sorted(first.items())]

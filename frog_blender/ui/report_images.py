@@ -82,6 +82,16 @@ def rig_from_above(capture: Capture) -> ImageArray:
         cv2.line(image, pixel(center), pixel(center + direction * 24 / scale), _CAMERA, 2, cv2.LINE_AA)
         cv2.circle(image, pixel(center), 5, _CAMERA, -1, cv2.LINE_AA)
         if len(centers) <= _MOST_NAMES:
+            (width, _), _ = cv2.getTextSize(camera.name, cv2.FONT_HERSHEY_SIMPLEX, 0.7, 1)
             x, y = pixel(center)
-            cv2.putText(image, camera.name, (x + 8, y - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _INK, 1, cv2.LINE_AA)
+            cv2.putText(
+                image,
+                camera.name,
+                (min(x + 8, _SIDE - width), y - 8),
+                cv2.FONT_HERSHEY_SIMPLEX,
+                0.7,
+                _INK,
+                1,
+                cv2.LINE_AA,
+            )
     return image

@@ -270,6 +270,24 @@ def test_a_film_that_cannot_be_decoded_does_not_hide_the_others(empty, drawn, ra
     contact_sheet.close()
 
 
+def test_images_of_a_moving_camera(empty, drawn, tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    for i in range(9):
+        cv2.imwrite(str(tmp_path / f"frame{i}.png"), np.full((20, 30, 3), 20 * i, np.uint8))
+    empty.frog.capture_folder = str(tmp_path)
+    assert "Found 9 images of a moving camera without a calibration." in drawn()
+    assert bpy.ops.frog.show_contact_sheet() == {"FINISHED"}
+    assert finished_sheet(tmp_path).names == [f"frame{i}" for i in range(9)]
+    contact_sheet.close()
+
+
+def test_a_folder_that_is_gone_has_no_images(empty, raw):
+    empty.frog.capture_folder = str(raw)
+    raw.rename(raw.with_name("moved"))
+    with pytest.raises(RuntimeError, match="could not be read"):
+        bpy.ops.frog.show_contact_sheet()
+
+
 def test_the_drawn_rig_looks_as_the_cameras_do():
     cameras = film.rig()
     lines = rig_overlay.frusta(cameras)
