@@ -8,7 +8,6 @@ from typing import Any
 
 from ..engine.errors import FrogError
 from .printing import complain, say
-from .progress import stage_bars
 from .stopping import stopping
 
 
@@ -27,6 +26,7 @@ def add_calibrate_parser(commands: Any) -> None:
 def _calibrate(options: argparse.Namespace) -> int:
     from ..engine.capture.calibration.child_process import CalibrationCancelled
     from ..engine.capture.calibration.pipeline import Options, calibrate
+    from .progress import stage_bars
 
     chosen = Options(options.out, options.in_step, options.background_only, _clocks(options.clock))
     with stopping() as asked, stage_bars() as progress:
