@@ -100,8 +100,7 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
     match header.capture_format:
         case "n3dv" | "calibrated_videos":
             videos = {video.stem: [video] for video in find_videos(folder)}
-            named = {name: [video] for name, video in calibrated_videos.named_videos(folder).items()}
-            return videos | named or _by_stem(folder / "images") or _of_capture(folder)
+            return videos | _named_videos(folder) or _by_stem(folder / "images") or _of_capture(folder)
         case "transforms":
             return transforms_json.images_by_camera(folder) if transforms_json.matches(folder) else {}
         case "hypernerf":
@@ -110,6 +109,14 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
         case "technicolor":
             return {}  # its images' names end with the camera's number: no program takes them for a sequence
     return _of_capture(folder)
+
+
+def _named_videos(folder: Path) -> dict[str, list[Path]]:
+    """The videos that a calibration names by their paths; {} where it can no longer be read."""
+    try:
+        return {name: [video] for name, video in calibrated_videos.named_videos(folder).items()}
+    except FrogError:
+        return {}
 
 
 def _of_capture(folder: Path) -> dict[str, list[Path]]:
