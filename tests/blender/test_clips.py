@@ -165,7 +165,7 @@ def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
     obj = imported(mono)
     camera = cameras_of(obj)[0]
     assert clip_of(camera) is None
-    with pytest.raises(RuntimeError, match="elsewhere/transforms.json: found no focal length"):
+    with pytest.raises(RuntimeError, match=r"elsewhere/transforms\.json: found no focal length"):
         bpy.ops.frog.add_clips(directory=str(tmp_path))
     with pytest.raises(RuntimeError, match="found no clip"):
         bpy.ops.frog.add_clips(directory=str(tmp_path / "film"))

@@ -74,7 +74,8 @@ def synchronize(
         if len(calibrated) >= 2:
             rig = _rig(opened, looks, calibrated, (cameras, distortions or {}), solution, work.part(0.5, 0.75))
             wide = pairs
-            pairs, solution = _refined(opened, rig, calibrated, pairs, solution, known, work.part(0.75, 0.95))
+            part = work.part(0.75, 0.95)
+            pairs, solution = _refined(opened, rig, calibrated, pairs, solution, given=known, work=part)
             rivals = _rivals(opened, rig, calibrated, wide, solution, work.part(0.95, 1.0))
     work.step("Synchronised", 1, 1)
     return reported(opened, solution, pairs, known, rivals)
@@ -192,6 +193,7 @@ def _refined(
     calibrated: Sequence[int],
     pairs: list[PairLag],
     start: Solution,
+    *,
     given: Mapping[int, Clock],
     work: Work,
 ) -> tuple[list[PairLag], Solution]:
