@@ -8,7 +8,7 @@ from pathlib import Path
 
 from support.builders import run_benchmark, scene_file
 
-from frog_blender.engine.playback.player import CANONICAL
+from frog_blender.engine.field.names import CANONICAL
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from support.builders import odd_camera, scene_file
 from support.played_scenes import spared
 
-from frog_blender.engine.playback.player import CANONICAL
+from frog_blender.engine.field.names import CANONICAL
 from frog_blender.engine.scene.scene_file import SceneFile, scene_bytes
 
 _SCENES_OWN = ("means", "log_scales", "quaternions", "opacity_logits", "sh")

@@ -16,7 +16,8 @@ from support.builders import scene_file
 
 from frog_blender.engine.capture.camera import MAX_PIXELS, Camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.player import CANONICAL, ScenePlayer, select_gaussians
+from frog_blender.engine.field.names import CANONICAL
+from frog_blender.engine.playback.player import ScenePlayer, select_gaussians
 from frog_blender.engine.scene import scene_file as scene_files
 from frog_blender.engine.scene.header import MAX_FRAMES, MOST_STANDING, SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene

@@ -25,3 +25,7 @@ def network_count(fusion: str) -> int:
 def fused_size(fusion: str, temporal_size: int) -> int:
     """Length of what each network is given, of embeddings of length ``temporal_size``."""
     return 2 * temporal_size if fusion == "concat" else temporal_size
+
+
+CANONICAL = frozenset({"means", "log_scales", "quaternions", "opacity_logits", "sh"})
+"""Arrays of the canonical Gaussians, which every scene has."""

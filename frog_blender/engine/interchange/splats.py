@@ -13,7 +13,8 @@ from pathlib import Path
 from ..arrays import Array
 from ..capture.world import FILES_OWN, World
 from ..errors import FrogError
-from ..playback.player import CANONICAL, ScenePlayer
+from ..field.names import CANONICAL
+from ..playback.player import ScenePlayer
 from ..playback.transform import transform
 from ..scene.header import SceneHeader
 from ..scene.morton_order import morton_order

@@ -15,7 +15,7 @@ from ..capture.camera import NEUTRAL, Camera
 from ..gaussians import TorchGaussians
 from ..native.deformation import FieldShape
 from ..rasterizer import RasterizeOptions, exposed
-from ..rasterizer.cpu import Drawing, draw
+from ..rasterizer.cpu import RasterPass, draw
 from .fused import FieldPass, forward_field
 from .interface import RenderResult
 
@@ -35,7 +35,7 @@ class FusedRenderResult(RenderResult):
     arrays: dict[str, torch.Tensor]
     pose: torch.Tensor | None
     field: FieldPass
-    drawing: Drawing
+    drawing: RasterPass
     pruned_rows: list[slice]
     versions: list[int]
 

@@ -14,7 +14,7 @@ from typing import Protocol
 
 from ..arrays import Array, SceneArrays
 from ..capture.time import frame_to_time
-from ..field.names import FIELD_METHODS
+from ..field.names import CANONICAL, FIELD_METHODS
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..scene.header import SHAPE_DYNAMIC, SceneHeader
@@ -49,7 +49,6 @@ PLAYABLE: dict[str, Callable[[SceneArrays, JsonMapping], Deformation]] = {
 }
 """What plays each method that moves Gaussians. A file with nothing but CANONICAL is static, whatever its method."""
 
-CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
 
 TIMES_KEPT = 4
 """Times a scene remembers: a render asks for the same one for every view layer, playback for its neighbours."""

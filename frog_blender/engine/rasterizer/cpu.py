@@ -22,7 +22,7 @@ _INTEGERS: TensorKind = {"dtype": torch.int32, "device": _CPU}
 
 
 @dataclass(frozen=True)
-class Drawing:
+class RasterPass:
     """A drawing, kept for its backward pass, and its outputs besides the image. Without automatic differentiation.
 
     It does not hold the image: each would refer to the other, and neither would be freed.
@@ -78,13 +78,13 @@ def draw(
     depth_limit: torch.Tensor | None = None,
     *,
     differentiable: bool = True,
-) -> tuple[Drawing, torch.Tensor, torch.Tensor]:
+) -> tuple[RasterPass, torch.Tensor, torch.Tensor]:
     """A drawing, its image (H, W, 3) and the image's alpha (H, W), without automatic differentiation.
 
     Args:
         gaussians: contiguous float32 tensors on the CPU.
         camera, background, options, depth_limit: see ``rasterizer.rasterize``.
-        differentiable: whether ``Drawing.backward`` will be called.
+        differentiable: whether ``RasterPass.backward`` will be called.
     """
     count, (_, _, width, height) = len(gaussians), options.region_of(camera)
     size = (height, width)
@@ -99,16 +99,16 @@ def draw(
     frame = binding.Frame(gaussians, camera, background, options, outputs, depth_limit, differentiable=differentiable)
     if not differentiable:  # a training's steps are many, and it tells its time itself
         say(frame.notice)
-    return Drawing(gaussians, camera, size, extras, frame), rgb, alpha
+    return RasterPass(gaussians, camera, size, extras, frame), rgb, alpha
 
 
 @dataclass
 class _Order:
     """What ``_Rasterize`` needs besides tensors with gradients, and what comes of it."""
 
-    draw: Callable[[TorchGaussians], tuple[Drawing, torch.Tensor, torch.Tensor]]
+    draw: Callable[[TorchGaussians], tuple[RasterPass, torch.Tensor, torch.Tensor]]
     screen_absolute: torch.Tensor | None
-    drawing: Drawing | None = None
+    drawing: RasterPass | None = None
 
 
 class _Rasterize(torch.autograd.Function):
@@ -158,7 +158,7 @@ def rasterize(
         depth_limit = depth_limit.detach().to("cpu", torch.float32).contiguous()
     differentiable = torch.is_grad_enabled()
 
-    def draw_on(arrays: TorchGaussians) -> tuple[Drawing, torch.Tensor, torch.Tensor]:
+    def draw_on(arrays: TorchGaussians) -> tuple[RasterPass, torch.Tensor, torch.Tensor]:
         return draw(arrays, camera, background, options, depth_limit, differentiable=differentiable)
 
     order = _Order(draw_on, screen_absolute)

@@ -19,7 +19,7 @@ from safetensors.numpy import save as serialize
 
 from ..arrays import SceneArrays
 from ..errors import FrogError, found_instead
-from ..field.names import FIELD_METHODS
+from ..field.names import CANONICAL, FIELD_METHODS
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, plain_json
 from ..io.tensor_files import read_tensors
@@ -32,7 +32,6 @@ OPACITY_TRACKS = "fades"
 """Name of the array (F, frames) of opacities of transient Gaussians (field.opacity_tracks)."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
-_CANONICAL = {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
 _FROG = {"embeddings", "temporal_table", "attention_weight", "attention_query", VISIBILITY, OPACITY_TRACKS}
 _OF_METHOD = {**dict.fromkeys(FIELD_METHODS, _FROG), "curves": {"embeddings"}}
 _NETWORK = re.compile(r"network\.[a-z0-9_.]{1,80}")
@@ -115,7 +114,7 @@ def _contiguous(arrays: SceneArrays) -> SceneArrays:
 
 def _is_known(name: str, method: str = "frog") -> bool:
     """Whether a scene of that method has such an array; FRoG's have all that others have, but for the networks'."""
-    named = name in _CANONICAL or name in _OF_METHOD.get(method, ())
+    named = name in CANONICAL or name in _OF_METHOD.get(method, ())
     return named or (method != "static" and _NETWORK.fullmatch(name) is not None)
 
 

@@ -11,9 +11,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ...field.names import CANONICAL
 from ...gaussians import TorchGaussians
 from ...playback.deformation import DeformationPlayer
-from ...playback.player import CANONICAL, ScenePlayer, row_ranges
+from ...playback.player import ScenePlayer, row_ranges
 from ...playback.visibility import mean_deformed_share, pack_group_bits, sort_by_visibility, visible_intervals
 from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind

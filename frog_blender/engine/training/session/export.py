@@ -16,10 +16,11 @@ import torch
 from numpy.typing import NDArray
 
 from ...errors import FrogError, reason
+from ...field.names import CANONICAL
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ...model.canonical import ATTRIBUTES
-from ...playback.player import CANONICAL, ScenePlayer, row_ranges
+from ...playback.player import ScenePlayer, row_ranges
 from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
