@@ -30,6 +30,7 @@ from .work_folder import NAME, WorkFolder, key_of, key_of_file
 AUTO = Path("auto")
 """A board whose layout is found in the films."""
 _TIMES = 5  # at which moving points are compared
+_ALMOST = 0.01  # of a side, by which films of one kind of camera may differ
 _ROUNDS = 2  # of synchronisation: calibrated from the background, then from what moves as well
 
 
@@ -150,7 +151,7 @@ def _ways(folder: Path, films: Sequence[Film], options: Options, stages: _Stages
     """What to try, one after the other until one finds the cameras: what was asked for alone, else the surest first."""
     progress, cancelled = stages.progress, stages.cancelled
     if options.points is not None:
-        groups = [view.group for view in _views(films, [], stages)]
+        groups = [view.group for view in _of_kinds(films, stages)]
         yield points_way(read_points(options.points, films), groups, progress)
         return
     if options.board is not None:
@@ -174,7 +175,7 @@ def _ways(folder: Path, films: Sequence[Film], options: Options, stages: _Stages
             yield board_way(board, progress, cancelled)
     network = landmark_file()
     if network is not None:
-        yield joints_way(network, lambda films: _views(films, [], stages), progress, cancelled)
+        yield joints_way(network, lambda films: _of_kinds(films, stages), progress, cancelled)
 
 
 def _board_in(films: Sequence[Film], stages: _Stages) -> Board | None:
@@ -310,6 +311,14 @@ def _views(films: Sequence[Film], times: Sequence[float], stages: _Stages) -> li
             stages.work.keep("look", key, kept)
         views.append(view_of({"name": film.name, "size": film.size, "group": 0}, kept))
     return with_groups(views)
+
+
+def _of_kinds(films: Sequence[Film], stages: _Stages) -> list[View]:
+    """The backgrounds' views. Films of almost one size share a focal length, which few points leave open otherwise.
+
+    For features, which are exact, the middles of such images lie too far apart.
+    """
+    return with_groups(_views(films, [], stages), _ALMOST)
 
 
 def _plates(films: Sequence[Film], work: WorkFolder) -> list[View]:
