@@ -166,10 +166,10 @@ def test_a_person_is_looked_for_last(board_footage: Path, tmp_path: Path, monkey
 
     monkeypatch.setattr(pipeline, "board_in_films", lambda *_: None)
     with pytest.raises(CalibrationRefused, match=r"2 standing cameras.* their joints will do.*--fetch-landmarks"):
-        run(board_footage, Options(out=tmp_path / "none"))
+        run(board_footage, Options(out=tmp_path))
     monkeypatch.setattr(pipeline, "landmark_file", lambda: network)
     monkeypatch.setattr(ways, "calibrate_joint_films", of_joints)
-    outcome = run(board_footage, Options(out=tmp_path / "found"))
+    outcome = run(board_footage, Options(out=tmp_path))
     assert report_of(outcome)["source"] == "a person's joints"
     assert outcome.warnings[0].startswith("The cameras come from a person's joints, because features failed: 2 stand")
 
