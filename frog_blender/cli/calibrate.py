@@ -10,12 +10,18 @@ from ..engine.errors import FrogError
 from .printing import complain, say
 from .stopping import stopping
 
+_LOOKS = 0.2  # seconds between questions whether to stop
+
 
 def add_calibrate_parser(commands: Any) -> None:
     """Adds the command."""
     calibrate = commands.add_parser("calibrate", help="find the cameras of raw videos")
     calibrate.add_argument("folder", type=Path, help="one video of each camera, or of one moving camera")
     calibrate.add_argument("--out", type=Path, metavar="DIR", help="default: beside the videos")
+    source = calibrate.add_mutually_exclusive_group()
+    source.add_argument("--board", type=Path, metavar="FILE|auto", help="find the cameras by a board in the videos")
+    source.add_argument("--points", type=Path, metavar="FILE", help="find the cameras by clicked points")
+    source.add_argument("--fetch-landmarks", action="store_true", help="first download what finds a person's joints")
     clocks = calibrate.add_mutually_exclusive_group()
     clocks.add_argument("--in-step", action="store_true", help="the videos are in step: do not synchronise them")
     clocks.add_argument("--clock", action="append", metavar="CAMERA=SECONDS[,RATE]", help="when a video starts")
@@ -28,7 +34,18 @@ def _calibrate(options: argparse.Namespace) -> int:
     from ..engine.capture.calibration.pipeline import Options, calibrate
     from .progress import stage_bars
 
-    chosen = Options(options.out, options.in_step, options.background_only, _clocks(options.clock))
+    if options.background_only and options.board is not None:
+        raise FrogError("--board with --background-only: found a board that must not move, expected one of the two.")
+    if options.fetch_landmarks:
+        _fetch_landmarks()
+    chosen = Options(
+        options.out,
+        options.in_step,
+        options.background_only,
+        _clocks(options.clock),
+        options.board,
+        options.points,
+    )
     with stopping() as asked, stage_bars() as progress:
         try:
             found = calibrate(options.folder, chosen, progress, asked)
@@ -42,6 +59,21 @@ def _calibrate(options: argparse.Namespace) -> int:
     say(f"{found.cameras}: the cameras")
     say(f"{found.page}: how they were found")
     return 0
+
+
+def _fetch_landmarks() -> None:
+    """Downloads the landmark file unless it is there; FrogError if that fails."""
+    from ..engine.capture.calibration.landmark_file import LICENSE, SIZES
+    from ..torch_install.landmarks import LandmarkDownload
+
+    say(f"Fetching {LICENSE}: {SIZES}.")
+    download = LandmarkDownload().start()
+    with stopping() as asked:
+        while not download.join(_LOOKS):
+            if asked():
+                download.cancel()
+    if not download.done:
+        raise FrogError(download.error or "The landmark file was not fetched.")
 
 
 def _clocks(listed: list[str] | None) -> dict[str, tuple[float, float]] | None:

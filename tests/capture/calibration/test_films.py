@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.films import Film, common_times, find_films, is_standing, look
+from frog_blender.engine.capture.calibration.films import Film, common_times, find_films, is_standing, look, with_groups
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
 
-from .walls import camera, film, image, rig
+from .walls import camera, film, image, rig, view
 
 
 def with_ball(base: np.ndarray, frame: int) -> np.ndarray:
@@ -62,3 +63,10 @@ def test_films_without_a_common_time_are_refused() -> None:
 def test_a_folder_without_videos_says_what_is_expected(tmp_path: Path) -> None:
     with pytest.raises(FrogError, match="no video, expected one video of each camera"):
         find_films(tmp_path)
+
+
+def test_films_of_almost_one_size_are_of_one_kind_where_that_is_asked_for() -> None:
+    sizes = [(1080, 1920), (1088, 1920), (640, 480), (1080, 1920)]
+    views = [replace(view(each), size=size) for each, size in zip(rig(), sizes, strict=False)]
+    assert [each.group for each in with_groups(views)] == [1, 2, 0, 1]
+    assert [each.group for each in with_groups(views, 0.01)] == [1, 1, 0, 1]

@@ -44,9 +44,11 @@ class Calibration:
         start: focal length over the width that the search started from.
         own_focals: cameras of equal size have focal lengths of their own.
         costs: of all starts that found a model.
-        halves_apart: how far cameras lie apart when half of the points are used each, over the rig's diameter.
+        halves_apart: how far cameras lie apart when half of the points are used each, over the rig's diameter; NaN
+            where nothing compared them.
         warnings: one sentence each.
         is_metric: the scale is not free: lengths are metres.
+        source: what the cameras come from.
     """
 
     cameras: tuple[CalibratedCamera, ...]
@@ -58,3 +60,4 @@ class Calibration:
     halves_apart: float = 0.0
     warnings: tuple[str, ...] = ()
     is_metric: bool = False
+    source: str = "features"

@@ -165,10 +165,25 @@ def look(film: Film, times: Sequence[float], cancelled: Callable[[], None]) -> V
     )
 
 
-def with_groups(views: Sequence[View]) -> list[View]:
-    """The views, with equal groups for films of equal size: as far as pixels tell, cameras of one kind."""
-    sizes = sorted({view.size for view in views})
-    return [replace(view, group=sizes.index(view.size)) for view in views]
+def with_groups(views: Sequence[View], alike: float = 0.0) -> list[View]:
+    """The views, with equal groups for films of equal size: as far as pixels tell, cameras of one kind.
+
+    Args:
+        alike: by what part of a side sizes may differ within a group; encoders pad some films by a few pixels.
+    """
+    kinds: list[tuple[int, int]] = []
+    for size in sorted(view.size for view in views):
+        if not any(_are_alike(size, kind, alike) for kind in kinds):
+            kinds.append(size)
+
+    def group(view: View) -> int:
+        return next(place for place, kind in enumerate(kinds) if _are_alike(view.size, kind, alike))
+
+    return [replace(view, group=group(view)) for view in views]
+
+
+def _are_alike(one: tuple[int, int], other: tuple[int, int], share: float) -> bool:
+    return all(abs(a - b) <= share * max(a, b) for a, b in zip(one, other, strict=True))
 
 
 def _median(stack: Array) -> ImageArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,18 +10,27 @@ import numpy as np
 
 from ...errors import FrogError
 from ..readers.geometry import distortion
+from .board_detection import Board
+from .board_file import read_board
+from .board_films import TIMES as BOARD_TIMES
+from .board_films import board_in_films
 from .calibration import Calibration, CalibrationRefused
-from .child_process import CalibrationCancelled, Progress
+from .child_process import Progress
 from .clocks import Clocks, FoundClocks, Synchronize, differ, find_clocks, with_clocks
 from .films import Film, View, common_times, find_films, is_standing, look, with_groups
+from .landmark_file import landmark_file
 from .moving import calibrate_moving, still_images
 from .report import write_moving_report, write_report
 from .result_files import write_cameras
 from .standing import calibrate_standing
 from .standing_task import arrays_of, view_of
+from .ways import Way, board_beside, board_way, joints_way, points_way, read_points, stopper
 from .work_folder import NAME, WorkFolder, key_of, key_of_file
 
+AUTO = Path("auto")
+"""A board whose layout is found in the films."""
 _TIMES = 5  # at which moving points are compared
+_ALMOST = 0.01  # of a side, by which films of one kind of camera may differ
 _ROUNDS = 2  # of synchronisation: calibrated from the background, then from what moves as well
 
 
@@ -53,12 +62,16 @@ class Options:
         in_step: the films are known to be in step: nothing is synchronised.
         background_only: what moves is left out, for films that cannot be synchronised.
         clocks: of films whose clocks are known.
+        board: its description (``board_file``) or ``AUTO``: the cameras come from it alone.
+        points: a file of clicked points (``ways.read_points``): the cameras come from them alone.
     """
 
     out: Path | None = None
     in_step: bool = False
     background_only: bool = False
     clocks: Clocks | None = None
+    board: Path | None = None
+    points: Path | None = None
 
 
 def calibrate(
@@ -88,7 +101,7 @@ def calibrate(
     images = still_images(folder)
     if images:
         return _of_moving(images, None, out, work, progress, cancelled)
-    films = find_films(folder)
+    films = with_clocks(find_films(folder), options.clocks or {})
     standing = _standing(films, work, progress, cancelled)
     if not any(standing):
         if len(films) > 1:
@@ -99,7 +112,10 @@ def calibrate(
         raise FrogError(
             f"{folder}: found {', '.join(moving)} moving beside standing cameras, expected those, or one that moves."
         )
-    calibration, films, clocks = _of_standing(films, options, work, progress, cancelled, synchronize=synchronize)
+    stages = _Stages(work, progress, cancelled)
+    calibration, films, clocks = _of_standing(
+        _ways(folder, films, options, stages), films, options, stages, synchronize
+    )
     warnings = tuple(dict.fromkeys([*calibration.warnings, *clocks.warnings]))
     progress("report", 0, 1)
     calibration = replace(calibration, warnings=warnings)
@@ -122,62 +138,147 @@ def _of_moving(
     return Outcome(path, report, page, "found" in path.stem, tuple(warnings))
 
 
-def _of_standing(
-    films: Sequence[Film],
-    options: Options,
-    work: WorkFolder,
-    progress: Progress,
-    cancelled: Callable[[], bool],
-    *,
-    synchronize: Synchronize | None,
-) -> tuple[Calibration, list[Film], FoundClocks]:
-    """The rig and the films with their clocks. Calibration and synchronisation take turns where clocks are unknown."""
-    given = options.clocks or {}
-    films = with_clocks(films, given)
+@dataclass(frozen=True)
+class _Stages:
+    """What all stages share: see ``calibrate``."""
 
-    def solved(films: Sequence[Film], count: int) -> Calibration:
-        times = common_times(films, count) if count else []
-        return calibrate_standing(_views(films, times, work, progress, cancelled), work, progress, cancelled)
+    work: WorkFolder
+    progress: Progress
+    cancelled: Callable[[], bool]
 
+
+def _ways(folder: Path, films: Sequence[Film], options: Options, stages: _Stages) -> Iterator[Way]:
+    """What to try, one after the other until one finds the cameras: what was asked for alone, else the surest first."""
+    progress, cancelled = stages.progress, stages.cancelled
+    if options.points is not None:
+        groups = [view.group for view in _of_kinds(films, stages)]
+        yield points_way(read_points(options.points, films), groups, progress)
+        return
+    if options.board is not None:
+        board = read_board(options.board) if options.board != AUTO else _board_in(films, stages)
+        if board is None:
+            raise FrogError(f"{folder}: found no board in the films, expected a ChArUco board or a checkerboard.")
+        yield board_way(board, progress, cancelled)
+        return
+    described = None if options.background_only else board_beside(folder)
+    if described is not None:
+        yield board_way(read_board(described), progress, cancelled)
+    yield Way("features", lambda films, count: _of_features(films, count, stages), needs_step=False)
     if options.background_only:
-        return solved(films, 0), films, FoundClocks(given)
+        return
+    if described is None:
+        try:
+            board = _board_in(films, stages)
+        except FrogError:
+            board = None  # the sentence of what was tried before says more
+        if board is not None:
+            yield board_way(board, progress, cancelled)
+    network = landmark_file()
+    if network is not None:
+        yield joints_way(network, lambda films: _of_kinds(films, stages), progress, cancelled)
+
+
+def _board_in(films: Sequence[Film], stages: _Stages) -> Board | None:
+    stages.progress("board", 0, 1)
+    return board_in_films(films, common_times(films, BOARD_TIMES), stopper(stages.cancelled))
+
+
+def _of_features(films: Sequence[Film], count: int, stages: _Stages) -> Calibration:
+    times = common_times(films, count) if count else []
+    return calibrate_standing(_views(films, times, stages), stages.work, stages.progress, stages.cancelled)
+
+
+def _of_standing(
+    ways: Iterator[Way], films: list[Film], options: Options, stages: _Stages, synchronize: Synchronize | None
+) -> tuple[Calibration, list[Film], FoundClocks]:
+    """The rig and the films with their clocks, by the first way that leads there."""
+    refusals: list[tuple[str, FrogError]] = []
+    for way in ways:
+        try:
+            calibration, timed, clocks = _by(way, films, options, stages, synchronize)
+        except FrogError as error:
+            refusals.append((way.source, error))
+            continue
+        tried = [f"The cameras come from {way.source}, because {source} failed: {why}" for source, why in refusals]
+        calibration = replace(calibration, source=way.source, warnings=(*tried, *calibration.warnings))
+        return calibration, timed, clocks
+    raise _no_way(refusals, options)
+
+
+def _no_way(refusals: Sequence[tuple[str, FrogError]], options: Options) -> FrogError:
+    """One error that tells what was tried, and what else would help."""
+    (_, first), *others = refusals
+    sentences = [str(first), *(f"From {source}: {error}" for source, error in others)]
+    is_own_choice = options.board is not None or options.points is not None or options.background_only
+    if not is_own_choice and landmark_file() is None:
+        sentences.append(
+            "Or let a person walk about alone where all cameras see them: their joints will do, once the landmark "
+            "file is there (Fetch Landmark File in Blender, or frog calibrate --fetch-landmarks)."
+        )
+    if len(sentences) == 1:
+        return first
+    kind = CalibrationRefused if all(isinstance(error, CalibrationRefused) for _, error in refusals) else FrogError
+    return kind(" ".join(sentences))
+
+
+def _by(
+    way: Way, films: list[Film], options: Options, stages: _Stages, synchronize: Synchronize | None
+) -> tuple[Calibration, list[Film], FoundClocks]:
+    """The same by one way. Calibration and synchronisation take turns where clocks are unknown."""
+    given = options.clocks or {}
+    if options.background_only:
+        return way.solve(films, 0), films, FoundClocks(given)
     if options.in_step or given or synchronize is None:
         guess = (
             ()
             if options.in_step or given
             else ("The films were taken to be in step: nothing looked whether they are.",)
         )
-        return solved(films, _TIMES), films, FoundClocks(given, warnings=guess)
-    calibration = _first(solved, films)
-    before: Clocks = {}
+        return way.solve(films, _TIMES), films, FoundClocks(given, warnings=guess)
+    calibration, before = _first(way, films, stages, synchronize)
     for _ in range(_ROUNDS):
         cameras = {
             each.camera.name: (each.camera, distortion(np.array([*each.distortion, 0.0, 0.0])))
             for each in calibration.cameras
         }
-        found = synchronize(films, cameras, progress, cancelled)
+        found = synchronize(films, cameras, stages.progress, stages.cancelled)
         if found.refusal is not None:
-            kept = replace(found, warnings=(found.refusal, *found.warnings))
-            return calibration, films, kept
+            kept = replace(found, clocks=before, warnings=(found.refusal, *found.warnings))
+            return calibration, with_clocks(films, before), kept
         films = with_clocks(films, found.clocks)
         if before and not differ(before, found.clocks, films):
             break
         before = found.clocks
-        calibration = solved(films, _TIMES)
+        calibration = way.solve(films, _TIMES)
         if all(clock == (0.0, 1.0) for clock in found.clocks.values()):
             break  # in step: nothing that a second look could correct
     return calibration, films, found
 
 
-def _first(solved: Callable[[Sequence[Film], int], Calibration], films: Sequence[Film]) -> Calibration:
-    """A calibration before clocks are known: by the background, else by films that are taken to be in step."""
-    try:
-        return solved(films, 0)
-    except CalibrationRefused as refused:
+def _first(way: Way, films: list[Film], stages: _Stages, synchronize: Synchronize) -> tuple[Calibration, Clocks]:
+    """A calibration before clocks are known, and the clocks that it used, if it used any.
+
+    By the background where the way has use for it, else by films that are taken to be in step, else by clocks that were
+    found without cameras.
+    """
+    refused: CalibrationRefused | None = None
+    if not way.needs_step:
         try:
-            return solved(films, _TIMES)
-        except FrogError:
-            raise refused from None
+            return way.solve(films, 0), {}
+        except CalibrationRefused as error:
+            refused = error
+    together: Clocks = {film.name: (0.0, 1.0) for film in films}
+    try:
+        return way.solve(films, _TIMES), together if way.needs_step else {}
+    except CalibrationRefused as error:
+        if not way.needs_step:
+            raise refused or error from None
+        refused = error
+    found = synchronize(films, {}, stages.progress, stages.cancelled)
+    timed = with_clocks(films, found.clocks)
+    if found.refusal is not None or not differ(together, found.clocks, films):
+        raise refused
+    return way.solve(timed, _TIMES), found.clocks
 
 
 def _standing(films: Sequence[Film], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]) -> list[bool]:
@@ -185,7 +286,7 @@ def _standing(films: Sequence[Film], work: WorkFolder, progress: Progress, cance
     answers = []
     for place, film in enumerate(films):
         progress("films", place, len(films))
-        _check(cancelled)
+        stopper(cancelled)()
         key = key_of(key_of_file(film.path))
         kept = work.load("standing", key)
         if kept is None:
@@ -195,29 +296,31 @@ def _standing(films: Sequence[Film], work: WorkFolder, progress: Progress, cance
     return answers
 
 
-def _views(
-    films: Sequence[Film], times: Sequence[float], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]
-) -> list[View]:
+def _views(films: Sequence[Film], times: Sequence[float], stages: _Stages) -> list[View]:
     """What calibration looks at, of an earlier run or new."""
+    check = stopper(stages.cancelled)
     views = []
     for place, film in enumerate(films):
-        progress("images", place, len(films))
-        _check(cancelled)
+        stages.progress("images", place, len(films))
+        check()
         frames = [round(film.frame_at(time), 4) for time in times]
         key = key_of(key_of_file(film.path), frames)
-        kept = work.load("look", key)
+        kept = stages.work.load("look", key)
         if kept is None:
-            kept = arrays_of(look(film, times, lambda: _check(cancelled)))
-            work.keep("look", key, kept)
+            kept = arrays_of(look(film, times, check))
+            stages.work.keep("look", key, kept)
         views.append(view_of({"name": film.name, "size": film.size, "group": 0}, kept))
     return with_groups(views)
 
 
+def _of_kinds(films: Sequence[Film], stages: _Stages) -> list[View]:
+    """The backgrounds' views. Films of almost one size share a focal length, which few points leave open otherwise.
+
+    For features, which are exact, the middles of such images lie too far apart.
+    """
+    return with_groups(_views(films, [], stages), _ALMOST)
+
+
 def _plates(films: Sequence[Film], work: WorkFolder) -> list[View]:
     """The views once more, for the report."""
-    return _views(films, [], work, lambda stage, done, all_: None, lambda: False)
-
-
-def _check(cancelled: Callable[[], bool]) -> None:
-    if cancelled():
-        raise CalibrationCancelled
+    return _views(films, [], _Stages(work, lambda stage, done, all_: None, lambda: False))

@@ -81,6 +81,7 @@ def _facts(calibration: Calibration, films: Sequence[Film]) -> JsonObject:
     names = [found.camera.name for found in calibration.cameras]
     return {
         "kind": "standing cameras",
+        "source": calibration.source,
         "cameras": cameras,
         "pairs": [
             {
@@ -104,10 +105,11 @@ def _page(calibration: Calibration, facts: JsonObject, views: Sequence[View], cl
     names = [found.camera.name for found in calibration.cameras]
     places = [(float(found.camera.center[0]), float(found.camera.center[1])) for found in calibration.cameras]
     ahead = [(float(found.camera.forward[0]), float(found.camera.forward[1])) for found in calibration.cameras]
-    sentence = (
-        f"{len(names)} standing cameras, {len(calibration.points)} points. Two halves of the points put the cameras "
-        f"{100 * calibration.halves_apart:.2f} % of the rig's size apart. A low residual alone proves nothing."
-    )
+    sentence = f"{len(names)} standing cameras from {calibration.source}, {len(calibration.points)} points. "
+    if math.isfinite(calibration.halves_apart):
+        apart = f"{100 * calibration.halves_apart:.2f} % of the rig's size apart"
+        sentence += f"Two halves of the points put the cameras {apart}. "
+    sentence += "A low residual alone proves nothing."
     figures = [
         f"<figure>{camera_image(view.plate, view.size, found.observations)}"
         f"<figcaption>{escape(view.name)}: observations that agree (green) and do not (red)</figcaption></figure>"
@@ -118,9 +120,10 @@ def _page(calibration: Calibration, facts: JsonObject, views: Sequence[View], cl
         *_warnings(calibration.warnings),
         f"<h2>The rig from above</h2>{rig_from_above(names, places, ahead, calibration.points.tolist())}",
         f"<h2>Cameras</h2>{_table(facts['cameras'])}",
-        f"<h2>Points that pairs of cameras share</h2>{matches_table(names, calibration.pairs)}",
-        f"<h2>Coverage</h2>{''.join(figures)}",
     ]
+    if calibration.pairs:
+        parts.append(f"<h2>Points that pairs of cameras share</h2>{matches_table(names, calibration.pairs)}")
+    parts.append(f"<h2>Coverage</h2>{''.join(figures)}")
     if clocks.curves is not None:
         parts.append(f"<h2>Synchronisation</h2>{wide_image(clocks.curves)}")
     return _html(parts)

@@ -1,0 +1,192 @@
+"""Which way to the cameras is taken, from films and files to a capture."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frog_blender.cli.main import main
+from frog_blender.engine.capture.calibration import pipeline, ways
+from frog_blender.engine.capture.calibration.board_detection import Board
+from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
+from frog_blender.engine.capture.calibration.child_process import CalibrationCancelled
+from frog_blender.engine.capture.calibration.clicked_points import calibrate_clicks
+from frog_blender.engine.capture.calibration.films import Film, View, find_films
+from frog_blender.engine.capture.calibration.pipeline import Options, Outcome, calibrate
+from frog_blender.engine.capture.calibration.rig_result import CameraFacts
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.errors import FrogError
+from frog_blender.torch_install import landmarks
+
+from .rigs import around, board_poses, pixels_of
+from .test_board import photographed
+from .test_board_films import written
+from .walls import center_errors, film, image, rig, texture
+
+BOARD = Board(5, 4, square=0.12, marker=0.75, dictionary="DICT_4X4_50")
+BOARD_FILE = "squares = [5, 4]\nsquare_size = 0.12\nmarker_size = 0.09\ndictionary = 'DICT_4X4_50'\n"
+WALL = 110  # of what ``photographed`` shows beside the board
+
+
+@pytest.fixture(autouse=True)
+def no_landmark_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.fixture(scope="module")
+def board_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two cameras that see a board before a papered wall; it fills little enough for the wall to be seen at rest."""
+    folder = tmp_path_factory.mktemp("board")
+    cameras = around([0.0, 30.0], (640, 480), 640.0, distance=1.5)
+    poses = board_poses(16, 21, tilt=0.45)
+    for pose in poses:
+        pose[:3, :3] = cameras[0].rotation.T @ pose[:3, :3]
+        pose[:3, 3] = pose[:3, 3] / 4 + [0.0, 0.0, 0.7] - pose[:3, :3] @ [0.3, 0.24, 0.0]
+    for number, camera in enumerate(cameras):
+        paper = texture(7 + number)[:480]
+        shots = [photographed(BOARD, camera, pose) for pose in poses]
+        written(folder / f"{camera.name}.avi", [np.where(shot == WALL, paper, shot) for shot in shots])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def room_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("room")
+    for each in rig():
+        film(folder / f"{each.name}.mp4", [image(each)] * 3)
+    return folder
+
+
+def report_of(outcome: Outcome) -> dict:
+    return json.loads(outcome.report.read_text())
+
+
+def run(folder: Path, options: Options) -> Outcome:
+    return calibrate(folder, replace(options, in_step=True), lambda *_: None, lambda: False)
+
+
+def clicks_file(path: Path) -> Path:
+    """Twenty points of the room, two of which a camera does not see."""
+    rng = np.random.default_rng(4)
+    points = np.column_stack([rng.uniform(-0.9, 0.9, 20), rng.uniform(-0.7, 0.7, 20), rng.uniform(0.5, 2.5, 20)])
+    clicks = {each.name: [[*map(float, pair)] for pair in pixels_of(each, points)] for each in rig()}
+    clicks["cam2"][3] = clicks["cam2"][7] = None
+    path.write_text(json.dumps(clicks))
+    return path
+
+
+def test_a_given_board_finds_the_cameras(board_footage: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(BOARD_FILE)
+    out = tmp_path / "out"
+
+    command = ["calibrate", str(board_footage), "--board", str(tmp_path / "mine.toml"), "--in-step", "--out", str(out)]
+    assert main(command) == 0
+
+    found = open_capture(out).cameras
+    true = around([0.0, 30.0], (640, 480), 640.0, distance=1.5)
+    baseline = np.linalg.norm(true[0].center - true[1].center)
+    assert np.linalg.norm(found[0].center - found[1].center) == pytest.approx(baseline, rel=0.03)
+    report = json.loads((out / "calibration_report.json").read_text())
+    assert (report["source"], report["halves_apart"], report["warnings"]) == ("a board", None, [])
+    page = (out / "calibration_report.html").read_text()
+    assert "2 standing cameras from a board" in page and "Two halves" not in page and "pairs of cameras" not in page
+
+
+def test_a_board_that_lies_beside_the_films_is_used(board_footage: Path, tmp_path: Path) -> None:
+    for path in board_footage.glob("*.avi"):
+        (tmp_path / path.name).symlink_to(path)
+    (tmp_path / "charuco.toml").write_text(BOARD_FILE)
+    outcome = run(tmp_path, Options())
+    assert report_of(outcome)["source"] == "a board" and not outcome.warnings
+
+
+def test_a_board_is_looked_for_where_features_are_refused(board_footage: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    outcome = run(board_footage, Options(out=tmp_path))
+    assert report_of(outcome)["source"] == "a board"
+    first, *others = outcome.warnings
+    assert first.startswith("The cameras come from a board, because features failed: 2 standing cameras")
+    assert any("the rig's scale is arbitrary" in each for each in others)
+
+
+def test_films_without_a_board_are_refused_where_one_was_asked_for(room_footage: Path, tmp_path: Path) -> None:
+    with pytest.raises(FrogError, match="found no board in the films"):
+        run(room_footage, Options(out=tmp_path, board=pipeline.AUTO))
+    (tmp_path / "mine.toml").write_text(BOARD_FILE)
+    with pytest.raises(CalibrationRefused, match="shows the board in 0 of 3 images"):
+        run(room_footage, Options(out=tmp_path, board=tmp_path / "mine.toml"))
+
+
+def test_clicked_points_find_the_cameras(room_footage: Path, tmp_path: Path) -> None:
+    outcome = run(room_footage, Options(out=tmp_path, points=clicks_file(tmp_path / "clicks.json")))
+    assert center_errors(list(open_capture(tmp_path).cameras), rig()).max() < 0.001
+    assert report_of(outcome)["source"] == "clicked points"
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("[]", "expected an object of named values"),
+        ('{"cam0": [[1, 2]', "no JSON"),
+        ('{"cam9": [[1, 2]]}', "camera cam9, expected one of cam0, cam1"),
+        ('{"cam0": [[1, 2], [3]]}', "point 2 of cam0"),
+        ('{"cam0": [[1, 999]]}', "expected a number from 0 to 240"),
+        ('{"cam0": [[NaN, 1]]}', "point 1 of cam0"),
+        ('{"cam0": [[1, 2]], "cam1": [null, [1, 2]]}', "1 of cam0, 2 of cam1, expected the same points"),
+        ("{}", "no points"),
+    ],
+)
+def test_other_files_than_clicked_points_are_refused(
+    room_footage: Path, tmp_path: Path, content: str, sentence: str
+) -> None:
+    path = tmp_path / "clicks.json"
+    path.write_text(content)
+    with pytest.raises(FrogError) as refusal:
+        ways.read_points(path, find_films(room_footage))
+    assert str(path) in str(refusal.value) and sentence in str(refusal.value)
+
+
+def test_a_person_is_looked_for_last(board_footage: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pycolmap")
+    network = tmp_path / "network"
+
+    def of_joints(films: Sequence[Film], views: Sequence[View], times: Sequence[float], file: Path, *_) -> Calibration:
+        assert file == network and len(times) > 5 and [view.name for view in views] == ["cam00", "cam01"]
+        seen = np.random.default_rng(2).uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.8), (30, 3))
+        cameras = around([0.0, 30.0], (640, 480), 640.0)
+        clicks = {each.name: pixels_of(each, seen) for each in cameras}
+        return calibrate_clicks([CameraFacts(film.name, *film.size) for film in films], [0, 0], clicks)
+
+    monkeypatch.setattr(pipeline, "board_in_films", lambda *_: None)
+    with pytest.raises(CalibrationRefused, match=r"2 standing cameras.* their joints will do.*--fetch-landmarks"):
+        run(board_footage, Options(out=tmp_path))
+    monkeypatch.setattr(pipeline, "landmark_file", lambda: network)
+    monkeypatch.setattr(ways, "calibrate_joint_films", of_joints)
+    outcome = run(board_footage, Options(out=tmp_path))
+    assert report_of(outcome)["source"] == "a person's joints"
+    assert outcome.warnings[0].startswith("The cameras come from a person's joints, because features failed: 2 stand")
+
+
+def test_looking_for_a_board_can_be_cancelled(board_footage: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(BOARD_FILE)
+    stages: list[str] = []
+    options = Options(out=tmp_path, in_step=True, board=tmp_path / "mine.toml")
+    with pytest.raises(CalibrationCancelled):
+        calibrate(board_footage, options, lambda stage, *_: stages.append(stage), lambda: "board" in stages)
+    assert "bundle adjustment" not in stages and not list(tmp_path.glob("*.json"))
+
+
+def test_a_failed_download_of_the_landmark_file_is_said(
+    room_footage: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    failing = [sys.executable, "-c", "print('ERROR: no such thing'); raise SystemExit(1)"]
+    monkeypatch.setattr(landmarks, "LandmarkDownload", partial(landmarks.LandmarkDownload, pip=failing))
+    assert main(["calibrate", str(room_footage), "--fetch-landmarks"]) == 1
+    assert "could not be fetched: no such thing" in capsys.readouterr().err
