@@ -198,7 +198,7 @@ def test_info_about_a_scene(run: Run, trained: Path) -> None:
     assert (report["gaussians"], report["dynamic"]) == (scene.count, scene.num_dynamic)
     assert set(report["heads"]) <= {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
     assert bool(report["heads"]) == bool(scene.num_dynamic)  # thirty steps may have taught no motion that shows
-    assert report["sh_degree"] in (0, 1) and any("packed" in line for line in report["reductions"])
+    assert report["sh_degree"] in (0, 1) and any("quantize" in line for line in report["reductions"])
     status, out, _ = run("info", trained)
     assert status == 0 and "costs" in out
 
