@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import tomllib
 from collections.abc import Iterator
@@ -15,6 +16,11 @@ PACKAGE = REPOSITORY / "frog_blender"
 ENGINE = PACKAGE / "engine"
 FILES = sorted(PACKAGE.rglob("*.py"))
 ENGINE_FILES = sorted(ENGINE.rglob("*.py"))
+
+
+@functools.cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def is_for_types_only(node: ast.AST) -> bool:
@@ -35,7 +41,7 @@ def imports(path: Path, *, also_inside_functions: bool = True) -> Iterator[str]:
                     continue
                 yield from walk([child])  # type: ignore[list-item]
 
-    for node in walk(ast.parse(path.read_text(encoding="utf-8")).body):
+    for node in walk(tree_of(path).body):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -90,7 +96,7 @@ def test_importing_needs_neither_blender_nor_torch(modules: str) -> None:
 
 
 def calls(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Call):
             yield ast.unparse(node.func)
 
@@ -110,7 +116,7 @@ def test_files_are_short_and_say_what_they_are_for(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 450
     if text.strip():
-        assert ast.get_docstring(ast.parse(text)), "a sentence at the top"
+        assert ast.get_docstring(tree_of(path)), "a sentence at the top"
 
 
 def test_kernels_are_short_too() -> None:
@@ -121,7 +127,7 @@ def test_kernels_are_short_too() -> None:
 
 
 def functions(path: Path) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             yield node
 
@@ -157,7 +163,7 @@ def holds_state(value: ast.expr | None) -> bool:
 @pytest.mark.parametrize("path", [path for path in FILES if path.name != "addon_state.py"], ids=name_of)
 def test_modules_keep_no_state(path: Path) -> None:
     """Objects do; Blender's side finds them in ``addon_state``. Tables in capitals are constants."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     assert not [node.names for node in ast.walk(tree) if isinstance(node, ast.Global)]
     for node in tree.body:
         if isinstance(node, ast.Assign | ast.AnnAssign) and holds_state(node.value):
