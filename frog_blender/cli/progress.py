@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
@@ -16,24 +17,6 @@ from ..engine.training.session.events import Event
 from ..engine.training.session.output_paths import checkpoint_path
 from ..engine.training.session.time_estimate import about
 from .printing import complain, say
-
-
-@contextmanager
-def bar(name: str) -> Iterator[Callable[[int, int], None]]:
-    """Yields ``report(done, total)``; nothing is shown before its first call."""
-    line: tqdm | None = None
-
-    def report(done: int, total: int) -> None:
-        nonlocal line
-        if line is None:
-            line = tqdm(desc=name, file=sys.stderr, leave=False)
-        line.total = total
-        line.update(done - line.n)
-
-    try:
-        yield report
-    finally:
-        _close(line)
 
 
 @contextmanager
@@ -53,6 +36,13 @@ def stage_bars() -> Iterator[Callable[[str, int, int], None]]:
         yield report
     finally:
         _close(line)
+
+
+@contextmanager
+def bar(name: str) -> Iterator[Callable[[int, int], None]]:
+    """Yields ``report(done, total)``; nothing is shown before its first call."""
+    with stage_bars() as report:
+        yield partial(report, name)
 
 
 def show(stream: Iterator[Event], output: Path) -> bool:
