@@ -8,7 +8,6 @@ highlights are rolled off by Reinhard's extended operator (2002, equation 4), so
 from __future__ import annotations
 
 import re
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Float32s, ImageArray
 from ..srgb import linear_to_srgb
+from .ffmpeg import notes
 from .movie_header import MovieHeader
 
 NAMES = {"hlg": "HLG", "pq": "PQ"}
@@ -85,17 +85,8 @@ def transfer_of(path: Path, header: MovieHeader | None) -> str:
 
 def _asked(path: Path) -> str:
     """What ffmpeg says; "" where it is not installed or does not answer."""
-    try:
-        import imageio_ffmpeg
-
-        command = [imageio_ffmpeg.get_ffmpeg_exe(), "-hide_banner", "-protocol_whitelist", "file"]
-        asked = subprocess.run(
-            [*command, "-i", f"file:{path.absolute()}"], capture_output=True, timeout=_ASK_SECONDS, check=False
-        )
-    except (ImportError, RuntimeError, OSError, subprocess.SubprocessError):
-        return ""
-    line = re.search(rb"Stream #.*?Video:[^\r\n]*", asked.stderr)
-    found = line and next((name for said, name in _STREAM_TRANSFERS.items() if said.encode() in line[0]), "")
+    line = re.search(r"Stream #.*?Video:[^\r\n]*", notes(path, _ASK_SECONDS))
+    found = line and next((name for said, name in _STREAM_TRANSFERS.items() if said in line[0]), "")
     return found or ""
 
 

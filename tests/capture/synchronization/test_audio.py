@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.synchronization import audio, ffmpeg
+from frog_blender.engine.capture import ffmpeg
+from frog_blender.engine.capture.synchronization import audio
 from frog_blender.engine.capture.synchronization.films import open_film
 
 from .moving_scene import write_film

@@ -10,7 +10,7 @@ import subprocess
 import numpy as np
 
 from ...arrays import Float32s, Float64s
-from .ffmpeg import program, whole_path
+from ..ffmpeg import program, whole_path
 from .films import Film
 from .lines import fit_line
 from .pair import Curve, PairLag, maxima

@@ -10,11 +10,11 @@ from pathlib import Path
 from ...errors import FrogError
 from ..camera import Camera
 from ..capture import Distortion
+from ..ffmpeg import notes
 from .audio import audio_lag, read_audio
 from .curves import camera_curve, runner_up
 from .energy import energy_lag
 from .epipolar import fundamental
-from .ffmpeg import notes
 from .films import Film, open_film
 from .lags import NamedTracks, track_lag
 from .look import Look, look_at

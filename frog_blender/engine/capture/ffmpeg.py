@@ -1,4 +1,4 @@
-"""The ffmpeg program of imageio-ffmpeg, where that is installed: sound and a film's own notes of when it was taken."""
+"""The ffmpeg program of imageio-ffmpeg, where that is installed: sound, and what it says of a film."""
 
 from __future__ import annotations
 
@@ -25,14 +25,15 @@ def whole_path(path: Path) -> str:
     return "file:" + os.path.abspath(path)
 
 
-def notes(path: Path) -> str:
-    """What ffmpeg says about a file: streams, tags, timecodes; "" where there is no ffmpeg or it fails."""
+def notes(path: Path, patience: float = _PATIENCE) -> str:
+    """What ffmpeg says about a file within so many seconds: streams, tags, timecodes; "" where there is no ffmpeg or it
+    fails."""
     ffmpeg = program()
     if ffmpeg is None:
         return ""
     command = [ffmpeg, "-hide_banner", "-nostdin", "-protocol_whitelist", "file", "-i", whole_path(path)]
     try:
-        done = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)
+        done = subprocess.run(command, capture_output=True, timeout=patience, check=False)
     except (OSError, subprocess.SubprocessError):
         return ""
     return done.stderr.decode(errors="replace")[:_LONGEST_NOTES]
