@@ -133,6 +133,9 @@ HYPERNERF_SAMPLING = (
 """FRoG's table of sampling strategies, on HyperNeRF."""
 
 N3DV_ELSEWHERE = (
+    Published("SharpTimeGS", 33.57, None, 0.031, note="RTX 4090, several hours of training; arXiv 2602.02989"),
+    Published("FreeTimeGS", 33.19, None, 0.036, note="points matched between the cameras at every frame"),
+    Published("TAD-GS", 32.42, note="arXiv 2606.23212"),
     Published("MAPo", 31.33, 0.944, 0.044, 65, 112, 75.64, note="RTX A6000; FRoG's protocol"),
     Published("Hybrid 3D-4DGS", 32.25, None, None, 273, 11.9, 208, note="RTX 4090"),
     Published("4DGS-1K", 31.88, None, None, 418, None, 805, note="RTX 3090"),
