@@ -38,6 +38,7 @@ _BASE = {"MESH": "FLOAT_COLOR", "POINTCLOUD": "FLOAT4"}
 # Attribute nodes are promised to carry it, while FLOAT_COLOR (four floats, never converted) works in all of them.
 
 _COLUMNS = {"position": "means", "scale": "scales", "rotation": "quaternions", "radiance:base": "base"}
+_MOST = 0.01, 0.99  # quantiles of the positions; the rest may lie kilometres away
 _SHOWN = "frog_shown"
 """A custom property of the mesh: the token of the scene and the time of the Gaussians it holds. Undo, copying and
 loading restore it together with the mesh, so it is always right. ``show`` uses it to skip writing.
@@ -70,9 +71,24 @@ def create(name: str, gaussians: GaussianArrays, *, as_splats: bool | None = Non
     mesh = bpy.data.meshes.new(name)
     obj = bpy.data.objects.new(name, mesh)
     mesh.materials.append(splat_nodes.material())
-    _add_modifier(obj, _MODIFIER, splat_nodes.points_group())
+    modifier = _add_modifier(obj, _MODIFIER, splat_nodes.points_group())
+    _limit_radius(modifier, _viewport_radius(gaussians.means))
     write(obj, gaussians)
     return obj
+
+
+def _viewport_radius(means: np.ndarray) -> float:
+    """A radius with which (N, 3) points are told apart: they cover the box of most of them about once."""
+    if len(means) == 0:
+        return 0.0
+    low, high = np.quantile(means, _MOST, axis=0)
+    return float(np.linalg.norm(high - low) / (2.0 * np.sqrt(len(means))))
+
+
+def _limit_radius(modifier: bpy.types.Modifier, radius: float) -> None:
+    """Sets the points' largest radius in viewports, of which a modifier knows only an identifier."""
+    sockets = modifier.node_group.interface.items_tree
+    modifier[sockets[splat_nodes.LIMIT].identifier] = radius
 
 
 def _add_modifier(obj: bpy.types.Object, name: str, group: bpy.types.GeometryNodeTree) -> bpy.types.Modifier:
@@ -100,6 +116,8 @@ def display(obj: bpy.types.Object, kind: str) -> None:
     elif modifier is not None:
         groups = {"POINTS": splat_nodes.points_group, "ELLIPSOIDS": ellipsoid_nodes.ellipsoids_group}
         modifier.node_group = groups[kind]()
+        if kind == "POINTS":  # another group's interface does not keep it
+            _limit_radius(modifier, _viewport_radius(read(obj)["position"]))
 
 
 def write(obj: bpy.types.Object, gaussians: GaussianArrays) -> None:

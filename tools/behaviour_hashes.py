@@ -500,13 +500,14 @@ def play_in_blender(options: argparse.Namespace) -> int:
     import bpy
 
     import frog_blender
+    from frog_blender.scene_import.capture_objects import active_capture
 
     folder: Path = options.folder
     folder.mkdir(parents=True)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     frog_blender.register()
     bpy.ops.import_scene.frog(filepath=str(options.scene), show_clips=False)
-    scene, carrier = bpy.context.scene, bpy.context.view_layer.objects.active
+    scene, carrier = bpy.context.scene, active_capture(bpy.context)
     for frame in (1, 3, 6):
         scene.frame_set(frame)
         np.savez(folder / f"points_{frame}.npz", **_attributes(carrier.data))

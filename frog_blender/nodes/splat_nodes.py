@@ -4,6 +4,9 @@ Geometry Nodes turn each vertex into a point whose sphere holds the Gaussian out
 the rows of A = inverse(rotation * scale) and the centre.  The material evaluates the Gaussian along the ray that hit
 the sphere: with p = A (hit - centre) and v = A ray / |A ray| the closest approach is d2 = |p|2 - (p . v)2, and the
 point's alpha is opacity * exp(-d2 / 2).  Only the base colour is shown; the FROG engine draws the view-dependent part.
+
+In viewports points are no larger than the modifier's ``LIMIT``: a few Gaussians reach farther than the whole scene, and
+as spheres they would hide it, enlarge its bounding box and slow down every redraw.
 """
 
 from __future__ import annotations
@@ -15,10 +18,12 @@ import bpy
 from ..engine.spherical_harmonics import SH_DC
 from .node_builder import Builder, new_geometry_group, new_material
 
-_GROUP = "FRoG Gaussians as Points"
+_GROUP = "FRoG Gaussians as Limited Points"  # older files hold a group without LIMIT
 _NOTHING = "FRoG Nothing"
 _MATERIAL = "FRoG Gaussians"
 _RADIUS = 3.0  # standard deviations that a point's sphere reaches
+LIMIT = "Largest Radius in Viewports"
+"""The group's input: the largest radius of a point in a viewport, in the object's units; 0 for no limit."""
 _SMALLEST = 1e-8  # scale below which a Gaussian is treated as flat, world units
 
 
@@ -28,6 +33,8 @@ def points_group() -> bpy.types.GeometryNodeTree:
     if group is not None:
         return group
     group = new_geometry_group(_GROUP)
+    limit = group.interface.new_socket(LIMIT, in_out="INPUT", socket_type="NodeSocketFloat")
+    limit.subtype, limit.min_value, limit.default_value = "DISTANCE", 0.0, 0.0
     build = Builder(group)
     source, result = build.node("NodeGroupInput"), build.node("NodeGroupOutput")
 
@@ -39,7 +46,8 @@ def points_group() -> bpy.types.GeometryNodeTree:
 
     points = build.node("GeometryNodeMeshToPoints")
     build.link(source.outputs[0], points.inputs["Mesh"])
-    build.link(build.math("MULTIPLY", largest, _RADIUS), points.inputs["Radius"])
+    radius = build.math("MULTIPLY", largest, _RADIUS)
+    build.link(_limited(build, radius, source.outputs[LIMIT]), points.inputs["Radius"])
     geometry = points.outputs[0]
     # Row i of A is the Gaussian's i-th axis divided by its scale.  Stored after Mesh to Points, so on the points alone.
     for i, size in enumerate((x, y, z)):
@@ -55,6 +63,15 @@ def points_group() -> bpy.types.GeometryNodeTree:
     build.link(set_material.outputs[0], result.inputs[0])
     build.arrange()
     return group
+
+
+def _limited(build: Builder, radius: Any, limit: Any) -> Any:
+    """The radius, in viewports at most ``limit`` unless that is 0."""
+    applies = build.math(
+        "MULTIPLY", build.node("GeometryNodeIsViewport").outputs[0], build.math("GREATER_THAN", limit, 0.0)
+    )
+    smaller = build.math("SUBTRACT", radius, build.math("MINIMUM", radius, limit))
+    return build.math("SUBTRACT", radius, build.math("MULTIPLY", applies, smaller))
 
 
 def nothing_group() -> bpy.types.GeometryNodeTree:

@@ -62,7 +62,7 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
             return {"CANCELLED"}
         if self.turn_upright:
             root_of(obj).matrix_world = Matrix(Y_DOWN.T.tolist())
-        select_only(context, obj)
+        select_only(context, root_of(obj))
         if imported.warning:
             self.report({"WARNING"}, imported.warning)
         else:

@@ -72,6 +72,7 @@ def _add(path: Path, scene: bpy.types.Scene, start_frame: float) -> tuple[bpy.ty
 
     obj = point_cloud.create(f"{path.stem} Gaussians", playable.at_frame(scene.frame_current_final - start_frame))
     _adopt(obj, root, collection)
+    _move_with_root(obj)
     cameras = _add_cameras(header, start_frame, root, collection)
     # Last: setting these plays the capture, which requires the object to be in its scene.
     obj.frog.start_frame = start_frame
@@ -82,6 +83,11 @@ def _add(path: Path, scene: bpy.types.Scene, start_frame: float) -> tuple[bpy.ty
 def _adopt(obj: bpy.types.Object, root: bpy.types.Object, collection: bpy.types.Collection) -> None:
     obj.parent = root
     collection.objects.link(obj)
+
+
+def _move_with_root(obj: bpy.types.Object) -> None:
+    """Locks the Gaussians' own place: moved alone they would leave their cameras."""
+    obj.lock_location = obj.lock_rotation = obj.lock_scale = (True, True, True)
 
 
 def _add_cameras(

@@ -12,7 +12,7 @@ from support.small_scenes import looking_at, write_scene
 
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
-from frog_blender.scene_import.capture_objects import cameras_of
+from frog_blender.scene_import.capture_objects import active_capture, cameras_of
 
 HEIGHT = -0.4  # of the floor in the capture's own space, where z is up before it is turned
 
@@ -41,7 +41,7 @@ def turned(empty, tmp_path):
     header = replace(scene.header, cameras=tuple(cameras), model={}, method="static")
     write_file(tmp_path / "x.frog", SceneFile(header, arrays))
     assert bpy.ops.import_scene.frog(filepath=str(tmp_path / "x.frog")) == {"FINISHED"}
-    return bpy.context.object, turn
+    return active_capture(bpy.context), turn
 
 
 def align(**options):

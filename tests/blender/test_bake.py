@@ -19,6 +19,7 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.operators import bake
+from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback, playback_cache
 
 
@@ -289,7 +290,7 @@ def of_which_move(path, moving):
         scene.arrays["opacity_logits"][0] = -6.0
     write_file(path, scene)
     bpy.ops.import_scene.frog(filepath=str(path))
-    return bpy.context.object
+    return active_capture(bpy.context)
 
 
 @pytest.mark.parametrize("share", [100, 50, 15])

@@ -16,7 +16,7 @@ from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.source_media.undistorted_clips import clips_folder
 from frog_blender.operators.clips import FROG_OT_add_clips
 from frog_blender.scene_import.camera_clips import clip_of
-from frog_blender.scene_import.capture_objects import cameras_of
+from frog_blender.scene_import.capture_objects import active_capture, cameras_of
 from frog_blender.timeline import playback
 from frog_blender.timeline.retiming import capture_frame
 
@@ -65,7 +65,7 @@ def still(empty, tmp_path):
 
 def imported(path, **options):
     assert bpy.ops.import_scene.frog(filepath=str(path), **options) == {"FINISHED"}
-    return bpy.context.object
+    return active_capture(bpy.context)
 
 
 def number_shown(camera, frame):

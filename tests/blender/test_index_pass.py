@@ -11,6 +11,7 @@ from support.exr import pass_of, render_channels
 from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender.render import index_pass
+from frog_blender.scene_import.capture_objects import active_capture
 
 
 def names_of(scene, path):
@@ -40,11 +41,11 @@ def solid(path, seed):
 def pair(empty, static_rig, tmp_path):
     """Two captures, the second one smaller and nearer to the camera, with the indices 3 and 7."""
     bpy.ops.import_scene.frog(filepath=str(static_rig))
-    bpy.data.objects.remove(bpy.context.object)  # of which the cameras are left
+    bpy.data.objects.remove(active_capture(bpy.context))  # of which the cameras are left
     made = []
     for name, seed, number in (("far", 0, 3), ("near", 1, 7)):
         bpy.ops.import_scene.frog(filepath=str(solid(tmp_path / f"{name}.frog", seed)))
-        made.append(bpy.context.object)
+        made.append(active_capture(bpy.context))
         made[-1].pass_index = number
     made[1].parent.location, made[1].parent.scale = (0.2, -1.5, 0.5), (0.3,) * 3
     return made

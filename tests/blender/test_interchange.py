@@ -14,13 +14,14 @@ from frog_blender import point_cloud
 from frog_blender.engine.interchange.ply import read_splats, write_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.transform import transform
+from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback
 
 
 @pytest.fixture
 def capture(empty, static_rig):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
-    return bpy.context.object
+    return active_capture(bpy.context)
 
 
 def assert_same(path, gaussians):
@@ -90,7 +91,7 @@ def test_out_and_in_again_is_where_it_was(empty, capture, static_rig, tmp_path, 
     bpy.data.objects.remove(capture)
     time = empty.frame_start, empty.frame_end
     assert bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "x.ply"), set_up_scene=False) == {"FINISHED"}
-    still = bpy.context.object
+    still = active_capture(bpy.context)
     assert Path(still.frog.filepath).name == "x.frog" and point_cloud.count(still) == 60
     after = rendered(empty)
     assert before.std() > 10 and time == (empty.frame_start, empty.frame_end)
@@ -116,11 +117,11 @@ def test_every_gaussian_comes_back_to_its_place(empty, tmp_path, place, sh_count
     """Turned, and its colours with it, wherever the root of the capture is."""
     path = write_scene(tmp_path / "figure.frog", rig_of_three(), sh_count=sh_count)
     bpy.ops.import_scene.frog(filepath=str(path))
-    before = bpy.context.object
+    before = active_capture(bpy.context)
     before.parent.matrix_world = place
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "still.ply"))
     bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "still.ply"))
-    after = bpy.context.object
+    after = active_capture(bpy.context)
     bpy.context.view_layer.update()
     expected = in_world(ScenePlayer.load(path), before)
     found = in_world(ScenePlayer.load(after.frog.filepath), after)
@@ -141,7 +142,7 @@ def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
     target = tmp_path / "deep" / "named.frog"
     asked = {"compact": True, "set_up_scene": True}
     bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "x.ply"), scene_file=str(target), **asked)
-    still = bpy.context.object
+    still = active_capture(bpy.context)
     assert (empty.camera, empty.frame_end, empty.render.engine) == (camera, 77, "FROG")
     assert Path(still.frog.filepath) == target and empty.view_settings.view_transform == "Standard"
     assert not [obj for obj in empty.objects if obj.type == "CAMERA" and obj is not camera]
@@ -151,7 +152,7 @@ def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
     empty.frame_set(40)
     np.testing.assert_array_equal(point_cloud.read(still)["position"], shown)
     bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "x.ply"), turn_upright=False)
-    assert bpy.context.object.parent.matrix_world == mathutils.Matrix.Identity(4)
+    assert active_capture(bpy.context).parent.matrix_world == mathutils.Matrix.Identity(4)
 
 
 def test_a_trained_scene_beside_the_ply_is_not_written_over(empty, static_rig):
@@ -159,7 +160,7 @@ def test_a_trained_scene_beside_the_ply_is_not_written_over(empty, static_rig):
     write_splats(static_rig.with_suffix(".ply"), ScenePlayer.load(static_rig).at_frame(0))
     for _ in range(2):
         bpy.ops.import_scene.frog_splats(filepath=str(static_rig.with_suffix(".ply")))
-        assert Path(bpy.context.object.frog.filepath).name == "figure_ply.frog"
+        assert Path(active_capture(bpy.context).frog.filepath).name == "figure_ply.frog"
     assert static_rig.read_bytes() == content
 
 
@@ -193,7 +194,7 @@ def test_the_scene_file_elsewhere(empty, capture, static_rig, tmp_path):
 
 
 def test_one_of_several_captures_is_exported(empty, static_rig, tmp_path):
-    first = bpy.ops.import_scene.frog(filepath=str(static_rig)) and bpy.context.object
+    first = bpy.ops.import_scene.frog(filepath=str(static_rig)) and active_capture(bpy.context)
     bpy.ops.import_scene.frog(filepath=str(write_scene(tmp_path / "other.frog", rig_of_three(), count=33)))
     bpy.context.view_layer.objects.active = first.parent  # the empty stands for its capture
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"))

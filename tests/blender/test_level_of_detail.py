@@ -14,6 +14,7 @@ from frog_blender.engine.playback.importance import most_important, ranking
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.nodes import ellipsoid_nodes
 from frog_blender.render.collect_instances import gather
+from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import level_of_detail, open_scenes, playback
 
 
@@ -25,7 +26,7 @@ def many(tmp_path):
 @pytest.fixture
 def capture(empty, many):
     bpy.ops.import_scene.frog(filepath=str(many))
-    return bpy.context.object
+    return active_capture(bpy.context)
 
 
 class CountingEngine(bpy.types.RenderEngine):
@@ -104,7 +105,7 @@ def test_renders_of_other_engines_have_their_own(empty, capture, counting):
 
 def test_two_captures_of_one_file(empty, capture, many):
     bpy.ops.import_scene.frog(filepath=str(many))
-    other = bpy.context.object
+    other = active_capture(bpy.context)
     capture.frog.density, other.frog.density = 20, 60
     empty.frame_set(7)
     assert (point_cloud.count(capture), point_cloud.count(other)) == (80, 240)
@@ -123,7 +124,7 @@ def test_ellipsoids_respect_it_and_never_are_too_many(empty, tmp_path):
     bpy.ops.import_scene.frog(
         filepath=str(write_scene(tmp_path / "more.frog", rig_of_three(), count=total, sh_count=1))
     )
-    capture = bpy.context.object
+    capture = active_capture(bpy.context)
 
     def instances():
         """Those of the Gaussians that are shown and can be seen."""

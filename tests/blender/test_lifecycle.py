@@ -17,6 +17,7 @@ from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import playback
 from frog_blender.training_task import runner
 from frog_blender.training_task.request import TrainingRequest
@@ -44,7 +45,7 @@ def test_a_duplicate_plays_at_its_own_time(empty, static_rig):
     first = imported(static_rig)
     select_only(first)
     bpy.ops.object.duplicate()
-    second = bpy.context.object
+    second = active_capture(bpy.context)
     assert second != first and second.data != first.data
     second.frog.start_frame = 4.0
     empty.frame_set(6)
@@ -58,7 +59,7 @@ def test_a_duplicate_plays_at_its_own_time(empty, static_rig):
 def test_imported_twice_there_are_two_captures_each_with_its_own_root(empty, static_rig):
     first = imported(static_rig)
     assert bpy.ops.import_scene.frog(filepath=str(static_rig), start_frame=4.0) == {"FINISHED"}
-    second = bpy.context.object
+    second = active_capture(bpy.context)
     assert second != first and second.parent != first.parent and len(set(bpy.data.collections)) == 2
     second.parent.location.x = 3.0
     empty.frame_set(6)
@@ -247,6 +248,7 @@ QUIT = (
     + f"""
 sys.path[:0] = [{str(ROOT)!r}]
 import frog_blender
+from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.training_task import runner
 frog_blender.register()
 runner.begin(training)
@@ -260,7 +262,7 @@ import bpy, addon_utils
 addon_utils.enable(name, default_set=True)
 runner, point_cloud = (import_module(f"{name}.{room}") for room in ("training_task.runner", "point_cloud"))
 bpy.ops.import_scene.frog(filepath=scene)
-capture = bpy.context.object
+capture = next(child for child in bpy.context.object.children if child.type != "CAMERA")
 threads = threading.active_count()
 handlers = len(bpy.app.handlers.frame_change_pre)
 task = runner.begin(training)

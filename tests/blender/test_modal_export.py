@@ -17,6 +17,7 @@ from support.observed_players import observed
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.operators.export_scene import FROG_OT_export_frames
+from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import playback
 
 
@@ -104,7 +105,7 @@ def test_what_nobody_foresaw_ends_it_too(empty, export, capfd):
 def test_the_capture_is_deleted_meanwhile(empty, export, placed):
     running = export(apply_transform=placed)
     send(running, times=2)
-    name = bpy.context.object.name
+    name = active_capture(bpy.context).name
     bpy.data.objects.remove(next(playback.captures(empty.objects)))
     assert send(running) == {"CANCELLED"} and is_over(running) and len(written(running)) == 2
     ((kind, text),) = running.said

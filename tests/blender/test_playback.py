@@ -9,6 +9,7 @@ from support.small_scenes import rig_of_three, write_scene
 from support.users_scene import views
 
 from frog_blender import point_cloud
+from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback
 from frog_blender.timeline.retiming import repeated
 
@@ -33,7 +34,7 @@ def assert_shows(obj, gaussians):
 @pytest.fixture
 def capture(empty, static_rig):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
-    return bpy.context.object
+    return active_capture(bpy.context)
 
 
 def test_frames_in_random_order(empty, capture, static_rig):
@@ -113,11 +114,13 @@ def test_saved_file_is_small_and_plays_when_reopened(empty, tmp_path):
     path = write_scene(tmp_path / "many.frog", rig_of_three(), count=20_000)
     bpy.ops.import_scene.frog(filepath=str(path))
     empty.frame_set(4)
-    before = point_cloud.read(bpy.context.object)["position"]
+    before = point_cloud.read(active_capture(bpy.context))["position"]
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"), compress=False)
-    np.testing.assert_array_equal(point_cloud.read(bpy.context.object)["position"], before)  # refilled after saving
+    np.testing.assert_array_equal(
+        point_cloud.read(active_capture(bpy.context))["position"], before
+    )  # refilled after saving
     assert (tmp_path / "scene.blend").stat().st_size < 1_500_000
-    name = bpy.context.object.name
+    name = active_capture(bpy.context).name
 
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
     capture, scene = bpy.data.objects[name], bpy.context.scene

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 import mathutils
 import numpy as np
+import pytest
 from support.small_scenes import lens, looking_at
 
 from frog_blender import point_cloud
@@ -63,3 +64,26 @@ def test_cycles_shows_what_the_engine_draws(empty, rendered):
         # Blender's own splats (5.3) fall off a little differently.
         assert correlation > (0.97 if point_cloud.draws_splats() else 0.98), f"{name}: {correlation:.3f}"
     assert alpha.max() > 0.85 and pixels[..., :3].max() > 200
+
+
+def test_points_are_limited_in_viewports_alone(empty):
+    gaussians = three_gaussians()
+    gaussians.scales[0] = 1000.0
+    obj = point_cloud.create("blobs", gaussians)
+    empty.collection.objects.link(obj)
+    if obj.type == "POINTCLOUD":
+        pytest.skip("Blender's own splats have no radius")
+    means = np.asarray(gaussians.means)
+    box = np.linalg.norm(np.subtract(*np.quantile(means, (0.99, 0.01), axis=0)))
+    limit = box / (2 * np.sqrt(3))
+
+    def largest() -> float:
+        geometry = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
+        radii = np.empty(len(geometry.pointcloud.points), np.float32)
+        geometry.pointcloud.attributes["radius"].data.foreach_get("value", radii)
+        return float(radii.max())
+
+    assert largest() == pytest.approx(limit, rel=1e-3)
+    point_cloud.display(obj, "ELLIPSOIDS")
+    point_cloud.display(obj, "POINTS")
+    assert largest() == pytest.approx(limit, rel=1e-3)

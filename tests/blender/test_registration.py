@@ -70,7 +70,8 @@ from frog_blender import point_cloud
 bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 frog_blender.register()
 bpy.ops.import_scene.frog(filepath=sys.argv[1])
-scene, capture = bpy.context.scene, bpy.context.object
+scene = bpy.context.scene
+capture = next(child for child in bpy.context.object.children if child.type != "CAMERA")
 scene.frame_set(1); first = point_cloud.read(capture)["position"]
 scene.frame_set(6); moved = abs(point_cloud.read(capture)["position"] - first).max()
 scene.render.filepath = sys.argv[2]

@@ -16,11 +16,12 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.native import binding
 from frog_blender.engine.notices import Notice
 from frog_blender.engine.playback.render import draw
+from frog_blender.scene_import.capture_objects import active_capture
 
 
 def import_scene(path, **options):
     assert bpy.ops.import_scene.frog(filepath=str(path), **options) == {"FINISHED"}
-    return bpy.context.object
+    return active_capture(bpy.context)
 
 
 def look_through(scene, name):

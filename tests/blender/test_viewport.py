@@ -16,6 +16,7 @@ from frog_blender.cameras import engine_camera, view_camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.render import viewport, viewport_drawing
 from frog_blender.render.collect_instances import gather, visible_captures
+from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback
 
 SIZE = (120, 70)
@@ -206,7 +207,7 @@ def test_an_empty_scene_is_its_background(empty):
 
 def test_the_captures_that_are_seen(empty, static_rig):
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    capture = bpy.context.object
+    capture = active_capture(bpy.context)
     (found,) = visible_captures(bpy.context.evaluated_depsgraph_get())
     assert found[0] == capture
     before = open_scenes.version(playback.file_of(capture))
