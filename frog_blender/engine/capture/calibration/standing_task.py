@@ -16,7 +16,7 @@ from .calibration import CalibrationRefused
 from .evidence import agreeing
 from .features import BACKGROUND, Features, background_features, moment_features, pooled
 from .films import View
-from .orientation import oriented
+from .rig_world import oriented
 from .solve import Solution, match_all, solve
 from .tracks import Pairs
 from .verdict import refusal, warnings
