@@ -17,13 +17,13 @@ from .board_films import board_in_films
 from .calibration import Calibration, CalibrationRefused
 from .child_process import Progress
 from .clocks import Clocks, FoundClocks, Synchronize, differ, find_clocks, with_clocks
+from .feature_task import arrays_of, view_of
 from .films import Film, View, common_times, find_films, is_standing, look, with_groups
 from .landmark_file import landmark_file
 from .moving import calibrate_moving, still_images
 from .report import write_moving_report, write_report
 from .result_files import write_cameras
 from .standing import calibrate_standing
-from .standing_task import arrays_of, view_of
 from .ways import Way, board_beside, board_way, joints_way, points_way, read_points, stopper
 from .work_folder import NAME, WorkFolder, key_of, key_of_file
 
