@@ -1,4 +1,4 @@
-"""The process in which pycolmap runs: ``python -m ...calibration.child TASK FOLDER``.
+"""The process in which pycolmap and the synchronisation run: ``python -m ...calibration.child TASK FOLDER``.
 
 It reads ``request.json`` there and writes ``result.json``: a result, ``{"refused": sentence}`` or
 ``{"error": sentence}``.
@@ -31,6 +31,8 @@ def main(arguments: list[str]) -> int:
             from .standing_task import standing as run
         elif task == "features":
             from .feature_task import find_features as run
+        elif task == "synchronization":
+            from .clock_task import clocks as run
         else:
             from .moving_task import moving as run
         result = run(request, _tell)

@@ -102,6 +102,8 @@ def calibrate(
     if images:
         return _of_moving(images, None, out, work, progress, cancelled)
     films = with_clocks(find_films(folder), options.clocks or {})
+    if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
+        raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
     standing = _standing(films, work, progress, cancelled)
     if not any(standing):
         if len(films) > 1:
@@ -241,7 +243,7 @@ def _by(
             each.camera.name: (each.camera, distortion(np.array([*each.distortion, 0.0, 0.0])))
             for each in calibration.cameras
         }
-        found = synchronize(films, cameras, stages.progress, stages.cancelled)
+        found = synchronize(films, cameras, stages.work, stages.progress, stages.cancelled)
         if found.refusal is not None:
             kept = replace(found, clocks=before, warnings=(found.refusal, *found.warnings))
             return calibration, with_clocks(films, before), kept
@@ -274,7 +276,7 @@ def _first(way: Way, films: list[Film], stages: _Stages, synchronize: Synchroniz
         if not way.needs_step:
             raise refused or error from None
         refused = error
-    found = synchronize(films, {}, stages.progress, stages.cancelled)
+    found = synchronize(films, {}, stages.work, stages.progress, stages.cancelled)
     timed = with_clocks(films, found.clocks)
     if found.refusal is not None or not differ(together, found.clocks, films):
         raise refused

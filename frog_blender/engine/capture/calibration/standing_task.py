@@ -32,10 +32,9 @@ def standing(request: JsonObject, tell: Tell) -> JsonObject:
         CalibrationRefused: if the views do not fix their cameras.
     """
     work = WorkFolder(Path(request["work"]))
-    views = [loaded(work, entry) for entry in request["views"]]
-    keys = [entry["key"] for entry in request["views"]]
-    features = _all_features(work, views, tell)
-    pairs = _pairs(work, features, [view.size for view in views], keys, tell)
+    views, keys = standing_views(work, request["views"])
+    features = all_features(work, views, tell)
+    pairs = standing_pairs(work, features, [view.size for view in views], keys, tell)
     solution = solve(features, [view.size for view in views], [view.group for view in views], pairs, tell)
     names = [view.name for view in views]
     if why := refusal(solution, names):
@@ -43,7 +42,12 @@ def standing(request: JsonObject, tell: Tell) -> JsonObject:
     return _result(solution, names)
 
 
-def _all_features(work: WorkFolder, views: Sequence[View], tell: Tell) -> list[Features]:
+def standing_views(work: WorkFolder, listed: Sequence[JsonObject]) -> tuple[list[View], list[str]]:
+    """The views of a request and their keys."""
+    return [loaded(work, entry) for entry in listed], [str(entry["key"]) for entry in listed]
+
+
+def all_features(work: WorkFolder, views: Sequence[View], tell: Tell) -> list[Features]:
     """The pooled features of each view, image by image of an earlier run or new."""
     parts = []
     for place, view in enumerate(views):
@@ -52,7 +56,7 @@ def _all_features(work: WorkFolder, views: Sequence[View], tell: Tell) -> list[F
     return parts
 
 
-def _pairs(
+def standing_pairs(
     work: WorkFolder, features: Sequence[Features], sizes: Sequence[tuple[int, int]], keys: list[str], tell: Tell
 ) -> tuple[Pairs, Pairs]:
     """Matches and verified matches, of an earlier run or new."""
