@@ -52,12 +52,9 @@ def clocks(request: JsonObject, tell: Callable[[str, int, int], None]) -> JsonOb
         intrinsics, pose = (np.asarray(entry[key], np.float64) for key in ("intrinsics", "pose"))
         cameras[name] = Camera(name, int(width), int(height), intrinsics, pose)
         lenses[name] = distortion(np.asarray(entry["distortion"], np.float64)) if entry["distortion"] else None
-    told = 0
 
     def progress(_what: str, share: float) -> None:
-        nonlocal told
-        told = max(told, round(share * _PARTS))
-        tell(STAGE, told, _PARTS)
+        tell(STAGE, round(share * _PARTS), _PARTS)
 
     films = {str(name): Path(path) for name, path in request["films"].items()}
     kept = WorkFolder(Path(request["work"]))

@@ -26,7 +26,7 @@ from .solve import Clock, Solution, solve
 from .straighten import straightened
 from .synchronization import RunnerUp, Synchronization
 from .timecode import read_note, window
-from .work import Kept, Progress, Work, in_threads
+from .work import Kept, Progress, Work, forward_only, in_threads
 
 _SURE = 0.75  # of the weight of every film's pairs must agree for a start to be searched near only
 
@@ -59,7 +59,7 @@ def synchronize(
         FrogError: if a film cannot be decoded, or a name in ``given`` has no film.
         SynchronizationCancelled: if the user ended it.
     """
-    work = Work(progress, cancelled)
+    work = Work(forward_only(progress), cancelled)
     opened = [open_film(name, path) for name, path in films.items()]
     known = _given(given or {}, opened)
     if len(opened) < 2:

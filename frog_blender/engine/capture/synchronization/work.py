@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -46,6 +47,19 @@ class Work:
 def silently() -> Work:
     """For whoever needs no report and cannot cancel."""
     return Work(lambda what, share: None, lambda: False)
+
+
+def forward_only(progress: Progress) -> Progress:
+    """The same for several threads, which do not end in order: the share never falls."""
+    lock, most = threading.Lock(), 0.0
+
+    def told(what: str, share: float) -> None:
+        nonlocal most
+        with lock:
+            most = max(most, share)
+            progress(what, most)
+
+    return told
 
 
 class Kept(Protocol):
