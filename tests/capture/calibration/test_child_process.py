@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from frog_blender.engine.capture.calibration import child_process
-from frog_blender.engine.capture.calibration.child_process import CalibrationCancelled, run
+from frog_blender.engine.capture.calibration.child_process import CalibrationCancelled, run, run_several
 from frog_blender.engine.errors import FrogError
 
 
@@ -80,3 +80,25 @@ def test_the_child_ends_with_its_parent(tmp_path: Path) -> None:
     time.sleep(0.5)
     child.stdin.close()
     assert child.wait(60) == 1
+
+
+@pytest.mark.skipif(os.name == "nt", reason="scripts")
+def test_what_one_of_several_fails_at_ends_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "waits_or_fails"
+    program.write_text(
+        f"#!{sys.executable}\nimport os, pathlib, sys, time\nfolder = pathlib.Path(sys.argv[-1])\n"
+        "(folder / 'pid').write_text(str(os.getpid()))\n"
+        "if folder.name == 'fails':\n"
+        "    while not (folder.parent / 'waits' / 'pid').exists():\n        time.sleep(0.01)\n"
+        "    sys.exit('no memory')\n"
+        "time.sleep(600)\n"
+    )
+    program.chmod(0o755)
+    monkeypatch.setattr(child_process.sys, "executable", str(program))
+    folders = [tmp_path / "waits", tmp_path / "fails"]
+    for folder in folders:
+        folder.mkdir()
+    with pytest.raises(FrogError, match="no memory"):
+        run_several("features", folders, 2, lambda *_: None, lambda: False)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((folders[0] / "pid").read_text()), 0)

@@ -60,6 +60,29 @@ def test_films_without_a_common_time_are_refused() -> None:
         common_times([Film("a", Path("a"), facts), Film("b", Path("b"), facts, 9.0)], 3)
 
 
+def test_images_are_taken_at_their_numbers(tmp_path: Path) -> None:
+    base = image(rig()[0])
+    for name, numbers in {"b": (4, 5, 6, 9), "a": (5, 6, 7)}.items():
+        (tmp_path / name).mkdir()
+        for number in numbers:
+            cv2.imwrite(str(tmp_path / name / f"f_{number}.png"), with_ball(base, number))
+    films = find_films(tmp_path)
+    assert [film.name for film in films] == ["a", "b"]
+    assert films[1].stamps * 30 == pytest.approx([4, 5, 6, 9])
+    assert films[0].frame_at(6 / 30) == pytest.approx(1) and films[1].frame_at(6 / 30) == pytest.approx(2)
+    views = [look(film, [6 / 30], lambda: None) for film in films]
+    one, other = views[0].images[0], views[1].images[0]
+    assert one is not None and other is not None and np.array_equal(one, other)
+
+
+def test_an_image_of_another_size_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    for number in range(4):
+        cv2.imwrite(str(tmp_path / "a" / f"{number}.png"), np.zeros((48, 64 + 16 * (number == 2)), np.uint8))
+    with pytest.raises(FrogError, match=r"2\.png: found an image of 80 x 48 pixels, expected 64 x 48"):
+        look(find_films(tmp_path)[0], [], lambda: None)
+
+
 def test_a_folder_without_videos_says_what_is_expected(tmp_path: Path) -> None:
     with pytest.raises(FrogError, match="no video, expected one video of each camera"):
         find_films(tmp_path)

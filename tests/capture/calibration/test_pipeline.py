@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import pytest
 
 from frog_blender.cli.main import main
@@ -40,6 +41,19 @@ def test_videos_become_a_capture(footage: Path, capsys: pytest.CaptureFixture[st
     before = (footage / "cameras_opencv.json").read_bytes()
     assert main(["calibrate", str(footage), "--in-step"]) == 0
     assert (footage / "cameras_opencv.json").read_bytes() == before
+
+
+def test_folders_of_frames_become_a_capture(tmp_path: Path) -> None:
+    for each in rig():
+        (tmp_path / each.name).mkdir()
+        for number in range(3, 9):
+            cv2.imwrite(str(tmp_path / each.name / f"{number:05d}.png"), image(each))
+    assert main(["calibrate", str(tmp_path), "--in-step"]) == 0
+    capture = open_capture(tmp_path)
+    assert center_errors(list(capture.cameras), rig()).max() < 0.01
+    assert len(capture.shots) == 6 * len(rig())
+    with pytest.raises(FrogError, match="written beside them"):
+        calibrate(tmp_path, Options(out=tmp_path / "elsewhere"), lambda *_: None, lambda: False)
 
 
 def test_it_can_be_cancelled_at_once(footage: Path, tmp_path: Path) -> None:

@@ -7,6 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from frog_blender.engine.capture.calibration.clocks import find_clocks
+from frog_blender.engine.capture.calibration.films import find_films
+from frog_blender.engine.capture.calibration.work_folder import WorkFolder
 from frog_blender.engine.capture.capture import Distortion
 from frog_blender.engine.capture.synchronization import (
     Clock,
@@ -86,6 +89,37 @@ def test_given_clocks_stay(tmp_path: Path) -> None:
         synchronize(films, cameras, given={"cam09": Clock(0.0)})
     with pytest.raises(SynchronizationCancelled):
         synchronize(films, cameras, cancelled=lambda: True)
+
+
+def test_what_is_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cameras = ring(2, *SIZE)
+    starts = {"cam00": Start(0.0, 20.0), "cam01": Start(0.15, 20.0)}
+    films = write_films(tmp_path, MovingScene(cards()), cameras, starts, 1.5)
+    kept = WorkFolder(tmp_path / "kept")
+    first = synchronize(films, cameras, kept=kept)
+
+    def decoded(*_: object) -> None:
+        raise AssertionError("a film was decoded again")
+
+    monkeypatch.setattr("frog_blender.engine.capture.synchronization.films.decode_film", decoded)
+    again = synchronize(films, cameras, kept=kept)
+    assert again.offsets == first.offsets
+    monkeypatch.undo()
+    films["cam01"] = write_film(tmp_path / "cam01.mp4", lambda frame: np.full((150, 200, 3), 90, np.uint8), 20, 20.0)
+    assert synchronize(films, cameras, kept=kept).refusal is not None  # another film of the same name
+
+
+def test_the_clocks_of_a_child_are_those_of_this_process(tmp_path: Path) -> None:
+    cameras = ring(2, *SIZE)
+    starts = {"cam00": Start(0.0, 20.0), "cam01": Start(0.15, 20.0)}
+    write_films(tmp_path, MovingScene(cards()), cameras, starts, 1.5)
+    films, told = find_films(tmp_path), []
+    lens = Distortion(np.zeros(5))
+    known = {name: (camera, lens) for name, camera in cameras.items()}
+    found = find_clocks(films, known, WorkFolder(tmp_path / "work"), lambda *step: told.append(step), lambda: False)
+    here = synchronize({film.name: film.path for film in films}, cameras)
+    assert {name: offset for name, (offset, _) in found.clocks.items()} == pytest.approx(here.offsets, abs=1e-6)
+    assert found.curves is not None and told[-1] == ("synchronisation", 1000, 1000)
 
 
 def test_a_film_that_shares_nothing_is_refused(tmp_path: Path) -> None:

@@ -16,7 +16,8 @@ from .tracks import Tracks, located
 from .two_view import colmap_camera
 
 _MODELS = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-_ROUNDS = 2
+_TOLERANCES = (1e-5, 1e-7)
+"""Of the cost, in each round: the first only tells which observations are false."""
 _SOFT = 0.5  # of a false observation's residual: from there on the loss grows slowly
 
 
@@ -48,14 +49,14 @@ def adjust(model: Model, tracks: Tracks, groups: Sequence[int], coefficients: Se
     """
     limits = np.array([lens.limit for lens in model.lenses])
     uncertainty = np.full(len(model.lenses), np.inf)
-    for _ in range(_ROUNDS):
+    for tolerance in _TOLERANCES:
         points, distances = located(tracks, model.poses, model.lenses, limits)
         used = (distances <= limits[tracks.cameras]) & np.isfinite(points).all(axis=1)[tracks.points]
         lengths = np.bincount(tracks.points[used], minlength=tracks.count)
         used &= lengths[tracks.points] >= 2
         if not used.any():
             break
-        model, uncertainty = _solve(model, (tracks, used, points, distances), groups, coefficients)
+        model, uncertainty = _solve(model, (tracks, used, points, distances), groups, coefficients, tolerance)
     points, distances = located(tracks, model.poses, model.lenses, limits)
     return Adjusted(model, points, distances, uncertainty)
 
@@ -65,13 +66,14 @@ def _solve(
     seen: tuple[Tracks, Bools, Float64s, Float64s],
     groups: Sequence[int],
     coefficients: Sequence[int],
+    tolerance: float,
 ) -> tuple[Model, Float64s]:
     """One adjustment of the used observations, and the focal lengths' relative standard deviations."""
     pycolmap = load_pycolmap()
     reconstruction, config = _reconstruction(model, seen, groups, coefficients)
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
-    options.ceres.solver_options.function_tolerance = 1e-7  # zero by default: it would go on to the last iteration
+    options.ceres.solver_options.function_tolerance = tolerance
     options.ceres.solver_options.max_num_iterations = 60
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
     options.ceres.loss_function_scale = _SOFT * min(lens.limit for lens in model.lenses)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ...arrays import ImageArray
-from ..video import decode
+from ..readers.film_frames import decode_film
 from .board import calibrate_board
 from .board_detection import Board, Corners, find_board, find_corners
 from .calibration import Calibration
@@ -54,7 +54,7 @@ def images_at(film: Film, times: Sequence[float], cancelled: Callable[[], None])
     """The images nearest to ascending capture times; None where the film has none."""
     frames = [round(film.frame_at(time)) for time in times]
     wanted = sorted({frame for frame in frames if 0 <= frame < film.facts.frame_count})
-    decoded = decode(film.path, wanted)
+    decoded = decode_film(film.path, wanted)
     last, image = -1, None
     for frame in frames:
         cancelled()

@@ -1,4 +1,4 @@
-"""The process in which pycolmap runs: ``python -m ...calibration.child TASK FOLDER``.
+"""The process in which pycolmap and the synchronisation run: ``python -m ...calibration.child TASK FOLDER``.
 
 It reads ``request.json`` there and writes ``result.json``: a result, ``{"refused": sentence}`` or
 ``{"error": sentence}``.
@@ -29,6 +29,10 @@ def main(arguments: list[str]) -> int:
         request = entries(plain_json((folder / REQUEST).read_text(encoding="utf-8"), "a request"), "a request")
         if task == "standing":
             from .standing_task import standing as run
+        elif task == "features":
+            from .feature_task import find_features as run
+        elif task == "synchronization":
+            from .clock_task import clocks as run
         else:
             from .moving_task import moving as run
         result = run(request, _tell)

@@ -7,7 +7,8 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from ...errors import FrogError, brief
@@ -41,6 +42,7 @@ def run(task: str, folder: Path, progress: Progress, cancelled: Callable[[], boo
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(_PACKAGE.parent), *filter(None, sys.path)]),
         "PYTHONIOENCODING": "utf-8",
+        "OPENBLAS_NUM_THREADS": "1",  # its threads wait for each other on matrices as small as these
     }
     process = subprocess.Popen(
         command,
@@ -77,6 +79,43 @@ def run(task: str, folder: Path, progress: Progress, cancelled: Callable[[], boo
             if stream is not None:
                 stream.close()
     return _result(folder / RESULT, code, said)
+
+
+def run_several(
+    task: str, folders: Sequence[Path], whole: int, progress: Progress, cancelled: Callable[[], bool]
+) -> list[JsonObject]:
+    """``run`` on the requests of several folders at once.
+
+    Args:
+        whole: how much all of them have to do, for ``progress``.
+
+    Raises: as of ``run``; what one raises ends the others.
+    """
+    ended, done = threading.Event(), [0] * len(folders)
+
+    def teller(place: int) -> Progress:
+        def tell(stage: str, so_far: int, _all: int) -> None:
+            done[place] = so_far
+            progress(stage, sum(done), whole)
+
+        return tell
+
+    with ThreadPoolExecutor(len(folders)) as threads:
+        futures = [
+            threads.submit(run, task, folder, teller(place), ended.is_set) for place, folder in enumerate(folders)
+        ]
+        try:
+            while wait(futures, _LOOKS, FIRST_EXCEPTION).not_done:
+                if any(future.done() and future.exception() for future in futures):
+                    break
+                if cancelled():
+                    raise CalibrationCancelled
+        finally:
+            ended.set()
+    failures = [error for future in futures if (error := future.exception()) is not None]
+    for failure in sorted(failures, key=lambda error: isinstance(error, CalibrationCancelled)):
+        raise failure
+    return [future.result() for future in futures]
 
 
 def _result(path: Path, code: int, said: list[str]) -> JsonObject:

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ...arrays import ImageArray
+from ...errors import FrogError
+from ...io.atomic_files import write_atomically
+from ...io.plain_values import UnfitValue
 from ..camera import Camera
 from ..capture import Distortion
-from ..synchronization import SynchronizationCancelled, draw_curves, synchronize
-from .child_process import CalibrationCancelled, Progress
+from ..synchronization import Synchronization, draw_curves
+from .child_process import REQUEST, Progress, run
+from .clock_task import request_of
 from .films import Film
+from .work_folder import WorkFolder
 
 Clocks = Mapping[str, tuple[float, float]]
 """Offset in seconds and rate of each camera's film: capture time = offset + rate * film time."""
 _IN_STEP = 0.1  # of a frame: films that begin within it began together
 _SAME_RATE = 1e-4
-_PARTS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +44,8 @@ class FoundClocks:
 
 
 Synchronize = Callable[
-    [Sequence[Film], Mapping[str, tuple[Camera, Distortion | None]], Progress, Callable[[], bool]], FoundClocks
+    [Sequence[Film], Mapping[str, tuple[Camera, Distortion | None]], WorkFolder, Progress, Callable[[], bool]],
+    FoundClocks,
 ]
 """Finds the films' clocks by cameras that are known, by name; none where they are not."""
 
@@ -47,25 +53,27 @@ Synchronize = Callable[
 def find_clocks(
     films: Sequence[Film],
     cameras: Mapping[str, tuple[Camera, Distortion | None]],
+    work: WorkFolder,
     progress: Progress,
     cancelled: Callable[[], bool],
 ) -> FoundClocks:
     """The films' clocks, by sound, motion and moving points.
 
+    Args:
+        work: keeps what a second search, with better cameras, needs again.
+
     Raises:
         CalibrationCancelled: if ``cancelled`` said so.
-        FrogError: if a film cannot be decoded.
+        FrogError: if a film cannot be decoded, or the process of the synchronisation died.
     """
+    folder = work.path / "synchronization"
+    request = request_of({film.name: film.path for film in films}, dict(cameras), work)
+    write_atomically(folder / REQUEST, json.dumps(request).encode())
+    result = run("synchronization", folder, progress, cancelled)
     try:
-        found = synchronize(
-            {film.name: film.path for film in films},
-            {name: camera for name, (camera, _) in cameras.items()} or None,
-            distortions={name: lens for name, (_, lens) in cameras.items()},
-            progress=lambda what, share: progress("synchronisation", round(share * _PARTS), _PARTS),
-            cancelled=cancelled,
-        )
-    except SynchronizationCancelled as error:
-        raise CalibrationCancelled from error
+        found = Synchronization.from_json(result)
+    except UnfitValue as error:
+        raise FrogError(f"{folder}: found a result with {error.found}, expected {error.expected}.") from error
     clocks = {camera.name: (camera.offset, camera.rate) for camera in found.cameras}
     if _is_in_step(clocks, films):
         clocks = dict.fromkeys(clocks, (0.0, 1.0))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -94,11 +96,16 @@ def closing_triangles(lenses: Sequence[Lens], pixels: Sequence[Float64s], pairs:
     NaN for a camera in no triangle of pairs that match.
     """
     turns: dict[tuple[int, int], Float64s] = {}
-    for (one, other), matches in pairs.items():
-        if len(matches):
-            turn = relative_rotation(lenses[one], pixels[one], lenses[other], pixels[other], matches)
+    matched = [pair for pair, matches in pairs.items() if len(matches)]
+
+    def of_pair(pair: tuple[int, int]) -> Float64s | None:
+        one, other = pair
+        return relative_rotation(lenses[one], pixels[one], lenses[other], pixels[other], pairs[pair])
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # pycolmap estimates outside Python's lock
+        for pair, turn in zip(matched, threads.map(of_pair, matched), strict=True):
             if turn is not None:
-                turns[one, other] = turn
+                turns[pair] = turn
     closed, all_ = np.zeros(len(lenses)), np.zeros(len(lenses))
     for a, b, c in combinations(range(len(lenses)), 3):
         if (a, b) in turns and (b, c) in turns and (a, c) in turns:

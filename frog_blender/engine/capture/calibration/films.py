@@ -10,7 +10,9 @@ import numpy as np
 
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray
 from ...errors import FrogError, found_instead
-from ..video import VideoFacts, composed, decode, find_videos, load_opencv, read_facts
+from ..readers.film_frames import decode_film, film_facts
+from ..readers.footage import find_footage
+from ..video import VideoFacts, composed, find_videos, load_opencv
 
 LONGEST_SIDE = 1600
 """Pixels of the images that features are sought in: more of them cost time and win nothing."""
@@ -24,10 +26,10 @@ _CORNERS = 400
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A video of one camera.
+    """A video of one camera, or a folder of its frames.
 
     Attributes:
-        name: of the camera: the video's, without its ending.
+        name: of the camera: the video's, without its ending, or the folder's.
         facts: of the video.
         offset, rate: capture time = offset + rate * film time, seconds.
     """
@@ -86,19 +88,24 @@ class View:
 
 
 def find_films(folder: Path) -> list[Film]:
-    """The films of a folder, a camera each, in order of their names.
+    """The films of a folder, a camera each, in order of their names: its videos, or else its folders of frames.
 
     Raises:
-        FrogError: if there is no video, two have one name, or one cannot be decoded.
+        FrogError: if there are neither, two have one name, or one cannot be decoded.
     """
-    videos = find_videos(folder)
-    names = [composed(video.stem) for video in videos]
-    if not videos:
-        raise found_instead(folder, "no video", "one video of each camera, such as cam01.mp4, cam02.mp4")
+    paths = find_videos(folder)
+    names = [composed(video.stem) for video in paths]
+    if not paths:
+        paths = sorted((each.files[0].parent for each in find_footage(folder)), key=lambda path: path.name)
+        paths = [path.parent if path.name == "images" else path for path in paths]
+        names = [composed(path.name) for path in paths]
+    if not paths:
+        expected = "one video of each camera, such as cam01.mp4, cam02.mp4, or a folder of frames of each"
+        raise found_instead(folder, "no video", expected)
     if len(set(names)) != len(names):
         twice = max(names, key=names.count)
         raise found_instead(folder, f"several videos named {twice}", "one video for each camera")
-    return [Film(name, path, read_facts(path)) for name, path in zip(names, videos, strict=True)]
+    return [Film(name, path, film_facts(path)) for name, path in zip(names, paths, strict=True)]
 
 
 def is_standing(film: Film) -> bool:
@@ -106,7 +113,7 @@ def is_standing(film: Film) -> bool:
     cv2 = load_opencv()
     last = min(film.facts.frame_count, _PLATE_FRAMES) - 1
     frames = sorted({0, last // 2, last})
-    first, *others = [_gray(image, film.size) for image in decode(film.path, frames)]
+    first, *others = [_gray(image, film.size) for image in decode_film(film.path, frames)]
     corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.01, max(4, first.shape[1] / 60))
     if corners is None or not others:
         return True
@@ -147,7 +154,7 @@ def look(film: Film, times: Sequence[float], cancelled: Callable[[], None]) -> V
     towards = [near + (1 if frame > near else -1) for near, frame in zip(nearest, exact, strict=True)]
     wanted = {frame for frame in (*spread, *nearest, *towards) if 0 <= frame < count}
     images: dict[int, ImageArray] = {}
-    for frame, image in zip(sorted(wanted), decode(film.path, sorted(wanted)), strict=True):
+    for frame, image in zip(sorted(wanted), decode_film(film.path, sorted(wanted)), strict=True):
         cancelled()
         images[frame] = _gray(image, film.size)
     stack = np.stack([images[frame] for frame in spread])

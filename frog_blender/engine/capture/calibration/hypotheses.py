@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,13 +102,19 @@ def propose(
     kinds = [(False, list(groups))]
     if len(set(groups)) < len(lenses):
         kinds.append((True, own_groups))
-    found: list[Hypothesis] = []
-    for place, (start, (own, grouping)) in enumerate((s, kind) for s in STARTS for kind in kinds):
-        progress(place, len(STARTS) * len(kinds))
-        model = incremental(
+    starts = [(start, own, grouping) for start in STARTS for own, grouping in kinds]
+
+    def mapped(each: tuple[float, bool, list[int]]) -> Model | None:
+        start, _, grouping = each
+        return incremental(
             [Lens(lens.width, lens.height, start * lens.width) for lens in lenses], grouping, pixels, few
         )
-        found.append(_weighed(Hypothesis(start, own, None, 1.0), model, tracks, grouping, found))
+
+    found: list[Hypothesis] = []
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # the mapper works outside Python's lock, on one processor
+        for place, ((start, own, grouping), model) in enumerate(zip(starts, threads.map(mapped, starts), strict=True)):
+            progress(place, len(starts))
+            found.append(_weighed(Hypothesis(start, own, None, 1.0), model, tracks, grouping, found))
     return found, tracks, few
 
 

@@ -101,6 +101,7 @@ def _options(limit: float) -> Any:  # pycolmap.IncrementalPipelineOptions
     pipeline.min_model_size = 3
     pipeline.extract_colors = False
     pipeline.random_seed = 0
+    pipeline.num_threads = 1  # several starts are mapped at once
     pipeline.ba_refine_extra_params = False
     pipeline.ba_refine_principal_point = False
     pipeline.mapper.init_min_num_inliers = 2 * LEAST_MATCHES

@@ -21,7 +21,7 @@ from .hypotheses import Hypothesis, candidates, halves, held_out_cost, rivals, w
 from .lens import Lens
 from .mapping import Model, global_, incremental
 from .matching import match
-from .orientation import oriented
+from .rig_world import oriented
 from .tracks import Pairs, Tracks, join
 from .two_view import verified
 from .work_folder import WorkFolder, key_of, key_of_file

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,13 +20,13 @@ from .board_films import board_in_films
 from .calibration import Calibration, CalibrationRefused
 from .child_process import Progress
 from .clocks import Clocks, FoundClocks, Synchronize, differ, find_clocks, with_clocks
+from .feature_task import arrays_of, view_of
 from .films import Film, View, common_times, find_films, is_standing, look, with_groups
 from .landmark_file import landmark_file
 from .moving import calibrate_moving, still_images
 from .report import write_moving_report, write_report
 from .result_files import write_cameras
 from .standing import calibrate_standing
-from .standing_task import arrays_of, view_of
 from .ways import Way, board_beside, board_way, joints_way, points_way, read_points, stopper
 from .work_folder import NAME, WorkFolder, key_of, key_of_file
 
@@ -31,7 +34,10 @@ AUTO = Path("auto")
 """A board whose layout is found in the films."""
 _TIMES = 5  # at which moving points are compared
 _ALMOST = 0.01  # of a side, by which films of one kind of camera may differ
+_MOST_DECODED = 4  # films at once: of each some dozens of images are held
 _ROUNDS = 2  # of synchronisation: calibrated from the background, then from what moves as well
+
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -102,6 +108,8 @@ def calibrate(
     if images:
         return _of_moving(images, None, out, work, progress, cancelled)
     films = with_clocks(find_films(folder), options.clocks or {})
+    if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
+        raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
     standing = _standing(films, work, progress, cancelled)
     if not any(standing):
         if len(films) > 1:
@@ -241,7 +249,7 @@ def _by(
             each.camera.name: (each.camera, distortion(np.array([*each.distortion, 0.0, 0.0])))
             for each in calibration.cameras
         }
-        found = synchronize(films, cameras, stages.progress, stages.cancelled)
+        found = synchronize(films, cameras, stages.work, stages.progress, stages.cancelled)
         if found.refusal is not None:
             kept = replace(found, clocks=before, warnings=(found.refusal, *found.warnings))
             return calibration, with_clocks(films, before), kept
@@ -274,7 +282,7 @@ def _first(way: Way, films: list[Film], stages: _Stages, synchronize: Synchroniz
         if not way.needs_step:
             raise refused or error from None
         refused = error
-    found = synchronize(films, {}, stages.progress, stages.cancelled)
+    found = synchronize(films, {}, stages.work, stages.progress, stages.cancelled)
     timed = with_clocks(films, found.clocks)
     if found.refusal is not None or not differ(together, found.clocks, films):
         raise refused
@@ -283,25 +291,25 @@ def _first(way: Way, films: list[Film], stages: _Stages, synchronize: Synchroniz
 
 def _standing(films: Sequence[Film], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]) -> list[bool]:
     """Which films were taken by cameras that stand."""
-    answers = []
-    for place, film in enumerate(films):
-        progress("films", place, len(films))
-        stopper(cancelled)()
+    check = stopper(cancelled)
+
+    def of_film(film: Film) -> bool:
+        check()
         key = key_of(key_of_file(film.path))
         kept = work.load("standing", key)
         if kept is None:
             kept = {"standing": np.array(is_standing(film))}
             work.keep("standing", key, kept)
-        answers.append(bool(kept["standing"]))
-    return answers
+        return bool(kept["standing"])
+
+    return _in_threads(of_film, films, "films", progress)
 
 
 def _views(films: Sequence[Film], times: Sequence[float], stages: _Stages) -> list[View]:
     """What calibration looks at, of an earlier run or new."""
     check = stopper(stages.cancelled)
-    views = []
-    for place, film in enumerate(films):
-        stages.progress("images", place, len(films))
+
+    def of_film(film: Film) -> View:
         check()
         frames = [round(film.frame_at(time), 4) for time in times]
         key = key_of(key_of_file(film.path), frames)
@@ -309,8 +317,23 @@ def _views(films: Sequence[Film], times: Sequence[float], stages: _Stages) -> li
         if kept is None:
             kept = arrays_of(look(film, times, check))
             stages.work.keep("look", key, kept)
-        views.append(view_of({"name": film.name, "size": film.size, "group": 0}, kept))
+        return view_of({"name": film.name, "size": film.size, "group": 0}, kept)
+
+    views = _in_threads(of_film, films, "images", stages.progress)
     return with_groups(views)
+
+
+def _in_threads(
+    function: Callable[[Film], _Result], films: Sequence[Film], stage: str, progress: Progress
+) -> list[_Result]:
+    """The results in order; OpenCV decodes outside Python's lock."""
+    progress(stage, 0, len(films))
+    results = []
+    with ThreadPoolExecutor(min(_MOST_DECODED, os.cpu_count() or 1)) as threads:
+        for result in threads.map(function, films):
+            results.append(result)
+            progress(stage, len(results), len(films))
+    return results
 
 
 def _of_kinds(films: Sequence[Film], stages: _Stages) -> list[View]:

@@ -13,8 +13,8 @@ from .calibration import CalibratedCamera, Calibration
 from .evidence import CameraEvidence
 from .lens import Lens
 from .mapping import Model
-from .orientation import oriented
 from .rig_solver import CENTER_X, CENTER_Y, FOCAL, K1, K2, Rig, Sightings, Solution
+from .rig_world import oriented
 
 _CELLS = np.array([8, 6])  # of an image, in which sightings are counted
 _SHOWN = 400  # sightings of a camera, for the report

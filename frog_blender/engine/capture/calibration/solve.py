@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
+from ...arrays import Ints
 from .adjustment import Adjusted, adjust
 from .evidence import CameraEvidence, PairEvidence, closing_triangles, disagreement, of_cameras, of_pairs
 from .features import Features
@@ -57,12 +60,17 @@ def match_all(
     """The matches of every pair of cameras, and those that pass the two-view check."""
     lenses = [Lens(*size, 1.2 * size[0]) for size in sizes]
     every = list(combinations(range(len(features)), 2))
-    matches, checked = {}, {}
-    for place, (one, other) in enumerate(every):
-        progress("matches", place, len(every))
+
+    def of_pair(pair: tuple[int, int]) -> tuple[Ints, Ints]:
+        one, other = pair
         found = match(features[one], features[other])
-        matches[one, other] = found
-        checked[one, other] = verified(lenses[one], features[one].pixels, lenses[other], features[other].pixels, found)
+        return found, verified(lenses[one], features[one].pixels, lenses[other], features[other].pixels, found)
+
+    matches, checked = {}, {}
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # numpy and pycolmap compute outside Python's lock
+        for place, (pair, (found, good)) in enumerate(zip(every, threads.map(of_pair, every), strict=True)):
+            progress("matches", place, len(every))
+            matches[pair], checked[pair] = found, good
     return matches, checked
 
 

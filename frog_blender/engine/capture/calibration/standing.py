@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 
@@ -15,11 +16,14 @@ from ...io.plain_values import JsonObject
 from ..camera import Camera
 from ..readers.geometry import intrinsics
 from .calibration import CalibratedCamera, Calibration
-from .child_process import REQUEST, Progress, run
+from .child_process import REQUEST, Progress, run, run_several
 from .evidence import CameraEvidence, PairEvidence
+from .feature_task import arrays_of, missing_features
 from .films import View
-from .standing_task import arrays_of
 from .work_folder import WorkFolder, key_of
+
+_MOST_PROCESSES = 8  # each holds pycolmap and a camera's images
+_FEWEST_IMAGES = 4  # in which features are worth a process's start
 
 
 def calibrate_standing(
@@ -44,6 +48,7 @@ def calibrate_standing(
         if not work.file("view", key).is_file():
             work.keep("view", key, arrays)
         entries.append({"name": view.name, "size": list(view.size), "group": view.group, "key": key})
+    _find_features(views, entries, work, progress, cancelled)
     folder = work.path / "standing"
     write_atomically(folder / REQUEST, json.dumps({"work": str(work.path), "views": entries}).encode())
     result = run("standing", folder, progress, cancelled)
@@ -51,6 +56,30 @@ def calibrate_standing(
         return _calibration(result)
     except (KeyError, TypeError, ValueError) as error:
         raise FrogError(f"{folder}: found a result that is damaged ({brief(error)}), expected a whole one.") from error
+
+
+def _find_features(
+    views: Sequence[View],
+    entries: Sequence[JsonObject],
+    work: WorkFolder,
+    progress: Progress,
+    cancelled: Callable[[], bool],
+) -> None:
+    """Finds in several processes what features the work folder lacks; of a few of them the next stage takes care."""
+    images = [
+        (entry, moment) for view, entry in zip(views, entries, strict=True) for moment in missing_features(work, view)
+    ]
+    count = min(_MOST_PROCESSES, os.cpu_count() or 1, len(images) // _FEWEST_IMAGES)
+    if count < 2:
+        return
+    folders = []
+    for number in range(count):  # neighbours together: a process reads the views that it needs
+        part = images[len(images) * number // count : len(images) * (number + 1) // count]
+        asked = [entry | {"moments": [of for each, of in part if each is entry]} for entry in entries]
+        request = {"work": str(work.path), "views": [entry for entry in asked if entry["moments"]]}
+        folders.append(work.path / f"features-{number}")
+        write_atomically(folders[-1] / REQUEST, json.dumps(request).encode())
+    run_several("features", folders, len(images), progress, cancelled)
 
 
 def _calibration(result: JsonObject) -> Calibration:

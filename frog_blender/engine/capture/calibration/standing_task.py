@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
-from ...arrays import Array, ImageArray
+from ...arrays import Array
 from ...io.plain_values import JsonObject
 from .calibration import CalibrationRefused
 from .evidence import agreeing
-from .features import BACKGROUND, Features, background_features, moment_features, pooled
+from .feature_task import kept_features, loaded
+from .features import BACKGROUND, Features, pooled
 from .films import View
-from .orientation import oriented
+from .rig_world import oriented
 from .solve import Solution, match_all, solve
 from .tracks import Pairs
 from .verdict import refusal, warnings
@@ -33,15 +32,9 @@ def standing(request: JsonObject, tell: Tell) -> JsonObject:
         CalibrationRefused: if the views do not fix their cameras.
     """
     work = WorkFolder(Path(request["work"]))
-    views, keys = [], []
-    for entry in request["views"]:
-        arrays = work.load("view", entry["key"])
-        if arrays is None:
-            raise FileNotFoundError(work.file("view", entry["key"]))
-        views.append(view_of(entry, arrays))
-        keys.append(entry["key"])
-    features = _all_features(work, views, tell)
-    pairs = _pairs(work, features, [view.size for view in views], keys, tell)
+    views, keys = standing_views(work, request["views"])
+    features = all_features(work, views, tell)
+    pairs = standing_pairs(work, features, [view.size for view in views], keys, tell)
     solution = solve(features, [view.size for view in views], [view.group for view in views], pairs, tell)
     names = [view.name for view in views]
     if why := refusal(solution, names):
@@ -49,68 +42,21 @@ def standing(request: JsonObject, tell: Tell) -> JsonObject:
     return _result(solution, names)
 
 
-def arrays_of(view: View) -> dict[str, Array]:
-    """A view's arrays for the work folder; ``view_of`` reads them back."""
-    arrays: dict[str, Array] = {"plate": view.plate, "changing": view.changing, "shares": np.array(view.shares)}
-    for kind, images in (("image", view.images), ("next", view.nexts)):
-        arrays |= {f"{kind}{place}": image for place, image in enumerate(images) if image is not None}
-    return arrays
+def standing_views(work: WorkFolder, listed: Sequence[JsonObject]) -> tuple[list[View], list[str]]:
+    """The views of a request and their keys."""
+    return [loaded(work, entry) for entry in listed], [str(entry["key"]) for entry in listed]
 
 
-def view_of(entry: JsonObject, arrays: dict[str, Array]) -> View:
-    """The view of a request's entry and its arrays."""
-    shares = tuple(arrays["shares"].tolist())
-
-    def images(kind: str) -> tuple[ImageArray | None, ...]:
-        return tuple(arrays.get(f"{kind}{place}") for place in range(len(shares)))
-
-    return View(
-        entry["name"],
-        (int(entry["size"][0]), int(entry["size"][1])),
-        arrays["plate"],
-        arrays["changing"],
-        images("image"),
-        shares,
-        images("next"),
-        int(entry["group"]),
-    )
-
-
-def _all_features(work: WorkFolder, views: Sequence[View], tell: Tell) -> list[Features]:
+def all_features(work: WorkFolder, views: Sequence[View], tell: Tell) -> list[Features]:
     """The pooled features of each view, image by image of an earlier run or new."""
-    wanted = [(view, moment) for view in views for moment in range(BACKGROUND, len(view.images))]
-    with ThreadPoolExecutor(os.cpu_count()) as threads:  # pycolmap works outside Python's lock
-        parts = []
-        for place, part in enumerate(threads.map(lambda each: _features(work, *each), wanted)):
-            tell("features", place, len(wanted))
-            parts.append(part)
-    own = iter(parts)
-    return [pooled([next(own) for _ in range(len(view.images) + 1)]) for view in views]
+    parts = []
+    for place, view in enumerate(views):
+        tell("features", place, len(views))
+        parts.append(pooled([kept_features(work, view, moment) for moment in range(BACKGROUND, len(view.images))]))
+    return parts
 
 
-def _features(work: WorkFolder, view: View, moment: int) -> Features:
-    """Those of the background, or of a moment."""
-    if moment == BACKGROUND:
-        key = key_of(view.plate, view.changing)
-    else:
-        near, towards = view.images[moment], view.nexts[moment]
-        missing = np.empty(0)
-        key = key_of(
-            missing if near is None else near,
-            missing if towards is None else towards,
-            view.shares[moment],
-            view.changing,
-            moment,
-        )
-    kept = work.load("features", key)
-    if kept is None:
-        found = background_features(view) if moment == BACKGROUND else moment_features(view, moment)
-        kept = {"pixels": found.pixels, "descriptors": found.descriptors, "moments": found.moments}
-        work.keep("features", key, kept)
-    return Features(kept["pixels"], kept["descriptors"], kept["moments"])
-
-
-def _pairs(
+def standing_pairs(
     work: WorkFolder, features: Sequence[Features], sizes: Sequence[tuple[int, int]], keys: list[str], tell: Tell
 ) -> tuple[Pairs, Pairs]:
     """Matches and verified matches, of an earlier run or new."""

@@ -14,6 +14,7 @@ from ...arrays import Array
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.numpy_files import read_npz
+from ..readers.film_frames import state_of
 
 NAME = ".frog_calibration"
 """The folder's name, beside the result."""
@@ -34,9 +35,8 @@ def key_of(*parts: object) -> str:
 
 
 def key_of_file(path: Path) -> list[object]:
-    """What tells a file from another one or an older one, for ``key_of``, without reading it."""
-    state = path.stat()
-    return [path.name, state.st_size, state.st_mtime_ns]
+    """What tells a file, or a folder of frames, from another one or an older one, for ``key_of``."""
+    return state_of(path)
 
 
 class WorkFolder:

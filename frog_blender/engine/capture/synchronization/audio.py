@@ -31,7 +31,7 @@ _PATIENCE = 300.0  # seconds for ffmpeg
 def read_audio(film: Film) -> Float32s | None:
     """(S,) mono samples at RATE from the film's time 0, in [-1, 1]; None without ffmpeg, a track, or any sound."""
     ffmpeg = program()
-    if ffmpeg is None:
+    if ffmpeg is None or film.path.is_dir():
         return None
     # Filled with silence where the track starts after the images: samples count from the film's time 0. Without
     # -copyts, ffmpeg would count from the start of the streams that it reads.

@@ -10,7 +10,7 @@ from ...arrays import ImageArray
 from .changing import SAMPLES, changing_region
 from .energy import EnergyMeter, Signal
 from .films import Film
-from .work import Work
+from .work import Kept, Work
 
 _REPORTED = 50  # frames between reports
 
@@ -28,8 +28,10 @@ class Look:
     changing: ImageArray
 
 
-def look_at(film: Film, work: Work) -> Look:
-    """Decode a film once; FrogError if it cannot be decoded."""
+def look_at(film: Film, work: Work, kept: Kept | None = None) -> Look:
+    """Decode a film once, unless what came of it was kept; FrogError if it cannot be decoded."""
+    if kept is not None and (arrays := kept.load("look_for_motion", film.key)) is not None:
+        return Look((arrays["times"], arrays["energies"]), arrays["changing"])
     count = len(film.timestamps)
     sampled = {round(index) for index in np.linspace(0, count - 1, min(SAMPLES, count))}
     meter, samples = EnergyMeter(), []
@@ -39,4 +41,8 @@ def look_at(film: Film, work: Work) -> Look:
         meter.add(gray)
         if index in sampled:
             samples.append(gray)
-    return Look(meter.signal(film), changing_region(samples))
+    look = Look(meter.signal(film), changing_region(samples))
+    if kept is not None:
+        arrays = {"times": look.energy[0], "energies": look.energy[1], "changing": look.changing}
+        kept.keep("look_for_motion", film.key, arrays)
+    return look

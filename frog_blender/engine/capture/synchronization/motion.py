@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from hashlib import blake2b
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from .matches import Search, match
 from .moving_points import REACH, MovingPoints, PointFinder, keyframes_of
 from .pair import PairLag
 from .solve import Clocks
-from .work import Work
+from .work import Kept, Work, in_threads
 
 _EVERY = 3  # frames between keyframes at most: points are tracked so far that no time is missed
 _FEWEST_KEYFRAMES = 15  # of a film that has so many frames
@@ -84,20 +85,30 @@ class Rig:
         return allowed
 
 
-def find_points(film: Film, look: Look, clocks: Clocks | None, number: int, work: Work) -> MovingPoints:
+def find_points(
+    film: Film, look: Look, clocks: Clocks | None, number: int, work: Work, kept: Kept | None = None
+) -> MovingPoints:
     """The moving points of a film, at every third frame; of a long one near times that all films share.
 
     Args:
         clocks: of all films, as far as known; None where nothing is.
         number: the film's index among them.
+        kept: where they may be found, and are kept.
     """
-    finder = PointFinder(film, look.changing, _keyframes(film, clocks, number))
+    keyframes = _keyframes(film, clocks, number)
+    key = f"{film.key}{blake2b(np.array(keyframes, np.int64).tobytes(), digest_size=8).hexdigest()}"
+    if kept is not None and (arrays := kept.load("moving_points", key)) is not None:
+        return MovingPoints(**arrays)
+    finder = PointFinder(film, look.changing, keyframes)
     wanted = finder.needed
     for position, (index, gray) in enumerate(zip(wanted, film.gray(wanted), strict=True)):
         if position % 5 == 0:
             work.step(f"Finding moving points in {film.name}", position, len(wanted))
         finder.add(index, gray)
-    return finder.points()
+    points = finder.points()
+    if kept is not None:
+        kept.keep("moving_points", key, {each.name: getattr(points, each.name) for each in fields(points)})
+    return points
 
 
 def is_short(film: Film) -> bool:
@@ -122,26 +133,30 @@ def _keyframes(film: Film, clocks: Clocks | None, number: int) -> list[int]:
 
 def coarse_lags(rig: Rig, start: Clocks, is_sure: bool, work: Work) -> list[PairLag]:
     """Lags right to a fraction of a frame: near a start that is sure, else over all of two short films."""
-    pairs, found = rig.pairs(), []
-    for number, pair in enumerate(pairs):
+    pairs = rig.pairs()
+
+    def of_pair(number: int) -> PairLag | None:
         work.step("Comparing moving points", number, len(pairs))
+        pair = pairs[number]
         lags = _range(rig, pair, start, is_sure)
         views = rig.geometry(pair, Search(lags, REACH * rig.frame(pair), _COARSE_KEYFRAMES))
-        lag = epipolar_lag(pair, views, lags, _COARSE_STEP)
-        found += [] if lag is None else [lag]
-    return found
+        return epipolar_lag(pair, views, lags, _COARSE_STEP)
+
+    return [lag for lag in in_threads(of_pair, range(len(pairs))) if lag is not None]
 
 
 def fine_lags(rig: Rig, start: Clocks, work: Work) -> list[PairLag]:
     """Lags to a few hundredths of a frame, near clocks that are right to a frame or two."""
-    pairs, found = rig.pairs(), []
-    for number, pair in enumerate(pairs):
+    pairs = rig.pairs()
+
+    def of_pair(number: int) -> PairLag | None:
         work.step("Measuring offsets", number, len(pairs))
+        pair = pairs[number]
         lags = _near(rig, pair, start, _FINE_FRAMES)
         search = Search(lags, REACH * rig.frame(pair), allowed=rig.along_lines(pair, start))
-        lag = epipolar_lag(pair, rig.geometry(pair, search), lags)
-        found += [] if lag is None else [lag]
-    return found
+        return epipolar_lag(pair, rig.geometry(pair, search), lags)
+
+    return [lag for lag in in_threads(of_pair, range(len(pairs))) if lag is not None]
 
 
 def score_at(rig: Rig, film: int, offset: float, clocks: Clocks) -> float:

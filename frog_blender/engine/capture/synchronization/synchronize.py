@@ -19,13 +19,14 @@ from .films import Film, open_film
 from .lags import NamedTracks, track_lag
 from .look import Look, look_at
 from .motion import Rig, coarse_lags, find_points, fine_lags, score_at
+from .moving_points import MovingPoints
 from .pair import PairLag
 from .report import reported
 from .solve import Clock, Solution, solve
 from .straighten import straightened
 from .synchronization import RunnerUp, Synchronization
 from .timecode import read_note, window
-from .work import Progress, Work
+from .work import Kept, Progress, Work, forward_only, in_threads
 
 _SURE = 0.75  # of the weight of every film's pairs must agree for a start to be searched near only
 
@@ -39,6 +40,7 @@ def synchronize(
     given: Mapping[str, Clock] | None = None,
     progress: Progress = lambda what, share: None,
     cancelled: Callable[[], bool] = lambda: False,
+    kept: Kept | None = None,
 ) -> Synchronization:
     """The offset and the rate of every camera's clock.
 
@@ -50,18 +52,20 @@ def synchronize(
         tracks: points known by name in all films, as a person's joints are, in pixels of the films as stored: where
             cameras are not known, or see nothing else alike.
         given: clocks that are known and stay.
-        progress, cancelled: see work.Work.
+        progress, cancelled: see work.Work; asked and told from several threads.
+        kept: keeps what a second synchronisation of the same films needs again.
 
     Raises:
         FrogError: if a film cannot be decoded, or a name in ``given`` has no film.
         SynchronizationCancelled: if the user ended it.
     """
-    work = Work(progress, cancelled)
+    work = Work(forward_only(progress), cancelled)
     opened = [open_film(name, path) for name, path in films.items()]
     known = _given(given or {}, opened)
     if len(opened) < 2:
         return reported(opened, _alone(opened, known), [], known)
-    looks = [look_at(film, work.part(*_share(0.0, 0.3, i, len(opened)))) for i, film in enumerate(opened)]
+    parts = [work.part(*_share(0.0, 0.3, number, len(opened))) for number in range(len(opened))]
+    looks = in_threads(lambda number: look_at(opened[number], parts[number], kept), range(len(opened)))
     pairs = _start(opened, looks, work.part(0.3, 0.4))
     if tracks is not None:
         pairs += _track_lags(opened, tracks, (cameras or {}, distortions or {}), work.part(0.4, 0.5))
@@ -72,7 +76,7 @@ def synchronize(
     if cameras is not None:
         calibrated = [i for i, film in enumerate(opened) if film.name in cameras]
         if len(calibrated) >= 2:
-            rig = _rig(opened, looks, calibrated, (cameras, distortions or {}), solution, work.part(0.5, 0.75))
+            rig = _rig(opened, looks, calibrated, (cameras, distortions or {}), solution, work.part(0.5, 0.75), kept)
             wide = pairs
             part = work.part(0.75, 0.95)
             pairs, solution = _refined(opened, rig, calibrated, pairs, solution, given=known, work=part)
@@ -174,17 +178,18 @@ def _rig(
     lenses: tuple[Mapping[str, Camera], Mapping[str, Distortion | None]],
     start: Solution,
     work: Work,
+    kept: Kept | None,
 ) -> Rig:
-    cameras, points = [], []
-    for position, number in enumerate(calibrated):
-        film = films[number]
+    def of_position(position: int) -> tuple[Camera, MovingPoints]:
+        number = calibrated[position]
+        film, part = films[number], work.part(*_share(0.0, 1.0, position, len(calibrated)))
         camera = _camera(film, lenses[0])
-        part = work.part(*_share(0.0, 1.0, position, len(calibrated)))
-        found = find_points(film, looks[number], start.clocks, number, part)
-        cameras.append(camera)
-        straight = straightened(camera, lenses[1].get(film.name), found.tracks)
-        points.append(replace(found, tracks=straight))
-    return Rig(tuple(films[number] for number in calibrated), tuple(cameras), tuple(points))
+        found = find_points(film, looks[number], start.clocks, number, part, kept)
+        return camera, replace(found, tracks=straightened(camera, lenses[1].get(film.name), found.tracks))
+
+    views = in_threads(of_position, range(len(calibrated)))
+    chosen = tuple(films[number] for number in calibrated)
+    return Rig(chosen, tuple(camera for camera, _ in views), tuple(points for _, points in views))
 
 
 def _refined(

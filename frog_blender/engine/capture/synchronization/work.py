@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+from ...arrays import Array
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 
 Progress = Callable[[str, float], None]
 """Receives what is being done, as a phrase for a person, and the share of the whole that is done, 0 to 1."""
@@ -37,3 +47,30 @@ class Work:
 def silently() -> Work:
     """For whoever needs no report and cannot cancel."""
     return Work(lambda what, share: None, lambda: False)
+
+
+def forward_only(progress: Progress) -> Progress:
+    """The same for several threads, which do not end in order: the share never falls."""
+    lock, most = threading.Lock(), 0.0
+
+    def told(what: str, share: float) -> None:
+        nonlocal most
+        with lock:
+            most = max(most, share)
+            progress(what, most)
+
+    return told
+
+
+class Kept(Protocol):
+    """Keeps arrays by a stage's name and a key, for a second synchronisation of the same films."""
+
+    def load(self, stage: str, key: str) -> dict[str, Array] | None: ...
+
+    def keep(self, stage: str, key: str, arrays: Mapping[str, Array]) -> Path: ...
+
+
+def in_threads(function: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
+    """The results in order; OpenCV decodes and computes outside Python's lock, and numpy in part."""
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        return list(threads.map(function, items))
