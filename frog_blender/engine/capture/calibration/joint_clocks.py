@@ -22,12 +22,15 @@ from .lens import Lens
 from .mapping import Model
 from .point_rig import PointRig
 from .rig_result import CameraFacts
-from .rig_solver import Rig
 
 _GUESSES = 3
-_ROUNDS = 3  # of reading joints at corrected times
-_MOST_TIMES = 80
-_SETTLED = 2e-4  # seconds
+_ROUNDS = 2  # of reading joints at corrected times
+_FIRST_TIMES, _MOST_TIMES = 30, 80  # at which joints are compared, in the first round and in later ones
+_LEAST_IMAGES = 10  # of a joint
+_LEAST_MOVING = 6  # joints
+_ABOVE_NOISE = 3.0  # times: how far a joint that moves goes, as a median
+_LEAST_RANGE = 0.01  # of the person's height
+_BEND = 1.65  # the median second difference of three places that are each uncertain by 1
 _HOPELESS = 1.5  # of the least cost: a guess that is not refined further
 _AS_GOOD = 1.1  # of the least cost: another answer
 _SAME = 0.05  # of the rig's diameter, by which the cameras of two answers may differ
@@ -63,9 +66,11 @@ class JointClocks:
 
 @dataclass(frozen=True, eq=False)
 class _Timed:
+    """A rig, the offsets (C,) of its films in seconds, and (C,) in which of them left is right."""
+
     rig: PointRig
     offsets: Float64s
-    sigmas: Float64s
+    sides: Bools
 
 
 def calibrate_unsynchronised(
@@ -81,22 +86,17 @@ def calibrate_unsynchronised(
     Raises:
         CalibrationRefused: if the joints fit no rig, or several, or leave an offset open.
     """
-    interval = max(float(np.median(np.diff(film.times))) for film in films)
+    _check_motion(facts, films)
     steady, doubtful = _steady(films)
-    tracks = [NamedTracks(film.times, film.joints.visible) for film in steady]
-    tried = guesses(tracks, doubtful, interval, max(camera.side for camera in facts), _GUESSES)
-    if not any(np.ptp(guess.offsets) < interval for guess in tried):
-        tried.append(Guess(np.zeros(len(films)), np.zeros(len(films), dtype=bool), 0.0))
-    best, *others = _raced(facts, groups, steady, tried, interval)
+    race = _Race(facts, groups, steady, max(float(np.median(np.diff(film.times))) for film in films))
     frame = max(film.frame for film in films)
+    best, *others = race.run(doubtful)
     warnings = _rivals(facts, best, others, frame)
-    sigmas = _CORRELATED * best.sigmas
-    if np.ptp(best.offsets) <= max(_LEAST_SHIFT * frame, float(sigmas.max())):
+    sigmas = _CORRELATED * best.rig.delay_sigmas
+    offsets, is_in_step = best.offsets, np.ptp(best.offsets) <= max(_LEAST_SHIFT * frame, float(sigmas.max()))
+    if is_in_step:
         offsets = np.zeros(len(films))
-        rig = rig_of(facts, groups, [joints for joints, _ in _at(steady, offsets, interval)])
-    else:
-        offsets, rig = best.offsets - best.offsets.min(), best.rig
-    found = judged(facts, rig)
+    found = judged(facts, race.solved(offsets, best, is_final=True).rig)
     worst = int(np.argmax(sigmas))
     if not sigmas[worst] <= _UNSURE * frame:
         raise CalibrationRefused(
@@ -107,7 +107,29 @@ def calibrate_unsynchronised(
         warnings.append(
             f"The offset of camera {facts[worst].name} is known within about {1000 * sigmas[worst]:.0f} ms only."
         )
-    return JointClocks(replace(found, warnings=(*found.warnings, *warnings)), offsets, sigmas)
+    found = replace(found, warnings=(*found.warnings, *warnings))
+    return JointClocks(found, offsets - offsets.min(), sigmas)
+
+
+def _check_motion(facts: Sequence[CameraFacts], films: Sequence[FilmJoints]) -> None:
+    """Refuses films in which too few joints move: the network's noise would be taken for motion."""
+    for camera, film in zip(facts, films, strict=True):
+        visible = film.joints.visible
+        seen = np.isfinite(visible[:, :, 0]).sum(0) >= _LEAST_IMAGES
+        if not seen.any():
+            raise CalibrationRefused(f"The film of camera {camera.name} shows no person: {REMEDY}.")
+        places = visible[:, seen]
+        bends = np.abs(places[2:] - 2.0 * places[1:-1] + places[:-2])
+        noise = np.nanmedian(bends, axis=(0, 2)) / _BEND
+        ranges = np.nanmedian(np.abs(places - np.nanmedian(places, axis=0)), axis=0).max(1)
+        rows = places[np.isfinite(places[:, :, 0]).any(1), :, 1]
+        size = float(np.median(np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1)))
+        moving = int((ranges > np.maximum(_ABOVE_NOISE * noise, _LEAST_RANGE * size)).sum())
+        if moving < _LEAST_MOVING:
+            raise CalibrationRefused(
+                f"Only {moving} joints move in the film of camera {camera.name}, expected {_LEAST_MOVING} or more, so "
+                f"that nothing tells when it began: {REMEDY}."
+            )
 
 
 def _steady(films: Sequence[FilmJoints]) -> tuple[list[FilmJoints], list[bool]]:
@@ -122,62 +144,72 @@ def _steady(films: Sequence[FilmJoints]) -> tuple[list[FilmJoints], list[bool]]:
     return found, doubtful
 
 
-def _raced(
-    facts: Sequence[CameraFacts],
-    groups: Sequence[int],
-    films: Sequence[FilmJoints],
-    tried: Sequence[Guess],
-    interval: float,
-) -> list[_Timed]:
-    """Answers, the best first: each guess is refined as long as it keeps up with the best one."""
-    refused: CalibrationRefused | None = None
-    running: list[tuple[_Timed, Bools]] = []
-    for guess in tried:
-        try:
-            running.append((_stepped(facts, groups, films, guess.offsets, guess.sides, interval), guess.sides))
-        except CalibrationRefused as error:
-            refused = refused or error
-    if not running:
-        raise refused or CalibrationRefused(f"The films share too few joints of a person: {REMEDY}.")
-    for _ in range(_ROUNDS - 1):
-        least = min(timed.rig.cost for timed, _ in running)
-        following = []
-        for timed, sides in running:
-            is_open = timed.rig.cost <= _HOPELESS * least and np.abs(timed.rig.delays).max() > _SETTLED
-            if is_open:
-                timed = _stepped(facts, groups, films, timed.offsets, sides, interval, timed.rig.rig)
-            following.append((timed, sides))
-        running = following
-    return sorted((timed for timed, _ in running), key=lambda timed: timed.rig.cost)
+@dataclass(frozen=True, eq=False)
+class _Race:
+    """Guesses, refined as long as they keep up with the best one."""
+
+    facts: Sequence[CameraFacts]
+    groups: Sequence[int]
+    films: Sequence[FilmJoints]
+    interval: float  # seconds between the joints' times
+
+    def run(self, doubtful: Sequence[bool]) -> list[_Timed]:
+        """Answers, the best first. ``doubtful``: films in which left may be right."""
+        refused: CalibrationRefused | None = None
+        running: list[_Timed] = []
+        for guess in self._guesses(doubtful):
+            try:
+                running.append(self.solved(guess.offsets, None, guess.sides))
+            except CalibrationRefused as error:
+                refused = refused or error
+        if not running:
+            raise refused or CalibrationRefused(f"The films share too few joints of a person: {REMEDY}.")
+        for _ in range(_ROUNDS):
+            least = min(timed.rig.cost for timed in running)
+            running = [
+                self.solved(timed.offsets, timed) if timed.rig.cost <= _HOPELESS * least else timed for timed in running
+            ]
+        return sorted(running, key=lambda timed: timed.rig.cost)
+
+    def solved(
+        self, offsets: Float64s, start: _Timed | None, sides: Bools | None = None, *, is_final: bool = False
+    ) -> _Timed:
+        """One bundle adjustment from joints read at some offsets; of the clocks as well, unless they are final."""
+        if start is not None:
+            sides = start.sides
+        sides = np.zeros(len(self.films), dtype=bool) if sides is None else sides
+        chosen = [
+            replace(film, joints=film.joints.with_sides(np.full(len(film.times), is_changed)))
+            for film, is_changed in zip(self.films, sides.tolist(), strict=True)
+        ]
+        read = _at(chosen, offsets, self.interval, _MOST_TIMES if start is not None else _FIRST_TIMES)
+        rig = rig_of(
+            self.facts,
+            self.groups,
+            [joints for joints, _ in read],
+            None if is_final else np.stack([moving for _, moving in read]),
+            start=None if start is None else start.rig.rig,
+            halves=is_final,
+        )
+        return _Timed(rig, offsets - rig.delays, sides)
+
+    def _guesses(self, doubtful: Sequence[bool]) -> list[Guess]:
+        """The likeliest ones, and that the films are in step."""
+        tracks = [NamedTracks(film.times, film.joints.visible) for film in self.films]
+        side = max(camera.side for camera in self.facts)
+        found = guesses(tracks, doubtful, self.interval, side, _GUESSES)
+        if any(np.ptp(guess.offsets) < self.interval for guess in found):
+            return found
+        return [*found, Guess(np.zeros(len(tracks)), np.zeros(len(tracks), dtype=bool), 0.0)]
 
 
-def _stepped(
-    facts: Sequence[CameraFacts],
-    groups: Sequence[int],
-    films: Sequence[FilmJoints],
-    offsets: Float64s,
-    sides: Bools,
-    interval: float,
-    start: Rig | None = None,
-) -> _Timed:
-    """One bundle adjustment of cameras, points and clocks, from joints read at some offsets."""
-    chosen = [
-        replace(film, joints=film.joints.with_sides(np.full(len(film.times), is_changed)))
-        for film, is_changed in zip(films, sides.tolist(), strict=True)
-    ]
-    read = _at(chosen, offsets, interval)
-    moving = np.stack([moving for _, moving in read])
-    rig = rig_of(facts, groups, [joints for joints, _ in read], moving, start=start)
-    return _Timed(rig, offsets - rig.delays, rig.delay_sigmas)
-
-
-def _at(films: Sequence[FilmJoints], offsets: Float64s, interval: float) -> list[tuple[Joints, Float64s]]:
+def _at(films: Sequence[FilmJoints], offsets: Float64s, interval: float, most: int) -> list[tuple[Joints, Float64s]]:
     """Each film's joints at common times, and (T, 16, 2) pixels a second by which they move."""
     ends = np.array([film.times[[0, -1]] for film in films]) + offsets[:, None]
     start, end = float(ends[:, 0].max()), float(ends[:, 1].min())
     if end < start:
         raise CalibrationRefused(f"The films share no time at which they show a person: {REMEDY}.")
-    times = np.linspace(start, end, int(np.clip((end - start) / interval + 1, 2, _MOST_TIMES)))
+    times = np.linspace(start, end, int(np.clip((end - start) / interval + 1, 2, most)))
     found = []
     for film, offset in zip(films, offsets.tolist(), strict=True):
         wanted = np.clip(times - offset, *film.times[[0, -1]])

@@ -131,13 +131,16 @@ def rig_of(
     groups: Sequence[int],
     joints: Sequence[Joints],
     moving: Float64s | None = None,
+    *,
     start: Rig | None = None,
+    halves: bool = True,
 ) -> PointRig:
     """The rig before it is judged.
 
     Args:
         moving: (C, T, 16, 2) pixels a second by which the joints move, where the cameras' clocks are to be corrected.
         start: a rig near the answer, if one is known.
+        halves: two halves of the times are compared.
 
     Raises:
         CalibrationRefused: if too few joints are shared, or they join no rig.
@@ -154,23 +157,23 @@ def rig_of(
                 f"more: {REMEDY}."
             )
     loss = float(_USUAL * sides.max())
-    found = _solved(views, pixels, moving, loss, start)
+    times = np.repeat(np.arange(pixels.shape[1]), len(JOINTS))
+    early = 2 * times < pixels.shape[1] if halves else None
+
+    def solved(start: Rig | None) -> PointRig:
+        velocities = None if moving is None else moving.reshape(len(facts), -1, 2)
+        given = replace(views, pixels=pixels.reshape(len(facts), -1, 2), velocities=velocities)
+        return solve_points(given, loss, halves=early, start=start)
+
+    found = solved(start)
     for _ in range(_SIDE_ROUNDS):
         swapped = agreed_sides(pixels, _matrices(found.calibration), float(_LIMIT * sides.max()))
         if not swapped.any():
             break
         pixels = _with_sides(pixels, swapped)
         moving = None if moving is None else _with_sides(moving, swapped)
-        found = _solved(views, pixels, moving, loss, found.rig)
+        found = solved(found.rig)
     return found
-
-
-def _solved(views: PointViews, pixels: Float64s, moving: Float64s | None, loss: float, start: Rig | None) -> PointRig:
-    count = len(views.facts)
-    velocities = None if moving is None else moving.reshape(count, -1, 2)
-    times = np.repeat(np.arange(pixels.shape[1]), len(JOINTS))
-    given = replace(views, pixels=pixels.reshape(count, -1, 2), velocities=velocities)
-    return solve_points(given, loss, halves=2 * times < pixels.shape[1], start=start)
 
 
 def _with_sides(joints: Float64s, swapped: Bools) -> Float64s:
