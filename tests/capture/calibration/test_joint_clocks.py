@@ -28,7 +28,7 @@ def filmed(
     offset: float,
     seed: int,
     *,
-    images: int = 50,
+    images: int = 40,
     noise: float = 5.0,
     swapped: tuple[int, int] = (0, 0),
     pace: float = 1.0,
@@ -48,7 +48,7 @@ def filmed(
     return FilmJoints(times, Joints(pixels, visibility), FRAME)
 
 
-def nobody(images: int = 50) -> FilmJoints:
+def nobody(images: int = 40) -> FilmJoints:
     return FilmJoints(
         FRAME * np.arange(images), Joints(np.full((images, 16, 2), np.nan), np.zeros((images, 16))), FRAME
     )
@@ -64,7 +64,7 @@ def frames_off(found: Float64s, truth: Sequence[float]) -> float:
     ("count", "offsets", "swapped"),
     [
         (3, [0.35, 0.0, 0.217], (0, 0)),
-        (4, [0.0, 0.317, 0.1, 0.4], (17, 40)),
+        pytest.param(4, [0.0, 0.317, 0.1, 0.4], (12, 33), marks=pytest.mark.slow),
     ],
 )
 def test_films_that_began_at_different_times(count: int, offsets: list[float], swapped: tuple[int, int]) -> None:
@@ -141,10 +141,10 @@ def test_a_run_of_images_with_left_for_right_is_found() -> None:
 
     swapped = steady_sides(visible)
 
-    expected = (np.arange(50) >= 20) & (np.arange(50) < 33)
+    expected = (np.arange(40) >= 20) & (np.arange(40) < 33)
     expected[25] = False
-    assert (swapped == expected).sum() >= 48
-    assert not steady_sides(np.full((50, 16, 2), np.nan)).any()
+    assert (swapped == expected).sum() >= 38
+    assert not steady_sides(np.full((40, 16, 2), np.nan)).any()
     straight = film.joints.with_sides(expected)
     assert np.array_equal(straight.pixels[21, 0], film.joints.pixels[21, 1], equal_nan=True)
     assert np.array_equal(straight.pixels[5], film.joints.pixels[5], equal_nan=True)

@@ -17,14 +17,15 @@ from .calibration import Calibration, CalibrationRefused
 from .evidence import disagreement
 from .joint_lags import Guess, guesses
 from .joint_sides import steady_sides
-from .joints import REMEDY, Joints, judged, rig_of
+from .joints import REMEDY, Joints, judged, rig_of, without_strays
 from .lens import Lens
 from .mapping import Model
 from .point_rig import PointRig
 from .rig_result import CameraFacts
 
 _GUESSES = 3
-_ROUNDS = 2  # of reading joints at corrected times
+_ROUNDS = 5  # of reading joints at corrected times
+_SETTLED = 0.02  # of the interval
 _FIRST_TIMES, _MOST_TIMES = 30, 80  # at which joints are compared, in the first round and in later ones
 _LEAST_IMAGES = 10  # of a joint
 _LEAST_MOVING = 6  # joints
@@ -66,11 +67,12 @@ class JointClocks:
 
 @dataclass(frozen=True, eq=False)
 class _Timed:
-    """A rig, the offsets (C,) of its films in seconds, and (C,) in which of them left is right."""
+    """A rig, the offsets (C,) of its films in seconds, (C,) in which of them left is right, and if all times count."""
 
     rig: PointRig
     offsets: Float64s
     sides: Bools
+    is_full: bool
 
 
 def calibrate_unsynchronised(
@@ -133,12 +135,12 @@ def _check_motion(facts: Sequence[CameraFacts], films: Sequence[FilmJoints]) -> 
 
 
 def _steady(films: Sequence[FilmJoints]) -> tuple[list[FilmJoints], list[bool]]:
-    """The films without changes of left for right, and in which of them those were many."""
+    """The films without changes of left for right and without strays, and in which of them those changes were many."""
     found, doubtful = [], []
     for film in films:
         visible = film.joints.visible
         swapped = steady_sides(visible)
-        found.append(replace(film, joints=film.joints.with_sides(swapped)))
+        found.append(replace(film, joints=without_strays(film.joints.with_sides(swapped))))
         seen = np.isfinite(visible[:, :, 0]).any(1)
         doubtful.append(bool(swapped.sum() > _OFTEN_SWAPPED * seen.sum()))
     return found, doubtful
@@ -166,10 +168,12 @@ class _Race:
             raise refused or CalibrationRefused(f"The films share too few joints of a person: {REMEDY}.")
         for _ in range(_ROUNDS):
             least = min(timed.rig.cost for timed in running)
-            running = [
-                self.solved(timed.offsets, timed) if timed.rig.cost <= _HOPELESS * least else timed for timed in running
-            ]
+            running = [self.solved(timed.offsets, timed) if self._is_open(timed, least) else timed for timed in running]
         return sorted(running, key=lambda timed: timed.rig.cost)
+
+    def _is_open(self, timed: _Timed, least: float) -> bool:
+        is_settled = timed.is_full and np.ptp(timed.rig.delays) < _SETTLED * self.interval
+        return not is_settled and timed.rig.cost <= _HOPELESS * least
 
     def solved(
         self, offsets: Float64s, start: _Timed | None, sides: Bools | None = None, *, is_final: bool = False
@@ -191,7 +195,7 @@ class _Race:
             start=None if start is None else start.rig.rig,
             halves=is_final,
         )
-        return _Timed(rig, offsets - rig.delays, sides)
+        return _Timed(rig, offsets - rig.delays, sides, start is not None)
 
     def _guesses(self, doubtful: Sequence[bool]) -> list[Guess]:
         """The likeliest ones, and that the films are in step."""
@@ -209,11 +213,11 @@ def _at(films: Sequence[FilmJoints], offsets: Float64s, interval: float, most: i
     start, end = float(ends[:, 0].max()), float(ends[:, 1].min())
     if end < start:
         raise CalibrationRefused(f"The films share no time at which they show a person: {REMEDY}.")
-    times = np.linspace(start, end, int(np.clip((end - start) / interval + 1, 2, most)))
+    times = np.linspace(start, end, int(np.clip(round((end - start) / interval) + 1, 2, most)))
     found = []
     for film, offset in zip(films, offsets.tolist(), strict=True):
         wanted = np.clip(times - offset, *film.times[[0, -1]])
-        sides = [np.clip(wanted + side * interval / 4, *film.times[[0, -1]]) for side in (-1, 1)]
+        sides = [np.clip(wanted + side * interval, *film.times[[0, -1]]) for side in (-1, 1)]
         early, late = (film.joints.at(film.times, side).pixels for side in sides)
         moving = (late - early) / np.maximum(sides[1] - sides[0], 1e-9)[:, None, None]
         found.append((film.joints.at(film.times, wanted), np.nan_to_num(moving)))

@@ -34,6 +34,8 @@ _LEAST_JOINTS = 120  # of each camera, seen by another at the same time
 _APART, _DOUBTFUL_APART = 0.05, 0.01  # of the rig's diameter: where two halves of the times put a camera
 _LEAST_SHARE = 0.5  # of a camera's joints that must fit
 _SIDE_ROUNDS = 2  # of asking the other cameras which side is left
+_BESIDE = 2  # images before and after
+_STRAY = 0.06  # of the height of what is seen of the person
 _LONGEST_GAP = 0.25  # seconds between two times across which a joint is interpolated
 
 
@@ -86,6 +88,22 @@ class Joints:
             lasted = np.where(lasted <= 2 * _LONGEST_GAP, lasted, np.nan)
             slopes[1:-1] = (self.pixels[2:] - self.pixels[:-2]) / lasted[:, None, None]
         return slopes
+
+
+def without_strays(joints: Joints) -> Joints:
+    """The joints of images in order of time, without those that lie off their way through five of them."""
+    visible = joints.visible
+    padded = np.pad(visible, ((_BESIDE, _BESIDE), (0, 0), (0, 0)), constant_values=np.nan)
+    around = np.stack([padded[shift : shift + len(visible)] for shift in range(2 * _BESIDE + 1)])
+    rows = visible[np.isfinite(visible[:, :, 0]).any(1), :, 1]
+    if not len(rows):
+        return joints
+    size = float(np.median(np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1)))
+    counts = np.isfinite(around).sum(0)
+    ordered = np.sort(around, axis=0)  # what is not seen comes last
+    middle = np.take_along_axis(ordered, np.maximum(counts - 1, 0)[None] // 2, axis=0)[0]
+    is_stray = np.linalg.norm(visible - middle, axis=2) > _STRAY * size
+    return Joints(joints.pixels, np.where(is_stray, 0.0, joints.visibility))
 
 
 def find_joints(
