@@ -37,7 +37,8 @@ _AS_GOOD = 1.1  # of the least cost: another answer
 _SAME = 0.05  # of the rig's diameter, by which the cameras of two answers may differ
 _OFTEN_SWAPPED = 0.1  # of a film's images, from which on nothing tells which part of them has left for right
 _CORRELATED = 4.0  # times the standard deviation: joints of successive images err together
-_LEAST_SHIFT = 0.2  # frames by which films must differ to be out of step
+_SIGNIFICANT = 2.0  # standard deviations by which films must differ to be out of step
+_LEAST_SHIFT = 0.2  # frames by which they must differ as well
 _UNSURE, _DOUBTFUL = 0.5, 0.3  # frames of standard deviation of an offset
 
 
@@ -95,7 +96,10 @@ def calibrate_unsynchronised(
     best, *others = race.run(doubtful)
     warnings = _rivals(facts, best, others, frame)
     sigmas = _CORRELATED * best.rig.delay_sigmas
-    offsets, is_in_step = best.offsets, np.ptp(best.offsets) <= max(_LEAST_SHIFT * frame, float(sigmas.max()))
+    offsets, is_in_step = (
+        best.offsets,
+        np.ptp(best.offsets) <= max(_LEAST_SHIFT * frame, _SIGNIFICANT * float(sigmas.max())),
+    )
     if is_in_step:
         offsets = np.zeros(len(films))
     found = judged(facts, race.solved(offsets, best, is_final=True).rig)
