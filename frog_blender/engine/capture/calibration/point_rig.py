@@ -43,6 +43,7 @@ class PointViews:
         pixels: (C, P, 2), NaN where a camera did not see a point; pixel centres at +0.5.
         limit: (C,) pixels beyond which a sighting is taken for false.
         remedy: what a person should do where the points leave something open.
+        velocities: (C, P, 2) pixels a second, where the cameras' clocks are to be corrected; else None.
     """
 
     facts: Sequence[CameraFacts]
@@ -50,6 +51,7 @@ class PointViews:
     pixels: Float64s
     limit: Float64s
     remedy: str
+    velocities: Float64s | None = None
 
     @property
     def seen(self) -> Bools:
@@ -58,15 +60,29 @@ class PointViews:
 
     def subset(self, points: Ints) -> PointViews:
         """The same cameras with fewer points."""
-        return replace(self, pixels=self.pixels[:, points])
+        velocities = None if self.velocities is None else self.velocities[:, points]
+        return replace(self, pixels=self.pixels[:, points], velocities=velocities)
 
 
 @dataclass(frozen=True, eq=False)
 class PointRig:
-    """A rig, and what part of each camera's sightings (C,) lies within the limit."""
+    """A rig that points fit.
+
+    Attributes:
+        calibration: the cameras.
+        rig: the same, to start from.
+        shares: (C,) what part of each camera's sightings lies within the limit.
+        cost: mean square pixels of all sightings, each at most its limit's.
+        delays, delay_sigmas: (C,) seconds by which each film should be read later than it was, the first one's 0, and
+            their standard deviations; zeros where clocks are known.
+    """
 
     calibration: Calibration
+    rig: Rig
     shares: Float64s
+    cost: float
+    delays: Float64s
+    delay_sigmas: Float64s
 
 
 class _Answer(NamedTuple):
@@ -85,6 +101,7 @@ def solve_points(
     loss: float,
     *,
     halves: Bools | None = None,
+    start: Rig | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> PointRig:
     """The rig that the points fit.
@@ -93,11 +110,34 @@ def solve_points(
         views: what was seen.
         loss: Cauchy's scale in pixels: what a sighting is usually off by.
         halves: (P,) the points of one half, where each half is enough by itself to see whether the other agrees.
+        start: a rig near the answer: no other one is looked for.
         progress: called with the part that is done.
 
     Raises:
         CalibrationRefused: if the points do not join all cameras, leave a focal length open, or fit two rigs.
     """
+    finals = [_final(views, start, loss)] if start is not None else _found(views, loss, progress)
+    cost, solution, sightings = finals[0]
+    _check_focals(views, solution)
+    _check_rivals(views, finals)
+    is_near = _is_near(solution.rig, sightings, views.limit)
+    shares = np.bincount(sightings.cameras[is_near], minlength=len(views.facts)) / np.maximum(views.seen.sum(1), 1)
+    found = calibration_of(views.facts, solution, sightings, is_near)
+    if halves is not None:
+        found = replace(found, halves_apart=_halves_apart(views, solution.rig, halves, loss))
+    delays = solution.rig.delays
+    return PointRig(
+        found,
+        solution.rig,
+        shares,
+        cost / max(int(views.seen.sum()), 1),
+        np.zeros(len(views.facts)) if delays is None else delays,
+        solution.delay_sigmas,
+    )
+
+
+def _found(views: PointViews, loss: float, progress: Callable[[float], None]) -> list[_Final]:
+    """Rigs from all starts, the best one first."""
     few = views.subset(_chosen(views))
     answers: list[_Answer] = []
     for number, ratio in enumerate(_FIRST_FOCALS):
@@ -106,16 +146,7 @@ def solve_points(
     if not answers:
         raise CalibrationRefused(_unjoined(views))
     finals = [_final(views, answer.rig, loss) for answer in _apart(answers)]
-    finals.sort(key=lambda entry: entry[0])
-    _, solution, sightings = finals[0]
-    _check_focals(views, solution)
-    _check_rivals(views, finals)
-    is_near = _is_near(solution.rig, sightings, views.limit)
-    shares = np.bincount(sightings.cameras[is_near], minlength=len(views.facts)) / np.maximum(views.seen.sum(1), 1)
-    found = calibration_of(views.facts, solution, sightings, is_near)
-    if halves is not None:
-        found = replace(found, halves_apart=_halves_apart(views, solution.rig, halves, loss))
-    return PointRig(found, shares)
+    return sorted(finals, key=lambda entry: entry[0])
 
 
 def _apart(answers: Sequence[_Answer]) -> list[_Answer]:
@@ -129,7 +160,9 @@ def _final(views: PointViews, rig: Rig, loss: float) -> _Final:
     placed = _with_points(replace(rig, body_positions=np.full((views.pixels.shape[1], 3), np.nan)), views, everyone)
     sightings, bodies = _sightings(views, placed)
     start = replace(placed, body_positions=bodies, body_rotations=_upright(len(bodies)))
-    solution = solve(start, sightings, _options(start, loss))
+    if views.velocities is not None:
+        start = replace(start, delays=np.zeros(len(views.facts)))
+    solution = solve(start, sightings, replace(_options(start, loss), timing=views.velocities is not None))
     lost = ~np.isfinite(placed.body_positions[:, 0])
     return _Final(_truncated_cost(solution.rig, sightings, views, lost), solution, sightings)
 
@@ -354,8 +387,9 @@ def _sightings(views: PointViews, rig: Rig) -> tuple[Sightings, Float64s]:
     """All sightings of points that have a place, and those places."""
     known = np.flatnonzero(np.isfinite(rig.body_positions[:, 0]))
     cameras, points = np.nonzero(views.seen[:, known])
-    places = np.zeros((len(points), 3))
-    return Sightings(cameras, points, places, views.pixels[cameras, known[points]]), rig.body_positions[known]
+    velocities = None if views.velocities is None else views.velocities[cameras, known[points]]
+    sightings = Sightings(cameras, points, np.zeros((len(points), 3)), views.pixels[cameras, known[points]], velocities)
+    return sightings, rig.body_positions[known]
 
 
 def _is_near(rig: Rig, sightings: Sightings, limit: Float64s) -> Bools:

@@ -29,19 +29,31 @@ class Sightings:
         bodies: (M,) index of the body.
         places: (M, 3) position in the body's own axes; zeros for single points.
         pixels: (M, 2) where it was seen.
+        velocities: (M, 2) pixels a second by which that moves with the camera's clock; None where clocks are known.
     """
 
     cameras: Ints
     bodies: Ints
     places: Float64s
     pixels: Float64s
+    velocities: Float64s | None = None
 
     def __len__(self) -> int:
         return len(self.cameras)
 
     def where(self, chosen: Bools) -> Sightings:
         """The chosen rows; bodies keep their numbers."""
-        return Sightings(self.cameras[chosen], self.bodies[chosen], self.places[chosen], self.pixels[chosen])
+        velocities = None if self.velocities is None else self.velocities[chosen]
+        return Sightings(
+            self.cameras[chosen], self.bodies[chosen], self.places[chosen], self.pixels[chosen], velocities
+        )
+
+    def delayed(self, delays: Float64s | None) -> Float64s:
+        """(M, 2) pixels where each was seen once the cameras' clocks are corrected by (C,) seconds."""
+        if self.velocities is None or delays is None:
+            return self.pixels
+        later: Float64s = self.pixels + delays[self.cameras, None] * self.velocities
+        return later
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +65,8 @@ class Rig:
         lenses: (L, 5), see FOCAL.
         lens_of: (C,) index of each camera's lens; cameras of one kind share one.
         body_rotations, body_positions: (B, 3, 3) and (B, 3), body to world.
+        delays: (C,) seconds of each camera's film at which the sightings should have been taken, later than they were;
+            None where clocks are known.
     """
 
     rotations: Float64s
@@ -61,6 +75,7 @@ class Rig:
     lens_of: Ints
     body_rotations: Float64s
     body_positions: Float64s
+    delays: Float64s | None = None
 
     @property
     def centers(self) -> Float64s:
@@ -83,6 +98,7 @@ class Options:
         loss_scale: pixels of residual at which Cauchy's loss halves a sighting's weight.
         iterations: most steps that are tried.
         holding: cameras keep their poses.
+        timing: the cameras' clocks may move, all but the first one's; sightings must have velocities, the rig delays.
         least_gain: part of the cost; a step that gains less ends the work.
     """
 
@@ -91,6 +107,7 @@ class Options:
     loss_scale: float
     iterations: int = 60
     holding: bool = False
+    timing: bool = False
     least_gain: float = 1e-7
 
 
@@ -103,11 +120,13 @@ class Solution:
         cost: sum over the sightings of Cauchy's loss, square pixels.
         lens_sigmas: (L, 5) standard deviations of the lens parameters (pixels; the focal length relative),
             from the residuals and the curvature; 0 where a parameter was held.
+        delay_sigmas: (C,) the same of the clocks, seconds.
     """
 
     rig: Rig
     cost: float
     lens_sigmas: Float64s
+    delay_sigmas: Float64s
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +174,7 @@ def solve(rig: Rig, seen: Sightings, options: Options) -> Solution:
             break
         system = _normal_equations(rig, seen, projection, options)
     system = _normal_equations(rig, seen, projection, options)
-    return Solution(rig, cost, _lens_sigmas(rig, projection, system, options))
+    return Solution(rig, cost, *_sigmas(rig, projection, system, options))
 
 
 def rotations_about(vectors: Float64s) -> Float64s:
@@ -187,7 +206,7 @@ def _project(rig: Rig, seen: Sightings) -> _Projection:
     flat = local[:, :2] / np.where(is_behind, 1.0, local[:, 2])[:, None]
     squared = (flat**2).sum(1)
     grown = 1.0 + squared * (lens[:, K1] + squared * lens[:, K2])
-    residuals = lens[:, FOCAL, None] * grown[:, None] * flat + lens[:, CENTER_X:] - seen.pixels
+    residuals = lens[:, FOCAL, None] * grown[:, None] * flat + lens[:, CENTER_X:] - seen.delayed(rig.delays)
     residuals[is_behind] = _BEHIND
     return _Projection(residuals, local, turned, is_behind)
 
@@ -236,7 +255,7 @@ def _normal_equations(rig: Rig, seen: Sightings, projection: _Projection, option
     by_camera, by_lens, by_body = _jacobians(rig, seen, projection)
     if not options.turning:
         by_body = by_body[:, :, 3:]
-    count = _POSE * len(rig.rotations) + int(options.free.sum())
+    count = _first_delay(rig, options) + (len(rig.rotations) - 1 if options.timing else 0)
     bodies, size = len(rig.body_positions), by_body.shape[2]
     shared, shared_slope = np.zeros((count, count)), np.zeros(count)
     mixed = np.zeros((bodies, count, size))
@@ -248,6 +267,9 @@ def _normal_equations(rig: Rig, seen: Sightings, projection: _Projection, option
     for camera, (columns, is_free) in enumerate(_columns(rig, options)):
         rows = np.flatnonzero(seen.cameras == camera)
         by_shared = np.concatenate([by_camera[rows], by_lens[rows][:, :, is_free]], axis=2)
+        if options.timing and camera and seen.velocities is not None:
+            columns = np.append(columns, _first_delay(rig, options) + camera - 1)
+            by_shared = np.concatenate([by_shared, -seen.velocities[rows][:, :, None]], axis=2)
         pulled = by_shared * weights[rows, None, None]
         shared[np.ix_(columns, columns)] += np.einsum("mai,maj->ij", pulled, by_shared)
         shared_slope[columns] += np.einsum("mai,ma->i", pulled, projection.residuals[rows])
@@ -261,6 +283,11 @@ def _normal_equations(rig: Rig, seen: Sightings, projection: _Projection, option
 def _held_columns(rig: Rig, options: Options) -> int:
     """The first camera's pose is the world's; it comes first among the columns."""
     return _POSE * (len(rig.rotations) if options.holding else 1)
+
+
+def _first_delay(rig: Rig, options: Options) -> int:
+    """The first clock's column: after those of the poses and of the lenses."""
+    return _POSE * len(rig.rotations) + int(options.free.sum())
 
 
 def _columns(rig: Rig, options: Options) -> Iterator[tuple[Ints, Bools]]:
@@ -296,11 +323,16 @@ def _moved(rig: Rig, options: Options, step: Float64s, bodies: Float64s) -> Rig:
     poses = full[:poses_end].reshape(-1, _POSE)
     turns = rotations_about(poses[:, :3])
     lens_step = np.zeros(rig.lenses.shape)
-    lens_step[options.free] = full[poses_end:]
+    lenses_end = _first_delay(rig, options)
+    lens_step[options.free] = full[poses_end:lenses_end]
     lenses = rig.lenses + lens_step
     lenses[:, FOCAL] = rig.lenses[:, FOCAL] * np.exp(np.clip(lens_step[:, FOCAL], -0.5, 0.5))
+    delays = rig.delays
+    if options.timing and delays is not None:
+        delays = delays + np.concatenate([[0.0], full[lenses_end:]])
     return replace(
         rig,
+        delays=delays,
         rotations=turns @ rig.rotations,
         translations=np.einsum("cij,cj->ci", turns, rig.translations) + poses[:, 3:],
         lenses=lenses,
@@ -309,7 +341,8 @@ def _moved(rig: Rig, options: Options, step: Float64s, bodies: Float64s) -> Rig:
     )
 
 
-def _lens_sigmas(rig: Rig, projection: _Projection, system: _System, options: Options) -> Float64s:
+def _sigmas(rig: Rig, projection: _Projection, system: _System, options: Options) -> tuple[Float64s, Float64s]:
+    """Standard deviations (L, 5) of the lenses' parameters and (C,) of the clocks."""
     size = system.own.shape[1]
     inverse = np.linalg.inv(system.own + np.eye(size) * 1e-9 * (1.0 + np.einsum("bii->bi", system.own))[:, :, None])
     reduced = system.shared - np.einsum("bnd,bmd->nm", system.mixed @ inverse, system.mixed, optimize=True)
@@ -319,7 +352,12 @@ def _lens_sigmas(rig: Rig, projection: _Projection, system: _System, options: Op
     weights = _weights(projection, options.loss_scale)
     unknowns = len(reduced) + size * len(rig.body_positions)
     spread = (weights * (projection.residuals**2).sum(1)).sum() / max(2.0 * weights.sum() - unknowns, 1.0)
+    found = np.concatenate([np.zeros(_held_columns(rig, options)), covariance.diagonal()])
+    found = np.sqrt(np.maximum(found, 0.0) * spread)
+    lenses_end = _first_delay(rig, options)
     sigmas = np.zeros(rig.lenses.shape)
-    variances = covariance.diagonal()[_POSE * len(rig.rotations) - _held_columns(rig, options) :]
-    sigmas[options.free] = np.sqrt(np.maximum(variances, 0.0) * spread)
-    return sigmas
+    sigmas[options.free] = found[_POSE * len(rig.rotations) : lenses_end]
+    delays = np.zeros(len(rig.rotations))
+    if options.timing:
+        delays[1:] = found[lenses_end:]
+    return sigmas, delays
