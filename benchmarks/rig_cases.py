@@ -37,7 +37,9 @@ def eye(number: int, place: Place, focal: float = 1.0, size: tuple[int, int] = (
     return Eye(f"cam{number:02d}", *size, focal * max(size), pose, **more)  # type: ignore[arg-type]
 
 
-def ring(angles: Sequence[float], distance: float = 2.6, at: Sequence[float] = (0, 0, 0.9), spread: float = 0.3) -> list[Place]:
+def ring(
+    angles: Sequence[float], distance: float = 2.6, at: Sequence[float] = (0, 0, 0.9), spread: float = 0.3
+) -> list[Place]:
     """Around the middle, at three heights; 0 degrees looks along +y."""
     places = []
     for number, angle in enumerate(np.radians(angles)):
@@ -53,7 +55,10 @@ def arc(count: int, step: float, distance: float = 2.6) -> list[Place]:
 def shaken(places: Sequence[Place], seed: int, amount: float = 0.25) -> list[Place]:
     """The places and targets a little off: nobody sets up a rig exactly."""
     random = np.random.default_rng(seed)
-    return [(np.add(center, random.normal(0, amount * 0.4, 3)), np.add(at, random.normal(0, amount, 3))) for center, at in places]
+    return [
+        (np.add(center, random.normal(0, amount * 0.4, 3)), np.add(at, random.normal(0, amount, 3)))
+        for center, at in places
+    ]
 
 
 def eyes(places: Sequence[Place], **more: object) -> tuple[Eye, ...]:
@@ -151,7 +156,9 @@ def cases() -> list[Case]:
     found += [
         replace(Case("not in step: arc of 6", "attic", eyes(shaken(arc(6, 12), 30))), shifts=late),
         replace(Case("not in step: little texture", "studio", eyes(shaken(arc(6, 12), 31))), shifts=late),
-        replace(Case("not in step: k1 = -0.15", "hall", eyes(shaken(arc(6, 12, 3.2), 32), focal=0.8, k1=-0.15)), shifts=late),
+        replace(
+            Case("not in step: k1 = -0.15", "hall", eyes(shaken(arc(6, 12, 3.2), 32), focal=0.8, k1=-0.15)), shifts=late
+        ),
     ]
     return found
 

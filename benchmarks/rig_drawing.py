@@ -1,4 +1,4 @@
-"""Draws rooms of textured rectangles exactly, for the rigs of calibration.py: rays, planes, mip maps, one mirror bounce.
+"""Draws rooms of textured rectangles exactly, for the rigs of calibration.py: rays, planes, mip maps, a mirror.
 
 A second of 640 x 480 film takes about a second on one core, where Cycles would take minutes.
 """
@@ -33,7 +33,7 @@ class Rectangle:
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """A camera: pose (3, 4) world to camera, the principal point in the middle, k1 as of OpenCV, gains of its colours."""
+    """A camera: pose (3, 4) world to camera, the principal point in the middle, OpenCV's k1, gains of its colours."""
 
     name: str
     width: int
@@ -84,6 +84,19 @@ def textured(image: Array, scale: float = 1.0) -> tuple[Array, ...]:
     return tuple(levels)
 
 
+@dataclass(frozen=True, eq=False)
+class _Reflection:
+    """What one mirror shows of what stands: rays from the mirrored eye, and colours and depths along them."""
+
+    mirror: Rectangle
+    box: tuple[slice, slice]
+    origin: Array
+    rays: Array
+    surface: Array  # depth of the mirror itself
+    colors: Array
+    depths: Array
+
+
 class Drawing:
     """What one camera sees: what stands is drawn once, what moves anew for each frame."""
 
@@ -94,15 +107,15 @@ class Drawing:
         self._standing = list(standing)
         for thing in self._standing:
             self._draw(thing, *self._still)
+        self._mirrors = [self._reflect(thing) for thing in self._standing if thing.shine]
 
     def frame(self, moving: Sequence[Rectangle], noise: float, random: np.random.Generator) -> Array:
         """(H, W, 3) uint8 RGB, with noise of so many levels of 255."""
         colors, depths = (each.copy() for each in self._still)
         for thing in moving:
             self._draw(thing, colors, depths)
-        for thing in self._standing:
-            if thing.shine:
-                self._mirror(thing, [*self._standing, *moving], colors, depths)
+        for shown in self._mirrors:
+            self._mirror(shown, moving, colors, depths)
         eye = self._eye
         image = cv2.resize(colors, (eye.width, eye.height), interpolation=cv2.INTER_AREA) * eye.gains.astype(np.float32)
         return (image + random.normal(0, noise, image.shape)).round().clip(0, 255).astype(np.uint8)
@@ -113,27 +126,35 @@ class Drawing:
             return
         _trace(thing, self._eye.center, self._rays[box], colors[box], depths[box], np.float32(0.05))
 
-    def _mirror(self, mirror: Rectangle, things: Sequence[Rectangle], colors: Array, depths: Array) -> None:
-        """Adds what it mirrors to the pixels that show it."""
+    def _reflect(self, mirror: Rectangle) -> _Reflection:
+        """What a mirror shows of what stands."""
         box = self._eye.box(mirror)
-        shape = depths[box].shape
-        alone = np.full(shape, np.inf, np.float32)
-        if 0 in shape:
-            return
-        _trace(mirror, self._eye.center, self._rays[box], np.zeros((*shape, 3), np.float32), alone, np.float32(0.05))
-        shown = np.isfinite(alone) & (np.abs(alone - depths[box]) < 1e-3)
-        if not shown.any():
-            return
+        shape = self._still[1][box].shape
+        depths = np.full(shape, np.inf, np.float32)
         normal = np.cross(mirror.right, mirror.up)
         normal /= np.linalg.norm(normal)
         origin = self._eye.center - 2 * ((self._eye.center - mirror.corner) @ normal) * normal
-        turned = self._rays[box] - 2 * (self._rays[box] @ normal.astype(np.float32))[..., None] * normal.astype(np.float32)
-        seen, far = np.zeros((*shape, 3), np.float32), np.full(shape, np.inf, np.float32)
-        for thing in things:
+        plane = normal.astype(np.float32)
+        rays = self._rays[box] - 2 * (self._rays[box] @ plane)[..., None] * plane
+        shown = _Reflection(mirror, box, origin, rays, depths, np.zeros((*shape, 3), np.float32), depths.copy())
+        if 0 in shape:
+            return shown
+        _trace(mirror, self._eye.center, self._rays[box], np.zeros((*shape, 3), np.float32), depths, np.float32(0.05))
+        for thing in self._standing:
             if thing is not mirror:
-                _trace(thing, origin, turned, seen, far, np.where(shown, alone + 0.01, np.inf).astype(np.float32))
-        part = colors[box]
-        part[shown] = (1 - mirror.shine) * part[shown] + mirror.shine * seen[shown]
+                _trace(thing, origin, rays, shown.colors, shown.depths, depths + np.float32(0.01))
+        return shown
+
+    def _mirror(self, shown: _Reflection, moving: Sequence[Rectangle], colors: Array, depths: Array) -> None:
+        """Adds what a mirror shows to the pixels that see it."""
+        visible = np.isfinite(shown.surface) & (np.abs(shown.surface - depths[shown.box]) < 1e-3)
+        if not visible.any():
+            return
+        seen, far = shown.colors.copy(), shown.depths.copy()
+        for thing in moving:
+            _trace(thing, shown.origin, shown.rays, seen, far, shown.surface + np.float32(0.01))
+        part, shine = colors[shown.box], shown.mirror.shine
+        part[visible] = (1 - shine) * part[visible] + shine * seen[visible]
 
 
 def _trace(thing: Rectangle, origin: Array, rays: Array, colors: Array, depths: Array, least: Array) -> None:
@@ -162,7 +183,9 @@ def _trace(thing: Rectangle, origin: Array, rays: Array, colors: Array, depths: 
         share = np.maximum(1 - np.abs(level - number), 0)[..., None]
         image = thing.texture[number]
         scale = image.shape[1] / width, image.shape[0] / height
-        drawn += share * cv2.remap(image, u * scale[0] - 0.5, v * scale[1] - 0.5, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        drawn += share * cv2.remap(
+            image, u * scale[0] - 0.5, v * scale[1] - 0.5, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
     colors[part][visible] = drawn[visible]
     depths[part][visible] = depth[part][visible]
 

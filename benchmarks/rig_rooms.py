@@ -12,8 +12,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 
-import textures as paint  # noqa: E402
-from rig_drawing import Array, Moving, Rectangle, textured  # noqa: E402
+import textures as paint
+from rig_drawing import Array, Moving, Rectangle, textured
 
 Color = tuple[float, float, float]
 _SUN = np.array([0.3, -0.5, 0.81])
@@ -59,7 +59,9 @@ def tiled(image: Array, across: float, up: float) -> Array:
     return cv2.remap(small, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
 
 
-def wall(corner: Sequence[float], right: Sequence[float], up: Sequence[float], image: Array, shine: float = 0.0) -> Rectangle:
+def wall(
+    corner: Sequence[float], right: Sequence[float], up: Sequence[float], image: Array, shine: float = 0.0
+) -> Rectangle:
     """A rectangle, lit by its direction."""
     a, b = np.array(right, float), np.array(up, float)
     normal = np.cross(a, b)
@@ -96,7 +98,9 @@ def person(seed: int, reach: float = 0.7, place: tuple[float, float] = (0.0, 0.0
         ((-0.12, 0.0, 0.42), (0.16, 0.18, 0.82), 0.4),
     ]
 
-    worn: list[list[Rectangle]] = [box((0, 0, 0), size, [coat]) for (_, size, _), coat in zip(parts, coats, strict=True)]
+    worn: list[list[Rectangle]] = [
+        box((0, 0, 0), size, [coat]) for (_, size, _), coat in zip(parts, coats, strict=True)
+    ]
 
     def at(time: float) -> list[Rectangle]:
         turn = 1.3 * time
@@ -117,7 +121,9 @@ def person(seed: int, reach: float = 0.7, place: tuple[float, float] = (0.0, 0.0
     return at
 
 
-def shell(floor: Array, walls: Sequence[Array], half: float = 3.0, height: float = 2.8, shine: float = 0.0) -> list[Rectangle]:
+def shell(
+    floor: Array, walls: Sequence[Array], half: float = 3.0, height: float = 2.8, shine: float = 0.0
+) -> list[Rectangle]:
     """A square room without a ceiling."""
     side = 2 * half
     return [
@@ -157,11 +163,18 @@ def studio(half: float = 3.0) -> Room:
 
 def hall(half: float = 4.0) -> Room:
     """Larger, painted walls with much detail, columns, stairs of boxes."""
-    things = shell(tiled(blotches(90, 1024, 1500, 0.6), 2, 2), [blotches(91 + wall_, 1024, 1800, 0.8) for wall_ in range(4)], half, 3.6)
+    things = shell(
+        tiled(blotches(90, 1024, 1500, 0.6), 2, 2),
+        [blotches(91 + wall_, 1024, 1800, 0.8) for wall_ in range(4)],
+        half,
+        3.6,
+    )
     for number, (x, y) in enumerate([(-2, 2), (2, 2), (-2.2, -1.8), (2.2, -2)]):
         things += box((x, y, 1.5), (0.4, 0.4, 3.0), [tiled(paint.bricks(60 + number, 8, 3), 1, 3)], 0.2 * number)
     for step in range(4):
-        things += box((0.2, 2.2 + 0.3 * step, 0.12 + 0.12 * step), (1.6, 0.3, 0.24 + 0.24 * step), [blotches(64 + step, 256, 220)])
+        things += box(
+            (0.2, 2.2 + 0.3 * step, 0.12 + 0.12 * step), (1.6, 0.3, 0.24 + 0.24 * step), [blotches(64 + step, 256, 220)]
+        )
     return Room(things, person(72))
 
 
@@ -205,7 +218,9 @@ def dark(half: float = 3.0) -> Room:
     def dimmed(thing: Rectangle) -> Rectangle:
         return Rectangle(thing.corner, thing.right, thing.up, tuple(0.14 * each + 4 for each in thing.texture))
 
-    return Room([dimmed(each) for each in room.standing], lambda time: [dimmed(each) for each in room.moving(time)], 2.5)
+    return Room(
+        [dimmed(each) for each in room.standing], lambda time: [dimmed(each) for each in room.moving(time)], 2.5
+    )
 
 
 def _pictures(half: float, seed: int) -> list[Rectangle]:
