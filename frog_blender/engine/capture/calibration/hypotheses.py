@@ -21,7 +21,7 @@ _PER_PAIR = 40
 _SAME_FOCAL, _SAME_PLACES = 0.01, 0.01  # of the focal length and of the rig's diameter
 OWN_GAINS = 0.02
 """Share of the cost that focal lengths of their own must save before they are believed: together they drift."""
-_CHANCE = 2.0  # standard errors that a gain must exceed: of equal models one in forty does
+_CHANCE = 3.0  # standard errors that a gain must exceed: a rig asks up to five such questions, and most must be no
 
 
 @dataclass(frozen=True, eq=False)
