@@ -133,7 +133,7 @@ def measure(case: Case, films: Path, folder: Path) -> dict[str, Any]:
     return record
 
 
-POINTS = {"attic": 1500, "hall": 1500, "studio": 500, "dark": 300, "wall": 2000, "empty wall": 2000}
+POINTS = {"attic": 1500, "hall": 1500, "studio": 500, "dark": 300, "empty wall": 2000}
 """How many points stand for a room; mirrors and tiles have none that would do."""
 
 
@@ -186,7 +186,7 @@ def main() -> None:
             continue
         name = re.sub(r"\W+", "-", case.name)
         if options.points:
-            if case.shifts or case.room not in POINTS:
+            if case.shifts or case.room not in POINTS or any((eye.gains != 1).any() for eye in case.eyes):
                 continue
             record = measure_points(case)
         else:
