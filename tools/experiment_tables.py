@@ -170,6 +170,22 @@ def raster() -> str:
     return raster_report.table(shown, markdown=True)
 
 
+def calibration() -> str:
+    """What became of every rig of ``benchmarks/calibration.py``."""
+    text = gzip.decompress((FOLDER / "calibration" / "results.jsonl.gz").read_bytes()).decode()
+    lines = []
+    for record in map(json.loads, text.splitlines()):
+        if "refusal" in record:
+            figures = ["refused", "", "", "", ""]
+        else:
+            figures = [f"{record['centers']:.2f}", f"{record['rotations']:.2f}", f"{record['focals']:+z.2f}"]
+            figures += [f"{record['k1']:+z.3f}", str(len(record["warnings"]))]
+        seen = f"{record['points']} points" if "points" in record else record["room"]
+        lines.append([record["rig"], seen, str(record["cameras"]), *figures, f"{record['cpu_seconds']:.0f}"])
+    errors = ["centre, % of the rig", "rotation, degrees", "focal length, %", "k1"]
+    return table(["rig", "sees", "cameras", *errors, "warnings", "processor s"], lines)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "accuracy": lambda: overview("grid"),
     "accuracy-at-equal-time": lambda: overview("grid", "time"),
@@ -179,6 +195,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "capacity-sweep": lambda: sweep("grid"),
     "stability": lambda: under_conditions("stability"),
     "rasterizer": raster,
+    "calibration": calibration,
 }
 """What pages may show, by the name in their comments."""
 

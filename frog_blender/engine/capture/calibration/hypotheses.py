@@ -14,7 +14,7 @@ from .adjustment import Adjusted, adjust
 from .evidence import disagreement
 from .lens import Lens
 from .mapping import Model, incremental
-from .tracks import Pairs, Tracks, cost, join, located
+from .tracks import Pairs, Tracks, cost, join, located, summed
 
 STARTS = (0.7, 0.9, 1.2, 1.7)
 """Focal lengths to start from, over the width of the image."""
@@ -23,6 +23,7 @@ _PER_PAIR = 40
 _SAME_FOCAL, _SAME_PLACES = 0.01, 0.01  # of the focal length and of the rig's diameter
 OWN_GAINS = 0.02
 """Share of the cost that focal lengths of their own must save before they are believed: together they drift."""
+_CHANCE = 3.0  # standard errors that a gain must exceed: a rig asks up to five such questions, and most must be no
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,20 +116,53 @@ def propose(
         for place, ((start, own, grouping), model) in enumerate(zip(starts, threads.map(mapped, starts), strict=True)):
             progress(place, len(starts))
             found.append(_weighed(Hypothesis(start, own, None, 1.0), model, tracks, grouping, found))
+    for own, grouping in kinds if len(kinds) > 1 else []:
+        found += _carried_over(found, own, grouping, tracks)
     return found, tracks, few
+
+
+def _carried_over(found: Sequence[Hypothesis], own: bool, groups: Sequence[int], tracks: Tracks) -> list[Hypothesis]:
+    """The best hypothesis of the other kind, with this kind's focal lengths.
+
+    The mapper gets lost by chance where data are few: of one kind from all starts, of the other from none.
+    """
+    best = _best([each for each in found if each.own != own])
+    if best is None or best.adjusted is None:
+        return []
+    model = best.adjusted.model
+    focals = np.array([lens.focal for lens in model.lenses])
+    placed = np.isin(np.arange(len(focals)), model.placed)
+    lenses = []
+    for lens, group in zip(model.lenses, groups, strict=True):
+        alike = placed & (np.array(groups) == group)
+        lenses.append(replace(lens, focal=float(np.median(focals[alike]))) if alike.any() else lens)
+    return [_weighed(Hypothesis(best.start, own, None, 1.0), Model(model.poses, tuple(lenses)), tracks, groups, found)]
+
+
+def _best(found: Sequence[Hypothesis]) -> Hypothesis | None:
+    """Of those that place most cameras the one that fits best."""
+    models = [each for each in found if each.adjusted is not None]
+    return min(models, key=lambda each: (-each.placed, each.cost), default=None)
 
 
 def _weighed(
     empty: Hypothesis, model: Model | None, tracks: Tracks, groups: Sequence[int], others: Sequence[Hypothesis]
 ) -> Hypothesis:
     """A start with its adjusted model, or that of another start which the mapper led to the same place."""
-    if model is None or len(model.placed) < 2:
+    if model is None or len(model.placed) < 2 or not _is_possible(model):
         return empty
     for other in others:
         if other.own == empty.own and other.adjusted is not None and _same(model, other.adjusted.model):
             return replace(other, start=empty.start)
     adjusted = adjust(model, tracks, groups, [0] * len(groups))
+    if not _is_possible(adjusted.model):
+        return empty
     return replace(empty, adjusted=adjusted, cost=whole_cost(adjusted.distances, tracks, adjusted.model.lenses))
+
+
+def _is_possible(model: Model) -> bool:
+    """Whether focal lengths are above zero, which adjustment does not see to."""
+    return all(model.lenses[camera].focal > 0 for camera in model.placed)
 
 
 def _same(one: Model, other: Model) -> bool:
@@ -153,6 +187,24 @@ def held_out_cost(adjusted: Adjusted, tracks: Tracks) -> float:
     limits = np.array([lens.limit for lens in model.lenses])
     _, distances = located(tracks, model.poses, model.lenses, limits)
     return cost(distances, limits[tracks.cameras])
+
+
+def held_out_costs(adjusted: Adjusted, tracks: Tracks) -> Float64s:
+    """(count,) the same for each track: the sum over its observations."""
+    model = adjusted.model
+    limits = np.array([lens.limit for lens in model.lenses])
+    _, distances = located(tracks, model.poses, model.lenses, limits)
+    return summed(np.minimum(distances / limits[tracks.cameras], 1.0) ** 2, tracks)
+
+
+def gains(before: Float64s, after: Float64s, least: float) -> bool:
+    """Whether the costs of the same tracks (count,) fell by that share of their sum, and by more than by chance.
+
+    A paired test: with few tracks one false match that happens to fit would decide otherwise.
+    """
+    fell = before - after
+    chance = _CHANCE * np.sqrt(len(fell)) * fell.std() if len(fell) else 0.0
+    return bool(fell.sum() > max(least * before.sum(), chance))
 
 
 def halves(tracks: Tracks) -> tuple[Tracks, Tracks]:

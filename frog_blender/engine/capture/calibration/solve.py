@@ -10,16 +10,16 @@ from itertools import combinations
 
 import numpy as np
 
-from ...arrays import Ints
+from ...arrays import Float64s, Ints
 from .adjustment import Adjusted, adjust
 from .evidence import CameraEvidence, PairEvidence, closing_triangles, disagreement, of_cameras, of_pairs
 from .features import Features
-from .hypotheses import OWN_GAINS, Hypothesis, candidates, halves, held_out_cost, propose, rivals, settled
+from .hypotheses import OWN_GAINS, Hypothesis, candidates, gains, halves, held_out_costs, propose, rivals, settled
 from .lens import Lens
 from .mapping import Model
 from .matching import match
 from .tracks import Pairs, Tracks, join
-from .two_view import verified
+from .two_view import undistorted_pixels, verified
 
 Progress = Callable[[str, int, int], None]
 """Told a stage's name, and how much of how much is done."""
@@ -74,6 +74,15 @@ def match_all(
     return matches, checked
 
 
+def verified_again(matches: Pairs, pixels: Sequence[Float64s], lenses: Sequence[Lens]) -> Pairs:
+    """The matches that pass the two-view check once distortion is known: before, those far off the middle fail it."""
+    straight = [undistorted_pixels(lens, own) for lens, own in zip(lenses, pixels, strict=True)]
+    return {
+        (one, other): verified(lenses[one], straight[one], lenses[other], straight[other], found)
+        for (one, other), found in matches.items()
+    }
+
+
 def solve(
     features: Sequence[Features],
     sizes: Sequence[tuple[int, int]],
@@ -98,9 +107,14 @@ def solve(
         return Solution(None, few, (), evidence, tuple(found), None, (), (0,) * len(sizes), np.inf)
     progress("bundle adjustment", 0, 3)
     released = [(each, _released(each, few, groups)) for each in starts]
-    chosen, best = min(released, key=lambda each: each[1].cost * (1 + OWN_GAINS if each[0].own else 1))
+    chosen, best = released[0]
+    for rival, other in released[1:]:
+        if gains(best.costs, other.costs, OWN_GAINS):
+            chosen, best = rival, other
     grouping = list(range(len(sizes))) if chosen.own else list(groups)
     progress("bundle adjustment", 1, 3)
+    if any(best.coefficients):
+        checked = verified_again(matches, pixels, best.model.lenses)
     tracks = join(checked, pixels)
     adjusted = adjust(best.model, tracks, grouping, best.coefficients)
     progress("bundle adjustment", 2, 3)
@@ -126,13 +140,13 @@ class _Released:
     Attributes:
         model: adjusted to half of the tracks.
         coefficients: for each camera how many of k1 and k2 are free.
-        cost: of the tracks that were held out.
+        costs: (count,) of all tracks, each when it was held out.
         apart: how far the halves' cameras lie apart, over the rig's diameter.
     """
 
     model: Model
     coefficients: tuple[int, ...]
-    cost: float
+    costs: Float64s
     apart: float
 
 
@@ -144,17 +158,21 @@ def _released(start: Hypothesis, tracks: Tracks, kinds: Sequence[int]) -> _Relea
     one, other = halves(tracks)
     coefficients = [0] * len(kinds)
     fits = adjust(model, one, groups, coefficients), adjust(model, other, groups, coefficients)
-    least = held_out_cost(fits[0], other) + held_out_cost(fits[1], one)
+
+    def held_out(fitted: Sequence[Adjusted]) -> Float64s:
+        return np.concatenate([held_out_costs(fitted[0], other), held_out_costs(fitted[1], one)])
+
+    costs = held_out(fits)
     for kind in sorted(set(kinds)):
         for more in (1, 2):
             tried = [more if each == kind else had for each, had in zip(kinds, coefficients, strict=True)]
             new = adjust(fits[0].model, one, groups, tried), adjust(fits[1].model, other, groups, tried)
-            gained = held_out_cost(new[0], other) + held_out_cost(new[1], one)
+            lower = held_out(new)
             sure = max(_uncertainty(each, kinds, kind) for each in new) < _RELEASE_SURE
-            if not (sure and gained < (1 - _RELEASE_GAINS) * least):
+            if not (sure and gains(costs, lower, _RELEASE_GAINS)):
                 break
-            coefficients, least, fits = tried, gained, new
-    return _Released(fits[0].model, tuple(coefficients), least / 2, disagreement(fits[0].model, fits[1].model))
+            coefficients, costs, fits = tried, lower, new
+    return _Released(fits[0].model, tuple(coefficients), costs, disagreement(fits[0].model, fits[1].model))
 
 
 def _uncertainty(adjusted: Adjusted, kinds: Sequence[int], kind: int) -> float:

@@ -19,6 +19,7 @@ _LEAST_CLOSING, _FEW_CLOSING = 0.3, 0.5
 _UNSURE, _DOUBTFUL = 0.05, 0.02  # standard deviation of a focal length
 _APART, _DOUBTFUL_APART = 0.03, 0.005  # of the rig's diameter
 _FEW_AGREEING = 0.5
+_PARALLEL = 5.0  # degrees between the directions of all cameras: so little fixes no focal length
 _NAMED = 6  # pairs
 
 REMEDY = (
@@ -51,15 +52,12 @@ def refusal(solution: Solution, names: Sequence[str]) -> str | None:
         )
     unsure = max(each.focal_uncertainty for each in solution.cameras)
     if not unsure <= _UNSURE:
-        return (
-            f"The images do not fix the focal length (within {_percent(unsure)}). "
-            "Next time fill more of the images with textured things at different depths, or hold a ChArUco board."
-        )
+        return f"The images do not fix the focal length (within {_percent(unsure)}). {_fixing_focals(solution)}"
     if solution.rivals:
         _, factor = max(solution.rivals, key=lambda each: abs(np.log(each[1])))
         return (
             f"Two solutions fit the images equally well, with focal lengths a factor {factor:.2f} apart. "
-            "Next time fill more of the images with textured things at different depths, or hold a ChArUco board."
+            + _fixing_focals(solution)
         )
     if solution.halves_apart > _APART:
         return (
@@ -92,6 +90,19 @@ def warnings(solution: Solution, names: Sequence[str]) -> list[str]:
     if doubted:
         found.append(f"Most matches of {_listed(doubted)} disagree with the solution: look at the result.")
     return found
+
+
+def _fixing_focals(solution: Solution) -> str:
+    """What to film so that focal lengths are fixed.
+
+    Cameras that only shift leave them open whatever they see: the depth of everything and the focal length trade off.
+    """
+    assert solution.adjusted is not None
+    model = solution.adjusted.model
+    ahead = model.poses[model.placed][:, 2, :3]
+    if np.degrees(np.arccos(np.clip((ahead @ ahead.T).min(), -1, 1))) < _PARALLEL:
+        return "Turn the cameras towards one place: they look in the same direction; or hold a ChArUco board."
+    return "Next time fill more of the images with textured things at different depths, or hold a ChArUco board."
 
 
 def _unconnected(solution: Solution, names: Sequence[str], lost: Sequence[str]) -> str:

@@ -1,0 +1,116 @@
+"""Rigs of many kinds, by points that they would see: found within half a per cent, or refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.calibration.hypotheses import gains
+from frog_blender.engine.capture.calibration.verdict import refusal, warnings
+from frog_blender.engine.capture.camera import Camera
+
+from .rigs import looking
+from .sightings import as_cameras, errors, room, solved, wall
+
+pytest.importorskip("pycolmap")
+
+SIZE = (640, 480)
+
+
+def arc(count: int, step: float, focals: tuple[float, ...] = (640.0,)) -> list[Camera]:
+    """Cameras about the room's middle, none of them set up exactly."""
+    random = np.random.default_rng(count)
+    cameras = []
+    for number in range(count):
+        angle = np.radians(step * (number - (count - 1) / 2))
+        place = [2.6 * np.sin(angle), -2.6 * np.cos(angle), 1.3 + 0.3 * (number % 3)]
+        target = [0.0, 0.0, 0.9]
+        place, target = (np.add(each, random.normal(0, 0.15, 3)).tolist() for each in (place, target))
+        cameras.append(looking(f"cam{number}", SIZE, focals[number % len(focals)], place, target))
+    return cameras
+
+
+def facing_wall(toe: float) -> list[Camera]:
+    """Two rows of three before a wall: parallel with 0, each looking at the middle with 1."""
+    places = [(0.7 * (number % 3 - 1), -1.8 + 0.1 * (number % 2), 1.2 + 0.6 * (number // 3)) for number in range(6)]
+    return [
+        looking(f"cam{number}", SIZE, 640.0, (x, y, z), ((1 - toe) * x, 2.0, 1.4 + (1 - toe) * (z - 1.4)))
+        for number, (x, y, z) in enumerate(places)
+    ]
+
+
+def names(cameras: list[Camera]) -> list[str]:
+    return [camera.name for camera in cameras]
+
+
+@pytest.mark.parametrize(("count", "step"), [(3, 15.0), (5, 10.0), (5, 28.0)])
+def test_an_arc_is_found(count: int, step: float) -> None:
+    cameras = arc(count, step)
+    solution = solved(cameras, room(1500, count))
+    assert refusal(solution, names(cameras)) is None
+    centers, rotations, focals = errors(as_cameras(solution), cameras)
+    assert centers < 0.5 and rotations < 0.2 and focals < 1.0
+    assert not any(solution.coefficients)  # no distortion is believed where there is none
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_few_points_do_not_lead_to_focal_lengths_of_their_own(seed: int) -> None:
+    cameras = arc(6, 12.0)
+    solution = solved(cameras, room(280, seed), seed)
+    assert solution.chosen is not None and not solution.chosen.own
+    centers, _, _ = errors(as_cameras(solution), cameras)
+    assert centers < 0.5 or refusal(solution, names(cameras)) or warnings(solution, names(cameras))
+    assert centers < 3.0
+
+
+@pytest.mark.parametrize("k1", [-0.2, 0.08])
+def test_a_distortion_is_found(k1: float) -> None:
+    cameras = arc(5, 12.0, (500.0,))
+    solution = solved(cameras, room(800, 3), k1=k1)
+    assert refusal(solution, names(cameras)) is None
+    assert solution.adjusted is not None
+    assert all(abs(lens.k1 - k1) < 0.02 for lens in solution.adjusted.model.lenses)
+    assert errors(as_cameras(solution), cameras)[0] < 0.5
+
+
+def test_points_far_off_the_middle_count_once_distortion_is_known() -> None:
+    cameras = arc(4, 12.0, (450.0,))
+    solution = solved(cameras, room(800, 4), k1=-0.25)
+    lens = cameras[0].width / 2
+    far = np.linalg.norm(solution.tracks.pixels - [lens, cameras[0].height / 2], axis=1) > 0.9 * lens
+    assert far.sum() > 120  # a hundred without
+    assert all(each.share > 0.9 for each in solution.cameras)
+
+
+def test_unequal_focal_lengths_are_found() -> None:
+    cameras = arc(5, 12.0, (450.0, 830.0, 580.0, 700.0, 510.0))
+    solution = solved(cameras, room(1200, 5))
+    assert solution.chosen is not None and solution.chosen.own
+    assert refusal(solution, names(cameras)) is None
+    assert errors(as_cameras(solution), cameras)[0] < 0.5
+
+
+def test_parallel_cameras_before_a_wall_are_refused() -> None:
+    cameras = facing_wall(0.0)
+    solution = solved(cameras, wall(1500, 6))
+    sentence = refusal(solution, names(cameras))
+    assert sentence is not None and "focal length" in sentence and "Turn the cameras" in sentence
+
+
+def test_cameras_that_look_at_one_place_of_a_wall_are_found() -> None:
+    cameras = facing_wall(1.0)
+    solution = solved(cameras, wall(1500, 7))
+    centers, _, _ = errors(as_cameras(solution), cameras)
+    assert centers < 0.5 or warnings(solution, names(cameras)) or refusal(solution, names(cameras))
+    assert centers < 3.0
+
+
+def test_a_gain_must_be_more_than_chance() -> None:
+    random = np.random.default_rng(0)
+    before = random.uniform(0.1, 0.3, 200)
+    assert gains(before, before - 0.02, 0.02)
+    assert not gains(before, before - 0.001, 0.02)  # too little
+    lucky = before.copy()
+    before[0], lucky[0] = 6.0, 0.1  # one false match that happens to fit
+    assert lucky.sum() < 0.98 * before.sum() and not gains(before, lucky, 0.02)
+    assert not gains(np.empty(0), np.empty(0), 0.02)
