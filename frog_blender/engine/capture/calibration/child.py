@@ -29,6 +29,8 @@ def main(arguments: list[str]) -> int:
         request = entries(plain_json((folder / REQUEST).read_text(encoding="utf-8"), "a request"), "a request")
         if task == "standing":
             from .standing_task import standing as run
+        elif task == "scan":
+            from .scan_task import scan as run
         else:
             from .moving_task import moving as run
         result = run(request, _tell)

@@ -33,20 +33,26 @@ def standing(request: JsonObject, tell: Tell) -> JsonObject:
         CalibrationRefused: if the views do not fix their cameras.
     """
     work = WorkFolder(Path(request["work"]))
-    views, keys = [], []
-    for entry in request["views"]:
-        arrays = work.load("view", entry["key"])
-        if arrays is None:
-            raise FileNotFoundError(work.file("view", entry["key"]))
-        views.append(view_of(entry, arrays))
-        keys.append(entry["key"])
-    features = _all_features(work, views, tell)
-    pairs = _pairs(work, features, [view.size for view in views], keys, tell)
+    views, keys = standing_views(work, request["views"])
+    features = all_features(work, views, tell)
+    pairs = standing_pairs(work, features, [view.size for view in views], keys, tell)
     solution = solve(features, [view.size for view in views], [view.group for view in views], pairs, tell)
     names = [view.name for view in views]
     if why := refusal(solution, names):
         raise CalibrationRefused(why)
     return _result(solution, names)
+
+
+def standing_views(work: WorkFolder, listed: Sequence[JsonObject]) -> tuple[list[View], list[str]]:
+    """The views of a request and their keys."""
+    views, keys = [], []
+    for entry in listed:
+        arrays = work.load("view", entry["key"])
+        if arrays is None:
+            raise FileNotFoundError(work.file("view", entry["key"]))
+        views.append(view_of(entry, arrays))
+        keys.append(str(entry["key"]))
+    return views, keys
 
 
 def arrays_of(view: View) -> dict[str, Array]:
@@ -76,7 +82,7 @@ def view_of(entry: JsonObject, arrays: dict[str, Array]) -> View:
     )
 
 
-def _all_features(work: WorkFolder, views: Sequence[View], tell: Tell) -> list[Features]:
+def all_features(work: WorkFolder, views: Sequence[View], tell: Tell) -> list[Features]:
     """The pooled features of each view, image by image of an earlier run or new."""
     wanted = [(view, moment) for view in views for moment in range(BACKGROUND, len(view.images))]
     with ThreadPoolExecutor(os.cpu_count()) as threads:  # pycolmap works outside Python's lock
@@ -110,7 +116,7 @@ def _features(work: WorkFolder, view: View, moment: int) -> Features:
     return Features(kept["pixels"], kept["descriptors"], kept["moments"])
 
 
-def _pairs(
+def standing_pairs(
     work: WorkFolder, features: Sequence[Features], sizes: Sequence[tuple[int, int]], keys: list[str], tell: Tell
 ) -> tuple[Pairs, Pairs]:
     """Matches and verified matches, of an earlier run or new."""
