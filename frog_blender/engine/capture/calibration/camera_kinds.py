@@ -40,8 +40,7 @@ def kind_by(said: str) -> str:
     return ", ".join(found[name] for name in ("make", "model", "focal length") if name in found)
 
 
-def grouped(sizes: Sequence[tuple[int, int]], paths: Sequence[Path]) -> list[int]:
-    """A number for each film: equal for those of equal size and kind, which share a focal length."""
-    kinds = [(size, kind_of(path)) for size, path in zip(sizes, paths, strict=True)]
+def numbered(kinds: Sequence[tuple[int | tuple[int, int], str]]) -> list[int]:
+    """A number for each film: equal for those of one size and kind, which share a focal length."""
     order = sorted(set(kinds))
     return [order.index(kind) for kind in kinds]

@@ -11,6 +11,7 @@ import numpy as np
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray
 from ...errors import FrogError, found_instead
 from ..video import VideoFacts, composed, decode, find_videos, load_opencv, read_facts
+from .camera_kinds import kind_of, numbered
 
 LONGEST_SIDE = 1600
 """Pixels of the images that features are sought in: more of them cost time and win nothing."""
@@ -30,6 +31,7 @@ class Film:
         name: of the camera: the video's, without its ending.
         facts: of the video.
         offset, rate: capture time = offset + rate * film time, seconds.
+        kind: make and model of its camera, "" where the file does not say.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Film:
     facts: VideoFacts
     offset: float = 0.0
     rate: float = 1.0
+    kind: str = ""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -98,7 +101,7 @@ def find_films(folder: Path) -> list[Film]:
     if len(set(names)) != len(names):
         twice = max(names, key=names.count)
         raise found_instead(folder, f"several videos named {twice}", "one video for each camera")
-    return [Film(name, path, read_facts(path)) for name, path in zip(names, videos, strict=True)]
+    return [Film(name, path, read_facts(path), kind=kind_of(path)) for name, path in zip(names, videos, strict=True)]
 
 
 def is_standing(film: Film) -> bool:
@@ -165,21 +168,20 @@ def look(film: Film, times: Sequence[float], cancelled: Callable[[], None]) -> V
     )
 
 
-def with_groups(views: Sequence[View], alike: float = 0.0) -> list[View]:
-    """The views, with equal groups for films of equal size: as far as pixels tell, cameras of one kind.
+def with_groups(views: Sequence[View], alike: float = 0.0, kinds: Sequence[str] = ()) -> list[View]:
+    """The views, with equal groups for films of one kind of camera: of equal size, and of one make and model.
 
     Args:
+        kinds: make and model of each view's camera; none where nothing is known.
         alike: by what part of a side sizes may differ within a group; encoders pad some films by a few pixels.
     """
-    kinds: list[tuple[int, int]] = []
+    sizes: list[tuple[int, int]] = []
     for size in sorted(view.size for view in views):
-        if not any(_are_alike(size, kind, alike) for kind in kinds):
-            kinds.append(size)
-
-    def group(view: View) -> int:
-        return next(place for place, kind in enumerate(kinds) if _are_alike(view.size, kind, alike))
-
-    return [replace(view, group=group(view)) for view in views]
+        if not any(_are_alike(size, other, alike) for other in sizes):
+            sizes.append(size)
+    likes = [next(place for place, size in enumerate(sizes) if _are_alike(view.size, size, alike)) for view in views]
+    groups = numbered([*zip(likes, kinds or [""] * len(views), strict=True)])
+    return [replace(view, group=group) for view, group in zip(views, groups, strict=True)]
 
 
 def _are_alike(one: tuple[int, int], other: tuple[int, int], share: float) -> bool:

@@ -16,7 +16,7 @@ from ...io.plain_values import JsonObject
 from ..image_size import image_size
 from ..readers.frame_times import frame_times
 from ..video import find_images, find_videos
-from .camera_kinds import grouped
+from .camera_kinds import numbered
 from .child_process import REQUEST, Progress, run
 from .films import Film
 from .moving_films import LEAST_IMAGES, sampled, written
@@ -92,7 +92,7 @@ def _of_films(
     warnings = []
     if step > 1:
         warnings.append(f"{', '.join(film.path.name for film in films)}: every {step}. frame is used.")
-    groups = grouped([film.size for film in films], [film.path for film in films])
+    groups = numbered([(film.size, film.kind) for film in films])
     walks, times = [], []
     for film, own, group in zip(films, frames, groups, strict=True):
         paths = written(film, own, out / f"{film.name}_images", progress, cancelled)

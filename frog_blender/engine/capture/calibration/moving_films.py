@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ _CANDIDATES = 5  # frames among which the sharpest is taken
 
 
 def sampled(films: Sequence[Film]) -> tuple[list[list[int]], int]:
-    """The frames of each film to use, ascending, and every which frame of the first that makes.
+    """The frames of each film to use, ascending, and every which frame of the slowest film that makes.
 
     Those of several films lie as near to each other in time as their frames do.
 
@@ -38,10 +39,12 @@ def sampled(films: Sequence[Film]) -> tuple[list[list[int]], int]:
                 "camera."
             )
     first = films[0]
-    step = -(-sum(film.facts.frame_count for film in films) // _MOST_IMAGES)
+    coarsest = max(film.rate / film.facts.frames_per_second for film in films)
+    seconds = sum(film.rate * film.facts.frame_count / film.facts.frames_per_second for film in films)
+    step = max(1, ceil(seconds / coarsest / _MOST_IMAGES - 1e-6))
     if len(films) == 1:
         return [list(range(0, first.facts.frame_count, step))], step
-    interval = max(film.rate / film.facts.frames_per_second for film in films) * step
+    interval = step * coarsest
     start, end = min(film.time_of(0) for film in films), max(film.time_of(film.facts.frame_count) for film in films)
     # At the first film's frames: films that are in step have theirs at the same times.
     start = first.time_of(0) - interval * np.ceil((first.time_of(0) - start) / interval)

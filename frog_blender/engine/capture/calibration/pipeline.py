@@ -309,7 +309,7 @@ def _views(films: Sequence[Film], times: Sequence[float], stages: _Stages) -> li
             kept = arrays_of(look(film, times, check))
             stages.work.keep("look", key, kept)
         views.append(view_of({"name": film.name, "size": film.size, "group": 0}, kept))
-    return with_groups(views)
+    return with_groups(views, kinds=[film.kind for film in films])
 
 
 def _of_kinds(films: Sequence[Film], stages: _Stages) -> list[View]:
@@ -317,7 +317,7 @@ def _of_kinds(films: Sequence[Film], stages: _Stages) -> list[View]:
 
     For features, which are exact, the middles of such images lie too far apart.
     """
-    return with_groups(_views(films, [], stages), _ALMOST)
+    return with_groups(_views(films, [], stages), _ALMOST, [film.kind for film in films])
 
 
 def _plates(films: Sequence[Film], work: WorkFolder) -> list[View]:

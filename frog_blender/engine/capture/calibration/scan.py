@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FrogError
-from .camera_kinds import grouped
+from .camera_kinds import numbered
 from .child_process import Progress
 from .films import Film
 from .moving_films import sharpest, written
@@ -48,7 +48,7 @@ def walks_of(films: Sequence[Film], work: WorkFolder, progress: Progress, cancel
         CalibrationCancelled: if ``cancelled`` said so.
         FrogError: if a film cannot be decoded.
     """
-    groups = grouped([film.size for film in films], [film.path for film in films])
+    groups = numbered([(film.size, film.kind) for film in films])
     walks = []
     for place, (film, group) in enumerate(zip(films, groups, strict=True)):
         progress("images", place, len(films))

@@ -16,7 +16,7 @@ from ...arrays import Bools, Float64s
 from .adjustment import Adjusted, adjust
 from .colmap import load_pycolmap
 from .evidence import centers
-from .hypotheses import OWN_GAINS, halves
+from .hypotheses import OWN_GAINS, halves, thinned
 from .lens import Lens
 from .mapping import Model
 from .moving_solve import MovingSolution
@@ -109,11 +109,12 @@ def joined(start: Model, count: int, tracks: Tracks, groups: Sequence[int], walk
         count: of standing cameras.
         groups: of all images; cameras of one group share their lens.
     """
-    shared = _fitted(start, count, tracks, list(groups), walked)
+    few, _ = thinned(tracks, {}, len(groups))
+    shared = _fitted(start, count, few, list(groups), walked)
     chosen, grouping = shared, list(groups)
     if len(set(groups[:count])) < count:
         alone = [max(groups) + 1 + index for index in range(count)] + list(groups[count:])
-        own = _fitted(start, count, tracks, alone, walked)
+        own = _fitted(start, count, few, alone, walked)
         if own.cost * (1 + OWN_GAINS) < shared.cost:
             chosen, grouping = own, alone
     adjusted = adjust(chosen.fits[0].model, tracks, grouping, chosen.coefficients)
