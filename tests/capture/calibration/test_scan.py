@@ -56,6 +56,7 @@ def test_a_walk_through_connects_cameras_that_share_nothing(out: Path) -> None:
     assert '"source": "a walk-through"' in (out / "calibration_report.json").read_text()
 
 
+@pytest.mark.slow
 def test_a_walk_through_of_another_place_is_not_believed(footage: Path, tmp_path: Path) -> None:
     for each in APART:
         (tmp_path / f"{each.name}.mp4").write_bytes((footage / f"{each.name}.mp4").read_bytes())

@@ -99,7 +99,7 @@ def _of_films(
         walks.append(Walk(film.name, tuple(paths), film.size, group))
         times += [film.time_of(frame) for frame in own]
     first = min(times)
-    return walks, [time - first for time in times], warnings
+    return walks, [round(time - first, 6) for time in times], warnings  # to what readers tell apart
 
 
 def _of_images(images: Sequence[Path], out: Path) -> tuple[list[Walk], list[float], list[str]]:
