@@ -48,6 +48,7 @@ def out(footage: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_a_walk_through_connects_cameras_that_share_nothing(out: Path) -> None:
     capture = open_capture(out)
     assert [each.name for each in capture.cameras] == ["left", "middle", "right"]
