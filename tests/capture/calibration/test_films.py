@@ -93,3 +93,9 @@ def test_films_of_almost_one_size_are_of_one_kind_where_that_is_asked_for() -> N
     views = [replace(view(each), size=size) for each, size in zip(rig(), sizes, strict=False)]
     assert [each.group for each in with_groups(views)] == [1, 2, 0, 1]
     assert [each.group for each in with_groups(views, 0.01)] == [1, 1, 0, 1]
+
+
+def test_two_makes_of_one_size_are_two_kinds() -> None:
+    views = [view(each) for each in rig()[:4]]
+    kinds = ["Apple, iPhone 13", "Google, Pixel 7", "", "Apple, iPhone 13"]
+    assert [each.group for each in with_groups(views, kinds=kinds)] == [1, 2, 0, 1]

@@ -14,7 +14,7 @@ from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 
-from .walls import camera, center_errors, film, image, rig
+from .walls import center_errors, film, image, rig
 
 pytest.importorskip("pycolmap")
 
@@ -60,14 +60,6 @@ def test_it_can_be_cancelled_at_once(footage: Path, tmp_path: Path) -> None:
     with pytest.raises(CalibrationCancelled):
         calibrate(footage, Options(out=tmp_path, in_step=True), lambda *_: None, lambda: True)
     assert not list(tmp_path.glob("*.json"))
-
-
-def test_a_moving_camera_beside_standing_ones_is_refused(tmp_path: Path) -> None:
-    for each in rig()[:2]:
-        film(tmp_path / f"{each.name}.mp4", [image(each)] * 6)
-    film(tmp_path / "walk.mp4", [image(camera("w", (-1.0 + 0.25 * i, 0, -3.2))) for i in range(6)])
-    with pytest.raises(FrogError, match="found walk moving beside standing cameras"):
-        calibrate(tmp_path, Options(), lambda *_: None, lambda: False)
 
 
 def test_clocks_are_checked(footage: Path, capsys: pytest.CaptureFixture[str]) -> None:

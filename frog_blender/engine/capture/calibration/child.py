@@ -33,6 +33,8 @@ def main(arguments: list[str]) -> int:
             from .feature_task import find_features as run
         elif task == "synchronization":
             from .clock_task import clocks as run
+        elif task == "scan":
+            from .scan_task import scan as run
         else:
             from .moving_task import moving as run
         result = run(request, _tell)

@@ -13,6 +13,7 @@ from ...errors import FrogError, found_instead
 from ..readers.film_frames import decode_film, film_facts
 from ..readers.footage import find_footage
 from ..video import VideoFacts, composed, find_videos, load_opencv
+from .camera_kinds import kind_of, numbered
 
 LONGEST_SIDE = 1600
 """Pixels of the images that features are sought in: more of them cost time and win nothing."""
@@ -32,6 +33,7 @@ class Film:
         name: of the camera: the video's, without its ending, or the folder's.
         facts: of the video.
         offset, rate: capture time = offset + rate * film time, seconds.
+        kind: make and model of its camera, "" where the file does not say.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Film:
     facts: VideoFacts
     offset: float = 0.0
     rate: float = 1.0
+    kind: str = ""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -105,7 +108,7 @@ def find_films(folder: Path) -> list[Film]:
     if len(set(names)) != len(names):
         twice = max(names, key=names.count)
         raise found_instead(folder, f"several videos named {twice}", "one video for each camera")
-    return [Film(name, path, film_facts(path)) for name, path in zip(names, paths, strict=True)]
+    return [Film(n, path, film_facts(path), kind=kind_of(path)) for n, path in zip(names, paths, strict=True)]
 
 
 def is_standing(film: Film) -> bool:
@@ -172,21 +175,20 @@ def look(film: Film, times: Sequence[float], cancelled: Callable[[], None]) -> V
     )
 
 
-def with_groups(views: Sequence[View], alike: float = 0.0) -> list[View]:
-    """The views, with equal groups for films of equal size: as far as pixels tell, cameras of one kind.
+def with_groups(views: Sequence[View], alike: float = 0.0, kinds: Sequence[str] = ()) -> list[View]:
+    """The views, with equal groups for films of one kind of camera: of equal size, and of one make and model.
 
     Args:
+        kinds: make and model of each view's camera; none where nothing is known.
         alike: by what part of a side sizes may differ within a group; encoders pad some films by a few pixels.
     """
-    kinds: list[tuple[int, int]] = []
+    sizes: list[tuple[int, int]] = []
     for size in sorted(view.size for view in views):
-        if not any(_are_alike(size, kind, alike) for kind in kinds):
-            kinds.append(size)
-
-    def group(view: View) -> int:
-        return next(place for place, kind in enumerate(kinds) if _are_alike(view.size, kind, alike))
-
-    return [replace(view, group=group(view)) for view in views]
+        if not any(_are_alike(size, other, alike) for other in sizes):
+            sizes.append(size)
+    likes = [next(place for place, size in enumerate(sizes) if _are_alike(view.size, size, alike)) for view in views]
+    groups = numbered([*zip(likes, kinds or [""] * len(views), strict=True)])
+    return [replace(view, group=group) for view, group in zip(views, groups, strict=True)]
 
 
 def _are_alike(one: tuple[int, int], other: tuple[int, int], share: float) -> bool:

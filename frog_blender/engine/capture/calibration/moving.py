@@ -1,10 +1,10 @@
-"""One moving camera: a film, or images in order, to a list of posed images that every reader of captures knows."""
+"""Moving cameras: films, or one's images in order, to a list of posed images that every reader of captures knows."""
 
 from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +14,16 @@ from ...errors import FrogError, brief
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ..image_size import image_size
-from ..video import decode, find_images, find_videos, load_opencv
-from .child_process import REQUEST, CalibrationCancelled, Progress, run
+from ..readers.frame_times import frame_times
+from ..video import find_images, find_videos
+from .camera_kinds import numbered
+from .child_process import REQUEST, Progress, run
 from .films import Film
+from .moving_films import LEAST_IMAGES, sampled, written
 from .result_files import free_path, is_calibrated
+from .walk import Walk
 from .work_folder import WorkFolder
 
-_LEAST_IMAGES = 8
-_MOST_IMAGES = 300
 _LIST, _FOUND = "transforms.json", "transforms_found"
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV's axes to OpenGL's
 _FOLDERS = (".", "images", "input", "frames")
@@ -35,23 +37,22 @@ def still_images(folder: Path) -> list[Path]:
     for name in _FOLDERS:
         if (folder / name).is_dir():
             images = find_images(folder / name)
-            if len(images) >= _LEAST_IMAGES:
+            if len(images) >= LEAST_IMAGES:
                 return images
     return []
 
 
 def calibrate_moving(
-    images: Sequence[Path],
-    film: Film | None,
+    footage: Sequence[Path] | Sequence[Film],
     out: Path,
     work: WorkFolder,
     progress: Progress,
     cancelled: Callable[[], bool],
 ) -> tuple[Path, JsonObject, list[str]]:
-    """Finds where a moving camera was at each image, and writes the list of posed images.
+    """Finds where moving cameras were at each image, and writes the list of posed images.
 
     Args:
-        images: of the camera, in order; or none where ``film`` is given.
+        footage: images of one camera, in order, or the films of one or several, with their clocks.
         out: folder of the result. It gets the images as well where they lie elsewhere or in a film.
 
     Returns:
@@ -62,17 +63,18 @@ def calibrate_moving(
         CalibrationCancelled: if ``cancelled`` said so.
         FrogError: if the images cannot be used or the result cannot be written.
     """
-    listed, rate, warnings = _listed(images, film, out, progress, cancelled)
-    sizes = {image_size(path) for path in listed}
-    if len(sizes) > 1:
-        raise FrogError(f"{listed[0].parent}: found images of {len(sizes)} sizes, expected those of one camera.")
-    (size,) = sizes
+    films = [each for each in footage if isinstance(each, Film)]
+    if films:
+        walks, times, warnings = _of_films(films, out, progress, cancelled)
+    else:
+        walks, times, warnings = _of_images([each for each in footage if isinstance(each, Path)], out)
     folder = work.path / "moving"
-    request = {"work": str(work.path), "images": [str(path) for path in listed], "size": list(size)}
+    request = {"work": str(work.path), "walks": [walk.plain() for walk in walks]}
     write_atomically(folder / REQUEST, json.dumps(request).encode())
     result = run("moving", folder, progress, cancelled)
+    rate = _rate(times, out / _LIST) if films else _FRAMES_PER_SECOND
     try:
-        content = json.dumps(_transforms(out, listed, result, rate), indent=1).encode()
+        content = json.dumps(_transforms(out, walks, times, result) | {"fps": rate}, indent=1).encode()
         warnings += [str(each) for each in result["warnings"]]
     except (KeyError, TypeError, ValueError) as error:
         raise FrogError(f"{folder}: found a result that is damaged ({brief(error)}), expected a whole one.") from error
@@ -82,38 +84,33 @@ def calibrate_moving(
     return path, result, warnings
 
 
-def _listed(
-    images: Sequence[Path], film: Film | None, out: Path, progress: Progress, cancelled: Callable[[], bool]
-) -> tuple[list[Path], float, list[str]]:
-    """The images inside ``out``, their rate, and warnings."""
-    if film is None:
-        inside = all(path.resolve().is_relative_to(out.resolve()) for path in images)
-        return (list(images) if inside else _copied(images, out / "images")), _FRAMES_PER_SECOND, []
-    count = film.facts.frame_count
-    if count < _LEAST_IMAGES:
-        raise FrogError(f"{film.path}: found {count} frames, expected at least {_LEAST_IMAGES} of a moving camera.")
-    step = -(-count // _MOST_IMAGES)
-    frames = list(range(0, count, step))
-    warnings = [f"{film.path.name}: every {step}. frame is used."] if step > 1 else []
-    target = out / f"{film.name}_images"
-    paths = [target / f"{frame:06d}.png" for frame in frames]
-    for place, path in enumerate(_written(film, frames, paths)):
-        progress("images", place, len(paths))
-        if cancelled():
-            raise CalibrationCancelled
-        del path
-    return paths, film.facts.frames_per_second / step, warnings
+def _of_films(
+    films: Sequence[Film], out: Path, progress: Progress, cancelled: Callable[[], bool]
+) -> tuple[list[Walk], list[float], list[str]]:
+    """The films' images below ``out``, when each was taken in seconds, and warnings."""
+    frames, step = sampled(films)
+    warnings = []
+    if step > 1:
+        warnings.append(f"{', '.join(film.path.name for film in films)}: every {step}. frame is used.")
+    groups = numbered([(film.size, film.kind) for film in films])
+    walks, times = [], []
+    for film, own, group in zip(films, frames, groups, strict=True):
+        paths = written(film, own, out / f"{film.name}_images", progress, cancelled)
+        walks.append(Walk(film.name, tuple(paths), film.size, group))
+        times += [film.time_of(frame) for frame in own]
+    first = min(times)
+    return walks, [round(time - first, 6) for time in times], warnings  # to what readers tell apart
 
 
-def _written(film: Film, frames: Sequence[int], paths: Sequence[Path]) -> Iterator[Path]:
-    """Writes the frames that are not there yet, without loss."""
-    cv2 = load_opencv()
-    missing = [frame for frame, path in zip(frames, paths, strict=True) if not path.is_file()]
-    by_frame = dict(zip(frames, paths, strict=True))
-    for frame, image in zip(missing, decode(film.path, missing), strict=True):
-        _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-        write_atomically(by_frame[frame], content.tobytes())
-        yield by_frame[frame]
+def _of_images(images: Sequence[Path], out: Path) -> tuple[list[Walk], list[float], list[str]]:
+    """The images inside ``out``, when each was taken from 0 to 1, and no warnings."""
+    sizes = {image_size(path) for path in images}
+    if len(sizes) > 1:
+        raise FrogError(f"{images[0].parent}: found images of {len(sizes)} sizes, expected those of one camera.")
+    inside = all(path.resolve().is_relative_to(out.resolve()) for path in images)
+    listed = list(images) if inside else _copied(images, out / "images")
+    times = (np.arange(len(listed)) / max(len(listed) - 1, 1)).tolist()
+    return [Walk("camera", tuple(listed), sizes.pop())], times, []
 
 
 def _copied(images: Sequence[Path], target: Path) -> list[Path]:
@@ -125,20 +122,35 @@ def _copied(images: Sequence[Path], target: Path) -> list[Path]:
     return [target / image.name for image in images]
 
 
-def _transforms(out: Path, images: Sequence[Path], result: JsonObject, rate: float) -> JsonObject:
-    """nerfstudio's list: camera to world in OpenGL's axes, and a time for each image."""
-    lens = result["lens"]
-    width, height, focal = int(lens["width"]), int(lens["height"]), float(lens["focal"])
+def _rate(times: Sequence[float], path: Path) -> float:
+    """Frames a second as readers will count them: those of several cameras may lie between each other."""
+    frames = frame_times(times, [0] * len(times), path).frames
+    span = max(times) - min(times)
+    return float((frames.max() - frames.min()) / span) if span > 0 else _FRAMES_PER_SECOND
+
+
+def _transforms(out: Path, walks: Sequence[Walk], times: Sequence[float], result: JsonObject) -> JsonObject:
+    """nerfstudio's list: camera to world in OpenGL's axes, and a time for each image.
+
+    The lens of one camera is everyone's; of several each image has its own.
+    """
+    lenses = [_lens(lens) for lens in result["lenses"]]
+    images = [(path, number) for number, walk in enumerate(walks) for path in walk.images]
     frames = []
     for place, pose in zip(result["placed"], result["poses"], strict=True):
         matrix: Float64s = np.vstack([np.asarray(pose, np.float64).reshape(3, 4), [[0.0, 0.0, 0.0, 1.0]]])
-        frames.append(
-            {
-                "file_path": images[place].resolve().relative_to(out.resolve()).as_posix(),
-                "transform_matrix": (np.linalg.inv(matrix) @ _FLIP).tolist(),
-                "time": place / max(len(images) - 1, 1),
-            }
-        )
+        path, number = images[place]
+        frame = {
+            "file_path": path.resolve().relative_to(out.resolve()).as_posix(),
+            "transform_matrix": (np.linalg.inv(matrix) @ _FLIP).tolist(),
+            "time": times[place],
+        }
+        frames.append(frame if len(walks) == 1 else frame | lenses[number])
+    return (lenses[0] if len(walks) == 1 else {}) | {"frames": frames}
+
+
+def _lens(lens: JsonObject) -> JsonObject:
+    width, height, focal = int(lens["width"]), int(lens["height"]), float(lens["focal"])
     return {
         "camera_model": "OPENCV",
         "w": width,
@@ -151,6 +163,4 @@ def _transforms(out: Path, images: Sequence[Path], result: JsonObject, rate: flo
         "k2": float(lens["k2"]),
         "p1": 0.0,
         "p2": 0.0,
-        "fps": rate,
-        "frames": frames,
     }

@@ -24,9 +24,12 @@ from .feature_task import arrays_of, view_of
 from .films import Film, View, common_times, find_films, is_standing, look, with_groups
 from .landmark_file import landmark_file
 from .moving import calibrate_moving, still_images
+from .moving_clocks import find_moving_clocks
 from .report import write_moving_report, write_report
 from .result_files import write_cameras
+from .scan import walk_throughs, walks_of
 from .standing import calibrate_standing
+from .walk import Walk
 from .ways import Way, board_beside, board_way, joints_way, points_way, read_points, stopper
 from .work_folder import NAME, WorkFolder, key_of, key_of_file
 
@@ -104,27 +107,24 @@ def calibrate(
         raise FrogError(f"{folder}: there is no such folder, expected one with a video of each camera.")
     out = options.out or folder
     work = WorkFolder(out / NAME)
+    stages = _Stages(work, progress, cancelled)
     images = still_images(folder)
     if images:
-        return _of_moving(images, None, out, work, progress, cancelled)
+        return _of_moving(images, FoundClocks({}), out, stages)
     films = with_clocks(find_films(folder), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
     standing = _standing(films, work, progress, cancelled)
     if not any(standing):
-        if len(films) > 1:
-            raise FrogError(f"{folder}: several moving cameras cannot be calibrated together yet; give one film alone.")
-        return _of_moving([], films[0], out, work, progress, cancelled)
-    if not all(standing):
-        moving = [film.name for film, stands in zip(films, standing, strict=True) if not stands]
-        raise FrogError(
-            f"{folder}: found {', '.join(moving)} moving beside standing cameras, expected those, or one that moves."
-        )
-    stages = _Stages(work, progress, cancelled)
-    calibration, films, clocks = _of_standing(
-        _ways(folder, films, options, stages), films, options, stages, synchronize
-    )
-    warnings = tuple(dict.fromkeys([*calibration.warnings, *clocks.warnings]))
+        clocks = FoundClocks({})
+        if len(films) > 1 and not (options.in_step or options.clocks) and synchronize is not None:
+            clocks = find_moving_clocks(films, progress, cancelled)
+        return _of_moving(with_clocks(films, clocks.clocks), clocks, out, stages)
+    scans, told = walk_throughs(folder, films, standing)
+    films = [film for film in films if film not in scans]
+    ways = _ways(folder, films, scans, options, stages)
+    calibration, films, clocks = _of_standing(ways, films, options, stages, synchronize)
+    warnings = tuple(dict.fromkeys([*told, *calibration.warnings, *clocks.warnings]))
     progress("report", 0, 1)
     calibration = replace(calibration, warnings=warnings)
     cameras = write_cameras(out, calibration, films)
@@ -132,16 +132,10 @@ def calibrate(
     return Outcome(cameras, report, page, "found" in cameras.stem, warnings)
 
 
-def _of_moving(
-    images: Sequence[Path],
-    film: Film | None,
-    out: Path,
-    work: WorkFolder,
-    progress: Progress,
-    cancelled: Callable[[], bool],
-) -> Outcome:
-    """The result for one moving camera."""
-    path, result, warnings = calibrate_moving(images, film, out, work, progress, cancelled)
+def _of_moving(footage: Sequence[Path] | Sequence[Film], clocks: FoundClocks, out: Path, stages: _Stages) -> Outcome:
+    """The result for moving cameras."""
+    path, result, found = calibrate_moving(footage, out, stages.work, stages.progress, stages.cancelled)
+    warnings = [*clocks.warnings, *found]
     report, page = write_moving_report(out, result, warnings)
     return Outcome(path, report, page, "found" in path.stem, tuple(warnings))
 
@@ -155,7 +149,9 @@ class _Stages:
     cancelled: Callable[[], bool]
 
 
-def _ways(folder: Path, films: Sequence[Film], options: Options, stages: _Stages) -> Iterator[Way]:
+def _ways(
+    folder: Path, films: Sequence[Film], scans: Sequence[Film], options: Options, stages: _Stages
+) -> Iterator[Way]:
     """What to try, one after the other until one finds the cameras: what was asked for alone, else the surest first."""
     progress, cancelled = stages.progress, stages.cancelled
     if options.points is not None:
@@ -171,6 +167,9 @@ def _ways(folder: Path, films: Sequence[Film], options: Options, stages: _Stages
     described = None if options.background_only else board_beside(folder)
     if described is not None:
         yield board_way(read_board(described), progress, cancelled)
+    if scans:
+        walks = walks_of(scans, stages.work, progress, cancelled)
+        yield Way("a walk-through", lambda films, count: _of_features(films, count, stages, walks), needs_step=False)
     yield Way("features", lambda films, count: _of_features(films, count, stages), needs_step=False)
     if options.background_only:
         return
@@ -191,9 +190,9 @@ def _board_in(films: Sequence[Film], stages: _Stages) -> Board | None:
     return board_in_films(films, common_times(films, BOARD_TIMES), stopper(stages.cancelled))
 
 
-def _of_features(films: Sequence[Film], count: int, stages: _Stages) -> Calibration:
+def _of_features(films: Sequence[Film], count: int, stages: _Stages, walks: Sequence[Walk] = ()) -> Calibration:
     times = common_times(films, count) if count else []
-    return calibrate_standing(_views(films, times, stages), stages.work, stages.progress, stages.cancelled)
+    return calibrate_standing(_views(films, times, stages), stages.work, stages.progress, stages.cancelled, walks)
 
 
 def _of_standing(
@@ -323,7 +322,7 @@ def _views(films: Sequence[Film], times: Sequence[float], stages: _Stages) -> li
         return view_of({"name": film.name, "size": film.size, "group": 0}, kept)
 
     views = _in_threads(of_film, films, "images", stages.progress)
-    return with_groups(views)
+    return with_groups(views, kinds=[film.kind for film in films])
 
 
 def _in_threads(
@@ -344,7 +343,7 @@ def _of_kinds(films: Sequence[Film], stages: _Stages) -> list[View]:
 
     For features, which are exact, the middles of such images lie too far apart.
     """
-    return with_groups(_views(films, [], stages), _ALMOST)
+    return with_groups(_views(films, [], stages), _ALMOST, [film.kind for film in films])
 
 
 def _plates(films: Sequence[Film], work: WorkFolder) -> list[View]:

@@ -44,13 +44,14 @@ def write_report(
 
 
 def write_moving_report(folder: Path, result: JsonObject, warnings: Sequence[str]) -> tuple[Path, Path]:
-    """The same for one moving camera, by the child's result."""
-    lens, poses = result["lens"], result["poses"]
+    """The same for moving cameras, by the child's result."""
+    lenses, poses = result["lenses"], result["poses"]
     facts: JsonObject = {
-        "kind": "one moving camera",
+        "kind": "one moving camera" if len(lenses) == 1 else f"{len(lenses)} moving cameras",
         "images": len(poses),
-        "focal": lens["focal"],
-        "distortion": [lens["k1"], lens["k2"]],
+        "focal": lenses[0]["focal"],
+        "distortion": [lenses[0]["k1"], lenses[0]["k2"]],
+        "lenses": lenses,
         "focal_uncertainty": result["focal_uncertainty"],
         "residual": result["residual"],
         "halves_apart": result["halves_apart"],
@@ -61,8 +62,9 @@ def write_moving_report(folder: Path, result: JsonObject, warnings: Sequence[str
     places = [_center(pose) for pose in poses]
     ahead = [(pose[2][0], pose[2][1]) for pose in poses]
     drawn = rig_from_above([""] * len(poses), [(x, y) for x, y, _ in places], ahead, result["points"])
+    focals = ", ".join(dict.fromkeys(f"{lens['focal']:.1f}" for lens in lenses))
     sentence = (
-        f"{len(poses)} images; focal length {lens['focal']:.1f} pixels, known within "
+        f"{len(poses)} images; focal length {focals} pixels, known within "
         f"{100 * result['focal_uncertainty']:.2f} %; median residual {result['residual']:.2f} pixels."
     )
     parts = [f"<p>{escape(sentence)}</p>", *_warnings(warnings), f"<h2>The path from above</h2>{drawn}"]

@@ -20,6 +20,7 @@ from .child_process import REQUEST, Progress, run, run_several
 from .evidence import CameraEvidence, PairEvidence
 from .feature_task import arrays_of, missing_features
 from .films import View
+from .walk import Walk
 from .work_folder import WorkFolder, key_of
 
 _MOST_PROCESSES = 8  # each holds pycolmap and a camera's images
@@ -27,7 +28,11 @@ _FEWEST_IMAGES = 4  # in which features are worth a process's start
 
 
 def calibrate_standing(
-    views: Sequence[View], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]
+    views: Sequence[View],
+    work: WorkFolder,
+    progress: Progress,
+    cancelled: Callable[[], bool],
+    walks: Sequence[Walk] = (),
 ) -> Calibration:
     """The cameras of standing views.
 
@@ -35,6 +40,7 @@ def calibrate_standing(
         work: keeps the stages, so that a second call with the same views continues.
         progress: told a stage's name, and how much of how much is done.
         cancelled: asked several times a second.
+        walks: walk-throughs of what the views show, which connect them.
 
     Raises:
         CalibrationRefused: if the views do not fix their cameras: why, and what to film next time.
@@ -49,9 +55,11 @@ def calibrate_standing(
             work.keep("view", key, arrays)
         entries.append({"name": view.name, "size": list(view.size), "group": view.group, "key": key})
     _find_features(views, entries, work, progress, cancelled)
-    folder = work.path / "standing"
-    write_atomically(folder / REQUEST, json.dumps({"work": str(work.path), "views": entries}).encode())
-    result = run("standing", folder, progress, cancelled)
+    task = "scan" if walks else "standing"
+    folder = work.path / task
+    request = {"work": str(work.path), "views": entries, "walks": [walk.plain() for walk in walks]}
+    write_atomically(folder / REQUEST, json.dumps(request).encode())
+    result = run(task, folder, progress, cancelled)
     try:
         return _calibration(result)
     except (KeyError, TypeError, ValueError) as error:

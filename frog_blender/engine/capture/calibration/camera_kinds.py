@@ -1,0 +1,46 @@
+"""Which films are of one kind of camera: of one size, and by one make and model where the files say so."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..ffmpeg import notes
+
+_TAG = re.compile(r"^\s*([\w.:\-]+)\s*:\s*(.+?)\s*$", re.MULTILINE)
+_KNOWN = {
+    "com.apple.quicktime.make": "make",
+    "com.apple.quicktime.model": "model",
+    "com.apple.quicktime.camera.focal_length.35mm_equivalent": "focal length",
+    "com.android.manufacturer": "make",
+    "com.android.model": "model",
+    "make": "make",
+    "model": "model",
+    "firmware": "firmware",  # GoPro's begins with its model: HD9.01.01.60.00
+}
+_FIRMWARE_MODEL = re.compile(r"[A-Z]+\d+")
+
+
+def kind_of(path: Path) -> str:
+    """Make, model, and the lens where a phone has several, as a film's tags say; "" where they say nothing."""
+    return kind_by(notes(path))
+
+
+def kind_by(said: str) -> str:
+    """The same by ffmpeg's notes on a film."""
+    found: dict[str, str] = {}
+    for tag, value in _TAG.findall(said):
+        name = _KNOWN.get(tag.lower())
+        if name is not None:
+            found.setdefault(name, value)
+    firmware = _FIRMWARE_MODEL.match(found.pop("firmware", ""))
+    if firmware is not None:
+        found.setdefault("model", firmware[0])
+    return ", ".join(found[name] for name in ("make", "model", "focal length") if name in found)
+
+
+def numbered(kinds: Sequence[tuple[int | tuple[int, int], str]]) -> list[int]:
+    """A number for each film: equal for those of one size and kind, which share a focal length."""
+    order = sorted(set(kinds))
+    return [order.index(kind) for kind in kinds]

@@ -1,0 +1,180 @@
+"""Standing cameras in the world of a walk-through: placed by its points, then adjusted together with it.
+
+The walk-through alone fixes its own world, for its images lie close to each other. A standing camera is placed by
+points that at least three other images see, two equations each, which is what false matches of a pair cannot imitate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Bools, Float64s
+from .adjustment import Adjusted, adjust
+from .colmap import load_pycolmap
+from .evidence import centers
+from .hypotheses import OWN_GAINS, halves, thinned
+from .lens import Lens
+from .mapping import Model
+from .moving_solve import MovingSolution
+from .tracks import Tracks, cost, located
+from .two_view import colmap_camera
+
+_LEAST_POINTS = 20  # that place a camera
+_LEAST_VIEWS = 3  # of a point, before it places one
+_LEAST_SHARE = 0.25  # of a camera's matches with such points that agree with its pose
+_RELEASE_GAINS, _RELEASE_SURE = 0.002, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """Standing cameras, the first ones, and the images of walk-throughs in one world.
+
+    Attributes:
+        adjusted: the model and its points.
+        own_focals: standing cameras of one kind have focal lengths of their own.
+        apart: how far half of the points put a standing camera from where the other half does, over their diameter.
+        cost: of the observations of the standing cameras.
+    """
+
+    adjusted: Adjusted
+    own_focals: bool
+    apart: float
+    cost: float
+
+
+def placed(standing: Sequence[Lens], walked: MovingSolution, tracks: Tracks) -> Model:
+    """The standing cameras' poses among those of the walk-through; NaN for those that too few points place.
+
+    Args:
+        standing: sizes of the cameras, whose focal lengths are not known.
+        tracks: of all images, the standing cameras' first.
+    """
+    known = walked.adjusted.model
+    count = len(standing)
+    poses = np.concatenate([np.full((count, 3, 4), np.nan), known.poses])
+    lenses = [*standing, *known.lenses]
+    for _ in range(count):  # one that is placed may bear points that place another
+        limits = np.array([lens.limit for lens in lenses])
+        points, distances = located(tracks, poses, lenses, limits)
+        views = np.bincount(tracks.points[distances <= limits[tracks.cameras]], minlength=tracks.count)
+        sure = np.isfinite(points).all(axis=1) & (views >= _LEAST_VIEWS)
+        found = {}
+        for index in np.flatnonzero(np.isnan(poses[:count, 0, 0])).tolist():
+            own = (tracks.cameras == index) & sure[tracks.points]
+            answer = _posed(lenses[index], tracks.pixels[own], points[tracks.points[own]])
+            if answer is not None:
+                found[index] = answer
+        for index, (pose, lens) in found.items():
+            poses[index], lenses[index] = pose, lens
+        if not found:
+            break
+    return Model(poses, tuple(lenses))
+
+
+def _posed(lens: Lens, pixels: Float64s, points: Float64s) -> tuple[Float64s, Lens] | None:
+    """Pose (3, 4) and focal length of a camera that sees points (N, 3) at pixels (N, 2); None where too few agree."""
+    if len(points) < _LEAST_POINTS:
+        return None
+    pycolmap = load_pycolmap()
+    camera = colmap_camera(lens, 1, "SIMPLE_PINHOLE")
+    found = pycolmap.estimate_and_refine_absolute_pose(pixels, points, camera, *_pose_options(3 * lens.limit))
+    if found is None:
+        return None
+    inliers = int(found["num_inliers"])
+    focal = float(camera.params[0])
+    if inliers < max(_LEAST_POINTS, _LEAST_SHARE * len(points)) or not 0.2 < focal / lens.width < 10:
+        return None
+    return np.asarray(found["cam_from_world"].matrix(), np.float64), replace(lens, focal=focal)
+
+
+def _pose_options(limit: float) -> tuple[Any, Any]:  # pycolmap.AbsolutePoseEstimationOptions, ...RefinementOptions
+    pycolmap = load_pycolmap()
+    estimation, refinement = pycolmap.AbsolutePoseEstimationOptions(), pycolmap.AbsolutePoseRefinementOptions()
+    estimation.estimate_focal_length = True
+    estimation.ransac.max_error = limit
+    estimation.ransac.random_seed = 0
+    refinement.refine_focal_length = True
+    return estimation, refinement
+
+
+def joined(start: Model, count: int, tracks: Tracks, groups: Sequence[int], walked: MovingSolution) -> Joined:
+    """Everything adjusted together, with the distortion that held-out points ask for.
+
+    Args:
+        start: of which all standing cameras have a pose.
+        count: of standing cameras.
+        groups: of all images; cameras of one group share their lens.
+    """
+    few, _ = thinned(tracks, {}, len(groups))
+    shared = _fitted(start, count, few, list(groups), walked)
+    chosen, grouping = shared, list(groups)
+    if len(set(groups[:count])) < count:
+        alone = [max(groups) + 1 + index for index in range(count)] + list(groups[count:])
+        own = _fitted(start, count, few, alone, walked)
+        if own.cost * (1 + OWN_GAINS) < shared.cost:
+            chosen, grouping = own, alone
+    adjusted = adjust(chosen.fits[0].model, tracks, grouping, chosen.coefficients)
+    apart = _apart(chosen.fits[0].model, chosen.fits[1].model, count)
+    return Joined(adjusted, chosen is not shared, apart, chosen.cost / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """Fits to both halves of the tracks, the free coefficients, and the cost of held-out tracks of both."""
+
+    fits: tuple[Adjusted, Adjusted]
+    coefficients: list[int]
+    cost: float
+
+
+def _fitted(start: Model, count: int, tracks: Tracks, groups: list[int], walked: MovingSolution) -> _Fitted:
+    """Frees k1, then k2, of all standing cameras of a group where that lowers the cost of held-out tracks."""
+    one, other = halves(tracks)
+
+    def fitted(models: tuple[Model, Model], coefficients: list[int]) -> _Fitted:
+        fits = adjust(models[0], one, groups, coefficients), adjust(models[1], other, groups, coefficients)
+        held_out = _cost(fits[0], other, count) + _cost(fits[1], one, count)
+        return _Fitted(fits, coefficients, held_out)
+
+    best = fitted((start, start), [0] * count + list(walked.coefficients))
+    for kind in sorted(set(groups[:count])):
+        own = np.array([group == kind for group in groups])
+        for more in (1, 2):
+            tried = [more if each else had for each, had in zip(own.tolist(), best.coefficients, strict=True)]
+            new = fitted((best.fits[0].model, best.fits[1].model), tried)
+            sure = max(float(each.uncertainty[own].max()) for each in new.fits) < _RELEASE_SURE
+            if not (sure and new.cost < (1 - _RELEASE_GAINS) * best.cost):
+                break
+            best = new
+    return best
+
+
+def _cost(adjusted: Adjusted, tracks: Tracks, count: int) -> float:
+    """The cost of the standing cameras' observations of tracks that the model was not adjusted to."""
+    model = adjusted.model
+    limits = np.array([lens.limit for lens in model.lenses])
+    _, distances = located(tracks, model.poses, model.lenses, limits)
+    own: Bools = tracks.cameras < count
+    return cost(distances[own], limits[tracks.cameras[own]])
+
+
+def _apart(one: Model, other: Model, count: int) -> float:
+    """How far two models put a standing camera apart at worst, aligned by all images, over the cameras' diameter.
+
+    Of a single standing camera, and of those that stand together, over the walk-through's size.
+    """
+    both = sorted(set(one.placed) & set(other.placed))
+    first, second = (centers(model)[both] for model in (one, other))
+    a, b = first - first.mean(axis=0), second - second.mean(axis=0)
+    left, values, right = np.linalg.svd(b.T @ a)
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    scale = float((values * signs).sum() / max(float((a**2).sum()), 1e-300))
+    distances = np.linalg.norm(scale * a @ (left * signs @ right).T - b, axis=1)
+    stands = np.array(both) < count
+    sizes = [np.linalg.norm(each[:, None] - each[None], axis=2).max() for each in (second[stands], second)]
+    size = sizes[0] if stands.sum() > 1 else sizes[1]
+    return float(distances[stands].max() / max(float(size), 1e-300))
