@@ -189,6 +189,41 @@ def test_the_same_proportions_are_the_same_image(tmp_path: Path, calibrated: tup
     assert ("resized" in capture.warnings[0]) == resized
 
 
+def with_points(folder: Path, points: object) -> Path:
+    write(folder, opencv())
+    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": [opencv()], "points": points}))
+    return folder
+
+
+def test_points_are_seeds(tmp_path: Path) -> None:
+    points = [[0.1, 0.2, 3.0], [-1.0, 0.5, 4.25]]
+    found = open_capture(with_points(tmp_path, points)).points
+    assert found is not None
+    np.testing.assert_array_equal(found, points)
+
+
+@pytest.mark.parametrize("points", [None, []])
+def test_a_calibration_may_have_no_points(tmp_path: Path, points: object) -> None:
+    assert open_capture(with_points(tmp_path, points)).points is None
+
+
+@pytest.mark.parametrize(
+    ("points", "found"),
+    [
+        ({"x": 1}, "points that is not made of numbers"),
+        ([[1.0, 2.0]], r"shape \(1, 2\) as points"),
+        ([[1.0, 2.0, 3.0], [1.0]], "points that is not made of numbers"),
+        ([[1.0, 2.0, 1e300]], "points with the number 1e\\+300"),
+        ([[1.0, 2.0, float("nan")]], "points with a value that is not finite"),
+        ([["a", 2.0, 3.0]], "points that is not made of numbers"),
+        (7, r"shape \(\) as points"),
+    ],
+)
+def test_points_that_cannot_be_used_are_refused(tmp_path: Path, points: object, found: str) -> None:
+    with pytest.raises(FrogError, match=found):
+        open_capture(with_points(tmp_path, points))
+
+
 def test_a_number_is_a_name_zero_too(tmp_path: Path) -> None:
     capture = open_capture(write(tmp_path, opencv(0), opencv(1)))  # type: ignore[arg-type]
     assert [camera.name for camera in capture.cameras] == ["0", "1"]

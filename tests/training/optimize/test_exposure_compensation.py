@@ -16,6 +16,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.training.optimize import exposure_compensation
 from frog_blender.engine.training.optimize.exposure_compensation import ExposureCompensation
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
@@ -62,6 +63,19 @@ def test_exposures_are_found_and_the_scene_gains(make_trainer: Callable[..., Tra
 
 def test_cameras_that_are_alike_stay_as_they_are(make_trainer: Callable[..., Trainer]) -> None:
     assert set(found_by(train(make_trainer(300))).values()) == {NEUTRAL}
+
+
+def test_what_matches_say_is_there_before_the_first_step(
+    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = {1: np.array([0.5, 0.5, 0.4]), 2: np.array([1.5, 1.0, 1.0]), 3: np.array([100.0, 1.0, 1.0])}
+    monkeypatch.setattr(exposure_compensation, "matched_exposures", lambda capture, store: said)
+    found = found_by(make_trainer(20))
+    assert found["cam00"] == NEUTRAL
+    np.testing.assert_allclose(found["cam01"], said[1])
+    np.testing.assert_allclose(found["cam02"], said[2])
+    np.testing.assert_allclose(found["cam03"], (4.0, 1.0, 1.0))
+    assert set(found_by(make_trainer(20, exposure_from=1.0)).values()) == {NEUTRAL}
 
 
 def test_whose_exposure_is_found(capture: Capture) -> None:

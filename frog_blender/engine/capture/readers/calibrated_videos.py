@@ -2,7 +2,8 @@
 
 A video, or a folder of frames, belongs to the calibrated camera of its name (``cam01.mp4`` to ``cam01``), a video also
 to the one whose ``video`` is its path, from the calibration's folder. A camera's ``offset`` and ``rate`` say when it
-filmed (see ``pairing.Clock``); without them, films of constant rate are in step. Nothing is held out.
+filmed (see ``pairing.Clock``); without them, films of constant rate are in step. ``points`` are seed points. Nothing is
+held out.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arrays import Float64s
 from ...errors import FrogError, found_instead
 from ...io.paths import is_network_path
 from ..camera import Camera
@@ -19,7 +21,7 @@ from ..capture import Capture, Distortion
 from ..orientation import turned_camera
 from ..video import VideoFacts, composed, find_videos, read_facts
 from . import qualisys
-from .assembly import standing_cameras
+from .assembly import standing_cameras, with_points
 from .checks import number, numbers, pinhole, read_json, rotation, size
 from .footage import Footage, find_footage, of_cameras
 from .geometry import distortion, is_transposed
@@ -29,6 +31,7 @@ _OPENCV = "cameras_opencv.json"
 _ROUNDING = 1.0  # pixels by which either side of a resized video may be off: encoders want even numbers
 _IN_STEP = Clock()
 _MAX_OFFSET = 1e6  # seconds
+_MOST_POINTS = 1_000_000
 _RATES = 1e-3, 1e3  # slow motion of 240 frames a second that plays at 30 has 0.125
 
 
@@ -53,9 +56,9 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if a camera lacks its video or a video its camera, or a value cannot be used.
     """
-    calibration, entries = _calibration(path)
+    calibration, entries, points = _calibration(path)
     if not find_videos(path) and all(entry.video is None for entry in entries) and (frames := find_footage(path)):
-        return _of_frames(path, calibration, entries, frames)
+        return with_points(_of_frames(path, calibration, entries, frames), points)
     calibrated = _matched(path, calibration, entries)
     paths = [video for _, video in calibrated]
     facts = [read_facts(video) for video in paths]
@@ -67,7 +70,7 @@ def read(path: Path) -> Capture:
         camera, lens, warning = _fit_to_video(entry.camera, entry.lens, video, fact)
         views.append((camera, lens))
         warnings += [warning] if warning else []
-    return Capture(
+    capture = Capture(
         path=path,
         format="calibrated_videos",
         cameras=tuple(camera for camera, _ in views),
@@ -77,6 +80,7 @@ def read(path: Path) -> Capture:
         frames_per_second=paired.frames_per_second,
         warnings=tuple(warnings),
     )
+    return with_points(capture, points)
 
 
 def _of_frames(path: Path, calibration: Path, entries: list[_Calibrated], frames: list[Footage]) -> Capture:
@@ -97,15 +101,17 @@ def named_videos(path: Path) -> dict[str, Path]:
     """
     if not (path / _OPENCV).is_file():
         return {}
-    entries = _read_opencv(path / _OPENCV)
+    entries = _opencv_cameras(path / _OPENCV, read_json(path / _OPENCV))
     return {composed(entry.camera.name): entry.video for entry in entries if entry.video is not None}
 
 
-def _calibration(path: Path) -> tuple[Path, list[_Calibrated]]:
-    """The file and its cameras, each of one name."""
+def _calibration(path: Path) -> tuple[Path, list[_Calibrated], Float64s | None]:
+    """The file, its cameras, each of one name, and its points (N, 3) if it has any."""
+    points = None
     if (path / _OPENCV).is_file():
         file = path / _OPENCV
-        calibrated = _read_opencv(file)
+        content = read_json(file)
+        calibrated, points = _opencv_cameras(file, content), _points(file, content)
     else:
         file = _qualisys_files(path)[0]
         calibrated = [_Calibrated(camera, lens) for camera, lens in qualisys.read_cameras(file)]
@@ -113,7 +119,7 @@ def _calibration(path: Path) -> tuple[Path, list[_Calibrated]]:
     names = [entry.camera.name for entry in calibrated]
     if len(set(names)) != len(names):
         raise found_instead(file, f"several cameras named {max(names, key=names.count)}", "one of each name")
-    return file, calibrated
+    return file, calibrated, points
 
 
 def _composed(camera: Camera) -> Camera:
@@ -186,12 +192,23 @@ def _fit_to_video(
     return replace(camera, width=facts.width, height=facts.height), lens, cropped
 
 
-def _read_opencv(path: Path) -> list[_Calibrated]:
+def _points(path: Path, content: dict[str, object]) -> Float64s | None:
+    """(N, 3) of ``cameras_opencv.json``, as ``frog calibrate`` writes them; None without any."""
+    listed = content.get("points")
+    if listed is None:
+        return None
+    count = len(listed) if isinstance(listed, list) else 0
+    if count > _MOST_POINTS:
+        raise found_instead(path, f"{count:,} points", f"at most {_MOST_POINTS:,}")
+    return numbers(listed, (count, 3), path, "points") if listed != [] else None
+
+
+def _opencv_cameras(path: Path, content: dict[str, object]) -> list[_Calibrated]:
     """Cameras of ``cameras_opencv.json``: name, width, height, K, dist (k1 k2 p1 p2 k3), R, t; x_camera = R x + t.
 
     Optional are video (a path), offset (seconds) and rate.
     """
-    entries = read_json(path).get("cameras")
+    entries = content.get("cameras")
     if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
         raise found_instead(path, "no list of cameras", '"cameras": [{"name": ..., "K": ..., "R": ..., "t": ...}, ...]')
     cameras: list[_Calibrated] = []

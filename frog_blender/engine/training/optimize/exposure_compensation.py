@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from ...capture.camera import NEUTRAL, Camera
 from ...capture.capture import Capture
+from ...capture.seeding.exposures import matched_exposures
+from ...capture.seeding.views import Images
 from ..recipe import Recipe
 from .camera_rig import CameraRig
 from .device import image_on
@@ -31,7 +33,8 @@ _LARGEST = 4.0  # times as bright, or as dark
 
 class ExposureCompensation:
     """Finds the exposures of a rig's training cameras: factors of red, green and blue by which what they filmed is
-    brighter than what was drawn in the same places, gathered over many steps.
+    brighter than what was drawn in the same places, gathered over many steps. Large differences are found before the
+    first step, see ``matched_exposures``: by the first update the scene has learned them.
 
     Their geometric mean over the cameras is 1, so that the scene is as bright as the cameras are in the mean. Held-out
     cameras, of which nothing may be learned, have the exposure NEUTRAL, and so have all where cameras are alike. A
@@ -55,6 +58,17 @@ class ExposureCompensation:
     def wanted(capture: Capture, recipe: Recipe) -> bool:
         """Whether there are cameras to compare."""
         return recipe.exposure_from < _UNTIL and not capture.is_moving and len(capture.train_cameras) > 1
+
+    def begin(self, store: Images) -> None:
+        """Gives the rig's cameras the exposures that matched features show, where those differ for certain."""
+        found = matched_exposures(self._rig.capture, store)
+        if found is None:
+            return
+        limit = np.log(_LARGEST)
+        cameras = list(self._rig.capture.cameras)
+        for index, factors in found.items():
+            cameras[index] = cameras[index].with_exposure(np.exp(np.clip(np.log(factors), -limit, limit)))
+        self._rig.capture = self._rig.capture.with_cameras(cameras)
 
     def observes(self, index: int, step: int, progress: float) -> bool:
         """Whether a step that draws this camera at ``progress`` is to be observed."""

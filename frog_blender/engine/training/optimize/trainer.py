@@ -112,6 +112,8 @@ class Trainer:
         self.poses = PoseRefinement(self.rig, recipe, center, self.scene_scale) if wanted else None
         wanted = ExposureCompensation.wanted(capture, recipe)
         self.exposures = ExposureCompensation(self.rig, recipe, self.device) if wanted else None
+        if self.exposures:
+            self.exposures.begin(store)
         self.views = ViewSampler(capture)
         self.crops = CropSampler(capture.cameras, recipe.region_share, recipe.region_size)
         self.hooks: list[Hook] = []
