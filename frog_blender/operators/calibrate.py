@@ -11,6 +11,7 @@ from ..calibration_task import runner
 from ..calibration_task.request import CalibrationRequest, Calibrator, Progress
 from ..engine.errors import FrogError
 from ..ui import capture_summary, preferences, report_images
+from .cancel_operator import CancelsTask
 
 if TYPE_CHECKING:
     from ..engine.capture.calibration.pipeline import Outcome
@@ -41,21 +42,13 @@ class FROG_OT_calibrate(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class FROG_OT_cancel_calibration(bpy.types.Operator):
+class FROG_OT_cancel_calibration(CancelsTask, bpy.types.Operator):
     """Stop the calibration. Stages that are done are kept, so that the next one continues there"""
 
     bl_idname = "frog.cancel_calibration"
     bl_label = "Cancel"
 
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        return runner.is_running()
-
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        task = runner.current()
-        if task is not None:
-            task.cancel()
-        return {"FINISHED"}
+    task = staticmethod(runner.current)
 
 
 def footage_folder(stored: str) -> Path:
