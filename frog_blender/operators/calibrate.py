@@ -29,17 +29,7 @@ class FROG_OT_calibrate(bpy.types.Operator):
         return not runner.is_running()
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            folder = footage_folder(context.scene.frog.capture_folder)
-            needed = preferences.calibration_needed()
-            if needed:
-                raise FrogError(needed)
-            opening = CaptureOpening(folder, CalibrationRequest(folder).calibrate)
-            runner.begin(folder, opening.calibrate, opening.show)
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        return begin_calibration(self, context)
 
 
 class FROG_OT_cancel_calibration(CancelsTask, bpy.types.Operator):
@@ -49,6 +39,23 @@ class FROG_OT_cancel_calibration(CancelsTask, bpy.types.Operator):
     bl_label = "Cancel"
 
     task = staticmethod(runner.current)
+
+
+def begin_calibration(operator: bpy.types.Operator, context: bpy.types.Context, points: str = "") -> set[str]:
+    """Starts the calibration of the scene's capture and returns what Blender is told; by a file of points in its folder
+    if one is named.
+    """
+    try:
+        folder = footage_folder(context.scene.frog.capture_folder)
+        needed = preferences.calibration_needed()
+        if needed:
+            raise FrogError(needed)
+        opening = CaptureOpening(folder, CalibrationRequest(folder, folder / points if points else None).calibrate)
+        runner.begin(folder, opening.calibrate, opening.show)
+    except FrogError as error:
+        operator.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+    return {"FINISHED"}
 
 
 def footage_folder(stored: str) -> Path:
