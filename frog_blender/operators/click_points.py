@@ -63,7 +63,7 @@ class FROG_OT_click_points(bpy.types.Operator):
         if points is None or area is None or area.type != "IMAGE_EDITOR":
             return self._end(None)
         region = next(region for region in area.regions if region.type == "WINDOW")
-        if not self._is_fitted:  # the area has its new regions now
+        if not self._is_fitted and points_overlay.is_drawn():
             self._is_fitted = True
             with context.temp_override(area=area, region=region):
                 bpy.ops.image.view_all(fit_view=True)
@@ -103,7 +103,7 @@ class FROG_OT_click_points(bpy.types.Operator):
 
     def _show(self, area: bpy.types.Area, image: bpy.types.Image) -> None:
         assert self._points is not None
-        self._shown = self._points.camera
+        self._shown, self._is_fitted = self._points.camera, False
         area.spaces.active.image = image
         points_overlay.show(image)
 

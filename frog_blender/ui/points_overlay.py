@@ -12,7 +12,8 @@ from ..calibration_task.clicked_points import ClickedPoints
 
 IMAGE = "FRoG camera"
 _RADIUS = 7.0  # pixels of the screen
-_SET, _NEXT = (1.0, 0.62, 0.15, 1.0), (0.35, 0.9, 0.4, 1.0)
+_EDGE = (0.0, 0.0, 0.0, 0.8)
+_SET, _NEXT = (1.0, 0.8, 0.2, 1.0), (0.35, 1.0, 0.4, 1.0)
 
 
 class PointsOverlay:
@@ -22,12 +23,14 @@ class PointsOverlay:
         handler: of Blender, while points are clicked.
         points: that are clicked.
         image: the name of the image that they lie in.
+        is_drawn: it was; only then the editor's size is known.
     """
 
     def __init__(self) -> None:
         self.handler: Any = None
         self.points: ClickedPoints | None = None
         self.image = ""
+        self.is_drawn = False
 
 
 def begin(points: ClickedPoints) -> None:
@@ -48,7 +51,13 @@ def end() -> None:
 
 def show(image: bpy.types.Image) -> None:
     """The image that the points lie in."""
-    addon_state.get(PointsOverlay).image = image.name
+    overlay = addon_state.get(PointsOverlay)
+    overlay.image, overlay.is_drawn = image.name, False
+
+
+def is_drawn() -> bool:
+    """Whether the image was drawn: only then the editor can fit it into its region."""
+    return addon_state.get(PointsOverlay).is_drawn
 
 
 def told(points: ClickedPoints) -> str:
@@ -73,6 +82,7 @@ def _draw() -> None:
     points, image = overlay.points, context.space_data.image
     if points is None or image is None or image.name != overlay.image:
         return
+    overlay.is_drawn = True
     scale = context.preferences.system.ui_scale
     width, height = image.size
     for index, pixel in enumerate(points.of(points.name)):
@@ -94,11 +104,16 @@ def _cross(x: float, y: float, radius: float, color: tuple[float, ...]) -> None:
 
     around = [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in (math.tau * i / 24 for i in range(25))]
     arms = [(x + a * radius * s, y + b * radius * s) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)) for s in (0.4, 1.5)]
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
     shader.bind()
-    shader.uniform_float("color", color)
-    batch_for_shader(shader, "LINE_STRIP", {"pos": around}).draw(shader)
-    batch_for_shader(shader, "LINES", {"pos": arms}).draw(shader)
+    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+    gpu.state.blend_set("ALPHA")
+    for tint, line_width in ((_EDGE, 4.0), (color, 2.0)):  # seen on any image
+        shader.uniform_float("color", tint)
+        shader.uniform_float("lineWidth", line_width)
+        batch_for_shader(shader, "LINE_STRIP", {"pos": around}).draw(shader)
+        batch_for_shader(shader, "LINES", {"pos": arms}).draw(shader)
+    gpu.state.blend_set("NONE")
 
 
 def _text(words: str, x: float, y: float, size: float, color: tuple[float, ...]) -> None:
