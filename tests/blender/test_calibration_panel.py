@@ -362,7 +362,13 @@ def test_the_curves_of_a_report_are_drawn(empty, raw):
     image = report_images.curves(raw / report_images.REPORT)
     icon = preview_image.icons()[report_images.curves_name(raw)]  # a window alone gives it a number
     assert tuple(icon.image_size) == image.shape[1::-1] and len(np.unique(image)) > 2
+    one = report_images.curves(raw / report_images.REPORT, "cam02")
+    assert one.shape[0] * 4 == image.shape[0] and report_images.curves(raw / report_images.REPORT, "cam09") is None
+    report_images.show_curve(raw, "cam02")
+    assert report_images.ONE_CURVE in preview_image.icons()
     (raw / report_images.REPORT).unlink()
+    report_images.show_curve(raw, "cam02")
+    assert report_images.ONE_CURVE not in preview_image.icons()
     empty.frog.capture_folder = str(raw)
     assert report_images.curves_name(raw) not in preview_image.icons(), "that was an earlier report"
 
