@@ -21,6 +21,7 @@ _ROOMS = (
     "ui.preview_image",
     "ui.contact_sheet",
     "ui.rig_overlay",
+    "ui.points_overlay",
     "torch_install.task",
     "operators",
     "ui.presets",

@@ -22,15 +22,17 @@ class CalibrationRequest:
 
     Attributes:
         folder: with a video of each camera, or one moving camera's.
+        points: a file of clicked points, if the cameras are to come from them alone.
     """
 
     folder: Path
+    points: Path | None = None
 
     def calibrate(self, progress: Progress, cancelled: Callable[[], bool]) -> Outcome:
         """Runs the pipeline, whose heavy parts run in processes of their own."""
         from ..engine.capture.calibration.pipeline import Options, calibrate
 
-        return calibrate(self.folder, Options(), progress, cancelled)
+        return calibrate(self.folder, Options(points=self.points), progress, cancelled)
 
 
 def raw_footage(folder: Path) -> str:

@@ -1,12 +1,8 @@
-"""Calibration in the background: a worker thread, a queue of its progress, and ``pump()`` on the main thread.
-
-The worker never touches Blender. What may crash runs in processes that the worker starts.
-"""
+"""Calibration in the background. What may crash runs in processes that the worker starts."""
 
 from __future__ import annotations
 
 import atexit
-import queue
 import sys
 import threading
 import traceback
@@ -15,19 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import bpy
-
 from .. import addon_state, redrawing
+from ..background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
 from ..engine.errors import FrogError, brief
 from .request import Calibrator
 from .state import CalibrationState
 
 if TYPE_CHECKING:
     from ..engine.capture.calibration.pipeline import Outcome
-
-PUMP_MESSAGES = 500  # the most messages one pump() applies
-TIMER_SECONDS = 0.1
-QUIT_SECONDS = 5.0  # for a cancelled calibration to end its processes when Blender quits
 
 OnFinished = Callable[[Path, "Outcome"], None]
 """Is called on the main thread with the folder and what was written. May raise FrogError."""
@@ -51,7 +42,7 @@ class _Ended:
     is_refused: bool = False
 
 
-class CalibrationTask:
+class CalibrationTask(BackgroundTask[_Told | _Ended]):
     """One calibration: ``start()`` it, ``pump()`` it until ``state.running`` is false.
 
     Args:
@@ -60,17 +51,19 @@ class CalibrationTask:
         on_finished: is given what a successful one wrote.
     """
 
+    what = "calibration"
+    quit_seconds = 5.0  # for a cancelled calibration to end its processes when Blender quits
+
     def __init__(self, folder: Path, calibrator: Calibrator, on_finished: OnFinished | None = None) -> None:
+        super().__init__()
         self.state = CalibrationState(folder)
         self.on_finished = on_finished
         self._calibrator = calibrator
         self._stop = threading.Event()
-        self._messages: queue.Queue[_Told | _Ended] = queue.Queue()
-        self._thread = threading.Thread(target=self._work, name="FRoG calibration", daemon=True)
 
-    def start(self) -> CalibrationTask:
-        self._thread.start()
-        return self
+    @property
+    def is_running(self) -> bool:
+        return self.state.running
 
     def cancel(self) -> None:
         """Asks the worker to end. Stages that are done are kept for the next time."""
@@ -81,53 +74,32 @@ class CalibrationTask:
         """True from ``cancel()`` to the end."""
         return self.state.running and self._stop.is_set()
 
-    def join(self, seconds: float = QUIT_SECONDS) -> bool:
-        """Waits for the worker; true if it ended."""
-        if self._thread.is_alive():
-            self._thread.join(seconds)
-        return not self._thread.is_alive()
-
-    def _work(self) -> None:
-        """Runs on the worker thread: queues progress, and how it ended."""
+    def work(self) -> None:
         from ..engine.capture.calibration.calibration import CalibrationRefused
 
         try:
             outcome = self._calibrator(self._tell, self._stop.is_set)
         except CalibrationRefused as refused:
-            self._messages.put(_Ended(error=str(refused), is_refused=True))
+            self.put(_Ended(error=str(refused), is_refused=True))
         except FrogError as error:
-            self._messages.put(_Ended(error=str(error)))
+            self.put(_Ended(error=str(error)))
         except BaseException as error:
             if self._stop.is_set():  # each part has an exception of its own for this
-                self._messages.put(_Ended())
+                self.put(_Ended())
                 return
             traceback.print_exc(file=sys.stderr)
             reason = f"Calibration stopped on an unexpected {type(error).__name__}: {brief(error)}."
-            self._messages.put(_Ended(error=reason))
+            self.put(_Ended(error=reason))
         else:
-            self._messages.put(_Ended(outcome))
+            self.put(_Ended(outcome))
 
     def _tell(self, stage: str, done: int, total: int) -> None:
-        self._messages.put(_Told(stage, done, total))
+        self.put(_Told(stage, done, total))
 
-    def pump(self, most: int = PUMP_MESSAGES) -> int:
-        """Applies waiting messages to ``state``, at most ``most``; returns how many. Never waits."""
-        for applied in range(most):
-            try:
-                message = self._messages.get_nowait()
-            except queue.Empty:
-                if not self._has_died():
-                    return applied
-                message = _Ended(error="The calibration stopped without an error message.")
-            self._apply(message)
-        return most
+    def death(self) -> _Ended:
+        return _Ended(error="The calibration stopped without an error message.")
 
-    def _has_died(self) -> bool:
-        """Whether the worker ended without its last message."""
-        gone = self.state.running and self._thread.ident is not None and not self._thread.is_alive()
-        return gone and self._messages.empty()  # checked last: a message may have come just before the end
-
-    def _apply(self, message: _Told | _Ended) -> None:
+    def apply(self, message: _Told | _Ended) -> None:
         state = self.state
         if isinstance(message, _Told):
             state.stage, state.done, state.total = message.stage, message.done, message.total
@@ -170,21 +142,16 @@ def set_current(task: CalibrationTask | None) -> None:
 def is_running() -> bool:
     """Whether a calibration is running."""
     task = current()
-    return task is not None and task.state.running
+    return task is not None and task.is_running
 
 
 def begin(folder: Path, calibrator: Calibrator, on_finished: OnFinished | None = None) -> CalibrationTask:
     """Starts a calibration as the current one, pumped by a timer; FrogError if one is running already."""
     if is_running():
         raise FrogError("A calibration is already running. Wait for it or cancel it first.")
-    task = CalibrationTask(folder, calibrator, on_finished)
-    try:
-        task.start()
-    except RuntimeError as error:  # no thread could be created
-        raise FrogError(f"The calibration could not be started ({error}).") from error
+    task = CalibrationTask(folder, calibrator, on_finished).start()
     set_current(task)
-    if not bpy.app.timers.is_registered(tick):
-        bpy.app.timers.register(tick, first_interval=TIMER_SECONDS, persistent=True)
+    begin_ticking(tick)
     return task
 
 
@@ -209,8 +176,7 @@ def stop() -> None:
     task.cancel()
     task.on_finished = None
     if task.join():
-        while task.pump():
-            pass
+        task.pump_all()
 
 
 def register() -> None:
@@ -221,5 +187,4 @@ def unregister() -> None:
     stop()
     set_current(None)
     atexit.unregister(stop)
-    if bpy.app.timers.is_registered(tick):
-        bpy.app.timers.unregister(tick)
+    end_ticking(tick)

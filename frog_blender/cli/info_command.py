@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ..engine.capture.calibration.report_lines import report_lines
 from ..engine.capture.capture import Capture
 from ..engine.capture.frames import is_decoded
 from ..engine.capture.quality.check import check_capture
@@ -60,13 +61,15 @@ def _describe(path: Path, pixel_offsets: Mapping[str, tuple[float, float]] | Non
 
 
 def _checked(capture: Capture) -> dict[str, Any]:
-    """What some images say of the capture."""
+    """What some images say of the capture, and what its calibration's report said."""
     from .progress import bar
 
     with bar("decoding images") as report:
         quality = check_capture(capture, report)
     found = list(quality.findings) or ["nothing that should be seen to"]
-    return {"check": quality.lines(), "not told": list(quality.untold), "found": found}
+    calibration = report_lines(capture)
+    told = {"calibration": calibration} if calibration else {}
+    return told | {"check": quality.lines(), "not told": list(quality.untold), "found": found}
 
 
 def _describe_capture(capture: Capture) -> dict[str, Any]:

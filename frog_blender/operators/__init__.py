@@ -8,6 +8,7 @@ from . import (
     calibrate,
     cameras,
     capture_cameras,
+    click_points,
     clips,
     compose,
     export_scene,
@@ -35,6 +36,7 @@ _FAMILIES = (
     train,
     install_torch,
     calibrate,
+    click_points,
     capture_cameras,
 )
 

@@ -11,6 +11,7 @@ from ..calibration_task import runner
 from ..calibration_task.request import CalibrationRequest, Calibrator, Progress
 from ..engine.errors import FrogError
 from ..ui import capture_summary, preferences, report_images
+from .cancel_operator import CancelsTask
 
 if TYPE_CHECKING:
     from ..engine.capture.calibration.pipeline import Outcome
@@ -28,34 +29,33 @@ class FROG_OT_calibrate(bpy.types.Operator):
         return not runner.is_running()
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            folder = footage_folder(context.scene.frog.capture_folder)
-            needed = preferences.calibration_needed()
-            if needed:
-                raise FrogError(needed)
-            opening = CaptureOpening(folder, CalibrationRequest(folder).calibrate)
-            runner.begin(folder, opening.calibrate, opening.show)
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        return begin_calibration(self, context)
 
 
-class FROG_OT_cancel_calibration(bpy.types.Operator):
+class FROG_OT_cancel_calibration(CancelsTask, bpy.types.Operator):
     """Stop the calibration. Stages that are done are kept, so that the next one continues there"""
 
     bl_idname = "frog.cancel_calibration"
     bl_label = "Cancel"
 
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        return runner.is_running()
+    task = staticmethod(runner.current)
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        task = runner.current()
-        if task is not None:
-            task.cancel()
-        return {"FINISHED"}
+
+def begin_calibration(operator: bpy.types.Operator, context: bpy.types.Context, points: str = "") -> set[str]:
+    """Starts the calibration of the scene's capture and returns what Blender is told; by a file of points in its folder
+    if one is named.
+    """
+    try:
+        folder = footage_folder(context.scene.frog.capture_folder)
+        needed = preferences.calibration_needed()
+        if needed:
+            raise FrogError(needed)
+        opening = CaptureOpening(folder, CalibrationRequest(folder, folder / points if points else None).calibrate)
+        runner.begin(folder, opening.calibrate, opening.show)
+    except FrogError as error:
+        operator.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+    return {"FINISHED"}
 
 
 def footage_folder(stored: str) -> Path:

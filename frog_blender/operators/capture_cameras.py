@@ -61,6 +61,7 @@ class FROG_OT_edit_clock(bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        report_images.show_curve(Path(bpy.path.abspath(context.scene.frog.capture_folder)), self.camera)
         return context.window_manager.invoke_props_dialog(self, width=400, title=f"Clock of {self.camera}")
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -68,8 +69,7 @@ class FROG_OT_edit_clock(bpy.types.Operator):
         layout.use_property_split = True
         layout.prop(self, "offset")
         layout.prop(self, "rate")
-        folder = Path(bpy.path.abspath(context.scene.frog.capture_folder))
-        preview_image.draw(layout, context, report_images.curves_name(folder))
+        preview_image.draw(layout, context, report_images.ONE_CURVE)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)

@@ -11,6 +11,7 @@ from ..scene_import.capture_objects import stored_path
 from ..training_task import runner
 from ..training_task.request import output_of, request_of
 from ..ui import capture_summary, preferences
+from .cancel_operator import CancelsTask
 from .training_result import importer
 
 
@@ -47,21 +48,13 @@ class FROG_OT_train(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class FROG_OT_cancel_training(bpy.types.Operator):
+class FROG_OT_cancel_training(CancelsTask, bpy.types.Operator):
     """Stop the training. The scene as trained so far is written to the output file"""
 
     bl_idname = "frog.cancel_training"
     bl_label = "Cancel"
 
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        return runner.is_running()
-
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        task = runner.current()
-        if task is not None:
-            task.cancel()
-        return {"FINISHED"}
+    task = staticmethod(runner.current)
 
 
 class FROG_OT_pause_training(bpy.types.Operator):

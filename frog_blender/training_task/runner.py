@@ -1,17 +1,9 @@
-"""Training in the background: a worker thread, a queue of events, and ``pump()`` which applies them on the main thread.
-
-The worker never touches Blender, so it goes on while another file is opened.  In a window a timer pumps; headless runs
-and tests, where timers do not fire, call ``pump()`` in a loop.  ``pump()`` never waits and does a bounded amount of
-work.
-"""
+"""Training in the background. Its worker never touches Blender, so it goes on while another file is opened."""
 
 from __future__ import annotations
 
 import atexit
-import queue
 import sys
-import threading
-import time
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -21,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from .. import addon_state, redrawing
+from ..background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
 from ..engine import memory
 from ..engine.errors import FrogError, brief
 from ..engine.training.session.cancel_token import CancelToken
@@ -31,9 +24,6 @@ from .state import TrainingState
 if TYPE_CHECKING:
     from ..engine.training.session.events import Event
 
-PUMP_EVENTS = 200  # the most events one pump() applies
-PUMP_SECONDS = 0.008  # and the longest it takes: half a frame at 60 Hz
-TIMER_SECONDS = 0.1
 QUIT_SECONDS = 10.0  # time for a cancelled training to finish its step and write its scene when Blender quits
 PATIENCE = 0.5  # seconds before a message is printed
 _JOBS = ("RENDER", "OBJECT_BAKE")  # jobs of Blender that read the scene in their own threads
@@ -45,7 +35,14 @@ Watcher = Callable[[TrainingState], None]
 """Is called with a training's state whenever it has changed, on Blender's main thread."""
 
 
-class TrainingTask:
+@dataclass(frozen=True)
+class Ended:
+    """The worker's last message; an empty error means that it ended regularly."""
+
+    error: str
+
+
+class TrainingTask(BackgroundTask[Any]):  # Any: events of the engine, which need torch to be imported
     """One training: ``start()`` it, ``pump()`` it until ``state.running`` is false.
 
     ``control`` pauses, resumes and cancels it at any time.
@@ -56,6 +53,9 @@ class TrainingTask:
         is_scene_in_use: while true, ``on_finished`` has to wait.
     """
 
+    what = "training"
+    quit_seconds = QUIT_SECONDS
+
     def __init__(
         self,
         source: EventSource,
@@ -63,19 +63,17 @@ class TrainingTask:
         *,
         is_scene_in_use: Callable[[], bool] | None = None,
     ) -> None:
+        super().__init__()
         self.state = TrainingState()
         self.on_finished = on_finished
         self._is_scene_in_use = is_scene_in_use or _is_scene_in_use
         self.waiting: Path | None = None  # a finished file that is not handed over yet
         self.control = CancelToken()
         self._source = source
-        self._events: queue.Queue[Any] = queue.Queue()  # Any: events of the engine, which need torch to be imported
-        # A daemon, because Python joins other threads before it runs atexit, which cancels this one.
-        self._thread = threading.Thread(target=self.work, name="FRoG training", daemon=True)
 
-    def start(self) -> TrainingTask:
-        self._thread.start()
-        return self
+    @property
+    def is_running(self) -> bool:
+        return self.state.running
 
     def cancel(self) -> None:
         """Ask the worker to end, paused or not; it still writes what it has."""
@@ -86,46 +84,22 @@ class TrainingTask:
         """True while a running training is paused."""
         return self.state.running and self.control.paused
 
-    def join(self, seconds: float = QUIT_SECONDS) -> bool:
-        """Wait for the worker; true if it ended."""
-        if self._thread.is_alive():
-            self._thread.join(seconds)
-        return not self._thread.is_alive()
-
     def work(self) -> None:
-        """Runs on the worker thread: queues the source's events, and how it ended."""
         try:
             for event in self._source(self.control):
-                self._events.put(event)
+                self.put(event)
         except FrogError as error:
-            self._events.put(Ended(str(error)))
+            self.put(Ended(str(error)))
         except BaseException as error:
             traceback.print_exc(file=sys.stderr)
-            self._events.put(Ended(f"Training stopped on an unexpected {type(error).__name__}: {error}."))
+            self.put(Ended(f"Training stopped on an unexpected {type(error).__name__}: {error}."))
         else:
-            self._events.put(Ended(""))
+            self.put(Ended(""))
         finally:
             memory.trim_heap()
 
-    def pump(self, most: int = PUMP_EVENTS) -> int:
-        """Apply waiting events to ``state``: at most ``most``, for at most about PUMP_SECONDS.  Returns how many."""
-        deadline = time.perf_counter() + PUMP_SECONDS
-        for done in range(most):
-            try:
-                event = self._events.get_nowait()
-            except queue.Empty:
-                if not self._has_died():
-                    return done
-                event = Ended("The training stopped without an error message. It may have run out of memory.")
-            self.apply(event)
-            if time.perf_counter() > deadline:
-                return done + 1
-        return most
-
-    def _has_died(self) -> bool:
-        """Whether the worker ended without its last message, which only happens when out of memory."""
-        gone = self.state.running and self._thread.ident is not None and not self._thread.is_alive()
-        return gone and self._events.empty()  # checked last: a message may have come just before the end
+    def death(self) -> Ended:
+        return Ended("The training stopped without an error message. It may have run out of memory.")
 
     def apply(self, event: Event | Ended) -> None:
         """Apply one event of the source, or the worker's last message, to ``state``."""
@@ -160,13 +134,6 @@ class TrainingTask:
 def _is_scene_in_use() -> bool:
     """Whether a render or an operation works on a scene."""
     return any(map(bpy.app.is_job_running, _JOBS)) or unsaved_changes.is_being_changed()
-
-
-@dataclass(frozen=True)
-class Ended:
-    """The worker's last message; an empty error means that it ended regularly."""
-
-    error: str
 
 
 class BackgroundTraining:
@@ -207,21 +174,16 @@ def begin(source: EventSource, on_finished: OnFinished | None = None) -> Trainin
         raise FrogError("A training is already running. Wait for it or cancel it first.")
     if last is not None and last.waiting:
         raise FrogError("The last scene is still waiting to be imported. Finish the current render or operation first.")
-    task = TrainingTask(source, on_finished)
-    try:
-        task.start()
-    except RuntimeError as error:  # no thread could be created
-        raise FrogError(f"The training could not be started ({error}).") from error
+    task = TrainingTask(source, on_finished).start()
     set_current(task)
-    if not bpy.app.timers.is_registered(tick):
-        bpy.app.timers.register(tick, first_interval=TIMER_SECONDS, persistent=True)
+    begin_ticking(tick)
     return task
 
 
 def is_running() -> bool:
     """Whether a training is running, paused or not."""
     task = current()
-    return task is not None and task.state.running
+    return task is not None and task.is_running
 
 
 def is_paused() -> bool:
@@ -250,8 +212,7 @@ def stop() -> None:
         if not task.join(state.quit_seconds - state.patience):
             _print("That took longer." + (" The last checkpoint is kept, if there is one." if has_learned else ""))
             return
-    while task.pump():
-        pass
+    task.pump_all()
 
 
 def _print(sentence: str) -> None:
@@ -286,5 +247,4 @@ def unregister() -> None:
     stop()
     set_current(None)
     atexit.unregister(stop)
-    if bpy.app.timers.is_registered(tick):
-        bpy.app.timers.unregister(tick)
+    end_ticking(tick)

@@ -7,6 +7,7 @@ from pathlib import Path
 import bpy
 
 from ..calibration_task import runner
+from ..calibration_task.clicked_points import FILE
 from ..calibration_task.clocks import CameraClock
 from ..calibration_task.state import CalibrationState
 from ..engine.capture.calibration.landmark_file import landmark_file
@@ -34,6 +35,17 @@ def draw_calibration(
         row.scale_y = 1.5
         row.enabled = not needed
         row.operator("frog.calibrate", icon="CAMERA_DATA")
+        _draw_points(layout, folder, bool(needed))
+
+
+def _draw_points(layout: bpy.types.UILayout, folder: Path, is_lacking: bool) -> None:
+    """Draws the buttons for cameras that cannot be found otherwise."""
+    row = layout.row(align=True)
+    row.operator("frog.click_points", icon="PIVOT_CURSOR")
+    if (folder / FILE).is_file():
+        row = row.row(align=True)
+        row.enabled = not is_lacking
+        row.operator("frog.calibrate_from_points")
 
 
 def _draw_progress(
@@ -50,9 +62,7 @@ def _draw_end(layout: bpy.types.UILayout, state: CalibrationState, context: bpy.
     if state.error:
         wrapped_label(layout, state.error, context, icon="QUESTION" if state.is_refused else "ERROR")
         if state.is_refused and landmark_file() is None:
-            sentence = "Where a person is in view, their joints may help: that takes a file."
-            wrapped_label(layout, sentence, context, icon="INFO")
-            preferences.draw_landmarks(layout)
+            preferences.draw_landmarks(layout)  # the refusal says what for
     elif state.cancelled:
         wrapped_label(layout, "Cancelled. The next calibration continues with what was done.", context, icon="CANCEL")
     outcome = state.outcome
@@ -60,7 +70,8 @@ def _draw_end(layout: bpy.types.UILayout, state: CalibrationState, context: bpy.
         return
     wrapped_label(layout, f"Calibrated: {outcome.cameras.name}", context, icon="CHECKMARK")
     if outcome.given_kept:
-        wrapped_label(layout, "The calibration that was there is kept, and used.", context, icon="INFO")
+        sentence = "The calibration that was there is kept, and used. What was found lies beside it."
+        wrapped_label(layout, sentence, context, icon="INFO")
     for warning in outcome.warnings:
         wrapped_label(layout, warning, context, icon="INFO")
     preview_image.draw(layout, context, report_images.rig_name(state.folder))
@@ -87,20 +98,25 @@ class FROG_PT_cameras(bpy.types.Panel):
         layout, summary = self.layout, _summary(context)
         if summary is not None and summary.capture is not None:
             layout.prop(context.scene.frog, "show_rig")
-        folder = bpy.path.abspath(context.scene.frog.capture_folder)
-        images = contact_sheet.shown(folder)
-        if images is None:
-            layout.operator("frog.show_contact_sheet", icon="IMAGE_REFERENCE")
-            return
-        if images.error:
-            wrapped_label(layout, images.error, context, icon="ERROR")
-        elif not images.is_whole:
-            layout.label(text=f"Decoding: {len(images.names)} of {images.total}", icon="TIME")
-        grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
-        for name in images.names:
-            column = grid.column(align=True)
-            column.template_icon(preview_image.icon_id(contact_sheet.icon_name(name)), scale=6.0)
-            column.label(text=name)
+        _draw_contact_sheet(layout, context)
+        if summary is not None and summary.capture is not None and summary.has_videos and not runner.is_running():
+            layout.operator("frog.calibrate", text="Calibrate Again", icon="CAMERA_DATA")
+
+
+def _draw_contact_sheet(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    images = contact_sheet.shown(bpy.path.abspath(context.scene.frog.capture_folder))
+    if images is None:
+        layout.operator("frog.show_contact_sheet", icon="IMAGE_REFERENCE")
+        return
+    if images.error:
+        wrapped_label(layout, images.error, context, icon="ERROR")
+    elif not images.is_whole:
+        layout.label(text=f"Decoding: {len(images.names)} of {images.total}", icon="TIME")
+    grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+    for name in images.names:
+        column = grid.column(align=True)
+        column.template_icon(preview_image.icon_id(contact_sheet.icon_name(name)), scale=6.0)
+        column.label(text=name)
 
 
 class FROG_PT_synchronization(bpy.types.Panel):

@@ -28,6 +28,7 @@ class CaptureSummary:
         capture: opened, not decoded.
         raw_footage: what is to be calibrated first, such as "4 videos"; then there are only lines.
         clocks: of the cameras of calibrated videos.
+        has_videos: the cameras of the capture can be sought anew.
     """
 
     lines: tuple[str, ...] = ()
@@ -36,6 +37,7 @@ class CaptureSummary:
     capture: Capture | None = None
     raw_footage: str = ""
     clocks: ClockFile | None = None
+    has_videos: bool = False
 
     @property
     def cameras(self) -> list[str]:
@@ -103,6 +105,7 @@ def read(folder: Path) -> CaptureSummary:
     """The summary of a folder, not stored. Any thread may call it; small videos are decoded, which takes a while."""
     try:
         from ..engine.capture.readers import open_capture
+        from ..engine.capture.video import find_videos
 
         raw = raw_footage(folder)
         if raw:
@@ -110,6 +113,7 @@ def read(folder: Path) -> CaptureSummary:
             return CaptureSummary((sentence,), raw_footage=raw)
         capture = open_capture(folder)
         clocks = read_clocks(folder) if capture.format == "calibrated_videos" else None
+        has_videos = bool(find_videos(folder))
     except FrogError as error:
         return CaptureSummary(error=str(error))
     except ImportError as error:
@@ -118,7 +122,9 @@ def read(folder: Path) -> CaptureSummary:
         return CaptureSummary(error=f"Reading a capture needs the Python package {error.name or error}.")
     except Exception as error:
         return CaptureSummary(error=f"{folder}: this capture cannot be read ({type(error).__name__}: {error}).")
-    return CaptureSummary(_lines(capture), tuple(capture.warnings), capture=capture, clocks=clocks)
+    return CaptureSummary(
+        _lines(capture), tuple(capture.warnings), capture=capture, clocks=clocks, has_videos=has_videos
+    )
 
 
 def _lines(capture: Capture) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,9 @@ from ..engine.io.plain_values import UnfitValue
 from . import preview_image
 
 REPORT = "calibration_report.json"
+ONE_CURVE = "one curve"
+"""The name of the curve in ``preview_image`` that is looked at while its clock is corrected."""
+_NARROW = 400  # pixels
 _SIDE, _MARGIN = 480, 50  # pixels
 _PAPER, _INK, _POINTS, _CAMERA = (255, 255, 255), (40, 40, 40), (170, 170, 170), (30, 100, 200)
 _MOST_POINTS = 3000
@@ -46,8 +50,18 @@ def curves_name(folder: Path) -> str:
     return f"curves {folder}"
 
 
-def curves(report: Path) -> ImageArray | None:
-    """(H, W, 3) uint8, the curves in a report; None for a report without any, or none that can be read."""
+def show_curve(folder: Path, camera: str) -> None:
+    """Draws one camera's curve as ``ONE_CURVE``, large enough to be read."""
+    try:
+        preview_image.show(curves(folder / REPORT, camera), ONE_CURVE)
+    except FrogError:  # without OpenCV nothing is drawn
+        preview_image.show(None, ONE_CURVE)
+
+
+def curves(report: Path, camera: str = "") -> ImageArray | None:
+    """(H, W, 3) uint8, the curves in a report, or one camera's; None for a report without any, or none that can be
+    read.
+    """
     if not report.is_file():
         return None
     try:
@@ -55,7 +69,10 @@ def curves(report: Path) -> ImageArray | None:
         synchronization = None if found is None else Synchronization.from_json(found)
     except (FrogError, UnfitValue):
         return None
-    return None if synchronization is None else draw_curves(synchronization)
+    if synchronization is None or not camera:
+        return None if synchronization is None else draw_curves(synchronization)
+    chosen = tuple(each for each in synchronization.cameras if each.name == camera)
+    return draw_curves(replace(synchronization, cameras=chosen), _NARROW) if chosen else None
 
 
 def rig_from_above(capture: Capture) -> ImageArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -130,6 +131,32 @@ def test_from_videos_to_a_capture(empty, drawn, raw):
     assert "Calibrated" not in drawn(), "that was another folder"
 
 
+def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, drawn, raw):
+    calibration(raw, made_by="somebody else")
+    empty.frog.capture_folder = str(raw)
+    before = (raw / "cameras_opencv.json").read_bytes()
+    assert "frog.calibrate" not in drawn().split(), "it is not what is to be done next"
+    assert "frog.calibrate" in drawn(calibration_panel.FROG_PT_cameras).split()
+
+    gate = threading.Event()
+
+    def calibrate(progress, cancelled):
+        gate.wait(20.0)
+        (raw / "cameras_found.json").write_text("{}")
+        names = ("cameras_found.json", "calibration_report.json", "calibration_report.html")
+        cameras, report, page = (raw / name for name in names)
+        return SimpleNamespace(cameras=cameras, report=report, page=page, given_kept=True, warnings=())
+
+    task = begin(raw, calibrate)
+    assert "frog.calibrate" not in drawn(calibration_panel.FROG_PT_cameras).split(), "it runs"
+    gate.set()
+    state = ended(task)
+    assert not state.error and (raw / "cameras_opencv.json").read_bytes() == before
+    said = drawn()
+    assert "Calibrated: cameras_found.json" in said and "What was found lies beside it." in said
+    assert "frog.calibrate" in drawn(calibration_panel.FROG_PT_cameras).split()
+
+
 def test_a_running_calibration_shows_its_stage(empty, drawn, raw):
     empty.frog.capture_folder = str(raw)
     task = runner.CalibrationTask(raw, lambda progress, cancelled: progress("films", 1, 4))
@@ -151,7 +178,7 @@ def test_a_refusal_says_what_to_film_and_leaves_the_button(empty, drawn, raw):
     ended(begin(raw, refuse))
     said = drawn()
     assert "Film a walk from one to the other." in said and "frog.calibrate" in said.split()
-    assert "frog.fetch_landmarks" in said, "joints may help"
+    assert said.split().count("frog.fetch_landmarks") == 1, "joints may help"
     assert sorted(raw.iterdir()) == files
 
 
@@ -335,7 +362,13 @@ def test_the_curves_of_a_report_are_drawn(empty, raw):
     image = report_images.curves(raw / report_images.REPORT)
     icon = preview_image.icons()[report_images.curves_name(raw)]  # a window alone gives it a number
     assert tuple(icon.image_size) == image.shape[1::-1] and len(np.unique(image)) > 2
+    one = report_images.curves(raw / report_images.REPORT, "cam02")
+    assert one.shape[0] * 4 == image.shape[0] and report_images.curves(raw / report_images.REPORT, "cam09") is None
+    report_images.show_curve(raw, "cam02")
+    assert report_images.ONE_CURVE in preview_image.icons()
     (raw / report_images.REPORT).unlink()
+    report_images.show_curve(raw, "cam02")
+    assert report_images.ONE_CURVE not in preview_image.icons()
     empty.frog.capture_folder = str(raw)
     assert report_images.curves_name(raw) not in preview_image.icons(), "that was an earlier report"
 

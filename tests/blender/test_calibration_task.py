@@ -194,6 +194,22 @@ def test_a_killed_calibrator_leaves_blender_as_it_was(empty, tmp_path):
     assert "was ended by signal 9" in state.error and state.outcome is None and len(bpy.data.objects) == objects
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="makes a FIFO")
+def test_a_cancelled_calibration_ends_its_process(empty, tmp_path):
+    """Though that one computes, as a bundle adjustment does, and hears nothing."""
+    from frog_blender.engine.capture.calibration.child_process import run
+
+    os.mkfifo(tmp_path / "request.json")
+    task = runner.CalibrationTask(tmp_path, lambda progress, cancelled: run("standing", tmp_path, progress, cancelled))
+    task.start()
+    deadline = time.monotonic() + 60
+    while not children_of(os.getpid(), "calibration.child") and time.monotonic() < deadline:
+        time.sleep(0.01)
+    task.cancel()
+    state = finish(task)
+    assert state.cancelled and not state.error and not children_of(os.getpid(), "calibration.child")
+
+
 def children_of(process, word):
     """Child processes whose command holds a word."""
     listed = subprocess.run(["ps", "-ww", "-eo", "pid,ppid,args"], capture_output=True, text=True, check=True).stdout

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from frog_blender import addon_state
+from frog_blender.background_task import PUMP_MESSAGES
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session import events
 from frog_blender.operators import training_result
@@ -52,7 +53,7 @@ def test_pump_takes_a_bounded_number_and_leaves_the_rest(addon):
     task = runner.TrainingTask(lambda cancelled: iter(steps(5000))).start()
     assert task.join(20.0)
     first = task.pump()
-    assert 0 < first <= runner.PUMP_EVENTS
+    assert 0 < first <= PUMP_MESSAGES
     assert task.state.step == first and task.state.running
     assert task.pump(most=7) <= 7
     assert finish(task).step == 5000

@@ -65,6 +65,17 @@ def close_sidebar():
     view()["area"].spaces.active.show_region_ui = False
 
 
+def click_points():
+    found["operators"]["click points"] = invoke("frog.click_points")
+
+
+def note_editor():
+    """Its area is an image editor now, in which the film's first image lies and marks are drawn."""
+    area = view("IMAGE_EDITOR")["area"]
+    found["image"] = list(area.spaces.active.image.size)
+    area.ui_type = "VIEW_3D"  # which ends it at the next event
+
+
 def capture_from_the_menu():
     """Its context is that of the menu's bar, which is no area of the screen."""
     override = view()
@@ -86,7 +97,7 @@ def all_operators():
                 yield partial(one_operator, f"{group}.{word}")
 
 
-LEFT_OUT = ("frog.install_torch", "frog.train")  # they download, and train
+LEFT_OUT = ("frog.install_torch", "frog.train", "frog.click_points")  # they download, train, and go on
 
 
 def one_operator(name):
@@ -112,6 +123,9 @@ def steps():
         yield step
         yield from repeat(nothing, 20)
         yield note_tab
+    yield click_points
+    yield from repeat(nothing, 20)
+    yield note_editor
     yield open_scene
     yield from all_operators()
 

@@ -10,7 +10,7 @@ import numpy as np
 from frog_blender.engine.capture.calibration.calibration import CalibratedCamera, Calibration
 from frog_blender.engine.capture.calibration.evidence import CameraEvidence
 from frog_blender.engine.capture.calibration.films import Film
-from frog_blender.engine.capture.calibration.result_files import write_cameras
+from frog_blender.engine.capture.calibration.result_files import is_calibrated, write_cameras
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import read_facts
 
@@ -73,3 +73,11 @@ def test_elsewhere_it_names_its_videos_and_their_clocks(tmp_path: Path) -> None:
     entries = json.loads(path.read_text())["cameras"]
     assert entries[0]["video"] == "../../films/cam0.mp4" and "offset" not in entries[0]
     assert (entries[1]["offset"], entries[1]["rate"]) == (0.25, 1.001)
+
+
+def test_a_capture_in_a_folder_below_is_no_calibration_of_this_one(tmp_path: Path) -> None:
+    below = tmp_path / "test shoot"
+    below.mkdir()
+    calibration, films = calibrated(below)
+    write_cameras(below, calibration, films)
+    assert is_calibrated(below) and not is_calibrated(tmp_path)

@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
-from ..readers import detect
+from ..readers import layout_of
 from .calibration import Calibration
 from .films import Film
 
@@ -39,9 +39,9 @@ def write_cameras(folder: Path, calibration: Calibration, films: Sequence[Film])
 
 
 def is_calibrated(folder: Path) -> bool:
-    """Whether a reader knows the folder as a capture already."""
+    """Whether a reader knows this very folder as a capture already, whatever lies in the folders below it."""
     try:
-        return bool(detect(folder))
+        return layout_of(folder) is not None
     except FrogError:
         return False
 

@@ -1,0 +1,136 @@
+"""The points that are being clicked, drawn over a camera's image with their numbers."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import bpy
+
+from .. import addon_state, reported_once
+from ..calibration_task.clicked_points import ClickedPoints
+
+IMAGE = "FRoG camera"
+_RADIUS = 7.0  # pixels of the screen
+_EDGE = (0.0, 0.0, 0.0, 0.8)
+_SET, _NEXT = (1.0, 0.8, 0.2, 1.0), (0.35, 1.0, 0.4, 1.0)
+
+
+class PointsOverlay:
+    """What is drawn.
+
+    Attributes:
+        handler: of Blender, while points are clicked.
+        points: that are clicked.
+        image: the name of the image that they lie in.
+        is_drawn: it was; only then the editor's size is known.
+    """
+
+    def __init__(self) -> None:
+        self.handler: Any = None
+        self.points: ClickedPoints | None = None
+        self.image = ""
+        self.is_drawn = False
+
+
+def begin(points: ClickedPoints) -> None:
+    """Draws points over ``show``'s image until ``end``."""
+    overlay = addon_state.get(PointsOverlay)
+    end()
+    overlay.points = points
+    overlay.handler = bpy.types.SpaceImageEditor.draw_handler_add(_guarded, (), "WINDOW", "POST_PIXEL")
+
+
+def end() -> None:
+    """Draws nothing more."""
+    overlay = addon_state.get(PointsOverlay)
+    if overlay.handler is not None:
+        bpy.types.SpaceImageEditor.draw_handler_remove(overlay.handler, "WINDOW")
+    overlay.handler, overlay.points, overlay.image = None, None, ""
+
+
+def show(image: bpy.types.Image) -> None:
+    """The image that the points lie in."""
+    overlay = addon_state.get(PointsOverlay)
+    overlay.image, overlay.is_drawn = image.name, False
+
+
+def is_drawn() -> bool:
+    """Whether the image was drawn: only then the editor can fit it into its region."""
+    return addon_state.get(PointsOverlay).is_drawn
+
+
+def told(points: ClickedPoints) -> str:
+    """What is to be done now, in a line."""
+    place = f"{points.name} ({points.camera + 1} of {len(points.cameras)})"
+    doing = "add" if points.point >= points.count else "click"
+    return f"{place}: {doing} point {points.point + 1}, {points.seen_in(points.name)} set"
+
+
+KEYS = "Tab: next camera    N: not visible here    Up, Down: other point    Ctrl Z: undo    Enter: done"
+
+
+def _guarded() -> None:
+    try:
+        _draw()
+    except Exception as error:  # once, not at every redraw
+        reported_once.unexpected("drawing the clicked points", error)
+
+
+def _draw() -> None:
+    overlay, context = addon_state.get(PointsOverlay), bpy.context
+    points, image = overlay.points, context.space_data.image
+    if points is None or image is None or image.name != overlay.image:
+        return
+    overlay.is_drawn = True
+    scale = context.preferences.system.ui_scale
+    width, height = image.size
+    for index, pixel in enumerate(points.of(points.name)):
+        if pixel is None:
+            continue
+        view = context.region.view2d
+        x, y = view.view_to_region(pixel[0] / width, 1 - pixel[1] / height, clip=False)
+        color = _NEXT if index == points.point else _SET
+        _cross(x, y, _RADIUS * scale, color)
+        _text(str(index + 1), x + _RADIUS * scale, y + _RADIUS * scale, 13 * scale, color)
+    _text(told(points), 12 * scale, context.region.height - 56 * scale, 15 * scale, _NEXT)
+    _text(KEYS, 12 * scale, context.region.height - 76 * scale, 12 * scale, (0.9, 0.9, 0.9, 1.0))
+
+
+def _cross(x: float, y: float, radius: float, color: tuple[float, ...]) -> None:
+    """A circle with its middle left free, so that what is marked stays visible."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    around = [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in (math.tau * i / 24 for i in range(25))]
+    arms = [(x + a * radius * s, y + b * radius * s) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)) for s in (0.4, 1.5)]
+    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+    shader.bind()
+    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+    gpu.state.blend_set("ALPHA")
+    for tint, line_width in ((_EDGE, 4.0), (color, 2.0)):  # seen on any image
+        shader.uniform_float("color", tint)
+        shader.uniform_float("lineWidth", line_width)
+        batch_for_shader(shader, "LINE_STRIP", {"pos": around}).draw(shader)
+        batch_for_shader(shader, "LINES", {"pos": arms}).draw(shader)
+    gpu.state.blend_set("NONE")
+
+
+def _text(words: str, x: float, y: float, size: float, color: tuple[float, ...]) -> None:
+    import blf
+
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 5, 0.0, 0.0, 0.0, 1.0)
+    blf.size(0, size)
+    blf.color(0, *color)
+    blf.position(0, x, y, 0)
+    blf.draw(0, words)
+    blf.disable(0, blf.SHADOW)
+
+
+def register() -> None:
+    """There is nothing to register."""
+
+
+def unregister() -> None:
+    end()

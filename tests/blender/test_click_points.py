@@ -1,0 +1,229 @@
+"""Points that are clicked in each camera's image: where a click goes, what a key does, and what is kept."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from support.training_panel import Written
+
+from frog_blender.calibration_task import runner
+from frog_blender.calibration_task.clicked_points import FILE, ClickedPoints, points_of
+from frog_blender.calibration_task.request import CalibrationRequest
+from frog_blender.engine.capture.calibration import pipeline
+from frog_blender.engine.capture.calibration.films import find_films
+from frog_blender.engine.capture.calibration.ways import read_points
+from frog_blender.engine.errors import FrogError
+from frog_blender.operators import click_points
+from frog_blender.ui import points_overlay, train_panel
+
+film = pytest.importorskip("support.synthetic_capture")
+
+
+@pytest.fixture
+def raw(tmp_path, monkeypatch):
+    """A folder of four videos and nothing else, and a cache with nothing in it."""
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    folder = film.write_capture(tmp_path / "raw")
+    (folder / "poses_bounds.npy").unlink()
+    return folder
+
+
+def clicked(points, *pixels):
+    for pixel in pixels:
+        points.click(pixel)
+    return points
+
+
+def test_clicks_go_on_from_point_to_point_and_from_camera_to_camera():
+    points = clicked(ClickedPoints(["a", "b"]), (1, 1), (2, 2), (3, 3))
+    assert points.of("a") == [(1, 1), (2, 2), (3, 3)] and points.of("b") == [None] * 3 and points.point == 3
+    points.turn(1)
+    assert (points.name, points.point) == ("b", 0)
+    points.skip()
+    clicked(points, (5, 5), (6, 6))
+    assert points.of("b") == [None, (5, 5), (6, 6)] and (points.seen_in("a"), points.seen_in("b")) == (3, 2)
+    points.turn(1)
+    assert (points.name, points.point) == ("a", 3), "the next new one"
+    points.turn(-1)
+    assert (points.name, points.point) == ("b", 0), "what is not set yet"
+
+
+def test_a_second_click_moves_a_point():
+    points = clicked(ClickedPoints(["a"]), (1, 1), (2, 2))
+    points.choose(-2)
+    points.click((9, 9))
+    assert points.of("a") == [(9, 9), (2, 2)]
+    points.choose(-99)
+    assert points.point == 0
+    points.choose(99)
+    assert points.point == 2, "one beyond the last"
+
+
+def test_undo_takes_back_what_was_done_in_any_image():
+    points = clicked(ClickedPoints(["a", "b"]), (1, 1), (2, 2))
+    points.turn(1)
+    points.click((5, 5))
+    points.turn(1)
+    assert points.press("Z", ctrl=True) and (points.name, points.point) == ("b", 0) and points.of("b") == [None, None]
+    points.turn(-1)
+    points.choose(-1)
+    points.skip()
+    assert points.of("a") == [(1, 1)]
+    assert points.undo() and points.of("a") == [(1, 1), (2, 2)]
+    assert points.undo() and points.undo() and not points.undo() and points.count == 0
+
+
+def test_keys():
+    points = clicked(ClickedPoints(["a", "b", "c"]), (1, 1))
+    assert points.press("TAB") and points.name == "b"
+    assert points.press("LEFT_ARROW") and points.name == "a"
+    assert points.press("UP_ARROW") and points.point == 0
+    assert points.press("N") and points.count == 0
+    assert not points.press("N", ctrl=True) and not points.press("A") and not points.press("Z")
+
+
+def test_what_is_saved_is_what_a_calibration_reads(raw):
+    films = find_films(raw)
+    points = clicked(points_of(raw / FILE, films), (1.5, 2.25), (47, 35))
+    points.turn(1)
+    points.skip()
+    points.click((10, 11))
+    points.save(raw / FILE)
+    found = read_points(raw / FILE, films)
+    assert found["cam00"].tolist() == [[1.5, 2.25], [47, 35]] and np.isnan(found["cam01"][0]).all()
+    assert found["cam01"][1].tolist() == [10, 11] and np.isnan(found["cam03"]).all()
+    again = points_of(raw / FILE, films)
+    assert again.of("cam00") == [(1.5, 2.25), (47, 35)] and again.of("cam01") == [None, (10, 11)]
+    while points.undo():
+        pass
+    points.save(raw / FILE)
+    assert not (raw / FILE).exists(), "no points are no file"
+
+
+def test_a_file_that_does_not_fit_is_left_alone(raw):
+    (raw / FILE).write_text(json.dumps({"other": [[1, 1]]}))
+    with pytest.raises(FrogError, match="camera other"):
+        points_of(raw / FILE, find_films(raw))
+    assert "other" in (raw / FILE).read_text()
+
+
+def test_a_films_image_stands_upright(empty, raw):
+    image = click_points.image_of(find_films(raw)[0])
+    shown = np.array(image.pixels[:]).reshape(film.HEIGHT, film.WIDTH, 4)[::-1, :, :3]
+    true = film.image(film.rig()[0], 0) / 255
+    assert np.abs(shown - true).mean() < np.abs(shown[::-1] - true).mean() / 2
+    click_points.image_of(find_films(raw)[1])
+    assert [each.name for each in bpy.data.images if points_overlay.IMAGE in each.name] == [points_overlay.IMAGE]
+    click_points._remove_image()
+
+
+class Region:
+    """An image editor's, in which an image of 48 x 36 pixels is drawn ten times as large."""
+
+    type, x, y, width, height = "WINDOW", 100, 50, 480, 360
+
+    class view2d:
+        @staticmethod
+        def region_to_view(x, y):
+            return x / 480, y / 360
+
+
+def pressed(key, x=0, y=0, ctrl=False):
+    return SimpleNamespace(type=key, value="PRESS", ctrl=ctrl, mouse_x=100 + x, mouse_y=50 + y)
+
+
+@pytest.fixture
+def clicking(empty, raw):
+    """The operator in an area, as Blender calls it."""
+    films = tuple(find_films(raw))
+    area = SimpleNamespace(
+        type="IMAGE_EDITOR",
+        ui_type="IMAGE_EDITOR",
+        regions=[Region],
+        as_pointer=lambda: 7,
+        tag_redraw=lambda: None,
+        spaces=SimpleNamespace(active=SimpleNamespace(image=None)),
+    )
+    operator = SimpleNamespace(
+        _films=films, _points=ClickedPoints([each.name for each in films]), _path=raw / FILE, _area=7, _former="VIEW_3D"
+    )
+    operator._shown, operator._is_fitted, operator.area, operator.reports = 0, True, area, []
+    operator.report = lambda kind, sentence: operator.reports.append(sentence)
+    kind = click_points.FROG_OT_click_points
+    for name in ("_take", "_found_area", "_show", "_end"):
+        setattr(operator, name, getattr(kind, name).__get__(operator))
+    context = SimpleNamespace(screen=SimpleNamespace(areas=[area]))
+    operator.send = lambda *given, **more: kind.modal(operator, context, pressed(*given, **more))
+    return operator
+
+
+def test_clicks_in_the_image_are_pixels_of_the_film(clicking, raw):
+    assert clicking.send("LEFTMOUSE", 120, 270) == {"RUNNING_MODAL"}
+    assert json.loads((raw / FILE).read_text())["cam00"] == [[12.0, 9.0]], "from the upper left corner, saved at once"
+    assert clicking.send("LEFTMOUSE", 600, 10) == {"PASS_THROUGH"}, "beside the editor"
+    assert clicking.send("WHEELUPMOUSE", 10, 10) == {"PASS_THROUGH"}, "zooms"
+    assert clicking.send("TAB", 10, 10) == {"RUNNING_MODAL"} and clicking._points.name == "cam01"
+    assert clicking.area.spaces.active.image == bpy.data.images[points_overlay.IMAGE]
+    assert clicking.send("Z", 10, 10, ctrl=True) == {"RUNNING_MODAL"} and not (raw / FILE).exists()
+    assert clicking.send("RET", 10, 10) == {"FINISHED"} and clicking.area.ui_type == "VIEW_3D"
+    assert points_overlay.IMAGE not in bpy.data.images and not clicking.reports
+
+
+def test_a_click_that_cannot_be_saved_ends_with_a_sentence(clicking, raw):
+    clicking._path = raw / "nowhere" / "x" / FILE
+    (raw / "nowhere").write_text("")
+    assert clicking.send("LEFTMOUSE", 120, 270) == {"FINISHED"}
+    assert len(clicking.reports) == 1 and clicking.area.ui_type == "VIEW_3D"
+
+
+def test_an_area_that_is_gone_ends_the_clicks(clicking):
+    clicking.area.type = "VIEW_3D"
+    assert clicking.send("LEFTMOUSE", 120, 270) == {"FINISHED"}
+
+
+def test_without_a_window_it_says_so(empty, raw):
+    empty.frog.capture_folder = str(raw)
+    with pytest.raises(RuntimeError, match="in a window"):
+        bpy.ops.frog.click_points()
+
+
+def test_the_calibration_is_told_of_the_points(raw, monkeypatch):
+    given = []
+    monkeypatch.setattr(pipeline, "calibrate", lambda folder, options, *_: given.append(options.points))
+    CalibrationRequest(raw, raw / FILE).calibrate(lambda *_: None, lambda: False)
+    CalibrationRequest(raw).calibrate(lambda *_: None, lambda: False)
+    assert given == [raw / FILE, None]
+
+
+def test_too_few_points_are_refused_in_the_panel(empty, tmp_path):
+    """By the real pipeline."""
+    pytest.importorskip("pycolmap")
+    cv2, raw = pytest.importorskip("cv2"), tmp_path
+    for seed, name in enumerate(("a", "b")):
+        texture = np.random.default_rng(seed).integers(0, 255, (30, 40, 3), np.uint8)
+        writer = cv2.VideoWriter(str(raw / f"{name}.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10, (320, 240))
+        for _ in range(6):
+            writer.write(cv2.resize(texture, (320, 240), interpolation=cv2.INTER_CUBIC))
+        writer.release()
+    empty.frog.capture_folder = str(raw)
+    points = clicked(points_of(raw / FILE, find_films(raw)), (1, 1), (40, 30))
+    points.turn(1)
+    clicked(points, (2, 2), (30, 30)).save(raw / FILE)
+    layout = Written()
+    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+    context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=280), preferences=preferences)
+    try:
+        assert bpy.ops.frog.calibrate_from_points() == {"FINISHED"}
+        task = runner.current()
+        assert task.join(60.0)
+        task.pump_all()
+        assert task.state.is_refused and "expected 8 or more" in task.state.error
+        train_panel.FROG_PT_train.draw(SimpleNamespace(layout=layout), context)
+    finally:
+        runner.stop()
+        runner.set_current(None)
+    assert "frog.click_points" in layout.said and "frog.calibrate_from_points" in layout.said

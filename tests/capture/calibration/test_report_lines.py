@@ -1,0 +1,109 @@
+"""What ``frog info --check`` prints of a calibration's report."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frog_blender.cli.info_command import _checked
+from frog_blender.engine.capture.calibration.clocks import FoundClocks
+from frog_blender.engine.capture.calibration.films import look
+from frog_blender.engine.capture.calibration.report import REPORT, write_report
+from frog_blender.engine.capture.calibration.report_lines import report_lines
+from frog_blender.engine.capture.calibration.result_files import write_cameras
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.synchronization import CameraClock, Synchronization
+from frog_blender.engine.capture.synchronization.pair import Curve
+
+from .test_result_files import calibrated
+
+WARNING = "cam01 sees little of what the others see."
+
+
+def synchronization(names: list[str]) -> Synchronization:
+    lags = np.linspace(-1, 1, 5)
+    clocks = [CameraClock(name, 0.1, 1.0, 0.9, ("motion",), None, Curve(lags, lags)) for name in names]
+    return Synchronization(tuple(clocks), 0.04, 0.002)
+
+
+@pytest.fixture
+def capture(tmp_path: Path) -> Capture:
+    """A capture with the report of its calibration."""
+    calibration, films = calibrated(tmp_path)
+    calibration = replace(calibration, warnings=(WARNING,), halves_apart=0.0012)
+    write_cameras(tmp_path, calibration, films)
+    views = [look(film, [], lambda: None) for film in films]
+    facts = synchronization([film.name for film in films]).to_json()
+    write_report(tmp_path, calibration, films, views, FoundClocks({}, facts=facts))
+    return open_capture(tmp_path)
+
+
+def test_the_report_is_said_again(capture: Capture) -> None:
+    name = capture.cameras[0].name
+    focal = capture.cameras[0].intrinsics[0, 0]
+    first, *cameras, clocks, warning = report_lines(capture)
+    assert first == (
+        "3 standing cameras from features, 2 points, two halves of what was seen put the cameras 0.12 % of their "
+        "extent apart"
+    )
+    assert len(cameras) == 3
+    assert cameras[0] == f"{name}: median residual 0.20 px, focal length {focal:.1f} px within 0.1 %"
+    assert clocks == "synchronisation: residual 0.0020 s (0.05 frames)" and warning == WARNING
+
+
+def test_the_command_prints_it_before_its_own_look(capture: Capture) -> None:
+    told = _checked(capture)
+    assert next(iter(told)) == "calibration" and told["calibration"] == report_lines(capture) and told["found"]
+
+
+def test_no_report_is_nothing_to_say(capture: Capture) -> None:
+    (capture.path / REPORT).unlink()
+    assert report_lines(capture) == [] and "calibration" not in _checked(capture)
+
+
+def test_a_report_of_other_cameras_says_so(capture: Capture) -> None:
+    path = capture.path / REPORT
+    facts = json.loads(path.read_text())
+    facts["cameras"][1]["focal"] *= 1.1
+    path.write_text(json.dumps(facts))
+    assert report_lines(capture)[0] == "This report is of another calibration than the one in use."
+
+
+def test_many_cameras_are_one_line(capture: Capture) -> None:
+    path = capture.path / REPORT
+    facts = json.loads(path.read_text())
+    facts["cameras"] = [facts["cameras"][0] | {"name": f"c{i}", "residual": 0.1 * i} for i in range(30)]
+    path.write_text(json.dumps(facts))
+    assert "median residual 1.45 px, at most 2.90 (c29)" in report_lines(capture)
+    assert len(report_lines(capture)) == 5
+
+
+def test_a_moving_cameras_report(capture: Capture) -> None:
+    facts = {"kind": "one moving camera", "images": 86, "focal": 500.0, "residual": 0.41, "warnings": []}
+    (capture.path / REPORT).write_text(json.dumps(facts))
+    assert report_lines(capture) == ["one moving camera, 86 images, median residual 0.41 px"]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"kind": 3, "warnings": []}',
+        '{"kind": "x", "warnings": [4]}',
+        '{"kind": "x", "warnings": [], "cameras": [1]}',
+        '{"kind": "x", "warnings": [], "cameras": [{"name": "a", "focal": "b"}]}',
+        '{"kind": "x", "warnings": [], "residual": NaN}',
+        '{"kind": "x", "warnings": [], "synchronization": {"frame": 0}}',
+    ],
+)
+def test_a_damaged_report_is_one_sentence(capture: Capture, content: str) -> None:
+    (capture.path / REPORT).write_text(content)
+    (sentence,) = report_lines(capture)
+    assert REPORT in sentence and "found" in sentence and "expected" in sentence
