@@ -95,7 +95,7 @@ def _matted(
 
 def _masks(sources: Sequence[MaskSource | None]) -> Iterator[ImageArray | None]:
     """The masks (H, W) of shots of one file; one that serves several shots is decoded once."""
-    for path, group in groupby(sources, key=lambda source: source and source.path):
+    for path, group in groupby(sources, key=lambda source: None if source is None else source.path):
         same = list(group)
         given = [source for source in same if source is not None]
         if path is None:

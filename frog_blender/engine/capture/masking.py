@@ -72,7 +72,7 @@ class ChromaKey:
         share[share < _CLEAN] = 0
         alpha = (1 - share / max(1 - self.tolerance, 0.01)).clip(0, 1)
         subject = (pixels - share[..., None] * color).clip(0, alpha[..., None])
-        return _bytes(subject), _bytes(alpha)
+        return _bytes(subject.astype(np.float32)), _bytes(alpha)
 
 
 def chroma_key(text: str) -> ChromaKey:
