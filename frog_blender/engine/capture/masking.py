@@ -70,9 +70,9 @@ class ChromaKey:
         across = np.abs(chroma @ np.array([-hue[1], hue[0]], np.float32))
         share = ((along - across) / strength).clip(0, 1)
         share[share < _CLEAN] = 0
-        alpha = (1 - share / max(1 - self.tolerance, 0.01)).clip(0, 1)
-        subject = (pixels - share[..., None] * color).clip(0, alpha[..., None])
-        return _bytes(subject.astype(np.float32)), _bytes(alpha)
+        alpha: Float32s = (1 - share / max(1 - self.tolerance, 0.01)).clip(0, 1)
+        subject: Float32s = np.clip(pixels - share[..., None] * color, 0, alpha[..., None]).astype(np.float32)
+        return _bytes(subject), _bytes(alpha)
 
 
 def chroma_key(text: str) -> ChromaKey:
@@ -115,8 +115,9 @@ class MaskSettings:
 
 def over(image: ImageArray, alpha: ImageArray, background: tuple[float, float, float]) -> ImageArray:
     """(H, W, 3) uint8 the pixels (H, W, 3) under a mask (H, W) over a colour in [0, 1]."""
-    share = alpha.astype(np.float32)[..., None] / 255
-    return _bytes(image.astype(np.float32) / 255 * share + np.asarray(background, np.float32) * (1 - share))
+    share: Float32s = alpha.astype(np.float32)[..., None] / 255
+    composed: Float32s = image.astype(np.float32) / 255 * share + np.asarray(background, np.float32) * (1 - share)
+    return _bytes(composed)
 
 
 def recolored(

@@ -20,6 +20,7 @@ from ...memory import gc_frozen
 from ..compression.schedule import compression_hooks
 from ..methods import method_named
 from ..optimize.device import choose_device
+from ..optimize.hull_pruning import hull_hooks
 from ..optimize.initialization import doubt_of_scale
 from ..optimize.trainer import Limits, Trainer, TrainerFactory
 from . import events
@@ -121,7 +122,10 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
         limits,
         seed=job.seed,
         device=device,
-        hooks=compression_hooks(job.recipe, job.method, capture, job.seed, job.compression),
+        hooks=[
+            *compression_hooks(job.recipe, job.method, capture, job.seed, job.compression),
+            *hull_hooks(capture, store),
+        ],
     )
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
