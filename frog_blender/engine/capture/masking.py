@@ -113,6 +113,10 @@ class MaskSettings:
     key: str | None = None
 
 
+EVERY_MASK = MaskSettings()
+"""What there is counts, and nothing is keyed."""
+
+
 def over(image: ImageArray, alpha: ImageArray, background: tuple[float, float, float]) -> ImageArray:
     """(H, W, 3) uint8 the pixels (H, W, 3) under a mask (H, W) over a colour in [0, 1]."""
     share: Float32s = alpha.astype(np.float32)[..., None] / 255

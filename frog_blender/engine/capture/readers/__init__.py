@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ...errors import FrogError
 from ..capture import Capture
-from ..masking import MaskSettings
+from ..masking import EVERY_MASK, MaskSettings
 from ..video import find_videos
 from . import (
     calibrated_videos,
@@ -91,7 +91,7 @@ def open_capture(
     path: Path,
     *,
     pixel_offsets: Mapping[str, tuple[float, float]] | None = None,
-    masks: MaskSettings | None = None,
+    masks: MaskSettings = EVERY_MASK,
 ) -> Capture:
     """Open a capture folder of any known layout, without decoding it.
 
@@ -99,7 +99,7 @@ def open_capture(
         path: the folder, or one that holds the capture's as the only one.
         pixel_offsets: for cameras by name, the pixel (dx, dy) of the calibrated image at which the video's
             upper left corner lies, for videos that were cropped after calibration.
-        masks: what is made of masks and alpha; None uses what there is.
+        masks: what is made of masks and alpha; by default they count.
 
     Raises:
         FrogError: with one sentence, if the folder cannot be used.

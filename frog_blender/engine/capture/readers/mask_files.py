@@ -20,7 +20,7 @@ from ...errors import FrogError, found_instead
 from ..capture import Capture, Shot
 from ..image_header import has_alpha
 from ..image_size import image_size
-from ..masking import MaskSettings, MaskSource, chroma_key
+from ..masking import EVERY_MASK, MaskSettings, MaskSource, chroma_key
 from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, composed, read_facts
 from .checks import check_images
 
@@ -33,13 +33,12 @@ _SHOWN = 3  # names in a sentence
 _Found = Callable[[Shot], "MaskSource | None"]
 
 
-def with_masks(capture: Capture, settings: MaskSettings | None = None) -> Capture:
+def with_masks(capture: Capture, settings: MaskSettings = EVERY_MASK) -> Capture:
     """The capture with the masks that lie in its folder, the alpha of its images, and the key.
 
     Raises:
         FrogError: for masks of a part of the images, or of another size than their images.
     """
-    settings = settings or MaskSettings()
     if not settings.use:
         return capture
     subject, ignored = (_finder(capture, capture.path / name) for name in (SUBJECT, IGNORED))
