@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..arrays import Bools, Float64s, ImageArray
+from ..arrays import Bools, Float64s, ImageArray, Ints
 from .capture import Capture
 from .video import load_opencv
 
@@ -19,8 +19,7 @@ _LONGEST_SIDE = 400  # pixels of a mask
 _MARGIN = 0.008  # of the longest side: masks are cut a little too close, poses are not exact
 _SUBJECT = 64  # of 255: what is fainter is an edge
 ALL_BUT = 0.25
-"""Share of times, or of one camera's views, at which a point of the subject may be outside: of moving things some are
-found late, and some masks have holes."""
+"""Share of single views in which a point of the subject may be outside: it moves, and some masks have holes."""
 
 
 class Alphas(Protocol):
@@ -61,23 +60,27 @@ class VisualHull:
         """The time in [0, 1] of a frame's images."""
         return self._capture.time_of(self._capture.shots[self._by_frame[frame][0]])
 
-    def contains_at(self, points: Float64s, frame: int) -> tuple[Bools, Bools]:
-        """Whether (N,) world points (N, 3) are inside at a frame, and whether (N,) a camera sees them then."""
-        inside, seen = np.ones(len(points), bool), np.zeros(len(points), bool)
+    def contains_at(self, points: Float64s, frame: int) -> tuple[Bools, Ints]:
+        """Whether (N,) world points (N, 3) are inside at a frame, and how many (N,) cameras see them then."""
+        inside, seen = np.ones(len(points), bool), np.zeros(len(points), np.int64)
         for shot in self._by_frame.get(frame, []):
             in_mask, in_view = self._look(points, shot)
             inside &= in_mask | ~in_view
-            seen |= in_view
-        return inside & seen, seen
+            seen += in_view
+        return inside & (seen > 0), seen
+
+    def shows_at(self, points: Float64s, frame: int) -> Bools:
+        """Whether (N,) world points (N, 3) are inside at a frame, and two cameras see them, where there are two."""
+        inside, views = self.contains_at(points, frame)
+        return inside & (views >= min(2, len(self._by_frame[frame])))
 
     def contains(self, points: Float64s) -> Bools:
         """Whether (N,) world points (N, 3), which stay where they are, may be the subject's: they are inside at some
-        time, or of single views in all but a few."""
+        time where two cameras see them, or of single views in all but a few."""
         inside, seen = np.zeros(len(points)), np.zeros(len(points))
         for frame in self.frames:
-            found = self.contains_at(points, frame)
-            inside += found[0]
-            seen += found[1]
+            inside += self.shows_at(points, frame)
+            seen += self.contains_at(points, frame)[1] > 0
         if self.has_single_views:
             return (seen > 0) & (inside >= (1 - ALL_BUT) * seen)
         return inside > 0

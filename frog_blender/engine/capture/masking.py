@@ -54,8 +54,8 @@ class ChromaKey:
     def apply(self, image: ImageArray) -> tuple[ImageArray, ImageArray]:
         """An image's subject over black, (H, W, 3) uint8, and its alpha (H, W) uint8.
 
-        A pixel is a share of the key colour and the rest of the subject, whose hue is not the key's: that share is
-        taken off, at soft edges and where the backdrop shines onto the subject.
+        A pixel is a share of the key colour and the rest of the subject, whose hue is another: what it has of the key's
+        is taken off, at soft edges and where the backdrop shines onto the subject.
 
         Args:
             image: (H, W, 3) uint8.
@@ -70,8 +70,9 @@ class ChromaKey:
         across = np.abs(chroma @ np.array([-hue[1], hue[0]], np.float32))
         share = ((along - across) / strength).clip(0, 1)
         share[share < _CLEAN] = 0
+        spill = np.where(share > 0, along / strength, 0).clip(0, 1)
         alpha: Float32s = (1 - share / max(1 - self.tolerance, 0.01)).clip(0, 1)
-        subject: Float32s = np.clip(pixels - share[..., None] * color, 0, alpha[..., None]).astype(np.float32)
+        subject: Float32s = np.clip(pixels - spill[..., None] * color, 0, alpha[..., None]).astype(np.float32)
         return _bytes(subject), _bytes(alpha)
 
 

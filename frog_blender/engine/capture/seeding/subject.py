@@ -36,7 +36,7 @@ def subject_points(
         rays = [_along_rays(view, store, near_far, _CANDIDATES // len(groups) // len(views), random) for view in views]
         found = np.concatenate(rays)
         frame = capture.shots[shots[0]].frame
-        found = found[hull.contains(found) if hull.has_single_views else hull.contains_at(found, frame)[0]]
+        found = found[hull.contains(found) if hull.has_single_views else hull.shows_at(found, frame)]
         color, disagreement = _colors(views, found)
         best = np.argsort(disagreement, kind="stable")[: (len(found) + 1) // 2]
         chosen = random.permutation(best)[: max(count, 0) // len(groups)]

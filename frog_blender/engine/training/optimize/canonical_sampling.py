@@ -85,7 +85,8 @@ def worst_points(
     """
     distances = distances_along_rays(image, camera, depth)
     # Coverage is a second cue: what nothing covers shows no error against a dark truth.
-    score = error_map(image.rgb, truth) + (1 - image.alpha)
+    wanted = truth if among is None else torch.where(among[..., None], truth, image.rgb)  # patches reach beyond
+    score = error_map(image.rgb, wanted) + (1 - image.alpha)
     if among is not None:
         score = torch.where(among, score, 0)
     chosen = choose_pixels(score, distances, count, generator)

@@ -14,12 +14,14 @@ from .schedule import Every
 
 _FROM, _UNTIL, _EVERY = 0.1, 0.99, 0.08  # of the training
 _MOST_TIMES, _MOST_SINGLE = 12, 48  # frames that are looked at
+_ALL_BUT_FIRST, _STRICT_FROM = 0.5, 0.6  # of single views, before the share of the training at which motion is learned
 _SEEN = 0.02  # opacity: what is fainter at a time is not there
 
 
 class HullPruning(Hook):
-    """Removes what is outside the hull, in world space and as it is deformed, for more than ALL_BUT of the time for
-    which it can be seen, weighted by its opacity.
+    """Removes what is outside the hull as it is deformed, at all times at which it can be seen: a Gaussian that is
+    inside at one time may yet learn to move, or to vanish at the others. Of single views, each of which leaves room
+    before and behind the subject, it removes what is outside in a share of them, weighted by opacity.
 
     Args:
         capture: with masks.
@@ -38,24 +40,26 @@ class HullPruning(Hook):
         """Prunes where that is due in (before, now]."""
         if not self._due.due(before, now) or not self._hull.frames:
             return
-        keep = self.inside(training)
+        keep = self.inside(training, ALL_BUT if now >= _STRICT_FROM else _ALL_BUT_FIRST)
         if keep.any() and not keep.all():
             training.gaussians.keep(keep.nonzero().squeeze(1))
 
     @torch.no_grad()
-    def inside(self, training: Training) -> torch.Tensor:
-        """(N,) bool, on the Gaussians' device, which may stay."""
+    def inside(self, training: Training, all_but: float = ALL_BUT) -> torch.Tensor:
+        """(N,) bool, on the Gaussians' device, which may stay; ``all_but`` is the share of single views."""
         count = training.gaussians.count
         outside, visible, ever = np.zeros(count), np.zeros(count), np.zeros(count, bool)
         for frame in self._hull.frames:
             gaussians = training.deform(self._hull.time_of(frame))[0]
-            inside, seen = self._hull.contains_at(gaussians.means.detach().cpu().double().numpy(), frame)
+            inside, views = self._hull.contains_at(gaussians.means.detach().cpu().double().numpy(), frame)
+            seen = views > 0
             weight = gaussians.opacities.detach().cpu().double().numpy().reshape(-1)
             weight = np.where(weight > _SEEN, weight, 0.0)
             outside += weight * (seen & ~inside)
             visible += weight * seen
             ever |= seen
-        keep = ever & (outside <= ALL_BUT * visible)
+        some = all_but if self._hull.has_single_views else 1 - 1e-6
+        keep = ever & (outside <= some * visible)
         return torch.from_numpy(keep).to(training.gaussians.device)
 
 

@@ -40,17 +40,24 @@ def matte_loss(
     image: Image, truth: Truth, alpha_weight: float, *, dssim_weight: float, weight: float
 ) -> PhotometricLoss:
     """``photometric_loss`` of a drawing over the truth's background, plus ``weight`` ``alpha_weight`` mean |alpha -
-    truth's|, without what is ignored: there the drawing counts as the truth, to SSIM's windows too."""
+    truth's|, without what is ignored: there drawing and truth are equal, to SSIM's windows too.
+
+    Gradients outside the subject weigh as the truth says: all of what is empty would else outvote a small subject,
+    and nothing at all would be drawn.
+    """
     rgb, ignored = image.rgb.detach(), None
     if truth.ignored is not None and truth.ignored.any():
         ignored = torch.from_numpy(truth.ignored).to(rgb.device)
-        rgb = torch.where(ignored[..., None], image_on(rgb.device, truth.pixels).to(rgb.dtype), rgb)
+        rgb = rgb.masked_fill(ignored[..., None], 0)
     found = photometric_loss(rgb, truth.pixels, dssim_weight=dssim_weight, weight=weight)
     if ignored is not None:
         found.gradient[ignored] = 0
-    if truth.alpha is None or not alpha_weight:
+    if truth.alpha is None:
         return found
-    difference = image.alpha.detach() - image_on(rgb.device, np.ascontiguousarray(truth.alpha)).to(rgb.dtype)
+    alpha = image_on(rgb.device, np.ascontiguousarray(truth.alpha)).to(rgb.dtype)
+    weights = torch.where(alpha > 0, 1.0, truth.empty_weight).to(rgb.dtype)
+    found.gradient.mul_(weights[..., None])
+    difference = image.alpha.detach() - alpha
     if ignored is not None:
         difference = difference.masked_fill(ignored, 0)
     share = weight * alpha_weight
@@ -58,7 +65,7 @@ def matte_loss(
         found.loss + share * difference.abs().mean(),
         found.cell_errors,
         found.gradient,
-        difference.sign() * (share / difference.numel()),
+        difference.sign() * weights * (share / difference.numel()),
     )
 
 

@@ -21,6 +21,7 @@ from .half_resolution import sized
 
 Color = tuple[float, float, float]
 Pixels = NDArray[np.uint8]
+_LEAST_WEIGHT = 0.02
 _GOLDEN = (0.8191725, 0.6710436, 0.5497005)  # steps of an even sequence in three dimensions (Roberts 2018)
 
 
@@ -29,16 +30,18 @@ class Truth:
     """An image, or a part of it, as a drawing of it should be.
 
     Attributes:
-        pixels: (H, W, 3) uint8 over ``background``.
+        pixels: (H, W, 3) uint8 over ``background``, black where they are ignored.
         background: colour in [0, 1] that belongs behind the drawing.
         alpha: (H, W) uint8, the subject's share; None where the image is whole.
         ignored: (H, W) bool, pixels that do not count; None where all do.
+        empty_weight: of pixels outside the subject, at most 1: all together they weigh no more than the subject.
     """
 
     pixels: Pixels
     background: Color
     alpha: Pixels | None = None
     ignored: NDArray[np.bool_] | None = None
+    empty_weight: float = 1.0
 
     @property
     def whole(self) -> NDArray[np.bool_] | None:
@@ -59,6 +62,7 @@ class Mattes:
     def __init__(self, capture: Capture, store: FrameStore) -> None:
         self._capture, self._store = capture, store
         masked = capture.has_masks and bool(capture.shots)
+        self._shares: dict[int, float] = {}  # of the subject, by shot
         self.has_alpha = masked and store.alpha(0) is not None
         self.has_ignored = masked and store.ignored(0) is not None
 
@@ -75,12 +79,27 @@ class Mattes:
         pixels = _part(self._store.image(shot), camera, region)
         alpha = _part(self._store.alpha(shot), camera, region) if self.has_alpha else None
         ignored = _part(self._store.ignored(shot), camera, region) > 0 if self.has_ignored else None
+        if ignored is not None and ignored.any():
+            pixels = np.where(ignored[..., None], np.uint8(0), pixels)
+        weight = self._empty_weight(shot)
         if alpha is None or background is None:
-            return Truth(pixels, usual, alpha, ignored)
+            return Truth(pixels, usual, alpha, ignored, weight)
         red, green, blue = (min(1.0, value * gain) for value, gain in zip(background, camera.exposure, strict=True))
         pixels = recolored(pixels, alpha, usual, (red, green, blue))
+        if ignored is not None:
+            pixels[ignored] = 0
         gain_red, gain_green, gain_blue = camera.exposure  # which the drawing, its background too, is exposed by
-        return Truth(pixels, (red / gain_red, green / gain_green, blue / gain_blue), alpha, ignored)
+        return Truth(pixels, (red / gain_red, green / gain_green, blue / gain_blue), alpha, ignored, weight)
+
+    def _empty_weight(self, shot: int) -> float:
+        """See Truth, of all the image."""
+        alpha = self._store.alpha(shot) if self.has_alpha else None
+        if alpha is None:
+            return 1.0
+        if shot not in self._shares:
+            self._shares[shot] = float(alpha.mean()) / 255
+        share = self._shares[shot]
+        return min(1.0, max(_LEAST_WEIGHT, share / max(1 - share, _LEAST_WEIGHT)))
 
     def counted(self, shot: int) -> NDArray[np.bool_] | None:
         """(H, W) the pixels of a shot that count; None where all do."""
