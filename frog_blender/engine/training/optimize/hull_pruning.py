@@ -15,6 +15,9 @@ from .schedule import Every
 _FROM, _UNTIL, _EVERY = 0.1, 0.99, 0.08  # of the training
 _MOST_TIMES, _MOST_SINGLE = 12, 48  # frames that are looked at
 _ALL_BUT_FIRST, _STRICT_FROM = 0.5, 0.6  # of single views, before the share of the training at which motion is learned
+_DENSER = 3.0  # times as many Gaussians a pixel has a subject as a whole image
+_FEWEST = 1000  # Gaussians for a subject, however small
+_SHARE_OF = 50  # images
 _SEEN = 0.02  # opacity: what is fainter at a time is not there
 
 
@@ -35,6 +38,11 @@ class HullPruning(Hook):
         shots = [index for index in capture.train_indices if capture.shots[index].frame in chosen]
         self._hull = VisualHull(capture, store, shots)
         self._due = Every(_FROM, _UNTIL, _EVERY)
+        self._capture, self._store = capture, store
+
+    def begin(self, training: Training) -> None:
+        """A subject that fills a part of the images has the Gaussians of that part, and some for its details."""
+        training.limit_gaussians(room_for_subject(self._capture, self._store, training.recipe.max_gaussians))
 
     def after_step(self, training: Training, before: float, now: float) -> None:
         """Prunes where that is due in (before, now]."""
@@ -63,7 +71,19 @@ class HullPruning(Hook):
         return torch.from_numpy(keep).to(training.gaussians.device)
 
 
+def room_for_subject(capture: Capture, store: FrameStore, most: int) -> int:
+    """Gaussians at most for the subject of a capture, of ``most`` for whole images."""
+    if not _has_alpha(capture, store):
+        return most
+    alphas = [store.alpha(index) for index in spread(capture.train_indices, _SHARE_OF)]
+    share = float(np.mean([alpha.mean() / 255 for alpha in alphas if alpha is not None]))
+    return min(most, max(_FEWEST, round(_DENSER * share * most)))
+
+
 def hull_hooks(capture: Capture, store: FrameStore) -> list[Hook]:
     """What a trainer of a capture with masks needs besides; nothing where the images are whole."""
-    has_alpha = capture.has_masks and store.alpha(0) is not None
-    return [HullPruning(capture, store)] if has_alpha else []
+    return [HullPruning(capture, store)] if _has_alpha(capture, store) else []
+
+
+def _has_alpha(capture: Capture, store: FrameStore) -> bool:
+    return capture.has_masks and store.alpha(0) is not None

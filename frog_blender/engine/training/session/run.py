@@ -21,7 +21,7 @@ from ...memory import gc_frozen
 from ..compression.schedule import compression_hooks
 from ..methods import method_named
 from ..optimize.device import choose_device
-from ..optimize.hull_pruning import hull_hooks
+from ..optimize.hull_pruning import hull_hooks, room_for_subject
 from ..optimize.initialization import doubt_of_scale
 from ..optimize.trainer import Limits, Trainer, TrainerFactory
 from . import events
@@ -148,7 +148,7 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
 def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callable[[int, int], None]) -> Seeds:
     if job.seeds is not None:
         return job.seeds
-    limit = min(job.recipe.seed_gaussians, job.recipe.max_gaussians)
+    limit = min(job.recipe.seed_gaussians, room_for_subject(capture, store, job.recipe.max_gaussians))
     return stored_seeds(capture, store, count_limit=limit, seed=job.seed, share=job.recipe.seed_share, progress=report)
 
 
