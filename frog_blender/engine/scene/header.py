@@ -11,6 +11,7 @@ from ..capture.camera import Camera
 from ..capture.camera_motion import cameras_move
 from ..capture.masking import EVERY_MASK, MaskSettings
 from ..capture.world import FILES_OWN, World
+from ..errors import brief
 from ..field.names import METHODS
 from ..io.plain_values import (
     JsonMapping,
@@ -159,7 +160,9 @@ class SceneHeader:
 def _masks(value: object) -> MaskSettings:
     found = {"use": True, "key": None} | entries(value, "masks")
     key = None if found["key"] is None else text(found["key"], "the chroma key", 100)
-    return MaskSettings(found["use"] is True, key)
+    if not isinstance(found["use"], bool):
+        raise UnfitValue(f"use of masks = {brief(found['use'])}", "true or false")
+    return MaskSettings(found["use"], key)
 
 
 def _model(value: object) -> JsonObject:
