@@ -65,11 +65,21 @@ def request_of(settings: Any, resume: bool = False) -> TrainingRequest:
         steps=settings.steps or None,
         scale=settings.image_scale or None,
         holdout_frames=None if settings.holdout_frames < 0 else settings.holdout_frames,
+        masks="off" if settings.masks == "off" else "auto",
+        key=_key_of(settings),
         device=settings.device,
         preview_camera=settings.preview_camera or None,
         resume=resume,
         overwrite=False,
     )
+
+
+def _key_of(settings: Any) -> str | None:
+    """The chroma key of the panel's settings, as ``masking.chroma_key`` reads it."""
+    if settings.masks != "key":
+        return None
+    color = bytes(round(255 * min(max(value, 0.0), 1.0)) for value in settings.key_color)
+    return f"#{color.hex()},{settings.key_tolerance:.2f}"
 
 
 def output_of(settings: Any) -> Path:

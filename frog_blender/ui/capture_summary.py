@@ -128,6 +128,8 @@ def read(folder: Path) -> CaptureSummary:
 
 
 def _lines(capture: Capture) -> tuple[str, ...]:
+    from ..engine.capture.masks_found import mask_lines
+
     sizes = sorted({(camera.width, camera.height) for camera in capture.cameras})
     size = " and ".join(f"{width} x {height}" for width, height in sizes[:2]) + (
         " and others" if len(sizes) > 2 else ""
@@ -140,4 +142,5 @@ def _lines(capture: Capture) -> tuple[str, ...]:
         f"Cameras: {cameras}",
         f"Frames: {capture.frame_count} at {capture.frames_per_second:g} per second",
         f"Size: {size} pixels",
+        *(f"Masks: {line}" for line in mask_lines(capture)),
     )

@@ -36,6 +36,7 @@ class FROG_PT_train(bpy.types.Panel):
         layout.prop(settings, "capture_folder")
         if settings.capture_folder:
             _draw_capture(layout, bpy.path.abspath(settings.capture_folder), context)
+            _draw_masks(layout, settings)
         layout.prop(settings, "output_path")
         layout.prop(settings, "recipe")
         layout.prop(settings, "device")
@@ -81,6 +82,14 @@ def _draw_capture(layout: bpy.types.UILayout, folder: str, context: bpy.types.Co
     if summary.error:
         wrapped_label(box, summary.error, context, icon="ERROR")
         box.operator("frog.inspect_capture", text="Check Again", icon="FILE_REFRESH")
+
+
+def _draw_masks(layout: bpy.types.UILayout, settings: Any) -> None:
+    layout.prop(settings, "masks")
+    if settings.masks == "key":
+        row = layout.row(align=True)
+        row.prop(settings, "key_color")
+        row.prop(settings, "key_tolerance", text="")
 
 
 def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Context) -> None:

@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
 
 from .. import redrawing, relative_paths
 from ..engine.training.session.output_paths import free_output
@@ -34,6 +42,17 @@ DEVICES = (
 CAPACITIES = (
     ("auto", "Automatic", "As much as the scene needs: static parts get no motion, files stay small"),
     ("fixed", "Fixed", "Every Gaussian can move, and nothing is compressed"),
+)
+
+
+MASKS = (
+    (
+        "auto",
+        "From the Folder",
+        "Learn only what is opaque, or inside the folder's 'masks', and nothing inside those in 'ignore'",
+    ),
+    ("key", "Key Colour", "The same, and a backdrop of one colour is not learned"),
+    ("off", "None", "Whole images are learned, whatever masks there are"),
 )
 
 
@@ -127,6 +146,29 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
         "camera. It can be changed during training",
         search=camera_names,
         update=_on_preview_camera,
+    )
+    masks: EnumProperty(
+        name="Masks",
+        description="Which pixels of the images are learned",
+        items=MASKS,
+        default="auto",
+    )
+    key_color: FloatVectorProperty(
+        name="Key Colour",
+        description="Colour of the backdrop",
+        subtype="COLOR_GAMMA",
+        size=3,
+        min=0.0,
+        max=1.0,
+        default=(0.0, 177 / 255, 64 / 255),
+    )
+    key_tolerance: FloatProperty(
+        name="Tolerance",
+        description="How much less of the key colour than its own a pixel of the backdrop may have, in shadows for "
+        "example",
+        min=0.0,
+        max=0.95,
+        default=0.4,
     )
     capacity: EnumProperty(
         name="Capacity",

@@ -15,6 +15,7 @@ import pytest
 from support.builders import scene_file
 
 from frog_blender.engine.capture.camera import MAX_PIXELS, Camera
+from frog_blender.engine.capture.masking import MaskSettings
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.field.names import CANONICAL
 from frog_blender.engine.playback.player import ScenePlayer, select_gaussians
@@ -197,3 +198,12 @@ def test_a_header_changes_with_nothing(name: str) -> None:
     assert getattr(header, name) == {"a": 1}
     with pytest.raises(TypeError):
         getattr(header, name)["c"] = 3
+
+
+def test_what_was_made_of_masks_is_kept_and_checked() -> None:
+    header = replace(scene_file().header, masks=MaskSettings(use=False, key="#00b140,0.4"))
+    assert SceneHeader.from_json(header.to_json()).masks == header.masks
+    assert "masks" not in PLAIN and SceneHeader.from_json(json.dumps(PLAIN)).masks == MaskSettings()
+    for masks, said in (({"use": 3}, "use of masks = 3"), ({"key": 5}, "chroma key"), ([], "masks")):
+        with pytest.raises(ValueError, match=said):
+            SceneHeader.from_json(json.dumps({**PLAIN, "masks": masks}))

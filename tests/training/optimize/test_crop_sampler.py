@@ -14,7 +14,7 @@ from support.torch_drawing import cut
 from support.training_steps import train
 
 from frog_blender.engine.rasterizer import RasterizeOptions
-from frog_blender.engine.training.optimize import trainer as trainer_module
+from frog_blender.engine.training.optimize import losses
 from frog_blender.engine.training.optimize.crop_sampler import CELL, CropSampler
 from frog_blender.engine.training.optimize.device import image_on
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
@@ -214,7 +214,7 @@ def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], t
     trainer.optimizer.step = read  # type: ignore[method-assign]
     with pytest.MonkeyPatch.context() as patch:
         if masked:
-            patch.setattr(trainer_module, "photometric_loss", flattering)
+            patch.setattr(losses, "photometric_loss", flattering)
         else:
             trainer.crops = Stubborn(trainer.capture.cameras, 1.0, 0.4)
         trainer.step()

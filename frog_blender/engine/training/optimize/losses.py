@@ -12,7 +12,9 @@ from torch.nn import functional
 
 from ...native.binding import CELL, l1_loss
 from ...native.binding import ssim as native_ssim
+from ...rasterizer import Image
 from .device import image_on
+from .mattes import Truth
 
 _WINDOW, _SIGMA = 11, 1.5
 
@@ -25,11 +27,46 @@ class PhotometricLoss:
         loss: ().
         cell_errors: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
         gradient: (H, W, 3) of the loss by the drawing.
+        alpha_gradient: (H, W) of the loss by the drawing's alpha; None where that does not count.
     """
 
     loss: torch.Tensor
     cell_errors: torch.Tensor
     gradient: torch.Tensor
+    alpha_gradient: torch.Tensor | None = None
+
+
+def matte_loss(
+    image: Image, truth: Truth, alpha_weight: float, *, dssim_weight: float, weight: float
+) -> PhotometricLoss:
+    """``photometric_loss`` of a drawing over the truth's background, plus ``weight`` ``alpha_weight`` mean |alpha -
+    truth's|, without what is ignored: there drawing and truth are equal, to SSIM's windows too.
+
+    Gradients outside the subject weigh as the truth says: all of what is empty would else outvote a small subject,
+    and nothing at all would be drawn.
+    """
+    rgb, ignored = image.rgb.detach(), None
+    if truth.ignored is not None and truth.ignored.any():
+        ignored = torch.from_numpy(truth.ignored).to(rgb.device)
+        rgb = rgb.masked_fill(ignored[..., None], 0)
+    found = photometric_loss(rgb, truth.pixels, dssim_weight=dssim_weight, weight=weight)
+    if ignored is not None:
+        found.gradient[ignored] = 0
+    if truth.alpha is None:
+        return found
+    alpha = image_on(rgb.device, np.ascontiguousarray(truth.alpha)).to(rgb.dtype)
+    weights = torch.where(alpha > 0, 1.0, truth.empty_weight).to(rgb.dtype)
+    found.gradient.mul_(weights[..., None])
+    difference = image.alpha.detach() - alpha
+    if ignored is not None:
+        difference = difference.masked_fill(ignored, 0)
+    share = weight * alpha_weight
+    return PhotometricLoss(
+        found.loss + share * difference.abs().mean(),
+        found.cell_errors,
+        found.gradient,
+        difference.sign() * weights * (share / difference.numel()),
+    )
 
 
 def photometric_loss(

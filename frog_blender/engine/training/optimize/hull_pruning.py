@@ -1,0 +1,89 @@
+"""Gaussians outside a subject's visual hull are removed now and then: the loss alone leaves faint ones behind."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from ...capture.capture import Capture
+from ...capture.frames import FrameStore
+from ...capture.hull import ALL_BUT, VisualHull
+from ...capture.seeding.views import spread
+from .hooks import Hook, Training
+from .schedule import Every
+
+_FROM, _UNTIL, _EVERY = 0.1, 0.99, 0.08  # of the training
+_MOST_TIMES, _MOST_SINGLE = 12, 48  # frames that are looked at
+_ALL_BUT_FIRST, _STRICT_FROM = 0.5, 0.6  # of single views, before the share of the training at which motion is learned
+_DENSER = 3.0  # times as many Gaussians a pixel has a subject as a whole image
+_FEWEST = 1000  # Gaussians for a subject, however small
+_SHARE_OF = 50  # images
+_SEEN = 0.02  # opacity: what is fainter at a time is not there
+
+
+class HullPruning(Hook):
+    """Removes what is outside the hull as it is deformed, at all times at which it can be seen: a Gaussian that is
+    inside at one time may yet learn to move, or to vanish at the others. Of single views, each of which leaves room
+    before and behind the subject, it removes what is outside in a share of them, weighted by opacity.
+
+    Args:
+        capture: with masks.
+        store: with their alpha.
+    """
+
+    def __init__(self, capture: Capture, store: FrameStore) -> None:
+        frames = sorted({capture.shots[index].frame for index in capture.train_indices})
+        single = len(frames) == len(capture.train_indices)
+        chosen = set(spread(frames, _MOST_SINGLE if single else _MOST_TIMES))
+        shots = [index for index in capture.train_indices if capture.shots[index].frame in chosen]
+        self._hull = VisualHull(capture, store, shots)
+        self._due = Every(_FROM, _UNTIL, _EVERY)
+        self._capture, self._store = capture, store
+
+    def begin(self, training: Training) -> None:
+        """A subject that fills a part of the images has the Gaussians of that part, and some for its details."""
+        training.limit_gaussians(room_for_subject(self._capture, self._store, training.recipe.max_gaussians))
+
+    def after_step(self, training: Training, before: float, now: float) -> None:
+        """Prunes where that is due in (before, now]."""
+        if not self._due.due(before, now) or not self._hull.frames:
+            return
+        keep = self.inside(training, ALL_BUT if now >= _STRICT_FROM else _ALL_BUT_FIRST)
+        if keep.any() and not keep.all():
+            training.gaussians.keep(keep.nonzero().squeeze(1))
+
+    @torch.no_grad()
+    def inside(self, training: Training, all_but: float = ALL_BUT) -> torch.Tensor:
+        """(N,) bool, on the Gaussians' device, which may stay; ``all_but`` is the share of single views."""
+        count = training.gaussians.count
+        outside, visible, ever = np.zeros(count), np.zeros(count), np.zeros(count, bool)
+        for frame in self._hull.frames:
+            gaussians = training.deform(self._hull.time_of(frame))[0]
+            inside, views = self._hull.contains_at(gaussians.means.detach().cpu().double().numpy(), frame)
+            seen = views > 0
+            weight = gaussians.opacities.detach().cpu().double().numpy().reshape(-1)
+            weight = np.where(weight > _SEEN, weight, 0.0)
+            outside += weight * (seen & ~inside)
+            visible += weight * seen
+            ever |= seen
+        some = all_but if self._hull.has_single_views else 1 - 1e-6
+        keep = ever & (outside <= some * visible)
+        return torch.from_numpy(keep).to(training.gaussians.device)
+
+
+def room_for_subject(capture: Capture, store: FrameStore, most: int) -> int:
+    """Gaussians at most for the subject of a capture, of ``most`` for whole images."""
+    if not _has_alpha(capture, store):
+        return most
+    alphas = [store.alpha(index) for index in spread(capture.train_indices, _SHARE_OF)]
+    share = float(np.mean([alpha.mean() / 255 for alpha in alphas if alpha is not None]))
+    return min(most, max(_FEWEST, round(_DENSER * share * most)))
+
+
+def hull_hooks(capture: Capture, store: FrameStore) -> list[Hook]:
+    """What a trainer of a capture with masks needs besides; nothing where the images are whole."""
+    return [HullPruning(capture, store)] if _has_alpha(capture, store) else []
+
+
+def _has_alpha(capture: Capture, store: FrameStore) -> bool:
+    return capture.has_masks and store.alpha(0) is not None

@@ -1,0 +1,234 @@
+"""What is learned of a capture with masks: the subject alone, inside its hull, and nothing of what is ignored."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from support import synthetic_capture as film
+from support.masked_capture import ball_alpha, write_masks
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.capture.hull import VisualHull
+from frog_blender.engine.capture.masking import over
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.seeds import find_seeds
+from frog_blender.engine.evaluation.evaluate import evaluate
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.training.optimize.hull_pruning import HullPruning, hull_hooks, room_for_subject
+from frog_blender.engine.training.optimize.losses import matte_loss, photometric_loss
+from frog_blender.engine.training.optimize.mattes import Mattes, Truth
+from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import run_training
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = film.write_capture(tmp_path_factory.mktemp("masked") / "film")
+    write_masks(folder / "masks", "numbered")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def masked(folder: Path) -> Capture:
+    return open_capture(folder)
+
+
+@pytest.fixture(scope="module")
+def frames(masked: Capture, tmp_path_factory: pytest.TempPathFactory) -> FrameStore:
+    return FrameStore.open(masked, cache_folder=tmp_path_factory.mktemp("cache"))
+
+
+def drawing(rgb: torch.Tensor, alpha: torch.Tensor) -> Any:
+    return SimpleNamespace(rgb=rgb, alpha=alpha)
+
+
+def random_truth(size: tuple[int, int] = (40, 52)) -> tuple[torch.Tensor, Truth]:
+    random = np.random.default_rng(3)
+    pixels = random.integers(0, 256, (*size, 3), dtype=np.uint8)
+    alpha = random.integers(0, 256, size, dtype=np.uint8)
+    return torch.rand(*size, 3, generator=torch.Generator().manual_seed(1)), Truth(pixels, (0.0, 0.0, 0.0), alpha)
+
+
+@pytest.mark.parametrize("dssim_weight", [0.0, 0.3])
+def test_what_is_ignored_weighs_nothing(dssim_weight: float) -> None:
+    rgb, truth = random_truth()
+    ignored = np.zeros(truth.pixels.shape[:2], bool)
+    ignored[10:20, 15:40] = True
+    truth, alpha = replace(truth, ignored=ignored), torch.rand(40, 52)
+
+    def loss(rgb: torch.Tensor, alpha: torch.Tensor) -> Any:
+        return matte_loss(drawing(rgb, alpha), truth, 0.2, dssim_weight=dssim_weight, weight=0.7)
+
+    found = loss(rgb, alpha)
+    changed, other = rgb.clone(), alpha.clone()
+    changed[10:20, 15:40], other[10:20, 15:40] = 0.9, 0.9
+    again = loss(changed, other)
+    assert torch.equal(found.loss, again.loss) and torch.equal(found.gradient, again.gradient)
+    assert torch.equal(found.cell_errors, again.cell_errors) and torch.equal(found.alpha_gradient, again.alpha_gradient)
+    assert not found.gradient[10:20, 15:40].any() and not found.alpha_gradient[10:20, 15:40].any()
+    assert found.gradient[:10].any() and found.alpha_gradient[:10].any()
+
+
+def test_the_loss_on_alpha_has_its_own_gradient() -> None:
+    rgb, truth = random_truth()
+    alpha = torch.rand(40, 52, dtype=torch.float64, generator=torch.Generator().manual_seed(2)).requires_grad_()
+    assert truth.alpha is not None
+    found = matte_loss(drawing(rgb.double(), alpha), truth, 0.2, dssim_weight=0.0, weight=0.7)
+    plain = photometric_loss(rgb.double(), truth.pixels, weight=0.7)
+    extra = 0.7 * 0.2 * (alpha - torch.from_numpy(truth.alpha.astype(np.float64)) / 255).abs().mean()
+    torch.testing.assert_close(found.loss, plain.loss + extra.detach(), atol=1e-7, rtol=0)
+    torch.testing.assert_close(found.alpha_gradient, torch.autograd.grad(extra, alpha)[0])
+    assert torch.equal(found.gradient, plain.gradient)
+
+
+def test_all_that_is_empty_weighs_no_more_than_the_subject(masked: Capture, frames: FrameStore) -> None:
+    mattes, shot = Mattes(masked, frames), masked.shot_index(1, 2)
+    assert shot is not None
+    camera = masked.cameras[1]
+    truth = mattes.truth(shot, camera, (0, 0, camera.width, camera.height), (0.5, 0.5, 0.5))
+    rgb = torch.zeros(camera.height, camera.width, 3)
+    found = matte_loss(drawing(rgb, rgb[..., 0] + 0.5), truth, 0.2, dssim_weight=0.0, weight=1.0)
+    assert truth.alpha is not None
+    share, empty = truth.alpha.mean() / 255, torch.from_numpy(truth.alpha == 0)
+    assert truth.empty_weight == pytest.approx(share / (1 - share))
+    ratio = found.gradient[empty].abs().max() / found.gradient[~empty].abs().max()
+    assert float(ratio) == pytest.approx(truth.empty_weight)
+    assert found.alpha_gradient is not None
+    ratio = found.alpha_gradient[empty].abs().max() / found.alpha_gradient[~empty].abs().max()
+    assert float(ratio) == pytest.approx(truth.empty_weight)
+
+
+def test_whole_images_have_the_loss_and_the_random_numbers_they_had(capture: Capture, store: FrameStore) -> None:
+    rgb, truth = random_truth()
+    whole = replace(truth, alpha=None)
+    found = matte_loss(drawing(rgb, rgb[..., 0]), whole, 0.2, dssim_weight=0.3, weight=0.7)
+    plain = photometric_loss(rgb, truth.pixels, dssim_weight=0.3, weight=0.7)
+    assert torch.equal(found.loss, plain.loss) and torch.equal(found.gradient, plain.gradient)
+    assert found.alpha_gradient is None
+    generator, mattes = torch.Generator().manual_seed(5), Mattes(capture, store)
+    before = generator.get_state()
+    assert mattes.random_background(generator) is None and torch.equal(generator.get_state(), before)
+    assert mattes.background_of(3) == capture.background and hull_hooks(capture, store) == []
+
+
+def test_truth_lies_over_the_color_of_the_step(masked: Capture, frames: FrameStore) -> None:
+    mattes, shot = Mattes(masked, frames), masked.shot_index(1, 2)
+    assert shot is not None
+    camera, color = masked.cameras[1], (0.2, 0.9, 0.4)
+    truth = mattes.truth(shot, camera, (4, 6, 30, 20), color)
+    alpha = ball_alpha(camera, 2)[6:26, 4:34]
+    np.testing.assert_array_equal(truth.alpha, alpha)
+    np.testing.assert_allclose(truth.background, color)
+    pixels = frames.image(shot)[6:26, 4:34]
+    expected = pixels + over(0 * pixels, alpha, color).astype(int)
+    assert np.abs(truth.pixels.astype(int) - expected).max() <= 1
+    exposed = mattes.truth(shot, camera.with_exposure((1.25, 0.5, 1.0)), (4, 6, 30, 20), color)
+    empty = np.argwhere(alpha == 0)[0]
+    drawn = np.array(exposed.background) * (1.25, 0.5, 1.0)  # what the camera makes of the drawing's background
+    assert np.abs(exposed.pixels[tuple(empty)] / 255 - drawn).max() < 1 / 255
+
+
+def test_views_that_are_measured_on_have_backgrounds_that_differ(masked: Capture, frames: FrameStore) -> None:
+    colors = np.array([Mattes(masked, frames).background_of(number) for number in range(8)])
+    gaps = np.linalg.norm(colors[:, None] - colors[None], axis=2) + np.eye(8)
+    assert ((colors >= 0) & (colors <= 1)).all() and gaps.min() > 0.2
+
+
+def test_gaussians_outside_the_hull_are_pruned(masked: Capture, frames: FrameStore, lively: Any) -> None:
+    trainer = Trainer(masked, frames, film.seeds(300), lively(20), "static", Limits(20), seed=0)
+    hook = HullPruning(masked, frames)
+    keep = hook.inside(trainer)
+    depths, kept = trainer.model.canonical.means.detach().numpy()[:, 2], keep.numpy()
+    assert kept[depths < 0.2].mean() > 0.8 and kept[depths > 0.6].mean() < 0.2  # the ball, and the wall behind it
+    hook.after_step(trainer, 0.09, 0.11)
+    assert trainer.count == int(keep.sum())
+
+
+def test_a_subject_has_the_gaussians_of_its_part_of_the_images(masked: Capture, frames: FrameStore) -> None:
+    shown = [ball_alpha(masked.cameras[shot.camera], shot.frame).mean() / 255 for shot in masked.train_shots]
+    assert room_for_subject(masked, frames, 100_000) == pytest.approx(3 * 100_000 * np.mean(shown), rel=0.01)
+    assert room_for_subject(masked, frames, 600) == 600
+    assert room_for_subject(masked.without_masks(), frames, 100_000) == 100_000
+
+
+def trained(folder: Path, output: Path, lively: Any, **changes: Any) -> ScenePlayer:
+    capture = open_capture(folder, masks=TrainingJob(folder, output, **changes).mask_settings)
+    seeds = None if capture.has_masks else film.seeds()
+    job = TrainingJob(folder, output, recipe=lively(500), seeds=seeds, seed=1, **changes)
+    happened = list(run_training(job))
+    assert isinstance(happened[-1], events.Finished)
+    return ScenePlayer.load(output)
+
+
+def test_a_training_with_masks_learns_the_subject_alone(
+    folder: Path, tmp_path: Path, lively: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    subject = trained(folder, tmp_path / "subject.frog", lively)
+    everything = trained(folder, tmp_path / "all.frog", lively, masks="off")
+    capture = open_capture(folder)
+    store = FrameStore.open(capture)
+    found, other = (evaluate(scene, capture, store, split="training") for scene in (subject, everything))
+    assert found["psnr_inside"] > 22 and found["psnr_inside"] > other["psnr_inside"] - 1
+    hull = VisualHull(capture, store, capture.train_indices)
+    for frame in range(film.FRAMES):
+        gaussians = subject.at(frame / (film.FRAMES - 1))
+        shown = gaussians.means[gaussians.opacities > 0.1]
+        assert (shown[:, 2] > 0.6).mean() < 0.2  # hardly anything where the wall is, which only one camera looks at
+        assert hull.contains_at(shown.astype(float), frame)[0].mean() > 0.8
+    assert subject.header.masks.use and not everything.header.masks.use
+    again = open_capture(folder, masks=subject.header.masks)
+    assert again.has_masks and not open_capture(folder, masks=everything.header.masks).has_masks
+
+
+def test_nothing_is_learned_of_what_is_ignored(
+    tmp_path: Path, lively: Any, monkeypatch: pytest.MonkeyPatch, cache_folder: Path
+) -> None:
+    """A mark in every image of a camera, as large as a tenth of it, which is said to be ignored."""
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    folder = film.write_capture(tmp_path / "film")
+    (folder / "ignore").mkdir()
+    mark = np.zeros((film.HEIGHT, film.WIDTH), np.uint8)
+    mark[4:16, 6:22] = 255
+    cv2.imwrite(str(folder / "ignore" / "cam02.png"), mark)
+    capture = open_capture(folder)
+    store = FrameStore.open(capture)
+
+    class Marked:
+        """The store's images, with a white mark in one camera's."""
+
+        ignored, alpha = store.ignored, store.alpha
+
+        def image(self, index: int) -> np.ndarray:
+            image = store.image(index).copy()
+            if capture.cameras[capture.shots[index].camera].name == "cam02":
+                image[mark > 0] = 255
+            return image
+
+    losses = []
+    for frames in (store, Marked()):
+        trainer = Trainer(capture, frames, film.seeds(), lively(60), "frog", Limits(60), seed=0)  # type: ignore[arg-type]
+        while not trainer.finished:
+            trainer.step()
+        losses.append((trainer.loss, trainer.model.canonical.sh.detach().clone(), trainer.evaluate(9)))
+    (loss, colors, psnr), (loss_marked, colors_marked, psnr_marked) = losses
+    assert loss == loss_marked and torch.equal(colors, colors_marked) and psnr == psnr_marked
+
+
+def test_seeds_of_a_masked_capture_suffice(masked: Capture, frames: FrameStore, lively: Callable[..., Any]) -> None:
+    seeds = find_seeds(masked, frames, count_limit=300)
+    trainer = Trainer(masked, frames, seeds, lively(40), "frog", Limits(40), seed=0)
+    while not trainer.finished:
+        trainer.step()
+    trainer.check()
