@@ -90,6 +90,8 @@ HOSTILE: dict[str, list[Any]] = {
     "scale": [0, -1, math.nan, True, "x", 1e9, 10**400],
     "holdout_frames": [-1, True, 1.5, 10**400],
     "pixel_offsets": [5, [1], {"a": 1}, {"a": [1, math.nan]}, {"a": [1, 2, 3]}, {"a": [True, 1]}],
+    "masks": ["on", 1, True, None],
+    "key": [5, True, ["green"], "\n", "x" * 200],
     "lossless": [1, "x", None],
     "max_bytes": [0, True, -5, 1.5],
     "steps": [True, 0, 1.5, -1, 10**400],
