@@ -52,6 +52,21 @@ def offsets_of(options: argparse.Namespace) -> dict[str, tuple[float, float]] | 
     return offsets or None
 
 
+def add_mask_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds ``--masks`` and ``--key``."""
+    parser.add_argument(
+        "--masks",
+        choices=["auto", "off"],
+        default="auto",
+        help="auto: only the subject of images with alpha or masks, off: whole images",
+    )
+    parser.add_argument(
+        "--key",
+        metavar="COLOUR[,TOLERANCE]",
+        help="backdrop that is not part of the subject: green, blue or #00b140; tolerance from 0 to 0.95, default 0.4",
+    )
+
+
 def add_frames_argument(parser: argparse.ArgumentParser) -> None:
     """Adds ``--frames``; see ``frames_of``."""
     parser.add_argument("--frames", default=None, metavar="A:B", help="frames A to B - 1, counted from 0; default: all")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..engine.capture.capture import Capture
 from ..engine.capture.frames import is_decoded
+from ..engine.capture.masking import MaskSettings
+from ..engine.capture.masks_found import mask_lines
 from ..engine.capture.quality.check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
@@ -18,7 +19,7 @@ from ..engine.scene import compression_report
 from ..engine.training.recipe import recipe
 from ..engine.training.session.job import usual_scale
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
-from .arguments import add_offset_argument, offsets_of
+from .arguments import add_mask_arguments, add_offset_argument, offsets_of
 from .printing import say
 
 _SHOWN = 12  # names of held-out cameras
@@ -35,11 +36,12 @@ def add_info_parser(commands: Any) -> None:
         help="look at some images of a capture: do matches fit the poses, are cameras in step, exposure, blur",
     )
     add_offset_argument(info)
+    add_mask_arguments(info)
     info.set_defaults(run=_info)
 
 
 def _info(options: argparse.Namespace) -> int:
-    description = _describe(options.path, offsets_of(options), options.check)
+    description = _describe(options)
     if options.json:
         print(json.dumps(description, indent=1))
         return 0
@@ -49,13 +51,15 @@ def _info(options: argparse.Namespace) -> int:
     return 0
 
 
-def _describe(path: Path, pixel_offsets: Mapping[str, tuple[float, float]] | None, check: bool) -> dict[str, Any]:
+def _describe(options: argparse.Namespace) -> dict[str, Any]:
     """Plain values by name; a list is printed a line an entry."""
+    path, check = options.path, options.check
     if path.suffix == ".frog":
         if check:
             raise FrogError(f"{path}: --check looks at the images of a capture, found a scene.")
         return _describe_scene(ScenePlayer.load(path), path)
-    capture = open_capture(path, pixel_offsets=pixel_offsets)
+    masks = MaskSettings(options.masks != "off", options.key)
+    capture = open_capture(path, pixel_offsets=offsets_of(options), masks=masks)
     return _describe_capture(capture) | (_checked(capture) if check else {})
 
 
@@ -78,6 +82,7 @@ def _describe_capture(capture: Capture) -> dict[str, Any]:
         "frame rate": capture.frames_per_second,
         "size": ", ".join(sorted({f"{camera.width} x {camera.height}" for camera in capture.cameras})),
         "held out": _held_out(capture),
+        "masks": mask_lines(capture),
         "distortion": "removed at import" if any(capture.distortions) else "none",
         "training": _training_times(capture),
         "warning": list(capture.warnings),

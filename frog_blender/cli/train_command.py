@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..engine.field.names import METHODS
 from ..engine.training.recipe import RECIPES
 from ..engine.training.session.output_paths import check_unused
-from .arguments import add_offset_argument, offsets_of, positive, seed
+from .arguments import add_mask_arguments, add_offset_argument, offsets_of, positive, seed
 from .stopping import stopping
 from .streams import printing_may_fail
 
@@ -64,6 +64,7 @@ def add_train_parser(commands: Any) -> None:
         "with (others are ignored, and it says so); only --steps, --seconds and --max-bytes may be set anew",
     )
     add_offset_argument(train)
+    add_mask_arguments(train)
     train.set_defaults(run=_train, given=frozenset())
 
 
@@ -77,7 +78,7 @@ class _Give(argparse.Action):
 
 def _chosen(options: argparse.Namespace) -> dict[str, str]:
     """Of the settings that a training keeps from its beginning those that were given, and how they were."""
-    names = ("method", "recipe", "capacity", "max_gaussians", "seed", "scale", "holdout_frames")
+    names = ("method", "recipe", "capacity", "max_gaussians", "seed", "scale", "holdout_frames", "masks", "key")
     chosen = {name: f"--{name.replace('_', '-')}" for name in names if name in options.given}
     chosen |= {"lossless": "--lossless"} if options.lossless else {}
     return chosen | ({"pixel_offsets": "--pixel-offset"} if options.pixel_offset else {})
@@ -113,6 +114,8 @@ def _job(options: argparse.Namespace) -> TrainingJob:
         resume=options.resume,
         chosen=_chosen(options),
         pixel_offsets=offsets_of(options),
+        masks=options.masks,
+        key=options.key,
         device=options.device,
         lossless=options.lossless,
         max_bytes=options.max_bytes,

@@ -19,6 +19,7 @@ from ..arrays import Float64s, ImageArray
 from ..errors import FrogError
 from .camera import Camera
 from .camera_motion import cameras_move
+from .masking import ChromaKey, MaskSource
 from .time import frame_to_time
 from .world import FILES_OWN, World
 
@@ -65,6 +66,8 @@ class Shot:
         path: the video or image file.
         index: frame within the video, 0 for an image.
         offset: frames by which the image was taken later than its frame, of -0.5 to 0.5.
+        mask: of the subject, the only thing that is wanted of the image; None for the whole image.
+        ignore: of what must not be learned or judged; None for nothing.
     """
 
     camera: int
@@ -72,6 +75,8 @@ class Shot:
     path: Path
     index: int
     offset: float = 0.0
+    mask: MaskSource | None = None
+    ignore: MaskSource | None = None
 
 
 class Alteration(Protocol):
@@ -109,11 +114,12 @@ class Capture:
         test_cameras: names of cameras that are held out.
         test_frames: frames that are held out in every camera.
         near_far: distances in world units between which the scene lies, where the format gives them.
-        background: colour in [0, 1] under transparent images.
+        background: colour in [0, 1] under transparent images, and around subjects.
         points: (N, 3) float64 points on surfaces that came with the capture, world units; None for most.
         warnings: one sentence each.
         alteration: applied to the images after decoding; None for none.
         world: what the reader took off the files' coordinates.
+        key: the colour of the backdrop, which is not part of the subject in any image; None for none.
     """
 
     path: Path
@@ -132,6 +138,7 @@ class Capture:
     warnings: tuple[str, ...] = ()
     alteration: Alteration | None = None
     world: World = FILES_OWN
+    key: ChromaKey | None = None
 
     def __post_init__(self) -> None:
         if not self.crops:
@@ -156,6 +163,17 @@ class Capture:
         trained = self.train_shots
         images = Counter(shot.camera for shot in trained)
         return cameras_move(images.values(), [shot.frame for shot in trained], rig=True)
+
+    @cached_property
+    def has_masks(self) -> bool:
+        """Whether some pixels may not be of the subject, or are to be ignored."""
+        return self.key is not None or any(shot.mask or shot.ignore for shot in self.shots)
+
+    def without_masks(self) -> Capture:
+        """The capture whose images count as they are; itself where they do."""
+        if not self.has_masks:
+            return self
+        return replace(self, key=None, shots=tuple(replace(shot, mask=None, ignore=None) for shot in self.shots))
 
     @cached_property
     def _shot_indices(self) -> dict[tuple[int, int], int]:

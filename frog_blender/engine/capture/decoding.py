@@ -3,29 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import groupby, repeat
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Float64s, ImageArray
-from ..errors import FrogError
+from ..errors import FrogError, found_instead
 from .camera import Camera
-from .capture import Capture, Distortion
+from .capture import Capture, Distortion, Shot
 from .lenses import bend
-from .video import VIDEO_SUFFIXES, decode, load_opencv, read_image
+from .masking import MaskSource, over, recolored
+from .video import VIDEO_SUFFIXES, decode, load_opencv, read_alpha, read_image, read_mask
 
 Maps = tuple[NDArray[np.int16], NDArray[np.uint16]]
 _LINES = 256  # of an image, whose undistortion is computed at a time
 
 
-def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[ImageArray]:
-    """The frames of the shots in ``order``, each (H, W, 3) uint8 RGB, contiguous, at its camera's size.
+_IGNORED = 127  # a mask of what is ignored is ignored where it is brighter
 
-    Shots of one video must follow each other in ascending frames; one file is open at a time.
+
+@dataclass(frozen=True, eq=False)
+class DecodedShot:
+    """One image with its masks, all at its camera's size.
+
+    Attributes:
+        image: (H, W, 3) uint8 RGB, contiguous; over the capture's background where there is an ``alpha``.
+        alpha: (H, W) uint8, the subject's share of each pixel; None where it is all of the image.
+        ignored: (H, W) uint8, 255 for pixels of which a part is to be ignored, else 0; None where nothing is.
+    """
+
+    image: ImageArray
+    alpha: ImageArray | None = None
+    ignored: ImageArray | None = None
+
+
+def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[ImageArray]:
+    """The frames of the shots in ``order`` whatever masks there are, see ``decode_masked``."""
+    return (shot.image for shot in decode_masked(capture.without_masks(), order))
+
+
+def decode_masked(capture: Capture, order: Sequence[int]) -> Iterator[DecodedShot]:
+    """The frames of the shots in ``order`` and their masks.
+
+    Shots of one video must follow each other in ascending frames; an image and its masks are open at a time.
 
     Raises:
-        FrogError: if a file cannot be decoded or its proportions are not the camera's.
+        FrogError: if a file cannot be decoded, its proportions are not the camera's, or a mask has another size.
     """
     for (camera_index, path), group in groupby(order, key=lambda i: (capture.shots[i].camera, capture.shots[i].path)):
         shots = [capture.shots[index] for index in group]
@@ -37,12 +62,59 @@ def decode_shots(capture: Capture, order: Sequence[int]) -> Iterator[ImageArray]
             images = repeat(read_image(path, capture.background), len(shots))
         maps: Maps | None = None
         map_shape: tuple[int, ...] = ()
-        for image in images:
+        alphas, ignores = (_masks([getattr(shot, kind) for shot in shots]) for kind in ("mask", "ignore"))
+        for shot, image, alpha, ignored in zip(shots, images, alphas, ignores, strict=True):
+            for mask, source in ((alpha, shot.mask), (ignored, shot.ignore)):
+                _check_mask(mask, image, source)
             if image.shape != map_shape:
                 map_shape = image.shape
                 _check_proportions(camera, map_shape, str(path))
                 maps = None if distortion is None else undistortion_maps(camera, distortion, map_shape[1], map_shape[0])
-            yield _finish(image, camera, maps)
+            image, alpha = _matted(capture, shot, image, alpha)
+            yield DecodedShot(
+                _finish(image, camera, maps),
+                None if alpha is None else _finish(alpha, camera, maps),
+                None if ignored is None else _touched(_finish(_touched(ignored, _IGNORED), camera, maps), 0),
+            )
+
+
+def _matted(
+    capture: Capture, shot: Shot, image: ImageArray, alpha: ImageArray | None
+) -> tuple[ImageArray, ImageArray | None]:
+    """A stored image over the capture's background, and its alpha by its mask, its own transparency and the key."""
+    if capture.key is not None:
+        image, keyed = capture.key.apply(image)
+        if alpha is not None:
+            image = over(image, alpha, (0.0, 0.0, 0.0))
+            keyed = ((keyed.astype(np.uint16) * alpha + 127) // 255).astype(np.uint8)
+        return recolored(image, keyed, (0.0, 0.0, 0.0), capture.background), keyed
+    if alpha is not None and shot.mask is not None and not shot.mask.is_alpha:
+        image = over(image, alpha, capture.background)
+    return image, alpha  # an image's own transparency already lies over the background
+
+
+def _masks(sources: Sequence[MaskSource | None]) -> Iterator[ImageArray | None]:
+    """The masks (H, W) of shots of one file; one that serves several shots is decoded once."""
+    for path, group in groupby(sources, key=lambda source: None if source is None else source.path):
+        same = list(group)
+        given = [source for source in same if source is not None]
+        if path is None:
+            yield from repeat(None, len(same))
+        elif path.suffix.lower() in VIDEO_SUFFIXES:
+            yield from (image.max(axis=2) for image in decode(path, [source.index for source in given]))
+        else:
+            yield from repeat(read_alpha(path) if given[0].is_alpha else read_mask(path), len(same))
+
+
+def _touched(mask: ImageArray, above: int) -> ImageArray:
+    """(H, W) uint8, 255 where a mask is above a value, else 0."""
+    return np.where(mask > above, np.uint8(255), np.uint8(0))
+
+
+def _check_mask(mask: ImageArray | None, image: ImageArray, source: MaskSource | None) -> None:
+    if mask is not None and source is not None and mask.shape != image.shape[:2]:
+        found, expected = (f"{shape[1]} x {shape[0]} pixels" for shape in (mask.shape, image.shape))
+        raise found_instead(source.path, f"a mask of {found}", f"{expected} as its image has")
 
 
 def undistortion_maps(camera: Camera, distortion: Distortion, width: int, height: int) -> Maps:

@@ -22,7 +22,9 @@ from ..arrays import ImageArray
 from ..errors import FrogError, found_instead
 from .camera import MAX_PIXELS, MAX_SIDE
 from .capture import Capture, Distortion, Shot
-from .decoding import decode_shots
+from .decoding import decode_masked
+from .mask_planes import MaskPlanes, PlaneWriter
+from .masking import MaskSource
 from .sharing import lock_exclusively, open_shared
 
 _VERSION = 2  # raise it when the same capture would decode to other bytes
@@ -46,6 +48,7 @@ class FrameStore:
         self._offsets, self._shapes, total = _layout(capture)
         self._pixels: ImageArray = np.memmap(folder / _PIXELS, dtype=np.uint8, mode="r", shape=(total,))
         self._map = weakref.ref(self._pixels._mmap)  # type: ignore[attr-defined]
+        self._planes = MaskPlanes(folder) if capture.has_masks else MaskPlanes()
         self._in_use = open_shared(folder / _INDEX)
 
     @classmethod
@@ -89,6 +92,14 @@ class FrameStore:
         offset = self._offsets[shot_index]
         return self._pixels[offset : offset + height * width * 3].reshape(height, width, 3)
 
+    def alpha(self, shot_index: int) -> ImageArray | None:
+        """(H, W) uint8 view of the subject's share of each pixel; None where all images are whole."""
+        return self._planes.alpha(self._offsets[shot_index], self._shapes[shot_index])
+
+    def ignored(self, shot_index: int) -> ImageArray | None:
+        """(H, W) uint8 view, 255 for pixels that are to be ignored; None where none is in any image."""
+        return self._planes.ignored(self._offsets[shot_index], self._shapes[shot_index])
+
     def __len__(self) -> int:
         return len(self._offsets)
 
@@ -102,6 +113,7 @@ class FrameStore:
         if not lock_exclusively(self._in_use):
             return 0
         size, self._pixels, self._in_use = self._pixels.size, np.empty(0, np.uint8), None
+        self._planes = MaskPlanes()
         mapped = self._map()
         if mapped is not None:  # still referenced: closing it by force would crash the process
             self._pixels, self._in_use = np.frombuffer(mapped, np.uint8), open_shared(self.folder / _INDEX)
@@ -163,7 +175,8 @@ def _facts(path: Path) -> list[int]:
 def _sources(capture: Capture) -> dict[str, list[int]]:
     """The capture's files and their facts."""
     sources = {}
-    for path in sorted({shot.path for shot in capture.shots}):
+    masks = {mask.path for shot in capture.shots for mask in (shot.mask, shot.ignore) if mask}
+    for path in sorted({shot.path for shot in capture.shots} | masks):
         try:
             sources[str(path.resolve())] = _facts(path)
         except OSError as error:
@@ -197,9 +210,15 @@ def _key(capture: Capture, sources: dict[str, list[int]]) -> str:
     ]
     shots = [[s.camera, s.frame, str(s.path.resolve()), s.index] for s in capture.shots]
     decides = [_VERSION, sources, cameras, shots, capture.background]
+    if capture.has_masks:
+        decides += [str(capture.key), [[_mask_key(shot.mask), _mask_key(shot.ignore)] for shot in capture.shots]]
     if capture.alteration is not None:
         decides += [capture.alteration.key, sorted(capture.test_cameras), sorted(capture.test_frames)]
     return hashlib.sha256(json.dumps(decides).encode()).hexdigest()[:32]
+
+
+def _mask_key(mask: MaskSource | None) -> list[object]:
+    return [] if mask is None else [str(mask.path.resolve()), mask.index, mask.is_alpha]
 
 
 def _distortion_key(distortion: Distortion | None) -> list[float] | dict[str, object] | None:
@@ -214,7 +233,9 @@ def _distortion_key(distortion: Distortion | None) -> list[float] | dict[str, ob
 def _is_whole(folder: Path, capture: Capture) -> bool:
     """True if the store exists and has all its bytes."""
     try:
-        return (folder / _INDEX).is_file() and (folder / _PIXELS).stat().st_size == _layout(capture)[2]
+        total = _layout(capture)[2]
+        whole = (folder / _INDEX).is_file() and (folder / _PIXELS).stat().st_size == total
+        return whole and (not capture.has_masks or MaskPlanes.are_whole(folder, total // 3))
     except OSError:
         return False
 
@@ -265,10 +286,11 @@ def _build(
 ) -> None:
     """Decode into a temporary folder and rename it to ``folder``."""
     total = _layout(capture)[2]
+    room = total * 5 // 3 if capture.has_masks else total
     free = shutil.disk_usage(folder.parent).free
-    if free < total + _SPARE_BYTES:
+    if free < room + _SPARE_BYTES:
         raise FrogError(
-            f"{folder.parent}: the decoded frames need {total / 1e9:.2f} GB, found {free / 1e9:.2f} GB free: "
+            f"{folder.parent}: the decoded frames need {room / 1e9:.2f} GB, found {free / 1e9:.2f} GB free: "
             "choose a smaller image scale, or another cache folder with FROG_CACHE."
         )
     partial = Path(tempfile.mkdtemp(prefix=folder.name + _PARTIAL, dir=folder.parent))
@@ -276,14 +298,18 @@ def _build(
         with (partial / _PIXELS).open("wb") as file:
             file.truncate(total)
             order = decoding_order(capture)
-            for done, (index, image) in enumerate(zip(order, decode_shots(capture, order), strict=True), start=1):
+            planes = PlaneWriter(partial)
+            for done, (index, shot) in enumerate(zip(order, decode_masked(capture, order), strict=True), start=1):
                 if cancelled is not None and cancelled():
                     raise DecodingCancelled(f"{capture.path}: decoding was cancelled.")
-                file.write(_altered(capture, index, image).data)
+                file.write(_altered(capture, index, shot.image).data)
+                if capture.has_masks:
+                    planes.add(shot)
                 if progress is not None:
                     progress(done, len(capture.shots))
             file.flush()
             os.fsync(file.fileno())
+            planes.close()
         facts = {"capture": str(capture.path.resolve()), "sources": sources, "shots": len(capture.shots)}
         (partial / _INDEX).write_text(json.dumps(facts), encoding="utf-8")
         _put(partial, folder, capture)

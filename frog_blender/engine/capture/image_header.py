@@ -1,13 +1,18 @@
-"""The size of an image as its first bytes say it, of PNG and JPEG."""
+"""What the first bytes of an image say: the size of PNG and JPEG, and whether a PNG or WebP has an alpha channel."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from pathlib import Path
 from typing import BinaryIO
+
+from ..errors import found_instead
 
 PNG_START = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER = 24  # bytes, up to and with the size
+_PNG_ALPHA = frozenset({4, 6})  # colour types: brightness or colours, with alpha
+_WEBP_ALPHA = 0x10  # of the flags
 _JPEG_START = b"\xff\xd8"
 # Start of a frame of any process; C4, C8 and CC among their numbers are something else.
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
@@ -22,6 +27,24 @@ def size_in_header(file: BinaryIO) -> tuple[int, int] | None:
         file.seek(len(_JPEG_START))
         size = _jpeg_size(file)
     return size
+
+
+def has_alpha(path: Path) -> bool:
+    """Whether an image file says that it has an alpha channel; of PNG and WebP, False for others.
+
+    Raises:
+        FrogError: if it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            start = file.read(PNG_HEADER + 2)
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "an image") from error
+    if len(start) < PNG_HEADER + 2:
+        return False
+    if start.startswith(PNG_START):
+        return start[PNG_HEADER + 1] in _PNG_ALPHA
+    return start[:4] == b"RIFF" and start[8:16] == b"WEBPVP8X" and bool(start[20] & _WEBP_ALPHA)
 
 
 def png_size(start: bytes) -> tuple[int, int] | None:

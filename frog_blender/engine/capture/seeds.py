@@ -10,9 +10,11 @@ import numpy as np
 from ..arrays import Bools, Float32s, Float64s, Floats, Ints
 from ..errors import FrogError
 from .capture import Capture
+from .hull import VisualHull
 from .seeding.given import given_points
 from .seeding.matching import triangulate
 from .seeding.plane_sweep import DepthMap, consistent, sweep, world_points
+from .seeding.subject import subject_points
 from .seeding.views import Images, View, load_view, neighbours, scene_depth, spread
 from .seeding.volume import fill_volume
 
@@ -21,6 +23,7 @@ _MATCH_VIEWS = 36
 _SWEEP_REFERENCES = 12
 _ENOUGH = 5000  # measured points: with fewer, further ones are drawn in the volume
 _UNTEXTURED_SHARE = 0.3
+_HULL_FRAMES = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,19 +98,37 @@ def find_seeds(
         kept = random.permutation(len(parts[0][0]))[: int(share * count_limit)]
         measured = len(kept)
         parts = [(parts[0][0][kept], parts[0][1][kept])]
+    hull = _hull(capture, store, train)
+    if hull is not None and parts:  # images of a subject over one colour match where there is nothing
+        inside = hull.contains(parts[0][0])
+        parts, measured = [(parts[0][0][inside], parts[0][1][inside])], int(inside.sum())
     counts = {"matched": len(found[0]), "given": len(given[0]), "swept": len(swept[0])}
     if measured < _ENOUGH:
         wanted = count_limit - sum(len(part[0]) for part in parts)
-        parts.append(fill_volume(capture, store, near, far, count=wanted, random=random))
+        if hull is not None:
+            parts.append(subject_points(capture, store, hull, (near, far), wanted, random))
+        else:
+            parts.append(fill_volume(capture, store, near, far, count=wanted, random=random))
         counts["drawn"] = len(parts[-1][0])
     report(steps)
     points = np.concatenate([part[0] for part in parts])
     colors = np.concatenate([part[1] for part in parts])
     finite = np.isfinite(points).all(axis=1)
+    if hull is not None and not finite.any():
+        raise FrogError(f"{capture.path}: no point lies inside the masks of all cameras: are they of these images?")
     if not finite.any():
         raise FrogError(f"{capture.path}: no point is seen by two training cameras: are the poses right?")
     origin = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
     return Seeds(points[finite].astype(np.float32), np.clip(colors[finite], 0, 1).astype(np.float32), origin)
+
+
+def _hull(capture: Capture, store: Images, train: list[int]) -> VisualHull | None:
+    """The subject's visual hull at some of the frames; None where there are no masks."""
+    if not capture.has_masks or store.alpha(train[0]) is None:
+        return None
+    frames = sorted({capture.shots[index].frame for index in train})
+    chosen = set(frames if len(frames) == len(train) else spread(frames, _HULL_FRAMES))
+    return VisualHull(capture, store, [index for index in train if capture.shots[index].frame in chosen])
 
 
 def _typical(near_far: tuple[float, float]) -> float:

@@ -232,6 +232,23 @@ def read_gray(path: Path) -> ImageArray:
         return _decoded(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
 
 
+def read_mask(path: Path) -> ImageArray:
+    """An image file as (H, W) uint8 brightness, turned as its EXIF says; errors as of ``read_image``."""
+    image = read_image(path)
+    return np.ascontiguousarray(image.max(axis=2))
+
+
+def read_alpha(path: Path) -> ImageArray:
+    """The alpha channel of an image file as (H, W) uint8, 255 where it has none; errors as of ``read_image``."""
+    with _as_frog_error(path, "an image"):
+        image = _decoded(path, load_opencv().IMREAD_UNCHANGED)
+        if image.dtype == np.uint16:
+            image = (image >> 8).astype(np.uint8)
+        if image.ndim == 2 or image.shape[2] < 4 or image.dtype != np.uint8:
+            return np.full(image.shape[:2], 255, np.uint8)
+        return np.ascontiguousarray(image[..., 3])
+
+
 def check_image_size(path: Path, size: tuple[int, int]) -> None:
     """FrogError for an image size (width, height) that would exhaust the memory when decoded."""
     width, height = size

@@ -37,6 +37,8 @@ def evaluate(
 
     "psnr" (dB) and "ssim" are means over images. "psnr_moving" (dB) comes from the mean squared error over the masked
     pixels of all images, and "sharpness_moving" is the gradient energy in them relative to that of the true images.
+    "psnr_inside" (dB) is that of the subject's pixels where images have alpha or masks, whose other pixels lie over the
+    scene's background. What is to be ignored counts nowhere.
 
     Args:
         capture: with the cameras as the scene was trained with them.
@@ -58,7 +60,12 @@ def evaluate(
         truth = store.image(index).astype(np.float32) / 255
         drawing = draw(scene.at(capture.time_of(shot)), camera, scene.header.background)
         say(drawing.notice)
-        sums.setdefault(camera.name, _Sums()).add(drawing.rgb.clip(0, 1), truth, masks.of(shot), more_metrics or {})
+        image, counted = drawing.rgb.clip(0, 1), _counted(capture, store, index)
+        if counted is not None:
+            image = np.where(counted[..., None], image, truth)
+        part, subject = sums.setdefault(camera.name, _Sums()), _subject(capture, store, index)
+        part.add(image, truth, _both(masks.of(shot), counted), more_metrics or {}, counted=counted)
+        part.add_subject(image, truth, _both(subject, counted))
         if progress:
             progress(done + 1, len(chosen))
     return {
@@ -90,6 +97,22 @@ def _images_of(split: str, scene: ScenePlayer, capture: Capture) -> tuple[list[i
     return chosen, split
 
 
+def _counted(capture: Capture, store: FrameStore, index: int) -> Mask | None:
+    """(H, W) what is not to be ignored of an image; None where all counts."""
+    ignored = store.ignored(index) if capture.has_masks else None
+    return None if ignored is None or not ignored.any() or ignored.all() else ignored == 0
+
+
+def _subject(capture: Capture, store: FrameStore, index: int) -> Mask | None:
+    """(H, W) pixels of an image that are the subject's for the most part; None where images are whole."""
+    alpha = store.alpha(index) if capture.has_masks else None
+    return None if alpha is None else alpha > 127
+
+
+def _both(mask: Mask | None, counted: Mask | None) -> Mask | None:
+    return mask if mask is None or counted is None else mask & counted
+
+
 class _Masks:
     """The mask of each image: from a file, or else ``moving_mask`` of its camera, found when it is first needed."""
 
@@ -119,12 +142,22 @@ class _Sums:
     masked_count: int = 0
     sharpness: float = 0.0
     true_sharpness: float = 0.0
+    inside_error: float = 0.0
+    inside_count: int = 0
     more: dict[str, float] = field(default_factory=dict)
 
-    def add(self, image: Image, truth: Image, mask: Mask | None, more_metrics: Mapping[str, Metric]) -> None:
-        """An image and its ground truth, both (H, W, 3) in [0, 1]."""
+    def add(
+        self,
+        image: Image,
+        truth: Image,
+        mask: Mask | None,
+        more_metrics: Mapping[str, Metric],
+        *,
+        counted: Mask | None = None,
+    ) -> None:
+        """An image and its ground truth, both (H, W, 3) in [0, 1], equal where pixels are not ``counted`` (H, W)."""
         error = (image.astype(np.float64) - truth) ** 2
-        self.psnr += psnr_of(float(error.mean()))
+        self.psnr += psnr_of(float(error.mean() if counted is None else error[counted].mean()))
         self.ssim += ssim(image, truth)
         for name, metric in more_metrics.items():
             self.more[name] = self.more.get(name, 0.0) + metric(image, truth)
@@ -135,14 +168,23 @@ class _Sums:
             self.sharpness += gradient_energy(image, mask)
             self.true_sharpness += gradient_energy(truth, mask)
 
+    def add_subject(self, image: Image, truth: Image, mask: Mask | None) -> None:
+        """The pixels (H, W) of its subject, besides."""
+        if mask is not None:
+            error = (image[mask].astype(np.float64) - truth[mask]) ** 2
+            self.inside_error += float(error.mean(axis=1).sum())
+            self.inside_count += int(mask.sum())
+
 
 def _figures(parts: Sequence[_Sums]) -> Figures:
     """Metrics over the images of some cameras."""
     frames, count = sum(p.frames for p in parts), sum(p.masked_count for p in parts)
     true_sharpness = sum(p.true_sharpness for p in parts)
+    inside = sum(p.inside_count for p in parts)
     return {
         "psnr": sum(p.psnr for p in parts) / frames,
         "psnr_moving": psnr_of(sum(p.masked_error for p in parts) / count) if count else None,
+        **({"psnr_inside": psnr_of(sum(p.inside_error for p in parts) / inside)} if inside else {}),
         "ssim": sum(p.ssim for p in parts) / frames,
         **{name: sum(p.more[name] for p in parts) / frames for name in parts[0].more},
         "sharpness_moving": sum(p.sharpness for p in parts) / true_sharpness if true_sharpness else None,

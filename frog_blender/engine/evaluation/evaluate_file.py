@@ -59,4 +59,5 @@ def open_training_capture(scene: ScenePlayer, capture_path: Path) -> Capture:
         FrogError: if it cannot be read, or has other cameras or frames than the scene.
     """
     header = scene.header
-    return as_trained(header, open_capture(capture_path, pixel_offsets=header.pixel_offsets or None))
+    capture = open_capture(capture_path, pixel_offsets=header.pixel_offsets or None, masks=header.masks)
+    return as_trained(header, capture)

@@ -39,13 +39,13 @@ class FusedRenderResult(RenderResult):
     pruned_rows: list[slice]
     versions: list[int]
 
-    def backward(self, by_rgb: torch.Tensor) -> None:
+    def backward(self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None = None) -> None:
         """See RenderResult; RuntimeError when an array has been changed in place since."""
         if _versions(self.arrays, self.gaussians) != self.versions:
             raise RuntimeError("one of the scene's arrays has been changed since the image was drawn")
         if self.drawing.camera.exposure != NEUTRAL:
             by_rgb = by_rgb * by_rgb.new_tensor(self.drawing.camera.exposure)
-        by_gaussians = self.drawing.backward(by_rgb, None, None if self.pose is None else self.pose.shape)
+        by_gaussians = self.drawing.backward(by_rgb, by_alpha, None if self.pose is None else self.pose.shape)
         self.image.screen.grad = by_gaussians.pop("screen")
         if self.pose is not None:
             self.pose.grad = by_gaussians.pop("pose")

@@ -43,9 +43,13 @@ class RenderResult:
     gaussians: TorchGaussians
     changes: dict[str, torch.Tensor]
 
-    def backward(self, by_rgb: torch.Tensor) -> None:
-        """Adds the gradients that (H, W, 3) by the image's colours bring to those of everything it was drawn from."""
-        self.image.rgb.backward(by_rgb)
+    def backward(self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None = None) -> None:
+        """Adds the gradients that (H, W, 3) by the image's colours, and (H, W) by its alpha, bring to those of
+        everything it was drawn from."""
+        if by_alpha is None:
+            self.image.rgb.backward(by_rgb)
+        else:
+            torch.autograd.backward([self.image.rgb, self.image.alpha], [by_rgb, by_alpha])
 
 
 class SceneModel(nn.Module):

@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from ..capture.camera import Camera
 from ..capture.camera_motion import cameras_move
+from ..capture.masking import EVERY_MASK, MaskSettings
 from ..capture.world import FILES_OWN, World
 from ..field.names import METHODS
 from ..io.plain_values import (
@@ -41,7 +42,10 @@ MOST_STANDING = 4096
 """Of those, where they are no moving camera's: each becomes an object in Blender."""
 _LONGEST_NAME, _LONGEST_PATH = 1024, 32_768  # characters
 _FASTEST = 1e6  # frames a second
-_LATER = ("capacity", "world")  # fields that the first versions did not have, or that plain scenes leave out
+_LATER = ("capacity", "world", "masks")  # fields that the first versions did not have, or that plain scenes leave out
+
+
+_OBJECTS = ("cameras", "world", "masks")  # fields that write themselves
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,7 @@ class SceneHeader:
         steps, train_seconds: how much training is in it (decoding and seeding not counted).
         capacity: what the training took out of the model (see training.compression), empty where it took nothing.
         world: where the scene's coordinates lie in those of the capture's files.
+        masks: what was made of the capture's masks.
     """
 
     method: str
@@ -84,6 +89,7 @@ class SceneHeader:
     format_version: int = FORMAT_VERSION
     capacity: JsonMapping = field(default_factory=dict)
     world: World = FILES_OWN
+    masks: MaskSettings = EVERY_MASK
 
     def __post_init__(self) -> None:
         """Copies the mappings, and lets nobody change the copies: a header says what it said when it was made."""
@@ -106,10 +112,11 @@ class SceneHeader:
         return camera_name in self.test_cameras or frame in self.test_frames
 
     def to_json(self) -> str:
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in ("cameras", "world")}
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in _OBJECTS}
         values = {name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in values.items()}
         world = {} if self.world.is_plain else {"world": self.world.to_json()}
-        return json.dumps({**values, **world, "cameras": [c.to_json() for c in self.cameras]}, allow_nan=False)
+        masks = {} if self.masks == EVERY_MASK else {"masks": {"use": self.masks.use, "key": self.masks.key}}
+        return json.dumps({**values, **world, **masks, "cameras": [c.to_json() for c in self.cameras]}, allow_nan=False)
 
     @classmethod
     def from_json(cls, content: str) -> SceneHeader:
@@ -142,10 +149,17 @@ class SceneHeader:
             format_version=version,
             capacity=_capacity(data.get("capacity", {})),
             world=World.from_json(data["world"]) if "world" in data else FILES_OWN,
+            masks=_masks(data["masks"]) if "masks" in data else EVERY_MASK,
         )
         if len(header.cameras) > MOST_STANDING and not header.is_moving:
             raise UnfitValue(f"{len(header.cameras)} cameras that do not move", f"at most {MOST_STANDING}")
         return header
+
+
+def _masks(value: object) -> MaskSettings:
+    found = {"use": True, "key": None} | entries(value, "masks")
+    key = None if found["key"] is None else text(found["key"], "the chroma key", 100)
+    return MaskSettings(found["use"] is True, key)
 
 
 def _model(value: object) -> JsonObject:

@@ -65,6 +65,7 @@ class Recipe:
             optimize.exposure_compensation); 1 for never, as in the papers.
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
+        alpha_weight: of the mean difference in alpha, where images or masks say what it is.
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
         half_size_until: fraction of training in which images have half their size (see optimize.half_resolution).
@@ -134,6 +135,7 @@ class Recipe:
     dssim_from: float = number(0.125, 0, _NEVER)
     dssim_burst: int = whole(5, 0, _MOST_STEPS)
     dssim_period: int = whole(50, 1, _MOST_STEPS)
+    alpha_weight: float = number(0.1, 0, 10)
     smoothness_weight: float = number(1e-3, 0, 1e3)
     smoothness_neighbours: int = whole(8, 1, 100)
     smoothness_falloff: float = number(0.3, 0, 1e6)

@@ -27,7 +27,7 @@ from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.compression import report_image, sensitivity, validation
 from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
-from frog_blender.engine.training.optimize import nearest_neighbours
+from frog_blender.engine.training.optimize import losses, nearest_neighbours
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
 from frog_blender.engine.training.optimize import trainer as trainer_module
 from frog_blender.engine.training.optimize.device import choose_device, image_on, try_rasterizer
@@ -74,7 +74,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
 
     for module in (trainer_module, interface_module, sensitivity, validation, report_image):
         monkeypatch.setattr(module, "rasterize", slowly)
-    monkeypatch.setattr(trainer_module, "photometric_loss", photometric_loss_on_any_device)
+    monkeypatch.setattr(losses, "photometric_loss", photometric_loss_on_any_device)
     monkeypatch.setattr(nearest_neighbours, "by_tree", nearest_neighbours.by_distances)
     adam = import_module("torch.optim.adam")  # its list of devices that have fused kernels
     monkeypatch.setattr(adam, "_device_dtype_check_for_fused", lambda *_, **__: None)

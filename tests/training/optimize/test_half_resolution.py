@@ -70,17 +70,17 @@ class Watched(Trainer):
     sizes: list[tuple[float, tuple[int, int]]]
     anchored: list[tuple[int, int]]
 
-    def draw(self, shot_index: int, progress: float, options: RasterizeOptions, pose: Any = None) -> Any:
-        pixels, drawn = super().draw(shot_index, progress, options, pose)
+    def draw(self, shot_index: int, progress: float, options: RasterizeOptions, *more: Any) -> Any:
+        truth, drawn = super().draw(shot_index, progress, options, *more)
         height, width, _ = drawn.image.rgb.shape
-        assert pixels.shape == (height, width, 3)
+        assert truth.pixels.shape == (height, width, 3)
         if options.depth:
             camera = self.camera_at(self.capture.shots[shot_index].camera, progress)
             assert (camera.width, camera.height) == (width, height)
             self.anchored.append((width, height))
         elif progress >= self.recipe.warm_up:
             self.sizes.append((progress, (width, height)))
-        return pixels, drawn
+        return truth, drawn
 
 
 def test_a_training_begins_at_half_size_and_ends_at_whole(

@@ -124,10 +124,10 @@ class Watched(Trainer):
         self.anchors = 0
         super().__init__(*arguments, **options)
 
-    def draw(self, shot_index: int, progress: float, options: RasterizeOptions, pose: Any = None) -> Any:
-        pixels, drawn = super().draw(shot_index, progress, options, pose)
+    def draw(self, shot_index: int, progress: float, options: RasterizeOptions, *more: Any) -> Any:
+        truth, drawn = super().draw(shot_index, progress, options, *more)
         self.degrees.add(drawn.gaussians.sh_degree)
-        return pixels, drawn
+        return truth, drawn
 
     def schedule_state(self, progress: float | None = None) -> ScheduleState:
         self.states.append(super().schedule_state(progress))
@@ -254,10 +254,10 @@ def test_few_seeds_are_enough(capture: Capture, store: FrameStore, lively: Any, 
 
 
 class Unstable(Trainer):
-    def draw(self, shot_index: int, progress: float, options: RasterizeOptions, pose: Any = None) -> Any:
-        pixels, drawn = super().draw(shot_index, progress, options, pose)
+    def draw(self, shot_index: int, progress: float, options: RasterizeOptions, *more: Any) -> Any:
+        truth, drawn = super().draw(shot_index, progress, options, *more)
         drawn.image.rgb = drawn.image.rgb * float("nan")
-        return pixels, drawn
+        return truth, drawn
 
 
 def test_a_loss_that_is_not_a_number_stops_the_training(make_trainer: Callable[..., Trainer]) -> None:

@@ -41,13 +41,13 @@ def failing(when: Callable[[int], bool]) -> type[Trainer]:
     steps = [0]
 
     class Failing(Trainer):
-        def draw(self, shot_index: int, progress: float, options: RasterizeOptions, pose: Any = None) -> Any:
-            pixels, drawn = super().draw(shot_index, progress, options, pose)
+        def draw(self, shot_index: int, progress: float, options: RasterizeOptions, *more: Any) -> Any:
+            truth, drawn = super().draw(shot_index, progress, options, *more)
             if not options.depth and progress >= 0.5:
                 steps[0] += 1
                 if when(steps[0]):
                     drawn.image.rgb = drawn.image.rgb * float("nan")
-            return pixels, drawn
+            return truth, drawn
 
     return Failing
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ...errors import FrogError
 from ..capture import Capture
+from ..masking import EVERY_MASK, MaskSettings
 from ..video import find_videos
 from . import (
     calibrated_videos,
@@ -27,6 +28,7 @@ from . import (
 )
 from .checks import checked
 from .local_world import localized
+from .mask_files import with_masks
 from .near_layouts import not_a_folder, unknown_folder
 
 # In the order in which they are tried: a folder may hold what several programs wrote.
@@ -85,20 +87,26 @@ def _layout(path: Path) -> str | None:
     return next((name for name, reader in _READERS.items() if reader.matches(path)), None)
 
 
-def open_capture(path: Path, *, pixel_offsets: Mapping[str, tuple[float, float]] | None = None) -> Capture:
+def open_capture(
+    path: Path,
+    *,
+    pixel_offsets: Mapping[str, tuple[float, float]] | None = None,
+    masks: MaskSettings = EVERY_MASK,
+) -> Capture:
     """Open a capture folder of any known layout, without decoding it.
 
     Args:
         path: the folder, or one that holds the capture's as the only one.
         pixel_offsets: for cameras by name, the pixel (dx, dy) of the calibrated image at which the video's
             upper left corner lies, for videos that were cropped after calibration.
+        masks: what is made of masks and alpha; by default they count.
 
     Raises:
         FrogError: with one sentence, if the folder cannot be used.
     """
     folder, layout = _located(Path(path))
     with _readable(folder):
-        capture = localized(checked(_READERS[layout].read(folder)))
+        capture = with_masks(localized(checked(_READERS[layout].read(folder))), masks)
     return capture.with_pixel_offsets(pixel_offsets) if pixel_offsets else capture
 
 

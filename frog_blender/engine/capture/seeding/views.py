@@ -24,6 +24,10 @@ class Images(Protocol):
         """(H, W, 3) uint8 sRGB."""
         ...
 
+    def alpha(self, shot_index: int) -> ImageArray | None:
+        """(H, W) uint8 the subject's share of each pixel, asked for where the capture has masks alone."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class View:

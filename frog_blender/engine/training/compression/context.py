@@ -18,6 +18,7 @@ from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind, reduction_line
 from ..optimize.gaussian_state import Reindexing
 from ..optimize.hooks import Training
+from ..optimize.mattes import Mattes
 from ..optimize.stateful import Tensors, Values, expect
 from .sensitivity import MOTION_ARRAYS, Motion, SampledView, Sensitivity, mean_state, measure, sample_views
 from .settings import DEFAULT, CompressionSettings
@@ -187,7 +188,9 @@ class CompressionContext:
 
     def measure(self, views: Sequence[SampledView], generator: torch.Generator) -> Sensitivity:
         """Of the Gaussians as they stand."""
-        return measure(self.gaussians_at, self.num_dynamic, self.training.capture, views, generator)
+        capture = self.training.capture
+        mattes = Mattes(capture, self.training.store) if capture.has_masks else None
+        return measure(self.gaussians_at, self.num_dynamic, capture, views, generator, mattes)
 
     def mean_dynamic_state(self, views: Sequence[SampledView]) -> Tensors:
         """How the dynamic Gaussians look on average over the views, see ``Sensitivity.state``."""

@@ -9,13 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...gaussians import TorchGaussians
 from ...rasterizer import GaussianArrays, Image, RasterizeOptions, rasterize
 from ...spherical_harmonics import SH_DC
+from ..optimize.mattes import Mattes
 
 PIXELS_OF_A_CHANGE = 64.0
 """A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth
@@ -31,10 +34,11 @@ FAINT = 1e-4
 
 @dataclass(frozen=True)
 class SampledView:
-    """A camera, by index, at a time in [0, 1], which is jittered by up to half a frame."""
+    """A camera, by index, at a time in [0, 1], which is jittered by up to half a frame, near a shot."""
 
     camera: int
     time: float
+    shot: int = 0
 
 
 def sample_views(capture: Capture, shots: Sequence[int], count: int, generator: torch.Generator) -> list[SampledView]:
@@ -45,9 +49,10 @@ def sample_views(capture: Capture, shots: Sequence[int], count: int, generator: 
     choice, jitter = torch.rand(2, count, generator=generator, device="cpu").tolist()
     views = []
     for k in range(count):
-        shot = capture.shots[in_time[int((k + choice[k]) / count * len(in_time))]]
+        index = in_time[int((k + choice[k]) / count * len(in_time))]
+        shot = capture.shots[index]
         time = capture.time_at(shot.frame + shot.offset + jitter[k] - 0.5)
-        views.append(SampledView(shot.camera, time))
+        views.append(SampledView(shot.camera, time, index))
     return views
 
 
@@ -122,12 +127,14 @@ def measure(
     capture: Capture,
     views: Sequence[SampledView],
     generator: torch.Generator,
+    mattes: Mattes | None = None,
 ) -> Sensitivity:
     """Draws every view, at least one.
 
     Args:
         gaussians_at: all Gaussians at a time, dynamic ones first.
         num_dynamic: of them, M.
+        mattes: where images have masks: what is ignored shows nothing, and views have backgrounds of their own.
     """
     ranges = {name: _Range() for name in _ATTRIBUTES}
     seen, total = {name: _Range() for name in STATE}, _Range()
@@ -143,11 +150,13 @@ def measure(
                 values.add(_scale_rows(opacity, getattr(gaussians, name)[:num_dynamic]))
     mean = {name: values.mean for name, values in ranges.items()}
     mean_seen = {name: _scale_rows(1 / total.mean, values.mean) for name, values in seen.items()}
-    for view in views:
+    for number, view in enumerate(views):
         camera = capture.cameras[view.camera]
         with torch.no_grad():
             gaussians = gaussians_at(view.time)
-        image, slopes = view_gradients(gaussians, camera, capture.background, generator)
+        background = mattes.background_of(number) if mattes else capture.background
+        counted = mattes.counted(view.shot) if mattes else None
+        image, slopes = view_gradients(gaussians, camera, background, generator, counted)
         assert image.max_weights is not None
         change = (slopes["opacities"] * gaussians.opacities).abs()
         contribution.add(change)
@@ -224,24 +233,30 @@ def _scale_rows(factors: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
 
 
 def view_gradients(
-    gaussians: TorchGaussians, camera: Camera, background: tuple[float, float, float], generator: torch.Generator
+    gaussians: TorchGaussians,
+    camera: Camera,
+    background: tuple[float, float, float],
+    generator: torch.Generator,
+    counted: NDArray[np.bool_] | None = None,
 ) -> tuple[Image, dict[str, torch.Tensor]]:
-    """A camera's image, and gradients by attribute.
+    """A camera's image, and gradients by attribute, of the pixels that are ``counted`` (H, W), or of all.
 
     Such a gradient times a change of one Gaussian's attributes, squared, is in the mean the sum of squares by which the
     image changes (see backward_by_signs): to first order, and exactly for opacities, in each of which it is affine.
     """
     drawn = GaussianArrays(*(value.detach().clone().requires_grad_() for value in vars(gaussians).values()))
     image = rasterize(drawn, camera, background, RasterizeOptions(weights=True))
-    backward_by_signs(image, generator)
+    backward_by_signs(image, generator, counted)
     return image, {name: value.grad for name, value in vars(drawn).items()}
 
 
-def backward_by_signs(image: Image, generator: torch.Generator) -> None:
+def backward_by_signs(image: Image, generator: torch.Generator, counted: NDArray[np.bool_] | None = None) -> None:
     """One backward pass with random signs at the pixels: the square of each gradient that it gives is, in the mean, the
     squared norm of the image's derivative (Hutchinson's estimator)."""
     signs = torch.randint(2, image.rgb.shape, generator=generator, dtype=torch.float32, device="cpu")
     signs.mul_(2).sub_(1)
+    if counted is not None:
+        signs[torch.from_numpy(~counted)] = 0
     image.rgb.backward(signs.to(image.rgb.device))
 
 

@@ -19,6 +19,7 @@ from ...evaluation.metrics import psnr_of
 from ...gaussians import TorchGaussians
 from ...rasterizer import rasterize
 from ..optimize.device import image_on
+from ..optimize.mattes import Mattes
 
 _SHARE = 0.06
 _LEAST, _MOST = 4, 8
@@ -85,12 +86,16 @@ class ValidationEvaluator:
     def _psnr(self, change: Callable[[TorchGaussians], TorchGaussians]) -> float:
         """Mean over the shots after ``change``."""
         self._gaussians = self._gaussians or {index: self._gaussians_of(index) for index in self._shots}
-        values = []
-        for index, gaussians in self._gaussians.items():
+        values, mattes = [], Mattes(self._capture, self._store)
+        for number, (index, gaussians) in enumerate(self._gaussians.items()):
             camera = self._capture.cameras[self._capture.shots[index].camera]
-            image = rasterize(change(gaussians), camera, self._capture.background)
-            truth = image_on(image.rgb.device, self._store.image(index))
-            values.append(psnr_of(float((image.rgb.clamp(0, 1) - truth).square().mean())))
+            wanted = mattes.truth(index, camera, (0, 0, camera.width, camera.height), mattes.background_of(number))
+            image = rasterize(change(gaussians), camera, wanted.background)
+            truth = image_on(image.rgb.device, wanted.pixels)
+            square = (image.rgb.clamp(0, 1) - truth).square()
+            if wanted.ignored is not None and not wanted.ignored.all():
+                square = square[torch.from_numpy(~wanted.ignored).to(square.device)]
+            values.append(psnr_of(float(square.mean())))
         return float(np.mean(values))
 
 

@@ -11,7 +11,6 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch.nn import functional
 
 from ...capture.camera import Camera
@@ -22,6 +21,7 @@ from .densification import DensificationStrategy
 from .device import image_on
 from .gaussian_order import calmest_embedding, mask_excluding
 from .gaussian_state import GaussianState
+from .mattes import Truth
 from .nearest_neighbours import nearest, spacings
 
 _WHILE_FEW = 0.01  # anchors of half the limit of Gaussians, a round
@@ -66,7 +66,14 @@ def distances_along_rays(image: Image, camera: Camera, kind: str) -> torch.Tenso
 
 @torch.no_grad()
 def worst_points(
-    image: Image, truth: torch.Tensor, camera: Camera, count: int, depth: str, generator: torch.Generator
+    image: Image,
+    truth: torch.Tensor,
+    camera: Camera,
+    count: int,
+    depth: str,
+    generator: torch.Generator,
+    *,
+    among: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Points (M, 3) in the deformed scene, and colours (M, 3), of at most ``count`` pixels of high error.
 
@@ -74,10 +81,13 @@ def worst_points(
         image: drawn with depth.
         truth: (H, W, 3) the training image.
         depth: "median" or "mean".
+        among: (H, W) the pixels that may be chosen; None for all.
     """
     distances = distances_along_rays(image, camera, depth)
     # Coverage is a second cue: what nothing covers shows no error against a dark truth.
     score = error_map(image.rgb, truth) + (1 - image.alpha)
+    if among is not None:
+        score = torch.where(among, score, 0)
     chosen = choose_pixels(score, distances, count, generator)
     width = distances.shape[1]
     pixels = torch.stack([chosen % width, torch.div(chosen, width, rounding_mode="floor")], dim=1) + 0.5
@@ -122,7 +132,7 @@ def inject_anchors(
     gaussians: GaussianState,
     density: DensificationStrategy,
     limit: int,
-    draw: Callable[[], tuple[NDArray[np.uint8], RenderResult, Camera]],
+    draw: Callable[[], tuple[Truth, RenderResult, Camera]],
     generator: torch.Generator,
 ) -> None:
     """One round: new anchors where a drawing is wrong, behind the other dynamic Gaussians. At the limit they replace
@@ -130,7 +140,7 @@ def inject_anchors(
 
     Args:
         limit: Gaussians at most.
-        draw: a training image (H, W, 3) uint8, its drawing with depth, and the camera.
+        draw: a training image, its drawing with depth, and the camera.
     """
     recipe, canonical = density.recipe, gaussians.canonical
     num_new = recipe.num_new(gaussians.count, recipe.sampling_share, _WHILE_FEW)
@@ -139,12 +149,13 @@ def inject_anchors(
     num_new = min(num_new, room + len(replaced))
     if not num_new:
         return
-    pixels, drawn, camera = draw()
+    wanted, drawn, camera = draw()
     changes = drawn.changes
     if not changes:
         return
-    truth = image_on(gaussians.device, pixels)
-    points, colors = worst_points(drawn.image, truth, camera, num_new, recipe.sampling_depth, generator)
+    truth, subject = image_on(gaussians.device, wanted.pixels), wanted.whole
+    among = None if subject is None else torch.from_numpy(subject).to(gaussians.device)
+    points, colors = worst_points(drawn.image, truth, camera, num_new, recipe.sampling_depth, generator, among=among)
     if recipe.sampling == "inverse":
         deformed = drawn.gaussians.means[: gaussians.num_dynamic]
         points, embeddings = undeformed(points, deformed, changes["means"], canonical.embeddings)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from ...capture.camera import NEUTRAL, Camera
 from ...capture.capture import Capture
@@ -16,6 +15,7 @@ from ..recipe import Recipe
 from .camera_rig import CameraRig
 from .device import image_on
 from .learnable_cameras import learnable_cameras
+from .mattes import Truth
 from .schedule import Every
 from .stateful import Tensors, Values, expect
 
@@ -61,10 +61,14 @@ class ExposureCompensation:
         """Whether a step that draws this camera at ``progress`` is to be observed."""
         return step % _OBSERVED_EVERY == 0 and progress >= self._from and index in self._learned
 
-    def observe(self, index: int, camera: Camera, rgb: torch.Tensor, pixels: NDArray[np.uint8]) -> None:
-        """Adds what a step drew of camera ``index``, (H, W, 3), and the bytes that it should be."""
-        truth = image_on(rgb.device, np.ascontiguousarray(pixels[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
+    def observe(self, index: int, camera: Camera, rgb: torch.Tensor, wanted: Truth) -> None:
+        """Adds what a step drew of camera ``index``, (H, W, 3), and what it should be: of pixels that are all subject
+        and not ignored."""
+        truth = image_on(rgb.device, np.ascontiguousarray(wanted.pixels[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
         counts = (truth > _DARKEST) & (truth < _BRIGHTEST)
+        if (whole := wanted.whole) is not None:
+            some = torch.from_numpy(np.ascontiguousarray(whole[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
+            counts &= some.to(counts.device)[..., None]
         drawn = rgb.detach()[::_EVERY_PIXEL, ::_EVERY_PIXEL]
         both = torch.stack([(counts * truth).sum((0, 1)), (counts * drawn).sum((0, 1))])
         if camera.exposure != NEUTRAL:

@@ -43,5 +43,5 @@ def halved_capture(capture: Capture) -> Capture:
 
 
 def sized(pixels: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 an image as its camera or the halved one sees it."""
+    """(H, W, 3) uint8 an image, or (H, W) a mask, as its camera or the halved one sees it."""
     return pixels if pixels.shape[:2] == (camera.height, camera.width) else halved_image(pixels)

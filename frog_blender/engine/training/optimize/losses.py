@@ -12,7 +12,9 @@ from torch.nn import functional
 
 from ...native.binding import CELL, l1_loss
 from ...native.binding import ssim as native_ssim
+from ...rasterizer import Image
 from .device import image_on
+from .mattes import Truth
 
 _WINDOW, _SIGMA = 11, 1.5
 
@@ -25,11 +27,39 @@ class PhotometricLoss:
         loss: ().
         cell_errors: (rows, columns) mean squared difference in cells of CELL x CELL pixels; the border cuts the last.
         gradient: (H, W, 3) of the loss by the drawing.
+        alpha_gradient: (H, W) of the loss by the drawing's alpha; None where that does not count.
     """
 
     loss: torch.Tensor
     cell_errors: torch.Tensor
     gradient: torch.Tensor
+    alpha_gradient: torch.Tensor | None = None
+
+
+def matte_loss(
+    image: Image, truth: Truth, alpha_weight: float, *, dssim_weight: float, weight: float
+) -> PhotometricLoss:
+    """``photometric_loss`` of a drawing over the truth's background, plus ``weight`` ``alpha_weight`` mean |alpha -
+    truth's|, without what is ignored: there the drawing counts as the truth, to SSIM's windows too."""
+    rgb, ignored = image.rgb.detach(), None
+    if truth.ignored is not None and truth.ignored.any():
+        ignored = torch.from_numpy(truth.ignored).to(rgb.device)
+        rgb = torch.where(ignored[..., None], image_on(rgb.device, truth.pixels).to(rgb.dtype), rgb)
+    found = photometric_loss(rgb, truth.pixels, dssim_weight=dssim_weight, weight=weight)
+    if ignored is not None:
+        found.gradient[ignored] = 0
+    if truth.alpha is None or not alpha_weight:
+        return found
+    difference = image.alpha.detach() - image_on(rgb.device, np.ascontiguousarray(truth.alpha)).to(rgb.dtype)
+    if ignored is not None:
+        difference = difference.masked_fill(ignored, 0)
+    share = weight * alpha_weight
+    return PhotometricLoss(
+        found.loss + share * difference.abs().mean(),
+        found.cell_errors,
+        found.gradient,
+        difference.sign() * (share / difference.numel()),
+    )
 
 
 def photometric_loss(

@@ -35,10 +35,11 @@ from .device import torch_threads
 from .exposure_compensation import ExposureCompensation
 from .gaussian_order import sort_by_morton_code
 from .gaussian_state import GaussianState
-from .half_resolution import halved, is_halved, sized
+from .half_resolution import halved, is_halved
 from .hooks import Hook
 from .initialization import first_model, scale_of
-from .losses import photometric_loss
+from .losses import matte_loss
+from .mattes import Color, Mattes, Truth
 from .optimizer import SceneOptimizer
 from .pose_refinement import PoseRefinement
 from .running_loss import RunningLoss, TrainingDiverged
@@ -112,7 +113,7 @@ class Trainer:
         self.poses = PoseRefinement(self.rig, recipe, center, self.scene_scale) if wanted else None
         wanted = ExposureCompensation.wanted(capture, recipe)
         self.exposures = ExposureCompensation(self.rig, recipe, self.device) if wanted else None
-        self.views = ViewSampler(capture)
+        self.views, self.mattes = ViewSampler(capture), Mattes(capture, store)
         self.crops = CropSampler(capture.cameras, recipe.region_share, recipe.region_size)
         self.hooks: list[Hook] = []
         self.step_count, self.seconds, self.progress, self._burst_shot = 0, 0.0, 0.0, -1
@@ -251,16 +252,16 @@ class Trainer:
         grows = progress < self.recipe.densify_until
         options = RasterizeOptions(region=region, weights=grows and self.recipe.replaced_below > 0)
         pose = self._learned_pose(index, progress)
-        pixels, drawn = self.draw(shot, progress, options, pose)
+        truth, drawn = self.draw(shot, progress, options, pose, self.mattes.random_background(self.generator))
         image = drawn.image
         share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
         dssim_weight = self.recipe.dssim_weight if self._in_burst(progress) else 0.0
         weight = share ** (1 - self.recipe.region_emphasis)
-        found = photometric_loss(image.rgb, pixels, dssim_weight=dssim_weight, weight=weight)
+        found = matte_loss(image, truth, self.recipe.alpha_weight, dssim_weight=dssim_weight, weight=weight)
         if full_size:
             self.crops.observe(index, options.region_of(camera), found.cell_errors)
         self._loss.add(found.loss, self.step_count)
-        drawn.backward(found.gradient)
+        drawn.backward(found.gradient, found.alpha_gradient)
         if drawn.changes and self.step_count % SMOOTHED_EVERY == 0:
             self._regularize()
         if grows:
@@ -269,7 +270,7 @@ class Trainer:
         if self.poses and pose is not None and pose.grad is not None:
             self.poses.observe(index, pose.grad, progress)
         if self.exposures and self.exposures.observes(index, self.step_count, progress):
-            self.exposures.observe(index, camera, image.rgb, pixels)
+            self.exposures.observe(index, camera, image.rgb, truth)
         return shot
 
     def _regularize(self) -> None:
@@ -329,7 +330,7 @@ class Trainer:
     def inject_anchors(self, progress: float, shot: int) -> None:
         """Canonical field sampling where the drawing of a shot is wrong, see ``canonical_sampling``."""
 
-        def draw() -> tuple[NDArray[np.uint8], RenderResult, Camera]:
+        def draw() -> tuple[Truth, RenderResult, Camera]:
             camera = self.camera_at(self.capture.shots[shot].camera, progress)
             return *self.draw(shot, progress, RasterizeOptions(depth=True)), camera
 
@@ -347,20 +348,23 @@ class Trainer:
     # Images ----------------------------------------------------------------------------------------------------------
 
     def draw(
-        self, shot_index: int, progress: float, options: RasterizeOptions, pose: torch.Tensor | None = None
-    ) -> tuple[NDArray[np.uint8], RenderResult]:
-        """An image (H, W, 3) uint8 and its drawing."""
+        self,
+        shot_index: int,
+        progress: float,
+        options: RasterizeOptions,
+        pose: torch.Tensor | None = None,
+        background: Color | None = None,
+    ) -> tuple[Truth, RenderResult]:
+        """What an image should be and its drawing, over ``background`` where that can be chosen."""
         shot = self.capture.shots[shot_index]
         camera = self.camera_at(shot.camera, progress)
-        pixels = sized(self.store.image(shot_index), camera)
-        left, top, width, height = options.region_of(camera)
-        pixels = pixels[top : top + height, left : left + width]
-        background, sh_count = self.capture.background, self.sh_count_at(progress)
+        truth = self.mattes.truth(shot_index, camera, options.region_of(camera), background)
+        background, sh_count = truth.background, self.sh_count_at(progress)
         if progress < self.recipe.warm_up:
             gaussians = self.model.canonical.gaussians(sh_count)
-            return pixels, RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
+            return truth, RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
         frame_time, schedules = self.capture.time_of(shot), self.schedule_state(progress)
-        return pixels, self.model.draw(frame_time, camera, background, options, schedules, sh_count, pose=pose)
+        return truth, self.model.draw(frame_time, camera, background, options, schedules, sh_count, pose=pose)
 
     def camera_at(self, index: int, progress: float) -> Camera:
         """A camera at the size at which it is drawn at ``progress``."""
@@ -411,8 +415,8 @@ class Trainer:
         chosen = [shots[int(i)] for i in np.linspace(0, len(shots) - 1, min(limit, len(shots)))]
         values = []
         for index in chosen:
-            truth = self.store.image(index).astype(np.float32) / 255
-            values.append(psnr_of(float(np.mean((self.render_image(index, None, played).clip(0, 1) - truth) ** 2))))
+            image = self.render_image(index, None, played).clip(0, 1)
+            values.append(psnr_of(self.mattes.squared_error(index, image)))
         return float(np.mean(values)), "held-out" if held_out else "training"
 
 

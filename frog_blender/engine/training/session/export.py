@@ -215,6 +215,7 @@ def _scene(session: Session, metrics: Metrics | None = None, *, report: bool = T
         scale=session.scale,
         pixel_offsets=dict(job.pixel_offsets or {}),
         world=capture.world,
+        masks=job.mask_settings,
         metrics=dict(metrics or {}),
         steps=trainer.step_count,
         train_seconds=trainer.seconds,

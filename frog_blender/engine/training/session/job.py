@@ -8,13 +8,14 @@ from pathlib import Path
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
+from ...capture.masking import MaskSettings
 from ...capture.seeds import Seeds
 from ...field.names import METHODS
 from ...io.plain_values import JsonObject
 from ...scene.scene_file import settings_json
 from ..compression.settings import DEFAULT, CompressionSettings
 from ..recipe import Recipe, recipe
-from ..setting import Choice, Kind, Number, OrNone
+from ..setting import Choice, Kind, Name, Number, OrNone
 
 LARGEST_SIDE = 1600
 """Pixels a side, to which images are shrunk where no scale is chosen."""
@@ -41,6 +42,8 @@ class TrainingJob:
         chosen: the settings that the user chose, by field, and what the user calls them (``--seed``): a resume names
             those that it ignores.
         pixel_offsets: see ``open_capture``.
+        masks: "auto" trains on what masks and alpha leave of the images, "off" on all of them.
+        key: a chroma key of all images, see ``masking.chroma_key``.
         lossless: write every number as it is; otherwise numbers are quantized where that is not visible.
         max_bytes: upper limit of the file's size; only with the recipe's capacity "auto".
         device: "auto", "cpu" or "cuda", see ``choose_device``; a resume may choose another.
@@ -69,6 +72,8 @@ class TrainingJob:
     resume: bool = False
     chosen: Mapping[str, str] = field(default_factory=dict)
     pixel_offsets: dict[str, tuple[float, float]] | None = None
+    masks: str = "auto"
+    key: str | None = None
     device: str = "auto"
     lossless: bool = False
     max_bytes: int | None = None
@@ -81,6 +86,11 @@ class TrainingJob:
     preview_size: int = 512
     preview_seconds: float = 10.0
     compression: CompressionSettings = DEFAULT
+
+    @property
+    def mask_settings(self) -> MaskSettings:
+        """Of the masks and the key."""
+        return MaskSettings(self.masks != "off", self.key)
 
     def stored_settings(self) -> JsonObject:
         """For the checkpoint: the fields in ``RESUMED_SETTINGS``, the recipe, and whose training it is."""
@@ -115,9 +125,14 @@ RESUMED_SETTINGS: dict[str, Kind] = {
     "scale": OrNone(Number(1e-4, 16)),
     "holdout_frames": OrNone(Number(0, 10**6, whole=True)),
     "pixel_offsets": OrNone(_Offsets()),
+    "masks": Choice(("auto", "off")),
+    "key": OrNone(Name()),
     "lossless": Choice((True, False)),
     "max_bytes": OrNone(Number(1, 2**50, whole=True)),
     "steps": OrNone(Number(1, 10**12, whole=True)),
     "seconds": OrNone(Number(1e-9, 1e12)),
 }
 """Fields of a job that a resume takes over besides its recipe, and what a checkpoint may say of each."""
+
+LATER_SETTINGS = {"masks": "auto", "key": None}
+"""Of these, those that checkpoints of earlier versions do not have, and what they stand for there."""

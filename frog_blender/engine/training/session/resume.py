@@ -13,7 +13,7 @@ from ...io.plain_values import JsonObject
 from ..recipe import stored_recipe
 from ..setting import check
 from .checkpoint import checkpoint_settings
-from .job import RESUMED_SETTINGS, TrainingJob
+from .job import LATER_SETTINGS, RESUMED_SETTINGS, TrainingJob
 from .output_paths import checkpoint_path
 
 _OF_RECIPE = {"recipe": "name", "capacity": "capacity"}
@@ -58,7 +58,7 @@ def _check_capture(path: Path, stored: JsonObject, capture: Path) -> None:
 
 def _restored(job: TrainingJob, path: Path, stored: JsonObject) -> TrainingJob:
     try:
-        kept = {name: stored[name] for name in RESUMED_SETTINGS}
+        kept = {name: ({**LATER_SETTINGS, **stored})[name] for name in RESUMED_SETTINGS}
         for name, value in kept.items():
             check(name, value, RESUMED_SETTINGS[name])
         if kept["pixel_offsets"]:

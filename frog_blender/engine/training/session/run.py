@@ -11,6 +11,7 @@ from pathlib import Path
 
 from ...capture.capture import Capture
 from ...capture.frames import FrameStore
+from ...capture.masking import EVERY_MASK, MaskSettings
 from ...capture.readers import open_capture
 from ...capture.seed_store import stored_seeds
 from ...capture.seeds import Seeds
@@ -20,6 +21,7 @@ from ...memory import gc_frozen
 from ..compression.schedule import compression_hooks
 from ..methods import method_named
 from ..optimize.device import choose_device
+from ..optimize.hull_pruning import hull_hooks
 from ..optimize.initialization import doubt_of_scale
 from ..optimize.trainer import Limits, Trainer, TrainerFactory
 from . import events
@@ -43,13 +45,15 @@ def prepare_capture(
     holdout_frames: int | None,
     pixel_offsets: dict[str, tuple[float, float]] | None,
     opened: Capture | None = None,
+    masks: MaskSettings = EVERY_MASK,
 ) -> tuple[Capture, float]:
     """The capture as it will be trained on or evaluated, and the scale that was used.
 
     Args:
         opened: the capture itself, instead of what the folder holds.
+        masks: what is made of the folder's masks.
     """
-    capture = opened if opened is not None else open_capture(Path(path), pixel_offsets=pixel_offsets)
+    capture = opened if opened is not None else open_capture(Path(path), pixel_offsets=pixel_offsets, masks=masks)
     if scale is None:
         scale = usual_scale(capture.cameras)
     capture = capture.scaled(scale)
@@ -90,7 +94,8 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
     adapted = method_named(job.method).adapt(job.recipe)
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
         raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
-    capture, scale = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
+    read = job.scale, job.holdout_frames, job.pixel_offsets, job.opened
+    capture, scale = prepare_capture(job.capture, *read, job.mask_settings)
     clock = PhaseClock(cancel)
     device, fallback = choose_device(job.device)
     for warning in (*capture.warnings, *([fallback] if fallback else [])):
@@ -121,7 +126,10 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
         limits,
         seed=job.seed,
         device=device,
-        hooks=compression_hooks(job.recipe, job.method, capture, job.seed, job.compression),
+        hooks=[
+            *compression_hooks(job.recipe, job.method, capture, job.seed, job.compression),
+            *hull_hooks(capture, store),
+        ],
     )
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)

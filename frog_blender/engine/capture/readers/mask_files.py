@@ -1,0 +1,189 @@
+"""A capture's masks: ``masks`` for its subject, ``ignore`` for what must not be learned, and images' own alpha.
+
+Both folders have the same layouts. White is the subject, or what is ignored.
+
+- ``masks/IMAGE.png`` or ``masks/FOLDER/IMAGE.png``: of an image file of that name, below the capture's folder.
+- ``masks/CAMERA/0000.png`` and on: of a film's frames in order, numbered from 0 or 1 without a gap.
+- ``masks/CAMERA.png``: of all frames of a camera.
+- ``masks/CAMERA.mp4``: a film of masks, a frame for each of the camera's film.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from ...errors import FrogError, found_instead
+from ..capture import Capture, Shot
+from ..image_header import has_alpha
+from ..image_size import image_size
+from ..masking import EVERY_MASK, MaskSettings, MaskSource, chroma_key
+from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, composed, read_facts
+from .checks import check_images
+
+SUBJECT, IGNORED = "masks", "ignore"
+"""Folders in a capture's."""
+_NUMBER = re.compile(r"(\d{1,9})(?!.*\d)")  # the last in a name
+_DEPTH = 4  # folders below ``masks``
+_SHOWN = 3  # names in a sentence
+
+_Found = Callable[[Shot], "MaskSource | None"]
+
+
+def with_masks(capture: Capture, settings: MaskSettings = EVERY_MASK) -> Capture:
+    """The capture with the masks that lie in its folder, the alpha of its images, and the key.
+
+    Raises:
+        FrogError: for masks of a part of the images, or of another size than their images.
+    """
+    if not settings.use:
+        return capture
+    subject, ignored = (_finder(capture, capture.path / name) for name in (SUBJECT, IGNORED))
+    shots = [
+        replace(shot, mask=subject(shot) if subject else None, ignore=ignored(shot) if ignored else None)
+        for shot in capture.shots
+    ]
+    warnings = [
+        f"{capture.path / name}: none of the masks has the name of a camera or an image; they are not used."
+        for name, finder, kind in ((SUBJECT, subject, "mask"), (IGNORED, ignored, "ignore"))
+        if finder and not any(getattr(shot, kind) for shot in shots)
+    ]
+    _check_complete(capture, shots)
+    transparent: dict[Path, bool] = {}
+    for index, shot in enumerate(shots):
+        if shot.mask is None and shot.path.suffix.lower() not in VIDEO_SUFFIXES:
+            if shot.path not in transparent:
+                transparent[shot.path] = has_alpha(shot.path)
+            if transparent[shot.path]:
+                shots[index] = replace(shot, mask=MaskSource(shot.path, is_alpha=True))
+    _check_sizes(capture, shots)
+    key = chroma_key(settings.key) if settings.key else None
+    return replace(capture, shots=tuple(shots), key=key, warnings=(*capture.warnings, *warnings))
+
+
+def _check_complete(capture: Capture, shots: list[Shot]) -> None:
+    """FrogError where some images have a mask and others none: those would teach their background."""
+    missing = [shot for shot in shots if shot.mask is None]
+    if not missing or len(missing) == len(shots):
+        return
+    names = [f"{capture.cameras[shot.camera].name} at frame {shot.frame}" for shot in missing[:_SHOWN]]
+    more = ", ..." if len(missing) > _SHOWN else ""
+    found = f"no mask for {len(missing)} of {len(shots)} images ({', '.join(names)}{more})"
+    raise found_instead(capture.path / SUBJECT, found, "one for each image, or none")
+
+
+def _check_sizes(capture: Capture, shots: list[Shot]) -> None:
+    """FrogError where the first mask of a camera has not its image's size; the others are compared when decoded."""
+    first = {(shot.camera, kind): (shot, mask) for shot in reversed(shots) for kind, mask in _separate(shot)}
+    sizes: dict[Path, tuple[int, int]] = {}
+    for shot, mask in first.values():
+        found, expected = (sizes.setdefault(path, _size(path)) for path in (mask.path, shot.path))
+        if found != expected:
+            wanted = f"{expected[0]} x {expected[1]} pixels as {shot.path.name} has"
+            raise found_instead(mask.path, f"a mask of {found[0]} x {found[1]} pixels", wanted)
+
+
+def _separate(shot: Shot) -> list[tuple[str, MaskSource]]:
+    """The masks of a shot that lie in files of their own."""
+    return [(kind, mask) for kind, mask in (("mask", shot.mask), ("ignore", shot.ignore)) if mask and not mask.is_alpha]
+
+
+def _size(path: Path) -> tuple[int, int]:
+    if path.suffix.lower() not in VIDEO_SUFFIXES:
+        return image_size(path)
+    facts = read_facts(path)
+    return facts.width, facts.height
+
+
+def _finder(capture: Capture, folder: Path) -> _Found | None:
+    """What finds the mask of a shot in a folder of masks; None where there is no mask."""
+    files = _files(folder) if folder.is_dir() else {}
+    if not files:
+        return None
+    by_folder: dict[str, list[Path]] = {}
+    for path in files.values():
+        if path.parent != folder and path.suffix.lower() in IMAGE_SUFFIXES:
+            by_folder.setdefault(composed(path.parent.relative_to(folder).as_posix()), []).append(path)
+    numbered: dict[str, dict[int, Path]] = {}
+    counts: dict[Path, int] = {}
+    for shot in capture.shots:
+        counts[shot.path] = max(counts.get(shot.path, 0), shot.index + 1)
+    stems = _unique_stems(capture)
+
+    def find(shot: Shot) -> MaskSource | None:
+        camera = capture.cameras[shot.camera].name
+        if shot.path.suffix.lower() not in VIDEO_SUFFIXES:
+            names = [*_names_of(capture, shot.path), f"{camera}/{shot.path.stem}"]
+            names += [shot.path.stem] if shot.path.stem in stems else []
+            for name in names:
+                if (path := files.get(name)) is not None and path.suffix.lower() in IMAGE_SUFFIXES:
+                    return MaskSource(path)
+        for name in dict.fromkeys((camera, composed(shot.path.stem))):
+            if (path := files.get(name)) is not None:
+                return MaskSource(path, shot.index if path.suffix.lower() in VIDEO_SUFFIXES else 0)
+            if shot.path.suffix.lower() in VIDEO_SUFFIXES and name in by_folder:
+                if name not in numbered:
+                    numbered[name] = _in_order(folder / name, by_folder[name], counts[shot.path])
+                return MaskSource(numbered[name][shot.index])
+        return None
+
+    return find
+
+
+def _files(folder: Path) -> dict[str, Path]:
+    """The images and videos below a folder by their paths in it without the ending."""
+    known = VIDEO_SUFFIXES | set(IMAGE_SUFFIXES)
+    found: dict[str, Path] = {}
+    folders = [(folder, 0)]
+    while folders:
+        place, depth = folders.pop()
+        for entry in sorted(place.iterdir()):
+            if entry.name.startswith("."):
+                continue
+            if entry.is_dir() and depth < _DEPTH:
+                folders.append((entry, depth + 1))
+            elif entry.suffix.lower() in known:
+                found.setdefault(composed(entry.relative_to(folder).with_suffix("").as_posix()), entry)
+                check_images(folder, len(found))
+    return found
+
+
+def _names_of(capture: Capture, image: Path) -> list[str]:
+    """The names that the mask of an image may have: its path in the capture, without and with its ending."""
+    try:
+        inside = image.resolve().relative_to(capture.path.resolve())
+    except ValueError:
+        return []
+    names = [inside.with_suffix(""), inside]
+    if len(inside.parts) > 1:  # ``images/cam00/0000.png`` may have its mask in ``masks/cam00``
+        below = Path(*inside.parts[1:])
+        names += [below.with_suffix(""), below]
+    return [composed(name.as_posix()) for name in names]
+
+
+def _unique_stems(capture: Capture) -> frozenset[str]:
+    """Names of image files, without their ending, that only one has."""
+    counts = Counter(path.stem for path in {shot.path for shot in capture.shots})
+    return frozenset(stem for stem, count in counts.items() if count == 1)
+
+
+def _in_order(folder: Path, files: list[Path], needed: int) -> dict[int, Path]:
+    """The masks of a film's frames by frame; FrogError unless they are numbered from 0 or 1 and none is missing."""
+    found: dict[int, Path] = {}
+    for path in files:
+        match = _NUMBER.search(path.stem)
+        if match is None:
+            raise found_instead(path, "a name without a number", "the number of a frame")
+        found[int(match[1])] = path
+    first = 0 if 0 in found else 1
+    missing = [frame for frame in range(first, first + needed) if frame not in found]
+    if missing:
+        shown = ", ".join(map(str, missing[:_SHOWN])) + (", ..." if len(missing) > _SHOWN else "")
+        raise FrogError(
+            f"{folder}: {len(missing)} of {needed} masks are missing (number {shown}), expected one for each frame of "
+            "the film, numbered from 0 or 1."
+        )
+    return {number - first: path for number, path in found.items() if number >= first}

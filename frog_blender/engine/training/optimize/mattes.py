@@ -1,0 +1,115 @@
+"""What a step compares its drawing with where a capture has masks: subjects over any colour, and what is ignored.
+
+A scene of a subject alone has no background to learn. Over a colour that differs from step to step nothing but the
+right alpha explains every image; over one colour, Gaussians of that colour would.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ...capture.camera import Camera
+from ...capture.capture import Capture
+from ...capture.frames import FrameStore
+from ...capture.masking import recolored
+from .half_resolution import sized
+
+Color = tuple[float, float, float]
+Pixels = NDArray[np.uint8]
+_GOLDEN = (0.8191725, 0.6710436, 0.5497005)  # steps of an even sequence in three dimensions (Roberts 2018)
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """An image, or a part of it, as a drawing of it should be.
+
+    Attributes:
+        pixels: (H, W, 3) uint8 over ``background``.
+        background: colour in [0, 1] that belongs behind the drawing.
+        alpha: (H, W) uint8, the subject's share; None where the image is whole.
+        ignored: (H, W) bool, pixels that do not count; None where all do.
+    """
+
+    pixels: Pixels
+    background: Color
+    alpha: Pixels | None = None
+    ignored: NDArray[np.bool_] | None = None
+
+    @property
+    def whole(self) -> NDArray[np.bool_] | None:
+        """(H, W) pixels that are all subject and count; None where all are."""
+        whole = None if self.alpha is None else self.alpha == 255
+        if self.ignored is None:
+            return whole
+        return ~self.ignored if whole is None else whole & ~self.ignored
+
+
+class Mattes:
+    """The truth of a capture's images.
+
+    Attributes:
+        has_alpha, has_ignored: of any image.
+    """
+
+    def __init__(self, capture: Capture, store: FrameStore) -> None:
+        self._capture, self._store = capture, store
+        masked = capture.has_masks and bool(capture.shots)
+        self.has_alpha = masked and store.alpha(0) is not None
+        self.has_ignored = masked and store.ignored(0) is not None
+
+    def truth(
+        self, shot: int, camera: Camera, region: tuple[int, int, int, int], background: Color | None = None
+    ) -> Truth:
+        """A region (left, top, width, height) of a shot's image.
+
+        Args:
+            camera: its camera, or the one of half the size.
+            background: the colour that the image is to lie over; None for the capture's.
+        """
+        usual = self._capture.background
+        pixels = _part(self._store.image(shot), camera, region)
+        alpha = _part(self._store.alpha(shot), camera, region) if self.has_alpha else None
+        ignored = _part(self._store.ignored(shot), camera, region) > 0 if self.has_ignored else None
+        if alpha is None or background is None:
+            return Truth(pixels, usual, alpha, ignored)
+        red, green, blue = (min(1.0, value * gain) for value, gain in zip(background, camera.exposure, strict=True))
+        pixels = recolored(pixels, alpha, usual, (red, green, blue))
+        gain_red, gain_green, gain_blue = camera.exposure  # which the drawing, its background too, is exposed by
+        return Truth(pixels, (red / gain_red, green / gain_green, blue / gain_blue), alpha, ignored)
+
+    def counted(self, shot: int) -> NDArray[np.bool_] | None:
+        """(H, W) the pixels of a shot that count; None where all do."""
+        ignored = self._store.ignored(shot) if self.has_ignored else None
+        return None if ignored is None or not ignored.any() else ignored == 0
+
+    def squared_error(self, shot: int, image: NDArray[np.float32]) -> float:
+        """Mean squared error of a drawing (H, W, 3) over the capture's background, of the pixels that count."""
+        error = (image - self._store.image(shot).astype(np.float32) / 255) ** 2
+        counted = self.counted(shot)
+        return float(np.mean(error if counted is None else error[counted]))
+
+    def random_background(self, generator: torch.Generator) -> Color | None:
+        """The colour of a step; None where images are whole, and nothing is drawn of ``generator``."""
+        if not self.has_alpha:
+            return None
+        red, green, blue = torch.rand(3, generator=generator).tolist()
+        return red, green, blue
+
+    def background_of(self, number: int) -> Color:
+        """The colour of the view of a number in a row of views that are measured on: the capture's where images are
+        whole; otherwise they differ, so that nothing of the subject has the colour of all."""
+        if not self.has_alpha:
+            return self._capture.background
+        red, green, blue = (math.fmod(0.5 + (number + 1) * step, 1.0) for step in _GOLDEN)
+        return red, green, blue
+
+
+def _part(image: Pixels | None, camera: Camera, region: tuple[int, int, int, int]) -> Pixels:
+    assert image is not None
+    left, top, width, height = region
+    return sized(image, camera)[top : top + height, left : left + width]
