@@ -12,7 +12,7 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.render import draw
 
-IMAGES, VALIDATION, SIZE = 40, 8, 64
+IMAGES, VALIDATION, SIZE = 60, 8, 64
 _FOCAL, _DISTANCE = 80.0, 4.0
 _SH_DC = 0.28209479177387814
 
@@ -27,7 +27,9 @@ def object_at(time: float) -> GaussianArrays:
     angle = np.pi / 2 * (time - 0.5)
     turn = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
     means = np.concatenate([body, arm @ turn.T])
-    colors = np.concatenate([random.uniform(0.1, 0.9, (400, 3)), random.uniform([0.7, 0.3, 0], [1, 0.7, 0.3], (150, 3))])
+    colors = np.concatenate(
+        [random.uniform(0.1, 0.9, (400, 3)), random.uniform([0.7, 0.3, 0], [1, 0.7, 0.3], (150, 3))]
+    )
     scales = np.concatenate([np.full((400, 3), 0.07), np.full((150, 3), 0.06)])
     quaternions = np.tile([1.0, 0, 0, 0], (550, 1))
     return GaussianArrays(means, quaternions, scales, np.full(550, 0.95), ((colors - 0.5) / _SH_DC)[:, None])

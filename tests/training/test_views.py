@@ -29,7 +29,7 @@ def together(capture: Capture) -> Capture:
     count = len(first)
     again = [replace(shot, camera=shot.camera + len(capture.cameras), frame=1) for shot in first]
     cameras = capture.cameras + tuple(replace(camera, name=f"{camera.name}-1") for camera in capture.cameras)
-    shots = tuple([*first, *again])
+    shots = (*first, *again)
     assert count == 3
     return replace(
         capture,

@@ -25,7 +25,13 @@ def filmed_by(capture: Capture, images: Iterable[tuple[int, int]]) -> Capture:
     frame_count = 1 + max(frame for _, frame in images)
     lenses, crops = (None,) * count, ((0.0, 0.0),) * count
     return replace(
-        capture, cameras=cameras, distortions=lenses, crops=crops, shots=shots, frame_count=frame_count, test_cameras=frozenset()
+        capture,
+        cameras=cameras,
+        distortions=lenses,
+        crops=crops,
+        shots=shots,
+        frame_count=frame_count,
+        test_cameras=frozenset(),
     )
 
 
