@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
@@ -13,7 +15,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import RECIPES, Recipe, recipe
-from frog_blender.engine.training.views import fit_to, views_per_moment
+from frog_blender.engine.training.views import fit_to, turn_between_images, views_per_moment
 
 
 def one_a_moment(capture: Capture) -> Capture:
@@ -51,6 +53,21 @@ def test_one_view_a_moment_fixes_what_things_look_like(capture: Capture) -> None
     single = fit_to(Recipe(), one_a_moment(capture))
     assert (single.deformed_sh, single.deformed_opacity) == (0, False)
     assert fit_to(Recipe(appearance_views=0.0), one_a_moment(capture)) == Recipe(appearance_views=0.0)
+
+
+def test_a_camera_that_moves_on_slowly_sees_colours_change(capture: Capture) -> None:
+    """Neighbouring images of a film show the same side; those of ``one_a_moment`` are twenty degrees apart."""
+    single = one_a_moment(capture)
+    assert turn_between_images(single) == pytest.approx(math.degrees(0.35), abs=1e-6)
+    first = single.cameras[single.shots[0].camera]
+    turns = [(0.0, 0.02 * index, 0.0) for index in range(len(single.cameras))]
+    film_like = single.with_cameras(
+        replace(first.moved(np.array(turn), np.zeros(3)), name=camera.name)
+        for turn, camera in zip(turns, single.cameras, strict=True)
+    )
+    assert film_like.has_moving_cameras and turn_between_images(film_like) < 2
+    assert fit_to(Recipe(), film_like) == Recipe()
+    assert turn_between_images(replace(single, shots=single.shots[:1])) == 0
 
 
 def test_rigs_and_standing_cameras_see_colours_change(capture: Capture) -> None:

@@ -43,8 +43,8 @@ class Recipe:
         fusion: of the temporal embeddings, see field.names.FUSIONS (FRoG, section on early fusion; its table compares
             them).
         embedding_size, temporal_size, hidden_width, head_width, deformed_sh, deformed_opacity: see model.frog.
-        appearance_views: training images of a moment, in the mean, below which colours and opacities of a capture by
-            moving cameras are the same at all times (see ``views.fit_to``); 0 for never, as in the papers.
+        appearance_views: training images of a moment, in the mean, below which colours and opacities are the same at
+            all times where each image is taken from another side (see ``views.fit_to``); 0 for never, as in the papers.
         modulation: see model.deformation; the papers have none.
         frames_per_row, pictures_per_row, most_temporal_rows: frames and training images for each row of the temporal
             table at least, and rows at most.
