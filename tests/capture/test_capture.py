@@ -78,6 +78,16 @@ def test_of_a_rig_of_two_moving_cameras_one_trains_and_one_judges(n3dv: Path) ->
     assert not replace(rig, test_cameras=frozenset({"cam00", "cam01"})).is_moving  # one image moves nowhere
 
 
+def test_cameras_move_whatever_a_held_out_one_does(n3dv: Path) -> None:
+    """D-NeRF's validation images of one scene are all of one standing camera."""
+    capture = open_capture(n3dv)
+    images = [(1, 0), (2, 1), (0, 0), (0, 1)]
+    shots = tuple(Shot(camera, frame, Path("x"), 0) for camera, frame in images)
+    judged = replace(capture, shots=shots, frame_count=2, test_cameras=frozenset({"cam00"}))
+    assert judged.has_moving_cameras and not judged.is_moving
+    assert not replace(judged, test_cameras=frozenset()).has_moving_cameras
+
+
 def test_a_camera_left_out_is_gone_with_its_pose_and_its_shots(n3dv: Path) -> None:
     capture = open_capture(n3dv, pixel_offsets={"cam03": (8, 0)})
     less = capture.without_cameras({"cam01"})

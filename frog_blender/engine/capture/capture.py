@@ -156,9 +156,13 @@ class Capture:
 
     @property
     def has_moving_cameras(self) -> bool:
-        """True for one moving camera, or several that moved together."""
-        images = Counter(shot.camera for shot in self.shots)
-        return cameras_move(images.values(), [shot.frame for shot in self.train_shots], rig=True)
+        """True for one moving camera, or several that moved together: every camera that is trained on has one image.
+
+        Held-out cameras do not count: D-NeRF's validation images of ``lego`` are all of one standing camera.
+        """
+        trained = self.train_shots
+        images = Counter(shot.camera for shot in trained)
+        return cameras_move(images.values(), [shot.frame for shot in trained], rig=True)
 
     @cached_property
     def has_masks(self) -> bool:

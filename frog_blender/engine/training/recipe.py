@@ -43,6 +43,8 @@ class Recipe:
         fusion: of the temporal embeddings, see field.names.FUSIONS (FRoG, section on early fusion; its table compares
             them).
         embedding_size, temporal_size, hidden_width, head_width, deformed_sh, deformed_opacity: see model.frog.
+        appearance_views: training images of a moment, in the mean, below which colours and opacities are the same at
+            all times where each image is taken from another side (see ``views.fit_to``); 0 for never, as in the papers.
         modulation: see model.deformation; the papers have none.
         frames_per_row, pictures_per_row, most_temporal_rows: frames and training images for each row of the temporal
             table at least, and rows at most.
@@ -105,6 +107,7 @@ class Recipe:
     head_width: int = whole(0, 0, _WIDEST)
     deformed_sh: int = choice(1, (0, 1, 4, 9, 16))
     deformed_opacity: bool = flag(True)
+    appearance_views: float = number(1.5, 0, 1e6)
     modulation: bool = flag(True)
     frames_per_row: float = number(1.0, 1e-3, 1e6)
     pictures_per_row: float = number(2.0, 1e-3, 1e6, or_zero=True)
@@ -219,6 +222,7 @@ _PAPER = Recipe(
     hidden_width=128,
     head_width=128,
     deformed_sh=16,
+    appearance_views=0.0,
     modulation=False,
     frames_per_row=2.0,
     pictures_per_row=0.0,
@@ -287,13 +291,17 @@ RECIPES = {
 _FORMER = {"frame_choice": "even"}
 """Settings of earlier versions, and the value that trainings have had ever since."""
 
+_BEFORE = {"appearance_views": 0.0}
+"""Settings that earlier versions did not have, and the value that their trainings go on with."""
+
 
 def stored_recipe(values: object) -> Recipe:
     """The recipe that ``settings_json`` made plain values of; FrogError for other values. What an older file does not
     say is as by default; a setting that is gone must have the value that trainings have had ever since."""
     if not isinstance(values, dict):
         raise FrogError(f"A recipe is {brief(repr(values))}, expected its settings by name.")
-    return _changed(Recipe(), {key: value for key, value in values.items() if _FORMER.get(key, ...) != value})
+    kept = {key: value for key, value in values.items() if _FORMER.get(key, ...) != value}
+    return _changed(Recipe(), _BEFORE | kept)
 
 
 def recipe(name: str, /, **overrides: Any) -> Recipe:

@@ -9,13 +9,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from support import synthetic_capture as film
+from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.static_regions import is_static_capture, temporal_variance
-from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.recipe import Recipe
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 
@@ -54,6 +58,20 @@ def test_motion_everywhere_is_no_noise(capture: Capture, kind: str) -> None:
             return np.tile(row[None, :, None], (film.HEIGHT, 1, 3)).astype(np.uint8)
 
     assert not is_static_capture(capture, Everywhere())
+
+
+def test_one_moment_is_static_from_the_start(capture: Capture, lively: Callable[..., Recipe]) -> None:
+    """Several cameras of one frame have no second image to compare with; the network is given nothing to do."""
+    moment = capture.segment(0, 1)
+    images = Repeated(moment, 0.0)
+    assert is_static_capture(moment, images)
+    settings = lively(4, capacity="auto")
+    hooks = compression_hooks(settings, "frog", moment, 0)
+    trainer = Trainer(moment, images, film.seeds(), settings, "frog", Limits(4), seed=0, hooks=hooks)
+    assert trainer.gaussians.num_dynamic == 0 < trainer.count
+    before = {name: value.clone() for name, value in trainer.model.deformation.state_dict().items()}
+    train(trainer)
+    assert all(torch.equal(value, before[name]) for name, value in trainer.model.deformation.state_dict().items())
 
 
 @pytest.mark.parametrize(("cameras", "frames"), [(4, 4), (2, 3), (1, 1)])

@@ -26,7 +26,10 @@ QUIET_QUANTILE = 0.25  # of the cells have no more noise than all have
 
 
 def is_static_capture(capture: Capture, store: FrameStore) -> bool:
-    """True when no part of the training images changes over time; False where no camera stands still."""
+    """True when no part of the training images changes over time, or all show one moment; False where that cannot be
+    told, because no camera stands still."""
+    if len({shot.frame for shot in capture.train_shots}) == 1:
+        return True
     least, most = _COMPARED
     by_camera = _spread(capture, least, most)
     return bool(by_camera) and not any(_changes(store, shots) for shots in by_camera.values())
@@ -97,7 +100,7 @@ def _spread(capture: Capture, least: int, most: int) -> dict[int, list[int]]:
     together, at least, as far as there are as many. Those of one camera lie between those of another. None where
     cameras move."""
     by_camera: dict[int, list[int]] = {}
-    for index in () if capture.is_moving else capture.train_indices:
+    for index in capture.train_indices:
         by_camera.setdefault(capture.shots[index].camera, []).append(index)
     several = {camera: shots for camera, shots in sorted(by_camera.items()) if len(shots) > 1}
     spread = {}

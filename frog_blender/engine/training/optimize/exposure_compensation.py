@@ -16,6 +16,7 @@ from ...capture.seeding.views import Images
 from ..recipe import Recipe
 from .camera_rig import CameraRig
 from .device import image_on
+from .learnable_cameras import learnable_cameras
 from .mattes import Truth
 from .schedule import Every
 from .stateful import Tensors, Values, expect
@@ -37,8 +38,8 @@ class ExposureCompensation:
     first step, see ``matched_exposures``: by the first update the scene has learned them.
 
     Their geometric mean over the cameras is 1, so that the scene is as bright as the cameras are in the mean. Held-out
-    cameras, of which nothing may be learned, have the exposure NEUTRAL, and so have all where cameras are alike. A
-    single moving camera is left alone: its held-out frames have no exposure.
+    cameras, of which nothing may be learned, have the exposure NEUTRAL, and so have all where cameras are alike,
+    and those of a single image (see ``learnable_cameras``).
 
     Attributes:
         sums: (C, 2, 3) brightness of images, and of drawings before their camera's exposure; what is old counts less.
@@ -49,7 +50,7 @@ class ExposureCompensation:
     """
 
     def __init__(self, rig: CameraRig, recipe: Recipe, device: torch.device, every: float = _EVERY) -> None:
-        self._rig, self._learned = rig, rig.capture.train_cameras
+        self._rig, self._learned = rig, learnable_cameras(rig.capture)
         self._from = recipe.exposure_from
         self._due = Every(self._from + every, _UNTIL, every)
         self.sums = torch.zeros(len(rig.capture.cameras), 2, 3, device=device)
@@ -57,7 +58,7 @@ class ExposureCompensation:
     @staticmethod
     def wanted(capture: Capture, recipe: Recipe) -> bool:
         """Whether there are cameras to compare."""
-        return recipe.exposure_from < _UNTIL and not capture.is_moving and len(capture.train_cameras) > 1
+        return recipe.exposure_from < _UNTIL and bool(learnable_cameras(capture))
 
     def begin(self, store: Images) -> None:
         """Gives the rig's cameras the exposures that matched features show, where those differ for certain."""

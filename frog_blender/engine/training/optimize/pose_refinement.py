@@ -11,6 +11,7 @@ from ...capture.capture import Capture
 from ..recipe import Recipe
 from .camera_rig import CameraRig
 from .device import OnItsWay
+from .learnable_cameras import learnable_cameras
 from .stateful import Tensors, Values, expect
 
 _MOMENTUM, _MEMORY, _TINY = 0.9, 0.99, 1e-15  # Adam's; a camera is drawn in one step of many, so a short memory
@@ -23,8 +24,8 @@ class PoseRefinement:
 
     The world moves before a camera rather than the camera in the world: by a turn about the scene's centre and a
     shift. What all cameras have in common is taken out again: the whole rig neither turns, moves nor grows, so
-    that the scene stays where the held-out cameras, which are never moved, see it. A single moving camera is left as it
-    was measured, since its held-out frames have no other pose.
+    that the scene stays where the held-out cameras, which are never moved, see it. Cameras of a single image are left
+    as they were measured (see ``learnable_cameras``), and so is a moving camera.
 
     Gradients are gathered over as many steps as there are such cameras, then all move at once.
 
@@ -44,7 +45,7 @@ class PoseRefinement:
         capture = rig.capture
         self._rig, self._recipe = rig, recipe
         self._center, self._distance = center.astype(np.float64), distance
-        self._learned = np.array(capture.train_cameras)
+        self._learned = np.array(learnable_cameras(capture))
         count = len(capture.cameras)
         self.moments, self.gathered = np.zeros((2, count, 6)), np.zeros((count, 13))
         self.moved = np.tile([0.0, recipe.pose_from], (count, 1))
@@ -53,7 +54,7 @@ class PoseRefinement:
     @staticmethod
     def wanted(capture: Capture, recipe: Recipe) -> bool:
         """Whether there is a rig to refine."""
-        return recipe.pose_reach > 0 and not capture.is_moving and len(capture.train_cameras) > 1
+        return recipe.pose_reach > 0 and bool(learnable_cameras(capture))
 
     def learns(self, camera: int, progress: float) -> bool:
         """Whether a step that draws this camera at ``progress`` needs the gradient of its pose."""

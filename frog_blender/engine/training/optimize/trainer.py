@@ -27,6 +27,7 @@ from ...rasterizer import RasterizeOptions, rasterize
 from ...scene.scene_file import settings_json
 from ..methods import method_named
 from ..recipe import Recipe
+from ..views import fit_to
 from .camera_rig import CameraRig
 from .canonical_sampling import inject_anchors
 from .crop_sampler import CropSampler
@@ -79,7 +80,7 @@ class Trainer:
         hooks: what happens besides the steps; each begins at once.
 
     Attributes:
-        recipe: as the method adapted it.
+        recipe: as the method and the capture adapted it.
         gaussians: everything that is kept by Gaussian.
         hooks: in the order in which they are called.
         step_count, seconds: so far; seconds leave out evaluation, saving, and what the process was stopped for.
@@ -99,7 +100,7 @@ class Trainer:
         device: torch.device | str = "cpu",
         hooks: Iterable[Hook] = (),
     ) -> None:
-        self.recipe = recipe = method_named(method).adapt(recipe)
+        self.recipe = recipe = fit_to(method_named(method).adapt(recipe), capture)
         self.rig, self.store, self.device = CameraRig(capture), store, torch.device(device)
         self.method, self.limits = method, limits
         torch.manual_seed(seed)

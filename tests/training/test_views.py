@@ -1,0 +1,100 @@
+"""How a capture was filmed decides what of it is learned."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from support import synthetic_capture as film
+
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.recipe import RECIPES, Recipe, recipe
+from frog_blender.engine.training.views import fit_to, turn_between_images, views_per_moment
+
+
+def one_a_moment(capture: Capture) -> Capture:
+    """Of each camera one image, each at a moment of its own."""
+    cameras = capture.train_cameras
+    shots = [shot for shot in capture.shots if shot.camera in cameras and shot.frame == cameras.index(shot.camera)]
+    return replace(capture, shots=tuple(shots), test_cameras=frozenset())
+
+
+def together(capture: Capture) -> Capture:
+    """The same cameras, all of which move: three images of one moment and three of another."""
+    first = [shot for shot in capture.train_shots if shot.frame == 0]
+    count = len(first)
+    again = [replace(shot, camera=shot.camera + len(capture.cameras), frame=1) for shot in first]
+    cameras = capture.cameras + tuple(replace(camera, name=f"{camera.name}-1") for camera in capture.cameras)
+    shots = (*first, *again)
+    assert count == 3
+    return replace(
+        capture,
+        cameras=cameras,
+        distortions=capture.distortions * 2,
+        crops=capture.crops * 2,
+        shots=shots,
+        frame_count=2,
+    )
+
+
+def test_views_are_counted_at_the_moments_that_have_any(capture: Capture) -> None:
+    assert views_per_moment(capture) == len(capture.train_cameras) == 3
+    assert views_per_moment(one_a_moment(capture)) == 1
+    assert views_per_moment(replace(capture, shots=())) == 0
+
+
+def test_one_view_a_moment_fixes_what_things_look_like(capture: Capture) -> None:
+    single = fit_to(Recipe(), one_a_moment(capture))
+    assert (single.deformed_sh, single.deformed_opacity) == (0, False)
+    assert fit_to(Recipe(appearance_views=0.0), one_a_moment(capture)) == Recipe(appearance_views=0.0)
+
+
+def test_a_camera_that_moves_on_slowly_sees_colours_change(capture: Capture) -> None:
+    """Neighbouring images of a film show the same side; those of ``one_a_moment`` are twenty degrees apart."""
+    single = one_a_moment(capture)
+    assert turn_between_images(single) == pytest.approx(math.degrees(0.35), abs=1e-6)
+    first = single.cameras[single.shots[0].camera]
+    turns = [(0.0, 0.02 * index, 0.0) for index in range(len(single.cameras))]
+    film_like = single.with_cameras(
+        replace(first.moved(np.array(turn), np.zeros(3)), name=camera.name)
+        for turn, camera in zip(turns, single.cameras, strict=True)
+    )
+    assert film_like.has_moving_cameras and turn_between_images(film_like) < 2
+    assert fit_to(Recipe(), film_like) == Recipe()
+    assert turn_between_images(replace(single, shots=single.shots[:1])) == 0
+
+
+def test_rigs_and_standing_cameras_see_colours_change(capture: Capture) -> None:
+    assert fit_to(Recipe(), capture) == Recipe()
+    several = together(capture)
+    assert several.has_moving_cameras and fit_to(Recipe(), several) == Recipe()
+    standing = capture.without_cameras([camera.name for camera in capture.cameras if camera.name != "cam01"])
+    assert views_per_moment(standing) == 1 and fit_to(Recipe(), standing) == Recipe()
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_the_papers_recipes_are_what_the_papers_say(capture: Capture, name: str) -> None:
+    settings = recipe(name)
+    assert (fit_to(settings, one_a_moment(capture)) == settings) == (name not in ("draft", "standard"))
+
+
+@pytest.mark.parametrize(("method", "fixed"), [("frog", True), ("ed3dgs", False), ("hexplane", False)])
+def test_only_our_method_follows_the_capture(
+    capture: Capture, store: FrameStore, lively: Callable[..., Recipe], method: str, fixed: bool
+) -> None:
+    """The baselines deform what their papers deform."""
+    settings = lively(8, warm_up=0.0)
+    single = one_a_moment(capture)
+    images = FrameStore.open(single, cache_folder=store.folder.parent)
+    trainer = Trainer(single, images, film.seeds(), settings, method, Limits(8), seed=0)
+    while not trainer.finished:
+        trainer.step()
+    with torch.no_grad():
+        opacities = [trainer.deform(time)[0].opacities for time in (0.0, 1.0)]
+    assert torch.equal(*opacities) == fixed
