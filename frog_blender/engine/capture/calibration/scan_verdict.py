@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from .evidence import CLOSES, CameraEvidence
 from .scan_solve import Joined
 from .tracks import Pairs
+from .verdict import is_contradicted
 
 _LEAST_SHARED, _FEW_SHARED = 20, 60
-_LEAST_CLOSING = 0.3
 _UNSURE, _DOUBTFUL = 0.05, 0.02  # standard deviation of a focal length
 _APART, _DOUBTFUL_APART = 0.03, 0.005  # of the rig's diameter
 _REMEDY = (
@@ -34,7 +34,7 @@ def refusal(found: Joined, evidence: Sequence[CameraEvidence], names: Sequence[s
     weak = [name for name, each in zip(names, evidence, strict=True) if each.shared_by_three < _LEAST_SHARED]
     if weak:
         return f"Too few points are seen by {_listed(weak)} and two images of the walk-through at once. {_REMEDY}."
-    contradicted = [name for name, each in zip(names, evidence, strict=True) if each.closing < _LEAST_CLOSING]
+    contradicted = [name for name, each in zip(names, evidence, strict=True) if is_contradicted(each)]
     if contradicted:
         return (
             f"The views of {_listed(contradicted)} contradict the walk-through: the rotations of most triangles with "

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .evidence import CLOSES
+from .evidence import CLOSES, CameraEvidence
 from .solve import Solution
 
 _LEAST_SHARED = 15
@@ -44,7 +44,7 @@ def refusal(solution: Solution, names: Sequence[str]) -> str | None:
     weak = [names[i] for i, each in enumerate(solution.cameras) if each.shared_by_three < _LEAST_SHARED]
     if weak:
         return _unconnected(solution, names, weak)
-    open_ = [names[i] for i, each in enumerate(solution.cameras) if each.closing < _LEAST_CLOSING]
+    open_ = [names[i] for i, each in enumerate(solution.cameras) if is_contradicted(each)]
     if open_:
         return (
             f"The views of {_listed(open_)} contradict the others: the rotations of most triangles of cameras do not "
@@ -65,6 +65,15 @@ def refusal(solution: Solution, names: Sequence[str]) -> str | None:
             f"there are too few. {REMEDY}."
         )
     return None
+
+
+def is_contradicted(camera: CameraEvidence) -> bool:
+    """Whether triangles of pairs speak against a camera, and too few points about which three cameras agree for it.
+
+    Rotations of pairs that few matches determine are off by degrees, so that they alone prove nothing either.
+    """
+    is_supported = camera.shared_by_three >= _FEW_SHARED and camera.share >= _FEW_AGREEING
+    return camera.closing < _LEAST_CLOSING and not is_supported
 
 
 def warnings(solution: Solution, names: Sequence[str]) -> list[str]:
