@@ -291,7 +291,7 @@ RECIPES = {
 _FORMER = {"frame_choice": "even"}
 """Settings of earlier versions, and the value that trainings have had ever since."""
 
-_BEFORE = {"appearance_views": 0.0}
+BEFORE = {"appearance_views": 0.0, "alpha_weight": 0.0}
 """Settings that earlier versions did not have, and the value that their trainings go on with."""
 
 
@@ -301,7 +301,7 @@ def stored_recipe(values: object) -> Recipe:
     if not isinstance(values, dict):
         raise FrogError(f"A recipe is {brief(repr(values))}, expected its settings by name.")
     kept = {key: value for key, value in values.items() if _FORMER.get(key, ...) != value}
-    return _changed(Recipe(), _BEFORE | kept)
+    return _changed(Recipe(), BEFORE | kept)
 
 
 def recipe(name: str, /, **overrides: Any) -> Recipe:

@@ -76,7 +76,9 @@ def synchronize(
     if cameras is not None:
         calibrated = [i for i, film in enumerate(opened) if film.name in cameras]
         if len(calibrated) >= 2:
-            rig = _rig(opened, looks, calibrated, (cameras, distortions or {}), solution, work.part(0.5, 0.75), kept)
+            rig = _rig(
+                opened, looks, calibrated, (cameras, distortions or {}), solution, work.part(0.5, 0.75), kept=kept
+            )
             wide = pairs
             part = work.part(0.75, 0.95)
             pairs, solution = _refined(opened, rig, calibrated, pairs, solution, given=known, work=part)
@@ -178,6 +180,7 @@ def _rig(
     lenses: tuple[Mapping[str, Camera], Mapping[str, Distortion | None]],
     start: Solution,
     work: Work,
+    *,
     kept: Kept | None,
 ) -> Rig:
     def of_position(position: int) -> tuple[Camera, MovingPoints]:

@@ -19,6 +19,7 @@ from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
 from ..optimize.hooks import Training
+from ..recipe import BEFORE
 
 _KEY = "frog-checkpoint"
 _VERSION = 12
@@ -98,7 +99,7 @@ def _differences(values: JsonObject, training: Training) -> str:
     stored = values.get("recipe")
     if not isinstance(stored, dict):
         return "the recipe"
-    own = expected["recipe"]
+    stored, own = BEFORE | stored, expected["recipe"]
     if differing := [key for key in own if key not in _MAY_DIFFER and stored.get(key) != own[key]]:
         return brief(", ".join(differing))
     return "" if all(values.get(key) == expected[key] for key in ("shots", "cameras")) else "the capture"
