@@ -88,7 +88,11 @@ def _viewport_radius(means: np.ndarray) -> float:
 def _limit_radius(modifier: bpy.types.Modifier, radius: float) -> None:
     """Sets the points' largest radius in viewports, of which a modifier knows only an identifier."""
     sockets = modifier.node_group.interface.items_tree
-    modifier[sockets[splat_nodes.LIMIT].identifier] = radius
+    identifier = sockets[splat_nodes.LIMIT].identifier
+    if hasattr(modifier, "properties"):  # since Blender 5.2, which refuses the other way
+        getattr(modifier.properties.inputs, identifier).value = radius
+    else:
+        modifier[identifier] = radius
 
 
 def _add_modifier(obj: bpy.types.Object, name: str, group: bpy.types.GeometryNodeTree) -> bpy.types.Modifier:

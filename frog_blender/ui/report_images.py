@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..engine.arrays import ImageArray
+from ..engine.capture.calibration.drawings import frame_from_above
 from ..engine.capture.capture import Capture
 from ..engine.capture.readers.checks import read_json
 from ..engine.capture.synchronization import Synchronization, draw_curves
@@ -82,10 +83,8 @@ def rig_from_above(capture: Capture) -> ImageArray:
     ahead = np.array([camera.forward[:2] for camera in capture.cameras])
     points = np.empty((0, 2)) if capture.points is None else capture.points[:, :2]
     points = points[:: max(1, len(points) // _MOST_POINTS)]
-    middle = (centers.min(axis=0) + centers.max(axis=0)) / 2
-    reach = max(float(np.abs(centers - middle).max()), 1e-9)
-    points = points[np.abs(points - middle).max(axis=1, initial=0.0) < 1.5 * reach]
-    reach = max(reach, float(np.abs(points - middle).max(initial=0.0)))
+    middle, reach = frame_from_above(centers, points)
+    points = points[np.abs(points - middle).max(axis=1, initial=0.0) <= reach]
     scale = (_SIDE / 2 - _MARGIN) / reach
 
     def pixel(place: np.ndarray) -> tuple[int, int]:

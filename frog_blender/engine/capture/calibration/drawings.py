@@ -14,6 +14,7 @@ from .evidence import PairEvidence
 
 _SIDE, _MARGIN = 560, 40
 _DOTS = 1500  # points in the drawing of a rig
+_FARTHEST = 8.0  # in halves of the rig's extent, from its middle: farther points do not widen a drawing
 _WIDE = 480  # pixels of a camera's image
 _GREEN, _RED = (60, 170, 40), (40, 40, 220)  # blue, green, red
 
@@ -31,11 +32,9 @@ def rig_from_above(
         points: x, y and z each.
     """
     cameras, looks = np.array(places).reshape(-1, 2), np.array(ahead).reshape(-1, 2)
-    middle = (cameras.min(axis=0) + cameras.max(axis=0)) / 2
-    reach = max(float(np.abs(cameras - middle).max()), 1e-9)
     dots = np.array([point[:2] for point in points]).reshape(-1, 2)[:: max(1, len(points) // _DOTS)]
-    near = dots[np.abs(dots - middle).max(axis=1) < 1.5 * reach] if len(dots) else dots
-    reach = max(reach, float(np.abs(near - middle).max())) if len(near) else reach
+    middle, reach = frame_from_above(cameras, dots)
+    near = dots[np.abs(dots - middle).max(axis=1, initial=0.0) <= reach]
     scale = (_SIDE / 2 - _MARGIN) / reach
 
     def at(place: Float64s) -> tuple[float, float]:
@@ -50,6 +49,24 @@ def rig_from_above(
         if name:
             parts.append(f"<text x='{x + 6}' y='{y - 6}' font-size='12'>{escape(name)}</text>")
     return f"<svg viewBox='0 0 {_SIDE} {_SIDE}' width='{_SIDE}' height='{_SIDE}'>{''.join(parts)}</svg>"
+
+
+def frame_from_above(cameras: Float64s, points: Float64s) -> tuple[Float64s, float]:
+    """The square that shows a rig and what it films: its middle, (2,), and half its side.
+
+    Cameras beside each other span far less than the scene in front of them. A background far behind it is left out,
+    or the cameras would be one dot.
+
+    Args:
+        cameras: (C, 2), x and y of at least one camera.
+        points: (P, 2), may be empty.
+    """
+    low, high = cameras.min(axis=0), cameras.max(axis=0)
+    middle, reach = (low + high) / 2, max(float((high - low).max()) / 2, 1e-9)
+    near = points[np.abs(points - middle).max(axis=1, initial=0.0) <= _FARTHEST * reach]
+    if len(near):
+        low, high = np.minimum(low, np.quantile(near, 0.02, axis=0)), np.maximum(high, np.quantile(near, 0.98, axis=0))
+    return (low + high) / 2, max(float((high - low).max()) / 2, 1e-9)
 
 
 def matches_table(names: Sequence[str], pairs: Sequence[PairEvidence]) -> str:
