@@ -33,6 +33,16 @@ def empty(addon):
 
 
 @pytest.fixture
+def raw(tmp_path, monkeypatch):
+    """A folder of four videos and nothing else, and a cache with nothing in it."""
+    film = pytest.importorskip("support.synthetic_capture")
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    folder = film.write_capture(tmp_path / "raw")
+    (folder / "poses_bounds.npy").unlink()
+    return folder
+
+
+@pytest.fixture
 def static_rig(tmp_path):
     """A .frog file of three fixed cameras: an ordinary one, a portrait one off centre, one with oblong pixels."""
     from support.small_scenes import rig_of_three, write_scene

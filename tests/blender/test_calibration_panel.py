@@ -69,15 +69,6 @@ def calibrator_of(folder):
 
 
 @pytest.fixture
-def raw(tmp_path, monkeypatch):
-    """A folder of four videos and nothing else, and a cache with nothing in it."""
-    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    folder = film.write_capture(tmp_path / "raw")
-    (folder / "poses_bounds.npy").unlink()
-    return folder
-
-
-@pytest.fixture
 def drawn(empty):
     """A function that draws a panel and gives what it says, label lines joined."""
 

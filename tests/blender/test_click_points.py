@@ -23,15 +23,6 @@ from frog_blender.ui import points_overlay, train_panel
 film = pytest.importorskip("support.synthetic_capture")
 
 
-@pytest.fixture
-def raw(tmp_path, monkeypatch):
-    """A folder of four videos and nothing else, and a cache with nothing in it."""
-    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    folder = film.write_capture(tmp_path / "raw")
-    (folder / "poses_bounds.npy").unlink()
-    return folder
-
-
 def clicked(points, *pixels):
     for pixel in pixels:
         points.click(pixel)

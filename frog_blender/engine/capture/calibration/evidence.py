@@ -138,13 +138,22 @@ def disagreement(one: Model, other: Model) -> float:
     if len(placed) < 3:
         return float("inf")
     first, second = (centers(model)[placed] for model in (one, other))
+    return float(aligned_distances(first, second).max() / max(diameter(second), 1e-300))
+
+
+def aligned_distances(first: Float64s, second: Float64s) -> Float64s:
+    """(N,) distances between points (N, 3) and the same points of another world, after similarity alignment."""
     a, b = first - first.mean(axis=0), second - second.mean(axis=0)
     left, values, right = np.linalg.svd(b.T @ a)
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
     scale = float((values * signs).sum() / max(float((a**2).sum()), 1e-300))
-    apart = np.linalg.norm(scale * a @ (left * signs @ right).T - b, axis=1).max()
-    diameter = np.linalg.norm(second[:, None] - second[None], axis=2).max()
-    return float(apart / max(diameter, 1e-300))
+    distances: Float64s = np.linalg.norm(scale * a @ (left * signs @ right).T - b, axis=1)
+    return distances
+
+
+def diameter(points: Float64s) -> float:
+    """The largest distance between two of (N, 3) points."""
+    return float(np.linalg.norm(points[:, None] - points[None], axis=2).max())
 
 
 def centers(model: Model) -> Float64s:

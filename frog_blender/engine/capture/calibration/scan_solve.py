@@ -15,7 +15,7 @@ import numpy as np
 from ...arrays import Bools, Float64s
 from .adjustment import Adjusted, adjust
 from .colmap import load_pycolmap
-from .evidence import centers
+from .evidence import aligned_distances, centers, diameter
 from .hypotheses import OWN_GAINS, halves, thinned
 from .lens import Lens
 from .mapping import Model
@@ -169,12 +169,6 @@ def _apart(one: Model, other: Model, count: int) -> float:
     """
     both = sorted(set(one.placed) & set(other.placed))
     first, second = (centers(model)[both] for model in (one, other))
-    a, b = first - first.mean(axis=0), second - second.mean(axis=0)
-    left, values, right = np.linalg.svd(b.T @ a)
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    scale = float((values * signs).sum() / max(float((a**2).sum()), 1e-300))
-    distances = np.linalg.norm(scale * a @ (left * signs @ right).T - b, axis=1)
     stands = np.array(both) < count
-    sizes = [np.linalg.norm(each[:, None] - each[None], axis=2).max() for each in (second[stands], second)]
-    size = sizes[0] if stands.sum() > 1 else sizes[1]
-    return float(distances[stands].max() / max(float(size), 1e-300))
+    size = diameter(second[stands] if stands.sum() > 1 else second)
+    return float(aligned_distances(first, second)[stands].max() / max(size, 1e-300))

@@ -21,12 +21,11 @@ from .moving_solve import solve_moving
 from .rig_world import oriented
 from .scan_solve import Joined, joined, placed
 from .scan_verdict import refusal, unplaced, warnings
-from .standing_task import all_features, standing_pairs, standing_views
+from .standing_task import all_features, sampled_observations, standing_pairs, standing_views, sure_points
 from .tracks import Pairs, Tracks, join
 from .walk import Tell, Walk, across, walk_features, walk_of, walk_pairs
 from .work_folder import WorkFolder, key_of, key_of_file
 
-_MOST_POINTS = 8000
 _WITNESSES = 6  # images of a walk-through whose triangles with a standing camera must close
 
 
@@ -136,15 +135,10 @@ def _result(found: Joined, tracks: Tracks, names: Sequence[str], evidence: Seque
     stood, own = _standing_alone(found.adjusted, tracks, len(names))
     model, points = oriented(stood.model, stood.points)
     agree = agreeing(found.adjusted, tracks)
-    lengths = np.bincount(tracks.points[agree], minlength=tracks.count)
-    sure = np.flatnonzero((lengths >= 3) & np.isfinite(points).all(axis=1))
-    sure = sure[np.argsort(-lengths[sure], kind="stable")][:_MOST_POINTS]
     agrees = agreeing(replace(stood, model=model), own)
     cameras = []
     for index, (name, lens, pose, each) in enumerate(zip(names, model.lenses, model.poses, evidence, strict=True)):
-        of = np.flatnonzero(own.cameras == index)
-        of = of[:: max(1, len(of) // 400)]
-        observations = np.column_stack([own.pixels[of].round(1), agrees[of]]).tolist()
+        observations = sampled_observations(own, agrees, index)
         entry = {"name": name, "lens": asdict(lens), "pose": pose.tolist(), "evidence": asdict(each)}
         cameras.append(entry | {"observations": observations})
-    return {"cameras": cameras, "points": points[sure].round(5).tolist()}
+    return {"cameras": cameras, "points": sure_points(points, tracks, agree, 3)}

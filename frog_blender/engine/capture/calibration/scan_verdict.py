@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from .evidence import CLOSES, CameraEvidence
 from .scan_solve import Joined
 from .tracks import Pairs
-from .verdict import is_contradicted
+from .verdict import is_contradicted, listed
 
 _LEAST_SHARED, _FEW_SHARED = 20, 60
 _UNSURE, _DOUBTFUL = 0.05, 0.02  # standard deviation of a focal length
@@ -63,4 +63,5 @@ def warnings(found: Joined, evidence: Sequence[CameraEvidence], names: Sequence[
 
 
 def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
+    """All of the names: each asks for a walk-through of its own."""
+    return listed(names, len(names))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, Bools, Float64s
 from ...io.plain_values import JsonObject
 from .calibration import CalibrationRefused
 from .evidence import agreeing
@@ -17,7 +17,7 @@ from .features import BACKGROUND, Features, pooled
 from .films import View
 from .rig_world import oriented
 from .solve import Solution, match_all, solve
-from .tracks import Pairs
+from .tracks import Pairs, Tracks
 from .verdict import refusal, warnings
 from .work_folder import WorkFolder, key_of
 
@@ -80,16 +80,13 @@ def _result(solution: Solution, names: Sequence[str]) -> JsonObject:
     assert adjusted is not None and chosen is not None
     model, points = oriented(adjusted.model, adjusted.points)
     agree = agreeing(adjusted, solution.tracks)
-    lengths = np.bincount(solution.tracks.points[agree], minlength=solution.tracks.count)
-    sure = np.flatnonzero((lengths >= 2) & np.isfinite(points).all(axis=1))
-    sure = sure[np.argsort(-lengths[sure], kind="stable")][:_MOST_POINTS]
     cameras = [
         {
             "name": name,
             "lens": asdict(lens),
             "pose": pose.tolist(),
             "evidence": asdict(evidence),
-            "observations": _sample(solution, agree, index),
+            "observations": sampled_observations(solution.tracks, agree, index),
         }
         for index, (name, lens, pose, evidence) in enumerate(
             zip(names, model.lenses, model.poses, solution.cameras, strict=True)
@@ -97,7 +94,7 @@ def _result(solution: Solution, names: Sequence[str]) -> JsonObject:
     ]
     return {
         "cameras": cameras,
-        "points": points[sure].round(5).tolist(),
+        "points": sure_points(points, solution.tracks, agree, 2),
         "pairs": [asdict(pair) for pair in solution.pairs],
         "start": chosen.start,
         "own_focals": chosen.own,
@@ -107,9 +104,22 @@ def _result(solution: Solution, names: Sequence[str]) -> JsonObject:
     }
 
 
-def _sample(solution: Solution, agree: Array, camera: int) -> list[list[float]]:
+def sure_points(points: Float64s, tracks: Tracks, agree: Bools, least: int) -> list[list[float]]:
+    """Those of the points (N, 3) that at least so many observations agree about, the best seen ones first.
+
+    Args:
+        agree: (observations,) whether an observation agrees with the model.
+    """
+    lengths = np.bincount(tracks.points[agree], minlength=tracks.count)
+    sure = np.flatnonzero((lengths >= least) & np.isfinite(points).all(axis=1))
+    sure = sure[np.argsort(-lengths[sure], kind="stable")][:_MOST_POINTS]
+    found: list[list[float]] = points[sure].round(5).tolist()
+    return found
+
+
+def sampled_observations(tracks: Tracks, agree: Bools, camera: int) -> list[list[float]]:
     """Some of a camera's observations, for the report: x, y in pixels, and 1 where it agrees."""
-    own = np.flatnonzero(solution.tracks.cameras == camera)
+    own = np.flatnonzero(tracks.cameras == camera)
     own = own[:: max(1, len(own) // 400)]
-    rows: list[list[float]] = np.column_stack([solution.tracks.pixels[own].round(1), agree[own]]).tolist()
+    rows: list[list[float]] = np.column_stack([tracks.pixels[own].round(1), agree[own]]).tolist()
     return rows

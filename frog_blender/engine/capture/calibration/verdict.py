@@ -47,7 +47,7 @@ def refusal(solution: Solution, names: Sequence[str]) -> str | None:
     open_ = [names[i] for i, each in enumerate(solution.cameras) if is_contradicted(each)]
     if open_:
         return (
-            f"The views of {_listed(open_)} contradict the others: the rotations of most triangles of cameras do not "
+            f"The views of {listed(open_)} contradict the others: the rotations of most triangles of cameras do not "
             f"close within {CLOSES:g} degrees. {REMEDY}."
         )
     unsure = max(each.focal_uncertainty for each in solution.cameras)
@@ -81,13 +81,13 @@ def warnings(solution: Solution, names: Sequence[str]) -> list[str]:
     found = []
     weak = [names[i] for i, each in enumerate(solution.cameras) if each.shared_by_three < _FEW_SHARED]
     if weak:
-        found.append(f"Few points are seen by {_listed(weak)} and two other cameras at once: look at the result.")
+        found.append(f"Few points are seen by {listed(weak)} and two other cameras at once: look at the result.")
     alone = [names[i] for i, each in enumerate(solution.cameras) if np.isnan(each.closing)]
     if alone:
-        found.append(f"No triangle of matching pairs tests {_listed(alone)}: look at the result.")
+        found.append(f"No triangle of matching pairs tests {listed(alone)}: look at the result.")
     open_ = [names[i] for i, each in enumerate(solution.cameras) if each.closing < _FEW_CLOSING]
     if open_:
-        found.append(f"Several pairs of {_listed(open_)} contradict the solution: look at the result.")
+        found.append(f"Several pairs of {listed(open_)} contradict the solution: look at the result.")
     unsure = max(each.focal_uncertainty for each in solution.cameras)
     if unsure > _DOUBTFUL:
         found.append(f"The focal length is known within {_percent(unsure)} only.")
@@ -97,7 +97,7 @@ def warnings(solution: Solution, names: Sequence[str]) -> list[str]:
         )
     doubted = [names[i] for i, each in enumerate(solution.cameras) if each.share < _FEW_AGREEING]
     if doubted:
-        found.append(f"Most matches of {_listed(doubted)} disagree with the solution: look at the result.")
+        found.append(f"Most matches of {listed(doubted)} disagree with the solution: look at the result.")
     return found
 
 
@@ -126,18 +126,18 @@ def _unconnected(solution: Solution, names: Sequence[str], lost: Sequence[str]) 
         f"{names[pair.one]}-{names[pair.other]} ({pair.agreeing} points)"
         for pair in sorted(agreeing, key=lambda pair: -pair.agreeing)
     ]
-    only = f"only {_listed(matching)} match" + ("es" if len(matching) == 1 else "") if matching else "no pair matches"
+    only = f"only {listed(matching)} match" + ("es" if len(matching) == 1 else "") if matching else "no pair matches"
     return (
-        f"{_listed(lost)} share{'s' if len(lost) == 1 else ''} no points with two other cameras at once: {only}, "
-        f"and {_listed(apart)} do not. {REMEDY}."
+        f"{listed(lost)} share{'s' if len(lost) == 1 else ''} no points with two other cameras at once: {only}, "
+        f"and {listed(apart)} do not. {REMEDY}."
     )
 
 
-def _listed(names: Sequence[str]) -> str:
-    """Names in a sentence, the first few of many."""
-    shown = list(names[:_NAMED])
-    if len(names) > _NAMED:
-        return f"{', '.join(shown)} and {len(names) - _NAMED} more"
+def listed(names: Sequence[str], most: int = _NAMED) -> str:
+    """Names in a sentence, the first ``most`` of more."""
+    shown = list(names[:most])
+    if len(names) > most:
+        return f"{', '.join(shown)} and {len(names) - most} more"
     return ", ".join(shown[:-1]) + (" and " if len(shown) > 1 else "") + shown[-1] if shown else "none"
 
 
