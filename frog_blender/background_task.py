@@ -11,7 +11,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeAlias
 
 import bpy
 
@@ -21,10 +21,12 @@ PUMP_MESSAGES = 200  # the most messages one pump() applies
 PUMP_SECONDS = 0.008  # and the longest it takes: half a frame at 60 Hz
 TIMER_SECONDS = 0.1
 
-Message = TypeVar("Message")
+# Any: each task has messages of its own. A generic class would name them, but typing's caches keep its subclasses until
+# Python has ended. Through them they keep the bpy module, and bpy 4.5 then waits in its own shutdown for ever.
+Message: TypeAlias = Any
 
 
-class BackgroundTask(ABC, Generic[Message]):
+class BackgroundTask(ABC):
     """One piece of work: ``start()`` it, ``pump()`` it until ``is_running`` is false."""
 
     what: ClassVar[str]

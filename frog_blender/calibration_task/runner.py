@@ -42,7 +42,7 @@ class _Ended:
     is_refused: bool = False
 
 
-class CalibrationTask(BackgroundTask[_Told | _Ended]):
+class CalibrationTask(BackgroundTask):
     """One calibration: ``start()`` it, ``pump()`` it until ``state.running`` is false.
 
     Args:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 
 from ..background_task import BackgroundTask
@@ -13,7 +11,7 @@ class CancelsTask:
     """A base next to ``bpy.types.Operator``."""
 
     @staticmethod
-    def task() -> BackgroundTask[Any] | None:  # Any: messages are the task's own affair
+    def task() -> BackgroundTask | None:
         """What is cancelled: running, or the last one that ran."""
         raise NotImplementedError
 

@@ -28,7 +28,7 @@ QUIT_SECONDS = 10.0  # time for a cancelled training to finish its step and writ
 PATIENCE = 0.5  # seconds before a message is printed
 _JOBS = ("RENDER", "OBJECT_BAKE")  # jobs of Blender that read the scene in their own threads
 
-EventSource = Callable[[CancelToken], Iterator[Any]]
+EventSource = Callable[[CancelToken], Iterator[Any]]  # Any: events of the engine, which need torch to be imported
 OnFinished = Callable[[Path], str | None]
 """Is called with a finished scene's file; returns an additional note for the panel, if any. May raise FrogError."""
 Watcher = Callable[[TrainingState], None]
@@ -42,7 +42,7 @@ class Ended:
     error: str
 
 
-class TrainingTask(BackgroundTask[Any]):  # Any: events of the engine, which need torch to be imported
+class TrainingTask(BackgroundTask):
     """One training: ``start()`` it, ``pump()`` it until ``state.running`` is false.
 
     ``control`` pauses, resumes and cancels it at any time.
