@@ -5,7 +5,6 @@ A camera that was calibrated in images as they are stored is turned with them.
 
 from __future__ import annotations
 
-import struct
 from dataclasses import replace
 from typing import BinaryIO
 
@@ -14,14 +13,11 @@ import numpy as np
 from ..arrays import Float64s, ImageArray
 from .camera import Camera
 from .capture import Distortion
-from .image_header import PNG_START, jpeg_segments
+from .exif import ORIENTATION, exif_tags
 from .lenses import FISHEYE, FOV
 
 UPRIGHT = 1
 """EXIF's orientation of an image that is shown as it is stored."""
-_EXIF_MARKER, _EXIF_START = 0xE1, b"Exif\0\0"
-_ORIENTATION_TAG, _SHORT = 0x0112, 3
-_MAX_ENTRIES, _MAX_CHUNKS, _MAX_EXIF = 1000, 1000, 2**16
 # Quarter turns clockwise, after which those of _MIRRORED are mirrored left to right.
 _TURNS = {1: 0, 2: 0, 3: 2, 4: 2, 5: 1, 6: 1, 7: 3, 8: 3}
 _MIRRORED = frozenset({2, 4, 5, 7})
@@ -30,20 +26,8 @@ _MAX_TURNED_COEFFICIENTS = 12  # beyond them OpenCV's model tilts the sensor
 
 def orientation_in_header(file: BinaryIO) -> int:
     """EXIF's orientation (1 to 8) of an open JPEG, PNG or WebP; 1 where the file names none."""
-    start = file.read(12)
-    file.seek(0)
-    try:
-        if start.startswith(b"\xff\xd8"):
-            exif = _jpeg_exif(file)
-        elif start.startswith(PNG_START):
-            exif = _png_exif(file)
-        elif start[:4] == b"RIFF" and start[8:] == b"WEBP":
-            exif = _webp_exif(file)
-        else:
-            return UPRIGHT
-        return _orientation(exif.removeprefix(_EXIF_START))
-    except struct.error:
-        return UPRIGHT
+    value = exif_tags(file, [ORIENTATION]).get(ORIENTATION)
+    return value if isinstance(value, int) and value in _TURNS else UPRIGHT
 
 
 def is_mirrored(orientation: int) -> bool:
@@ -112,52 +96,3 @@ def _quarter_turned(coefficients: Float64s) -> Float64s:
     if len(found) >= _MAX_TURNED_COEFFICIENTS:
         found[8:10], found[10:12] = -coefficients[10:12], coefficients[8:10]
     return found
-
-
-def _jpeg_exif(file: BinaryIO) -> bytes:
-    file.seek(2)
-    for marker, length in jpeg_segments(file):
-        if marker == _EXIF_MARKER:
-            content = file.read(length)
-            if content.startswith(_EXIF_START):
-                return content
-    return b""
-
-
-def _png_exif(file: BinaryIO) -> bytes:
-    place = len(PNG_START)
-    for _ in range(_MAX_CHUNKS):
-        file.seek(place)
-        size, kind = struct.unpack(">I4s", file.read(8))
-        if kind == b"eXIf":
-            return file.read(min(size, _MAX_EXIF))
-        if kind == b"IDAT":  # what follows the image is not looked for: it may have many chunks
-            break
-        place += 12 + size
-    return b""
-
-
-def _webp_exif(file: BinaryIO) -> bytes:
-    place = 12
-    for _ in range(_MAX_CHUNKS):
-        file.seek(place)
-        kind, size = struct.unpack("<4sI", file.read(8))
-        if kind == b"EXIF":
-            return file.read(min(size, _MAX_EXIF))
-        place += 8 + size + size % 2
-    return b""
-
-
-def _orientation(exif: bytes) -> int:
-    """The orientation that a TIFF header and its first directory name."""
-    order = {b"II": "<", b"MM": ">"}.get(exif[:2])
-    if order is None:
-        return UPRIGHT
-    place = struct.unpack_from(f"{order}I", exif, 4)[0]
-    count = min(struct.unpack_from(f"{order}H", exif, place)[0], _MAX_ENTRIES)
-    for entry in range(count):
-        tag, kind = struct.unpack_from(f"{order}HH", exif, place + 2 + 12 * entry)
-        if (tag, kind) == (_ORIENTATION_TAG, _SHORT):
-            value: int = struct.unpack_from(f"{order}H", exif, place + 2 + 12 * entry + 8)[0]
-            return value if value in _TURNS else UPRIGHT
-    return UPRIGHT

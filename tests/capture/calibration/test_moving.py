@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
-from frog_blender.engine.capture.calibration.camera_kinds import kind_by
 from frog_blender.engine.capture.calibration.films import Film
 from frog_blender.engine.capture.calibration.moving_clocks import find_moving_clocks
 from frog_blender.engine.capture.calibration.moving_films import sampled
@@ -98,16 +97,3 @@ def test_films_without_sound_or_timecode_are_taken_to_be_in_step_and_that_is_sai
     found = find_moving_clocks(films, lambda *_: None, lambda: False)
     assert found.clocks == {"a": (0.0, 1.0), "b": (0.0, 1.0)}
     assert "taken to be in step" in found.warnings[0]
-
-
-@pytest.mark.parametrize(
-    ("said", "kind"),
-    [
-        ("    com.apple.quicktime.make: Apple\n    com.apple.quicktime.model: iPhone 13\n", "Apple, iPhone 13"),
-        ("    com.android.manufacturer: Google\n    com.android.model: Pixel 7\n", "Google, Pixel 7"),
-        ("    firmware        : HD9.01.01.60.00\n", "HD9"),
-        ("    major_brand     : isom\n    encoder         : Lavf59.27.100\n", ""),
-    ],
-)
-def test_make_and_model_are_read_from_what_ffmpeg_says(said: str, kind: str) -> None:
-    assert kind_by(said) == kind

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from frog_blender.engine.capture.calibration.belief import is_contradicted
 from frog_blender.engine.capture.calibration.evidence import CameraEvidence
-from frog_blender.engine.capture.calibration.verdict import is_contradicted
 
 
 @pytest.mark.parametrize(

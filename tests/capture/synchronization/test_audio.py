@@ -10,7 +10,7 @@ import pytest
 
 from frog_blender.engine.capture import ffmpeg
 from frog_blender.engine.capture.synchronization import audio
-from frog_blender.engine.capture.synchronization.films import open_film
+from frog_blender.engine.capture.synchronization.recordings import open_recording
 
 from .moving_scene import write_film
 
@@ -85,21 +85,21 @@ def with_sound(path: Path, sound: np.ndarray, folder: Path, delay: float = 0.0) 
 def test_sound_is_read_from_the_films_own_zero(tmp_path: Path) -> None:
     pytest.importorskip("imageio_ffmpeg")
     silent = write_film(tmp_path / "a.mp4", lambda frame: np.full((48, 64, 3), 5 * frame, np.uint8), 40, 10.0)
-    assert audio.read_audio(open_film("a", silent)) is None
+    assert audio.read_audio(open_recording("a", silent)) is None
     sound = speech(3)
-    on_time = audio.read_audio(open_film("a", with_sound(silent, sound, tmp_path)))
+    on_time = audio.read_audio(open_recording("a", with_sound(silent, sound, tmp_path)))
     assert on_time is not None
-    late = audio.read_audio(open_film("a", with_sound(silent, sound, tmp_path, delay=0.5)))
+    late = audio.read_audio(open_recording("a", with_sound(silent, sound, tmp_path, delay=0.5)))
     assert late is not None
     for heard, delay in ((on_time, 0.0), (late, 0.5)):
         found = audio.audio_lag((0, 1), (heard, sound))
         assert found is not None
         assert abs(found.lag - delay) < 0.03  # the encoder's own delay
-    assert audio.read_audio(open_film("a", with_sound(silent, 0 * sound, tmp_path))) is None
+    assert audio.read_audio(open_recording("a", with_sound(silent, 0 * sound, tmp_path))) is None
 
 
 def test_without_ffmpeg_there_is_no_sound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    film = open_film("a", write_film(tmp_path / "a.mp4", lambda frame: np.zeros((48, 64, 3), np.uint8), 5, 10.0))
+    film = open_recording("a", write_film(tmp_path / "a.mp4", lambda frame: np.zeros((48, 64, 3), np.uint8), 5, 10.0))
     monkeypatch.setattr(audio, "program", lambda: None)
     assert audio.read_audio(film) is None
     monkeypatch.setattr(ffmpeg, "program", lambda: None)

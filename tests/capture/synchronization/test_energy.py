@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.synchronization.energy import EnergyMeter, Signal, energy_lag
-from frog_blender.engine.capture.synchronization.films import Film
+from frog_blender.engine.capture.synchronization.recordings import Recording
 
 
 def motion(times: np.ndarray) -> np.ndarray:
@@ -49,6 +49,6 @@ def test_the_meter_counts_change_by_second_across_a_gap() -> None:
     meter = EnergyMeter()
     for brightness in (10, 40, 70, 100):
         meter.add(np.full((60, 80), brightness, np.uint8))
-    times, values = meter.signal(Film("a", None, stamps, 80, 60))  # type: ignore[arg-type]
+    times, values = meter.signal(Recording("a", None, stamps, 80, 60))  # type: ignore[arg-type]
     np.testing.assert_allclose(times, [0.05, 0.25, 0.45])
     np.testing.assert_allclose(values * np.diff(stamps), 28, rtol=1e-5)

@@ -19,9 +19,9 @@ from frog_blender.engine.capture.synchronization import (
     common_times,
     synchronize,
 )
-from frog_blender.engine.capture.synchronization.films import open_film
 from frog_blender.engine.capture.synchronization.look import look_at
 from frog_blender.engine.capture.synchronization.motion import find_points
+from frog_blender.engine.capture.synchronization.recordings import open_recording
 from frog_blender.engine.capture.synchronization.work import silently
 from frog_blender.engine.errors import FrogError
 
@@ -101,7 +101,7 @@ def test_what_is_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pytes
     def decoded(*_: object) -> None:
         raise AssertionError("a film was decoded again")
 
-    monkeypatch.setattr("frog_blender.engine.capture.synchronization.films.decode_film", decoded)
+    monkeypatch.setattr("frog_blender.engine.capture.synchronization.recordings.decode_film", decoded)
     again = synchronize(films, cameras, kept=kept)
     assert again.offsets == first.offsets
     monkeypatch.undo()
@@ -138,7 +138,7 @@ def test_moving_points_are_carried_to_common_times(tmp_path: Path) -> None:
     films = write_films(tmp_path, scene, cameras, starts, 1.5)
     points = {}
     for number, (name, path) in enumerate(films.items()):
-        film = open_film(name, path)
+        film = open_recording(name, path)
         points[name] = find_points(film, look_at(film, silently()), None, number, silently())
     clocks = {name: Clock(start.offset) for name, start in starts.items()}
     times = common_times(points, clocks, 5)

@@ -1,4 +1,7 @@
-"""Which films are of one kind of camera: of one size, and by one make and model where the files say so."""
+"""Which films are of one kind of camera: of one size, and by one make and model where the files say so.
+
+Videos say it in their tags, images in EXIF.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,11 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from ...errors import found_instead
+from ...io.regular_file import regular_file
+from ..exif import FOCAL_LENGTH_35MM, MAKE, MODEL, exif_tags
 from ..ffmpeg import notes
+from ..readers.footage import images_in
 
 _TAG = re.compile(r"^\s*([\w.:\-]+)\s*:\s*(.+?)\s*$", re.MULTILINE)
 _KNOWN = {
@@ -19,12 +26,30 @@ _KNOWN = {
     "model": "model",
     "firmware": "firmware",  # GoPro's begins with its model: HD9.01.01.60.00
 }
+_EXIF = (MAKE, MODEL, FOCAL_LENGTH_35MM)
 _FIRMWARE_MODEL = re.compile(r"[A-Z]+\d+")
 
 
 def kind_of(path: Path) -> str:
-    """Make, model, and the lens where a phone has several, as a film's tags say; "" where they say nothing."""
-    return kind_by(notes(path))
+    """Make, model, and the lens where a phone has several, of a video or a folder of frames; "" where it is not said.
+
+    Raises:
+        FrogError: if the first frame cannot be read.
+    """
+    if not path.is_dir():
+        return kind_by(notes(path))
+    footage = images_in(path)
+    return "" if footage is None else kind_in_image(footage.files[0])
+
+
+def kind_in_image(path: Path) -> str:
+    """The same by an image's EXIF; FrogError if the file cannot be read."""
+    try:
+        with regular_file(path, "an image").open("rb") as file:
+            said = exif_tags(file, _EXIF)
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "an image") from error
+    return ", ".join(str(said[tag]) for tag in _EXIF if said.get(tag))
 
 
 def kind_by(said: str) -> str:

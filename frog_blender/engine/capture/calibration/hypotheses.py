@@ -181,20 +181,17 @@ def whole_cost(distances: Float64s, tracks: Tracks, lenses: Sequence[Lens]) -> f
     return cost(distances, limits[tracks.cameras])
 
 
-def held_out_cost(adjusted: Adjusted, tracks: Tracks) -> float:
-    """The cost of tracks that the model was not adjusted to: only their points are fitted."""
+def held_out_costs(adjusted: Adjusted, tracks: Tracks, counted: Bools) -> Float64s:
+    """(count,) the cost of each track that the model was not adjusted to: only its point is fitted.
+
+    Args:
+        counted: (cameras,) whose observations are summed.
+    """
     model = adjusted.model
     limits = np.array([lens.limit for lens in model.lenses])
     _, distances = located(tracks, model.poses, model.lenses, limits)
-    return cost(distances, limits[tracks.cameras])
-
-
-def held_out_costs(adjusted: Adjusted, tracks: Tracks) -> Float64s:
-    """(count,) the same for each track: the sum over its observations."""
-    model = adjusted.model
-    limits = np.array([lens.limit for lens in model.lenses])
-    _, distances = located(tracks, model.poses, model.lenses, limits)
-    return summed(np.minimum(distances / limits[tracks.cameras], 1.0) ** 2, tracks)
+    costs = np.minimum(distances / limits[tracks.cameras], 1.0) ** 2
+    return summed(costs * counted[tracks.cameras], tracks)
 
 
 def gains(before: Float64s, after: Float64s, least: float) -> bool:

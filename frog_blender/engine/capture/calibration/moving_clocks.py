@@ -7,7 +7,7 @@ from itertools import combinations
 
 from ..ffmpeg import notes
 from ..synchronization.audio import audio_lag, read_audio
-from ..synchronization.films import open_film
+from ..synchronization.recordings import open_recording
 from ..synchronization.report import reported
 from ..synchronization.solve import solve
 from ..synchronization.timecode import read_note
@@ -30,7 +30,7 @@ def find_moving_clocks(films: Sequence[Film], progress: Progress, cancelled: Cal
 
 def _by_sound(films: Sequence[Film], progress: Progress, cancelled: Callable[[], bool]) -> FoundClocks | None:
     """By what all films hear; None where they do not, or the lags contradict each other."""
-    opened, sounds = [open_film(film.name, film.path) for film in films], []
+    opened, sounds = [open_recording(film.name, film.path) for film in films], []
     for place, film in enumerate(opened):
         progress("synchronisation", place, len(films))
         if cancelled():

@@ -7,19 +7,18 @@ from dataclasses import dataclass
 
 from ...arrays import Float64s
 from .adjustment import Adjusted, adjust
+from .belief import doubts, is_apart, is_unsure, percent
 from .calibration import CalibrationRefused
 from .evidence import disagreement
-from .hypotheses import Hypothesis, candidates, halves, held_out_cost, rivals, whole_cost
+from .hypotheses import Hypothesis, candidates, rivals, whole_cost
 from .lens import Lens
 from .mapping import Model, global_, incremental
+from .release import released
 from .tracks import Pairs, Tracks
 from .walk import EXHAUSTIVE, Tell, Walk
 
 _STARTS = (0.9, 1.3)
 _LEAST_PLACED = 0.8  # of the images of a camera
-_UNSURE, _DOUBTFUL = 0.05, 0.02  # standard deviation of the focal length
-_APART, _DOUBTFUL_APART = 0.03, 0.01  # of the path's size
-_RELEASE_GAINS, _RELEASE_SURE = 0.002, 0.02
 REMEDY = (
     "Next time move the camera sideways, slowly and without turning on the spot, past textured things that rest, or "
     "film with several standing cameras."
@@ -69,19 +68,16 @@ def solve_moving(
     assert chosen.adjusted is not None
     warnings = _unplaced(walks, chosen.adjusted.model.placed)
     tell("bundle adjustment", 0, 3)
-    coefficients, fits = _released(chosen.adjusted.model, tracks, groups)
+    freed = released(chosen.adjusted.model, tracks, groups, groups)
     tell("bundle adjustment", 1, 3)
-    apart = disagreement(fits[0].model, fits[1].model)
-    adjusted = adjust(chosen.adjusted.model, tracks, groups, coefficients)
+    apart = disagreement(freed.fits[0].model, freed.fits[1].model)
+    adjusted = adjust(chosen.adjusted.model, tracks, groups, freed.coefficients)
     tell("bundle adjustment", 2, 3)
     unsure = float(adjusted.uncertainty[adjusted.model.placed].max())
     _check(chosen, found, unsure, apart)
-    if unsure > _DOUBTFUL:
-        warnings.append(f"The focal length is known within {100 * unsure:.1f} % only.")
-    if apart > _DOUBTFUL_APART:
-        warnings.append(f"The camera's positions are known within about {100 * apart:.1f} % of its path only.")
+    warnings += doubts(unsure, apart, "the path's size")
     costs = tuple(each.cost for each in found if each.adjusted is not None)
-    return MovingSolution(adjusted, tuple(coefficients), unsure, apart, costs, tuple(warnings))
+    return MovingSolution(adjusted, tuple(freed.coefficients), unsure, apart, costs, tuple(warnings))
 
 
 def _proposed(
@@ -132,35 +128,16 @@ def _unplaced(walks: Sequence[Walk], placed: Sequence[int]) -> list[str]:
     return warnings
 
 
-def _released(model: Model, tracks: Tracks, groups: Sequence[int]) -> tuple[list[int], tuple[Adjusted, Adjusted]]:
-    """How many of k1 and k2 are free for each image, as far as held-out tracks ask for it, and both halves' fits."""
-    one, other = halves(tracks)
-    coefficients = [0] * len(groups)
-    fits = adjust(model, one, groups, coefficients), adjust(model, other, groups, coefficients)
-    least = held_out_cost(fits[0], other) + held_out_cost(fits[1], one)
-    for kind in sorted(set(groups)):
-        own = [index for index in model.placed if groups[index] == kind]
-        for more in (1, 2):
-            tried = [more if each == kind else had for each, had in zip(groups, coefficients, strict=True)]
-            new = adjust(fits[0].model, one, groups, tried), adjust(fits[1].model, other, groups, tried)
-            gained = held_out_cost(new[0], other) + held_out_cost(new[1], one)
-            sure = max(float(each.uncertainty[own].max()) for each in new) < _RELEASE_SURE
-            if not (sure and gained < (1 - _RELEASE_GAINS) * least):
-                break
-            coefficients, least, fits = tried, gained, new
-    return coefficients, fits
-
-
 def _check(chosen: Hypothesis, found: Sequence[Hypothesis], unsure: float, apart: float) -> None:
     """CalibrationRefused where the solution cannot be believed."""
-    if not unsure <= _UNSURE:
+    if is_unsure(unsure):
         raise CalibrationRefused(f"The images do not fix the focal length. {REMEDY}")
     if others := rivals(found, chosen):
         factor = others[0][1]
         raise CalibrationRefused(
             f"Two solutions fit the images equally well, with focal lengths a factor {factor:.2f} apart. {REMEDY}"
         )
-    if apart > _APART:
+    if is_apart(apart):
         raise CalibrationRefused(
-            f"Two halves of the points put the camera {100 * apart:.1f} % of its path apart. {REMEDY}"
+            f"Two halves of the points put the camera {percent(apart)} of its path apart. {REMEDY}"
         )

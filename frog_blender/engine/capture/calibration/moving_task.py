@@ -9,6 +9,7 @@ import numpy as np
 
 from ...io.plain_values import JsonObject
 from .evidence import agreeing
+from .moving_region import doubts, moving_share
 from .moving_solve import solve_moving
 from .rig_world import oriented
 from .tracks import join
@@ -33,6 +34,7 @@ def moving(request: JsonObject, tell: Tell) -> JsonObject:
     tracks = join(pairs, pixels)
     solution = solve_moving(walks, pixels, pairs, tracks, tell)
     adjusted = solution.adjusted
+    share = moving_share(walks, features, adjusted.model, tell)
     model, points = oriented(adjusted.model, adjusted.points)
     agree = agreeing(adjusted, tracks)
     lengths = np.bincount(tracks.points[agree], minlength=tracks.count)
@@ -48,5 +50,6 @@ def moving(request: JsonObject, tell: Tell) -> JsonObject:
         "focal_uncertainty": solution.unsure,
         "halves_apart": solution.apart,
         "costs": list(solution.costs),
-        "warnings": list(solution.warnings),
+        "moving_share": share,
+        "warnings": [*solution.warnings, *doubts(share)],
     }

@@ -12,21 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Bools, Float64s
+from ...arrays import Float64s
 from .adjustment import Adjusted, adjust
 from .colmap import load_pycolmap
 from .evidence import aligned_distances, centers, diameter
-from .hypotheses import OWN_GAINS, halves, thinned
+from .hypotheses import OWN_GAINS, gains, thinned
 from .lens import Lens
 from .mapping import Model
 from .moving_solve import MovingSolution
-from .tracks import Tracks, cost, located
+from .release import KNOWN, Released, released
+from .tracks import Tracks, located
 from .two_view import colmap_camera
 
 _LEAST_POINTS = 20  # that place a camera
 _LEAST_VIEWS = 3  # of a point, before it places one
 _LEAST_SHARE = 0.25  # of a camera's matches with such points that agree with its pose
-_RELEASE_GAINS, _RELEASE_SURE = 0.002, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Joined:
         adjusted: the model and its points.
         own_focals: standing cameras of one kind have focal lengths of their own.
         apart: how far half of the points put a standing camera from where the other half does, over their diameter.
-        cost: of the observations of the standing cameras.
+        cost: mean over the observations of the standing cameras, each when it was held out.
     """
 
     adjusted: Adjusted
@@ -110,56 +110,23 @@ def joined(start: Model, count: int, tracks: Tracks, groups: Sequence[int], walk
         groups: of all images; cameras of one group share their lens.
     """
     few, _ = thinned(tracks, {}, len(groups))
-    shared = _fitted(start, count, few, list(groups), walked)
+    coefficients = [0] * count + list(walked.coefficients)
+
+    def fitted(grouping: Sequence[int]) -> Released:
+        kinds = [*grouping[:count], *[KNOWN] * (len(grouping) - count)]
+        return released(start, few, grouping, kinds, coefficients)
+
+    shared = fitted(groups)
     chosen, grouping = shared, list(groups)
     if len(set(groups[:count])) < count:
         alone = [max(groups) + 1 + index for index in range(count)] + list(groups[count:])
-        own = _fitted(start, count, few, alone, walked)
-        if own.cost * (1 + OWN_GAINS) < shared.cost:
+        own = fitted(alone)
+        if gains(shared.costs, own.costs, OWN_GAINS):
             chosen, grouping = own, alone
     adjusted = adjust(chosen.fits[0].model, tracks, grouping, chosen.coefficients)
     apart = _apart(chosen.fits[0].model, chosen.fits[1].model, count)
-    return Joined(adjusted, chosen is not shared, apart, chosen.cost / 2)
-
-
-@dataclass(frozen=True, eq=False)
-class _Fitted:
-    """Fits to both halves of the tracks, the free coefficients, and the cost of held-out tracks of both."""
-
-    fits: tuple[Adjusted, Adjusted]
-    coefficients: list[int]
-    cost: float
-
-
-def _fitted(start: Model, count: int, tracks: Tracks, groups: list[int], walked: MovingSolution) -> _Fitted:
-    """Frees k1, then k2, of all standing cameras of a group where that lowers the cost of held-out tracks."""
-    one, other = halves(tracks)
-
-    def fitted(models: tuple[Model, Model], coefficients: list[int]) -> _Fitted:
-        fits = adjust(models[0], one, groups, coefficients), adjust(models[1], other, groups, coefficients)
-        held_out = _cost(fits[0], other, count) + _cost(fits[1], one, count)
-        return _Fitted(fits, coefficients, held_out)
-
-    best = fitted((start, start), [0] * count + list(walked.coefficients))
-    for kind in sorted(set(groups[:count])):
-        own = np.array([group == kind for group in groups])
-        for more in (1, 2):
-            tried = [more if each else had for each, had in zip(own.tolist(), best.coefficients, strict=True)]
-            new = fitted((best.fits[0].model, best.fits[1].model), tried)
-            sure = max(float(each.uncertainty[own].max()) for each in new.fits) < _RELEASE_SURE
-            if not (sure and new.cost < (1 - _RELEASE_GAINS) * best.cost):
-                break
-            best = new
-    return best
-
-
-def _cost(adjusted: Adjusted, tracks: Tracks, count: int) -> float:
-    """The cost of the standing cameras' observations of tracks that the model was not adjusted to."""
-    model = adjusted.model
-    limits = np.array([lens.limit for lens in model.lenses])
-    _, distances = located(tracks, model.poses, model.lenses, limits)
-    own: Bools = tracks.cameras < count
-    return cost(distances[own], limits[tracks.cameras[own]])
+    observations = int((few.cameras < count).sum())
+    return Joined(adjusted, chosen is not shared, apart, float(chosen.costs.sum()) / max(observations, 1))
 
 
 def _apart(one: Model, other: Model, count: int) -> float:

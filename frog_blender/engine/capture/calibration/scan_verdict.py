@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from .belief import doubts, is_apart, is_contradicted, is_doubtful, is_unsure, is_weak, percent
 from .evidence import CLOSES, CameraEvidence
 from .scan_solve import Joined
 from .tracks import Pairs
-from .verdict import is_contradicted, listed
+from .verdict import listed
 
-_LEAST_SHARED, _FEW_SHARED = 20, 60
-_UNSURE, _DOUBTFUL = 0.05, 0.02  # standard deviation of a focal length
-_APART, _DOUBTFUL_APART = 0.03, 0.005  # of the rig's diameter
 _REMEDY = (
     "Next time start the walk-through beside that camera, at its height, and walk on slowly, so that the film shows "
     "what the camera sees from near its place"
@@ -31,7 +29,7 @@ def unplaced(names: Sequence[str], lost: Sequence[int], pairs: Pairs) -> str:
 
 def refusal(found: Joined, evidence: Sequence[CameraEvidence], names: Sequence[str]) -> str | None:
     """Why the cameras must not be used; None where nothing speaks against them."""
-    weak = [name for name, each in zip(names, evidence, strict=True) if each.shared_by_three < _LEAST_SHARED]
+    weak = [name for name, each in zip(names, evidence, strict=True) if is_weak(each)]
     if weak:
         return f"Too few points are seen by {_listed(weak)} and two images of the walk-through at once. {_REMEDY}."
     contradicted = [name for name, each in zip(names, evidence, strict=True) if is_contradicted(each)]
@@ -40,26 +38,21 @@ def refusal(found: Joined, evidence: Sequence[CameraEvidence], names: Sequence[s
             f"The views of {_listed(contradicted)} contradict the walk-through: the rotations of most triangles with "
             f"its images do not close within {CLOSES:g} degrees. {_REMEDY}."
         )
-    unsure = [name for name, each in zip(names, evidence, strict=True) if not each.focal_uncertainty <= _UNSURE]
+    unsure = [name for name, each in zip(names, evidence, strict=True) if is_unsure(each.focal_uncertainty)]
     if unsure:
-        return f"The images do not fix the focal length of {_listed(unsure)} within 5 %. {_REMEDY}."
-    if not found.apart <= _APART:
-        return f"Two halves of the points put the cameras {100 * found.apart:.1f} % of the rig's size apart. {_REMEDY}."
+        return f"The images do not fix the focal length of {_listed(unsure)}. {_REMEDY}."
+    if is_apart(found.apart):
+        return f"Two halves of the points put the cameras {percent(found.apart)} of the rig's size apart. {_REMEDY}."
     return None
 
 
 def warnings(found: Joined, evidence: Sequence[CameraEvidence], names: Sequence[str]) -> list[str]:
     """Sentences about what is in doubt though nothing speaks against it."""
     sentences = []
-    weak = [name for name, each in zip(names, evidence, strict=True) if each.shared_by_three < _FEW_SHARED]
+    weak = [name for name, each in zip(names, evidence, strict=True) if is_doubtful(each)]
     if weak:
         sentences.append(f"Few points are seen by {_listed(weak)} and the walk-through: look at the result.")
-    unsure = max(each.focal_uncertainty for each in evidence)
-    if unsure > _DOUBTFUL:
-        sentences.append(f"The focal length is known within {100 * unsure:.1f} % only.")
-    if found.apart > _DOUBTFUL_APART:
-        sentences.append(f"Camera positions are known within about {100 * found.apart:.1f} % of the rig's size only.")
-    return sentences
+    return sentences + doubts(max(each.focal_uncertainty for each in evidence), found.apart, "the rig's size")
 
 
 def _listed(names: Sequence[str]) -> str:

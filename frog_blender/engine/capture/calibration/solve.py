@@ -14,18 +14,15 @@ from ...arrays import Float64s, Ints
 from .adjustment import Adjusted, adjust
 from .evidence import CameraEvidence, PairEvidence, closing_triangles, disagreement, of_cameras, of_pairs
 from .features import Features
-from .hypotheses import OWN_GAINS, Hypothesis, candidates, gains, halves, held_out_costs, propose, rivals, settled
+from .hypotheses import OWN_GAINS, Hypothesis, candidates, gains, propose, rivals, settled
 from .lens import Lens
-from .mapping import Model
 from .matching import match
+from .release import Released, released
 from .tracks import Pairs, Tracks, join
 from .two_view import undistorted_pixels, verified
 
 Progress = Callable[[str, int, int], None]
 """Told a stage's name, and how much of how much is done."""
-
-_RELEASE_GAINS = 0.002  # of the held-out cost, before a coefficient is believed
-_RELEASE_SURE = 0.02  # uncertainty of the focal length with it
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,17 +103,18 @@ def solve(
         evidence = tuple(of_pairs(matches, checked, None, few))
         return Solution(None, few, (), evidence, tuple(found), None, (), (0,) * len(sizes), np.inf)
     progress("bundle adjustment", 0, 3)
-    released = [(each, _released(each, few, groups)) for each in starts]
-    chosen, best = released[0]
-    for rival, other in released[1:]:
+    freed = [(each, _released(each, few, groups)) for each in starts]
+    chosen, best = freed[0]
+    for rival, other in freed[1:]:
         if gains(best.costs, other.costs, OWN_GAINS):
             chosen, best = rival, other
     grouping = list(range(len(sizes))) if chosen.own else list(groups)
+    model, apart = best.fits[0].model, disagreement(best.fits[0].model, best.fits[1].model)
     progress("bundle adjustment", 1, 3)
     if any(best.coefficients):
-        checked = verified_again(matches, pixels, best.model.lenses)
+        checked = verified_again(matches, pixels, model.lenses)
     tracks = join(checked, pixels)
-    adjusted = adjust(best.model, tracks, grouping, best.coefficients)
+    adjusted = adjust(model, tracks, grouping, best.coefficients)
     progress("bundle adjustment", 2, 3)
     final = settled(found, few, groups, best.coefficients)
     closing = closing_triangles(adjusted.model.lenses, pixels, checked)
@@ -128,54 +126,13 @@ def solve(
         tuple(found),
         chosen,
         tuple(rivals(final, final[found.index(chosen)])),
-        best.coefficients,
-        best.apart,
+        tuple(best.coefficients),
+        apart,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Released:
-    """A start with the distortion that held-out tracks ask for.
-
-    Attributes:
-        model: adjusted to half of the tracks.
-        coefficients: for each camera how many of k1 and k2 are free.
-        costs: (count,) of all tracks, each when it was held out.
-        apart: how far the halves' cameras lie apart, over the rig's diameter.
-    """
-
-    model: Model
-    coefficients: tuple[int, ...]
-    costs: Float64s
-    apart: float
-
-
-def _released(start: Hypothesis, tracks: Tracks, kinds: Sequence[int]) -> _Released:
-    """Frees k1, then k2, of all cameras of a kind together, where that lowers the cost of held-out tracks."""
+def _released(start: Hypothesis, tracks: Tracks, kinds: Sequence[int]) -> Released:
+    """A start with the distortion that held-out tracks ask for."""
     assert start.adjusted is not None
-    model = start.adjusted.model
     groups = list(range(len(kinds))) if start.own else list(kinds)
-    one, other = halves(tracks)
-    coefficients = [0] * len(kinds)
-    fits = adjust(model, one, groups, coefficients), adjust(model, other, groups, coefficients)
-
-    def held_out(fitted: Sequence[Adjusted]) -> Float64s:
-        return np.concatenate([held_out_costs(fitted[0], other), held_out_costs(fitted[1], one)])
-
-    costs = held_out(fits)
-    for kind in sorted(set(kinds)):
-        for more in (1, 2):
-            tried = [more if each == kind else had for each, had in zip(kinds, coefficients, strict=True)]
-            new = adjust(fits[0].model, one, groups, tried), adjust(fits[1].model, other, groups, tried)
-            lower = held_out(new)
-            sure = max(_uncertainty(each, kinds, kind) for each in new) < _RELEASE_SURE
-            if not (sure and gains(costs, lower, _RELEASE_GAINS)):
-                break
-            coefficients, costs, fits = tried, lower, new
-    return _Released(fits[0].model, tuple(coefficients), costs, disagreement(fits[0].model, fits[1].model))
-
-
-def _uncertainty(adjusted: Adjusted, kinds: Sequence[int], kind: int) -> float:
-    """Of the focal lengths of a kind's cameras that have a pose."""
-    own = [camera for camera in adjusted.model.placed if kinds[camera] == kind]
-    return float(np.max(adjusted.uncertainty[own], initial=0.0))
+    return released(start.adjusted.model, tracks, groups, kinds)

@@ -10,15 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .evidence import CLOSES, CameraEvidence
+from .belief import LEAST_SHARED, disagrees, doubts, is_apart, is_contradicted, is_doubtful, is_unsure, is_weak, percent
+from .evidence import CLOSES
 from .solve import Solution
 
-_LEAST_SHARED = 15
-_FEW_SHARED = 60
-_LEAST_CLOSING, _FEW_CLOSING = 0.3, 0.5
-_UNSURE, _DOUBTFUL = 0.05, 0.02  # standard deviation of a focal length
-_APART, _DOUBTFUL_APART = 0.03, 0.005  # of the rig's diameter
-_FEW_AGREEING = 0.5
+_FEW_CLOSING = 0.5
 _PARALLEL = 5.0  # degrees between the directions of all cameras: so little fixes no focal length
 _NAMED = 6  # pairs
 
@@ -41,7 +37,7 @@ def refusal(solution: Solution, names: Sequence[str]) -> str | None:
     if len(placed) < len(names) or adjusted is None:
         lost = [name for index, name in enumerate(names) if index not in placed]
         return _unconnected(solution, names, lost if placed else list(names))
-    weak = [names[i] for i, each in enumerate(solution.cameras) if each.shared_by_three < _LEAST_SHARED]
+    weak = [names[i] for i, each in enumerate(solution.cameras) if is_weak(each)]
     if weak:
         return _unconnected(solution, names, weak)
     open_ = [names[i] for i, each in enumerate(solution.cameras) if is_contradicted(each)]
@@ -51,35 +47,26 @@ def refusal(solution: Solution, names: Sequence[str]) -> str | None:
             f"close within {CLOSES:g} degrees. {REMEDY}."
         )
     unsure = max(each.focal_uncertainty for each in solution.cameras)
-    if not unsure <= _UNSURE:
-        return f"The images do not fix the focal length (within {_percent(unsure)}). {_fixing_focals(solution)}"
+    if is_unsure(unsure):
+        return f"The images do not fix the focal length (within {percent(unsure)}). {_fixing_focals(solution)}"
     if solution.rivals:
         _, factor = max(solution.rivals, key=lambda each: abs(np.log(each[1])))
         return (
             f"Two solutions fit the images equally well, with focal lengths a factor {factor:.2f} apart. "
             + _fixing_focals(solution)
         )
-    if solution.halves_apart > _APART:
+    if is_apart(solution.halves_apart):
         return (
-            f"Two halves of the points put the cameras {_percent(solution.halves_apart)} of the rig's size apart: "
+            f"Two halves of the points put the cameras {percent(solution.halves_apart)} of the rig's size apart: "
             f"there are too few. {REMEDY}."
         )
     return None
 
 
-def is_contradicted(camera: CameraEvidence) -> bool:
-    """Whether triangles of pairs speak against a camera, and too few points about which three cameras agree for it.
-
-    Rotations of pairs that few matches determine are off by degrees, so that they alone prove nothing either.
-    """
-    is_supported = camera.shared_by_three >= _FEW_SHARED and camera.share >= _FEW_AGREEING
-    return camera.closing < _LEAST_CLOSING and not is_supported
-
-
 def warnings(solution: Solution, names: Sequence[str]) -> list[str]:
     """Sentences about what is in doubt though nothing speaks against it."""
     found = []
-    weak = [names[i] for i, each in enumerate(solution.cameras) if each.shared_by_three < _FEW_SHARED]
+    weak = [names[i] for i, each in enumerate(solution.cameras) if is_doubtful(each)]
     if weak:
         found.append(f"Few points are seen by {listed(weak)} and two other cameras at once: look at the result.")
     alone = [names[i] for i, each in enumerate(solution.cameras) if np.isnan(each.closing)]
@@ -88,14 +75,8 @@ def warnings(solution: Solution, names: Sequence[str]) -> list[str]:
     open_ = [names[i] for i, each in enumerate(solution.cameras) if each.closing < _FEW_CLOSING]
     if open_:
         found.append(f"Several pairs of {listed(open_)} contradict the solution: look at the result.")
-    unsure = max(each.focal_uncertainty for each in solution.cameras)
-    if unsure > _DOUBTFUL:
-        found.append(f"The focal length is known within {_percent(unsure)} only.")
-    if solution.halves_apart > _DOUBTFUL_APART:
-        found.append(
-            f"Camera positions are known within about {_percent(solution.halves_apart)} of the rig's size only."
-        )
-    doubted = [names[i] for i, each in enumerate(solution.cameras) if each.share < _FEW_AGREEING]
+    found += doubts(max(each.focal_uncertainty for each in solution.cameras), solution.halves_apart, "the rig's size")
+    doubted = [names[i] for i, each in enumerate(solution.cameras) if disagrees(each)]
     if doubted:
         found.append(f"Most matches of {listed(doubted)} disagree with the solution: look at the result.")
     return found
@@ -116,11 +97,11 @@ def _fixing_focals(solution: Solution) -> str:
 
 def _unconnected(solution: Solution, names: Sequence[str], lost: Sequence[str]) -> str:
     """The refusal for cameras that share no points with two others, with the pairs that do match."""
-    agreeing = [pair for pair in solution.pairs if pair.agreeing >= _LEAST_SHARED]
+    agreeing = [pair for pair in solution.pairs if pair.agreeing >= LEAST_SHARED]
     apart = [
         f"{names[pair.one]}-{names[pair.other]}"
         for pair in solution.pairs
-        if pair.agreeing < _LEAST_SHARED and not {names[pair.one], names[pair.other]}.isdisjoint(lost)
+        if pair.agreeing < LEAST_SHARED and not {names[pair.one], names[pair.other]}.isdisjoint(lost)
     ]
     matching = [
         f"{names[pair.one]}-{names[pair.other]} ({pair.agreeing} points)"
@@ -139,7 +120,3 @@ def listed(names: Sequence[str], most: int = _NAMED) -> str:
     if len(names) > most:
         return f"{', '.join(shown)} and {len(names) - most} more"
     return ", ".join(shown[:-1]) + (" and " if len(shown) > 1 else "") + shown[-1] if shown else "none"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %" if np.isfinite(share) else "any amount"

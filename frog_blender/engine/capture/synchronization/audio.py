@@ -11,9 +11,9 @@ import numpy as np
 
 from ...arrays import Float32s, Float64s
 from ..ffmpeg import program, whole_path
-from .films import Film
 from .lines import fit_line
 from .pair import Curve, PairLag, maxima
+from .recordings import Recording
 
 RATE = 16_000  # samples a second
 _BAND = (100.0, 6000.0)  # Hz: below it rumbles, above it AAC has nothing
@@ -28,7 +28,7 @@ _SHOWN = 0.5  # seconds to either side of the peak that the curve keeps
 _PATIENCE = 300.0  # seconds for ffmpeg
 
 
-def read_audio(film: Film) -> Float32s | None:
+def read_audio(film: Recording) -> Float32s | None:
     """(S,) mono samples at RATE from the film's time 0, in [-1, 1]; None without ffmpeg, a track, or any sound."""
     ffmpeg = program()
     if ffmpeg is None or film.path.is_dir():

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...arrays import Float64s, ImageArray
 from ..video import load_opencv
-from .films import Film
 from .pair import Curve, PairLag, maxima
+from .recordings import Recording
 
 _WIDTH = 80  # pixels of the images that are compared
 _BLUR = 1.5  # pixels, of these: smaller details than a moving limb only add noise
@@ -38,7 +38,7 @@ class EnergyMeter:
             self._values.append(float(np.maximum(change - _NOISE, 0).mean()))
         self._last = small
 
-    def signal(self, film: Film) -> tuple[Float64s, Float64s]:
+    def signal(self, film: Recording) -> tuple[Float64s, Float64s]:
         """Times (N - 1,) in the film, seconds, between each two frames, and the change (N - 1,) there by second."""
         times = film.timestamps[: len(self._values) + 1]
         gaps = np.maximum(np.diff(times), 1e-6)

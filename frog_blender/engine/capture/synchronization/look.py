@@ -9,7 +9,7 @@ import numpy as np
 from ...arrays import ImageArray
 from .changing import SAMPLES, changing_region
 from .energy import EnergyMeter, Signal
-from .films import Film
+from .recordings import Recording
 from .work import Kept, Work
 
 _REPORTED = 50  # frames between reports
@@ -28,7 +28,7 @@ class Look:
     changing: ImageArray
 
 
-def look_at(film: Film, work: Work, kept: Kept | None = None) -> Look:
+def look_at(film: Recording, work: Work, kept: Kept | None = None) -> Look:
     """Decode a film once, unless what came of it was kept; FrogError if it cannot be decoded."""
     if kept is not None and (arrays := kept.load("look_for_motion", film.key)) is not None:
         return Look((arrays["times"], arrays["energies"]), arrays["changing"])

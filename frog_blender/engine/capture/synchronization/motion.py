@@ -11,11 +11,11 @@ import numpy as np
 from ...arrays import Bools, Ints
 from ..camera import Camera
 from .epipolar import Geometry, epipolar_lag, fundamental, residual_table, score_curve
-from .films import Film
 from .look import Look
 from .matches import Search, match
 from .moving_points import REACH, MovingPoints, PointFinder, keyframes_of
 from .pair import PairLag
+from .recordings import Recording
 from .solve import Clocks
 from .work import Kept, Work, in_threads
 
@@ -41,7 +41,7 @@ class Rig:
         points: their moving points, without lens distortion.
     """
 
-    films: tuple[Film, ...]
+    films: tuple[Recording, ...]
     cameras: tuple[Camera, ...]
     points: tuple[MovingPoints, ...]
 
@@ -86,7 +86,7 @@ class Rig:
 
 
 def find_points(
-    film: Film, look: Look, clocks: Clocks | None, number: int, work: Work, kept: Kept | None = None
+    film: Recording, look: Look, clocks: Clocks | None, number: int, work: Work, kept: Kept | None = None
 ) -> MovingPoints:
     """The moving points of a film, at every third frame; of a long one near times that all films share.
 
@@ -111,12 +111,12 @@ def find_points(
     return points
 
 
-def is_short(film: Film) -> bool:
+def is_short(film: Recording) -> bool:
     """Every third frame of it can be looked at."""
     return len(film.timestamps) <= _EVERY * _MOST_KEYFRAMES
 
 
-def _keyframes(film: Film, clocks: Clocks | None, number: int) -> list[int]:
+def _keyframes(film: Recording, clocks: Clocks | None, number: int) -> list[int]:
     count = len(film.timestamps)
     if is_short(film) or clocks is None:
         step = max(1, min(_EVERY, count // _FEWEST_KEYFRAMES), count // _MOST_KEYFRAMES)

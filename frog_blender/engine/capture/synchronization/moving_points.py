@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray, Ints
 from ..video import load_opencv
-from .films import Film
+from .recordings import Recording
 
 REACH = 2
 """Frames to either side of its own in which a point is tracked."""
@@ -97,7 +97,7 @@ def keyframes_of(indices: Sequence[int], frame_count: int) -> list[int]:
 class PointFinder:
     """Receives the frames that ``needed`` names, in order, and finds the points of its keyframes."""
 
-    def __init__(self, film: Film, mask: ImageArray, keyframes: Sequence[int]) -> None:
+    def __init__(self, film: Recording, mask: ImageArray, keyframes: Sequence[int]) -> None:
         """``mask`` (H, W) uint8 of the gray images; ``keyframes`` come from keyframes_of."""
         cv2 = load_opencv()
         self._film, self._mask, self._keyframes = film, mask, list(keyframes)

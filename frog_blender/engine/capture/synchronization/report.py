@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .curves import camera_curve, runner_up
-from .films import Film
 from .pair import PairLag
+from .recordings import Recording
 from .solve import Clock, Solution
 from .synchronization import CameraClock, RunnerUp, Synchronization
 
@@ -20,7 +20,7 @@ _COARSE = ("energy",)  # alone, good for a start only
 
 
 def reported(
-    films: Sequence[Film],
+    films: Sequence[Recording],
     solution: Solution,
     pairs: Sequence[PairLag],
     given: Mapping[int, Clock],
@@ -108,7 +108,7 @@ def _coarse_sentence(cameras: Sequence[CameraClock]) -> list[str]:
     return [f"The offsets of {which} come from the amount of motion alone and may be a frame wrong."]
 
 
-def _open_sentences(films: Sequence[Film], solution: Solution) -> list[str]:
+def _open_sentences(films: Sequence[Recording], solution: Solution) -> list[str]:
     return [
         f"Camera {film.name}: the lags between it and two others do not add up within half a frame "
         f"in {100 * share:.0f} % of the cases."
@@ -118,7 +118,7 @@ def _open_sentences(films: Sequence[Film], solution: Solution) -> list[str]:
 
 
 def _refusal(
-    films: Sequence[Film], solution: Solution, cameras: Sequence[CameraClock], given: Mapping[int, Clock]
+    films: Sequence[Recording], solution: Solution, cameras: Sequence[CameraClock], given: Mapping[int, Clock]
 ) -> str | None:
     """Why the offsets must not be used, and what to do; None if they may."""
     if len(films) < 2:

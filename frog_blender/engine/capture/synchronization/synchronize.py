@@ -15,12 +15,12 @@ from .audio import audio_lag, read_audio
 from .curves import camera_curve, runner_up
 from .energy import energy_lag
 from .epipolar import fundamental
-from .films import Film, open_film
 from .lags import NamedTracks, track_lag
 from .look import Look, look_at
 from .motion import Rig, coarse_lags, find_points, fine_lags, score_at
 from .moving_points import MovingPoints
 from .pair import PairLag
+from .recordings import Recording, open_recording
 from .report import reported
 from .solve import Clock, Solution, solve
 from .straighten import straightened
@@ -60,7 +60,7 @@ def synchronize(
         SynchronizationCancelled: if the user ended it.
     """
     work = Work(forward_only(progress), cancelled)
-    opened = [open_film(name, path) for name, path in films.items()]
+    opened = [open_recording(name, path) for name, path in films.items()]
     known = _given(given or {}, opened)
     if len(opened) < 2:
         return reported(opened, _alone(opened, known), [], known)
@@ -92,23 +92,23 @@ def _share(start: float, end: float, number: int, count: int) -> tuple[float, fl
     return start + (end - start) * number / count, start + (end - start) * (number + 1) / count
 
 
-def _given(given: Mapping[str, Clock], films: Sequence[Film]) -> dict[int, Clock]:
+def _given(given: Mapping[str, Clock], films: Sequence[Recording]) -> dict[int, Clock]:
     numbers = {film.name: number for number, film in enumerate(films)}
     if unknown := sorted(set(given) - set(numbers)):
         raise FrogError(f"A clock is given for camera {unknown[0]}, expected one of {', '.join(numbers)}.")
     return {numbers[name]: clock for name, clock in given.items()}
 
 
-def _solved(films: Sequence[Film], pairs: Sequence[PairLag], given: Mapping[int, Clock]) -> Solution:
+def _solved(films: Sequence[Recording], pairs: Sequence[PairLag], given: Mapping[int, Clock]) -> Solution:
     frame = max(film.interval for film in films)
     return solve(len(films), pairs, frame, max(film.duration for film in films), given)
 
 
-def _alone(films: Sequence[Film], given: Mapping[int, Clock]) -> Solution:
+def _alone(films: Sequence[Recording], given: Mapping[int, Clock]) -> Solution:
     return solve(len(films), [], 1.0, 1.0, given)
 
 
-def _start(films: Sequence[Film], looks: Sequence[Look], work: Work) -> list[PairLag]:
+def _start(films: Sequence[Recording], looks: Sequence[Look], work: Work) -> list[PairLag]:
     """Lags from sound where there is some, else from motion energy; those that timecodes exclude come last."""
     sounds = []
     for number, film in enumerate(films):
@@ -142,7 +142,7 @@ def _preferred(lag: PairLag, allowed: tuple[float, float] | None) -> PairLag:
 
 
 def _track_lags(
-    films: Sequence[Film],
+    films: Sequence[Recording],
     tracks: Mapping[str, NamedTracks],
     lenses: tuple[Mapping[str, Camera], Mapping[str, Distortion | None]],
     work: Work,
@@ -168,13 +168,13 @@ def _track_lags(
     return found
 
 
-def _camera(film: Film, cameras: Mapping[str, Camera]) -> Camera:
+def _camera(film: Recording, cameras: Mapping[str, Camera]) -> Camera:
     """A film's camera at the film's size."""
     return cameras[film.name].resized(film.width, film.height)
 
 
 def _rig(
-    films: Sequence[Film],
+    films: Sequence[Recording],
     looks: Sequence[Look],
     calibrated: Sequence[int],
     lenses: tuple[Mapping[str, Camera], Mapping[str, Distortion | None]],
@@ -196,7 +196,7 @@ def _rig(
 
 
 def _refined(
-    films: Sequence[Film],
+    films: Sequence[Recording],
     rig: Rig,
     calibrated: Sequence[int],
     pairs: list[PairLag],
@@ -222,7 +222,7 @@ def _refined(
 
 
 def _rivals(
-    films: Sequence[Film],
+    films: Sequence[Recording],
     rig: Rig,
     calibrated: Sequence[int],
     wide: Sequence[PairLag],

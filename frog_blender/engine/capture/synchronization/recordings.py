@@ -22,7 +22,7 @@ _VERSION = 1  # raise it when another result would come of the same film
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
+class Recording:
     """A video, or a folder of frames.
 
     Attributes:
@@ -72,9 +72,9 @@ class Film:
             yield gray if gray.shape[::-1] == size else cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
 
 
-def open_film(name: str, path: Path) -> Film:
+def open_recording(name: str, path: Path) -> Recording:
     """A camera's video; FrogError if it cannot be decoded or has fewer than three frames."""
     facts = film_facts(path)
     if facts.frame_count < 3:
         raise found_instead(path, f"a video of {facts.frame_count} frames", "at least three, in which something moves")
-    return Film(name, path, facts.timestamps, facts.width, facts.height)
+    return Recording(name, path, facts.timestamps, facts.width, facts.height)
