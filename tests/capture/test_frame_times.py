@@ -180,6 +180,19 @@ def test_lens_models_that_nobody_here_knows_are_refused(tmp_path: Path, model: s
         open_capture(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("lens", "unused"),
+    [
+        ({"camera_model": "OPENCV", "k1": 0.1, "s1": 0.02, "skew": 0}, "s1"),
+        ({"camera_model": "OPENCV_FISHEYE", "k1": 0.1, "p1": 0.01, "sx1": 0.1}, "p1, sx1"),
+    ],
+)
+def test_terms_of_a_lens_that_are_not_used_are_said(tmp_path: Path, lens: dict[str, object], unused: str) -> None:
+    write(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], **lens)
+    (warning,) = open_capture(tmp_path).warnings
+    assert warning.endswith(f"the lens has {unused}, which are not used.")
+
+
 def test_masks_that_are_not_used_are_said(tmp_path: Path) -> None:
     write(tmp_path, NAMES[:2], [posed(NAMES[0], 0, mask_path="m.png"), posed(NAMES[1], 1)])
     assert "1 images have masks (mask_path), which are not used" in open_capture(tmp_path).warnings[0]

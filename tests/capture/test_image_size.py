@@ -79,3 +79,15 @@ def test_what_opencv_itself_refuses_is_a_sentence(tmp_path: Path) -> None:
         with pytest.raises(FrogError, match="cannot be decoded") as caught:
             read(path)
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("length", [0x7FFFFFFF, 10_000])
+def test_a_chunk_that_claims_more_than_the_file_is_never_given_room(tmp_path: Path, length: int) -> None:
+    """OpenCV would take gigabytes."""
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), np.full((40, 56, 3), 90, np.uint8))
+    whole = path.read_bytes()
+    read_image(path)
+    path.write_bytes(whole[:33] + length.to_bytes(4, "big") + whole[37:])
+    with pytest.raises(FrogError, match=r"a\.png: found a PNG that is cut off or damaged"):
+        read_image(path)

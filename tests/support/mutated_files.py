@@ -328,7 +328,7 @@ class Checkpoints(Kind):
         return True
 
 
-KINDS = {
+KINDS: dict[str, type[Kind]] = {
     "bakes": Bakes,
     "poses": Poses,
     "points": Points,
@@ -352,9 +352,9 @@ def peak() -> int:
     return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
-def main() -> None:
+def main(kinds: dict[str, type[Kind]]) -> None:
     folder, count, chance = Path(sys.argv[2]), int(sys.argv[3]), random.Random(int(sys.argv[4]))
-    kind = KINDS[sys.argv[1]](folder)
+    kind = kinds[sys.argv[1]](folder)
     if kind.mutations is not TENSORS and not isinstance(kind, Checkpoints):
         warnings.simplefilter("error")  # of numbers that are only read nothing is to be said
     for content in kind.whole:
@@ -379,4 +379,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(KINDS)

@@ -55,6 +55,21 @@ def png_size(start: bytes) -> tuple[int, int] | None:
     return width, height
 
 
+def is_cut_png(content: bytes) -> bool:
+    """Whether a PNG has a chunk that says it is longer than the file: OpenCV makes room for as much as it says."""
+    if not content.startswith(PNG_START):
+        return False
+    place = len(PNG_START)
+    while place + 8 <= len(content):
+        length, kind = struct.unpack_from(">I4s", content, place)
+        if kind == b"IEND":
+            return False
+        place += 12 + length  # with the sum that follows
+        if place > len(content):
+            return True
+    return False
+
+
 def jpeg_segments(file: BinaryIO) -> Iterator[tuple[int, int]]:
     """Marker and length of each segment from the file's place on, with the file at its content."""
     while (marker := file.read(2)) and len(marker) == 2 and marker[0] == 0xFF:

@@ -18,7 +18,7 @@ from ..errors import FrogError, found_instead
 from ..io.regular_file import regular_file
 from ..optional_imports import is_missing, not_loaded
 from .camera import MAX_SIDE
-from .image_header import size_in_header
+from .image_header import is_cut_png, size_in_header
 from .movie_header import read_movie_header
 from .orientation import orientation_in_header, oriented, turned
 from .tone_mapping import tone_mapping, transfer_of
@@ -268,6 +268,8 @@ def _decoded(path: Path, how: int) -> ImageArray:
     if not content:
         raise found_instead(path, "an empty file", "an image")
     check_image_size(path, size_in_header(BytesIO(content)) or (1, 1))
+    if is_cut_png(content):
+        raise found_instead(path, "a PNG that is cut off or damaged", "a whole one")
     image: ImageArray | None = load_opencv().imdecode(np.frombuffer(content, dtype=np.uint8), how)
     if image is None:
         raise found_instead(path, "a file that cannot be decoded", "an image")

@@ -23,7 +23,7 @@ pytest.importorskip("pycolmap")
 def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("footage")
     for each in rig():
-        film(folder / f"{each.name}.mp4", [image(each)] * 6)
+        film(folder / f"{each.name}.mp4", [image(each)] * 3)
     return folder
 
 
@@ -44,14 +44,15 @@ def test_videos_become_a_capture(footage: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_folders_of_frames_become_a_capture(tmp_path: Path) -> None:
-    for each in rig():
+    cameras = rig()[:4]
+    for each in cameras:
         (tmp_path / each.name).mkdir()
-        for number in range(3, 9):
+        for number in range(3, 6):
             cv2.imwrite(str(tmp_path / each.name / f"{number:05d}.png"), image(each))
     assert main(["calibrate", str(tmp_path), "--in-step"]) == 0
     capture = open_capture(tmp_path)
-    assert center_errors(list(capture.cameras), rig()).max() < 0.01
-    assert len(capture.shots) == 6 * len(rig())
+    assert center_errors(list(capture.cameras), cameras).max() < 0.01
+    assert len(capture.shots) == 3 * len(cameras)
     with pytest.raises(FrogError, match="written beside them"):
         calibrate(tmp_path, Options(out=tmp_path / "elsewhere"), lambda *_: None, lambda: False)
 

@@ -64,11 +64,12 @@ def test_a_second_run_continues(found: Calibration, work: WorkFolder) -> None:
         assert np.allclose(one.camera.world_to_camera, other.camera.world_to_camera, atol=1e-3)
 
 
-def test_a_damaged_stage_is_made_again(found: Calibration, work: WorkFolder) -> None:
-    (damaged,) = work.path.glob("pairs-*.npz")
-    damaged.write_bytes(b"PK\x03\x04 cut off")
+def test_damaged_stages_are_made_again(found: Calibration, work: WorkFolder) -> None:
+    damaged = [next(work.path.glob(f"{stage}-*.npz")) for stage in ("view", "features", "pairs")]
+    for path in damaged:
+        path.write_bytes(b"PK\x03\x04 cut off")
     calibrate_standing([view(camera) for camera in rig()], work, lambda *_: None, lambda: False)
-    assert damaged.stat().st_size > 1000
+    assert all(path.stat().st_size > 1000 for path in damaged)
 
 
 def test_cameras_of_another_room_are_refused_by_name(tmp_path: Path) -> None:
@@ -84,15 +85,16 @@ def test_two_cameras_prove_nothing(tmp_path: Path) -> None:
 
 
 def test_distortion_is_found_where_there_is_some(tmp_path: Path) -> None:
-    views = [distorted_view(each, -0.2) for each in rig()]
+    cameras = rig()[:4]
+    views = [distorted_view(each, -0.2) for each in cameras]
     found = calibrate_standing(views, WorkFolder(tmp_path), lambda *_: None, lambda: False)
     assert all(abs(each.distortion[0] + 0.2) < 0.02 for each in found.cameras)
-    assert center_errors([each.camera for each in found.cameras], rig()).max() < 0.005
+    assert center_errors([each.camera for each in found.cameras], cameras).max() < 0.005
     assert abs(found.cameras[0].camera.intrinsics[0, 0] / FOCAL - 1) < 0.01
 
 
 def test_a_rig_that_does_not_fix_its_focal_length_is_refused(tmp_path: Path) -> None:
     """All cameras look the same way: nearly any focal length explains them."""
-    line = [camera(f"cam{i}", (-1.2 + 0.6 * i, 0, -3.3), (-1.2 + 0.6 * i, 0, 10)) for i in range(5)]
+    line = [camera(f"cam{i}", (-1.2 + 0.6 * i, 0, -3.3), (-1.2 + 0.6 * i, 0, 10)) for i in range(4)]
     with pytest.raises(CalibrationRefused, match="focal length"):
         calibrate_standing([view(each) for each in line], WorkFolder(tmp_path), lambda *_: None, lambda: False)

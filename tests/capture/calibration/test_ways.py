@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,6 +22,7 @@ from frog_blender.engine.capture.calibration.clicked_points import calibrate_cli
 from frog_blender.engine.capture.calibration.films import Film, View, find_films
 from frog_blender.engine.capture.calibration.pipeline import Options, Outcome, calibrate
 from frog_blender.engine.capture.calibration.rig_result import CameraFacts
+from frog_blender.engine.capture.calibration.work_folder import NAME
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.torch_install import landmarks
@@ -62,6 +64,19 @@ def room_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for each in rig():
         film(folder / f"{each.name}.mp4", [image(each)] * 3)
     return folder
+
+
+@pytest.fixture(scope="module")
+def looked_at(board_footage: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a run that features refuse keeps of the board's films."""
+    pytest.importorskip("pycolmap")
+    out = tmp_path_factory.mktemp("looked at")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FROG_CACHE", str(out / "cache"))
+        patch.setattr(pipeline, "board_in_films", lambda *_: None)
+        with pytest.raises(CalibrationRefused):
+            run(board_footage, Options(out=out))
+    return out / NAME
 
 
 def report_of(outcome: Outcome) -> dict:
@@ -107,8 +122,8 @@ def test_a_board_that_lies_beside_the_films_is_used(board_footage: Path, tmp_pat
     assert report_of(outcome)["source"] == "a board" and not outcome.warnings
 
 
-def test_a_board_is_looked_for_where_features_are_refused(board_footage: Path, tmp_path: Path) -> None:
-    pytest.importorskip("pycolmap")
+def test_a_board_is_looked_for_where_features_are_refused(board_footage: Path, looked_at: Path, tmp_path: Path) -> None:
+    shutil.copytree(looked_at, tmp_path / NAME)
     outcome = run(board_footage, Options(out=tmp_path))
     assert report_of(outcome)["source"] == "a board"
     first, *others = outcome.warnings
@@ -153,8 +168,10 @@ def test_other_files_than_clicked_points_are_refused(
     assert str(path) in str(refusal.value) and sentence in str(refusal.value)
 
 
-def test_a_person_is_looked_for_last(board_footage: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("pycolmap")
+def test_a_person_is_looked_for_last(
+    board_footage: Path, looked_at: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(looked_at, tmp_path / NAME)
     network = tmp_path / "network"
 
     def of_joints(films: Sequence[Film], views: Sequence[View], times: Sequence[float], file: Path, *_) -> Calibration:

@@ -51,7 +51,7 @@ def calibrate_standing(
     for view in views:
         arrays = arrays_of(view)
         key = key_of(view.name, list(view.size), view.group, *(arrays[name] for name in sorted(arrays)))
-        if not work.file("view", key).is_file():
+        if work.load("view", key) is None:  # a damaged one is written anew
             work.keep("view", key, arrays)
         entries.append({"name": view.name, "size": list(view.size), "group": view.group, "key": key})
     _find_features(views, entries, work, progress, cancelled)

@@ -15,11 +15,12 @@ from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.numpy_files import read_npz
 from ..readers.film_frames import state_of
+from .stage_forms import fits
 
 NAME = ".frog_calibration"
 """The folder's name, beside the result."""
 _VERSION = 1  # raise it when the same input would give another result
-_MOST = 2**31  # numbers of one stage
+_MOST = 2**28  # numbers of one stage
 
 
 def key_of(*parts: object) -> str:
@@ -51,14 +52,15 @@ class WorkFolder:
         return self.path / f"{stage}-{key}.npz"
 
     def load(self, stage: str, key: str) -> dict[str, Array] | None:
-        """The arrays of a stage; None where it was not kept, or its file is damaged."""
+        """The arrays of a stage; None where it was not kept, or its file is damaged or holds something else."""
         path = self.file(stage, key)
         if not path.is_file():
             return None
         try:
-            return read_npz(path, "a stage of a calibration", lambda name, shape: None, _MOST)
+            arrays = read_npz(path, "a stage of a calibration", lambda name, shape: None, _MOST)
         except FrogError:
             return None
+        return arrays if fits(stage, arrays) else None
 
     def keep(self, stage: str, key: str, arrays: Mapping[str, Array]) -> Path:
         """Writes a stage's arrays, whole or not at all; older results of the stage's name stay."""

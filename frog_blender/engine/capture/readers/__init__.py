@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
-from ...errors import FrogError
+from ...errors import FrogError, brief
 from ..capture import Capture
 from ..masking import EVERY_MASK, MaskSettings
 from ..video import find_videos
@@ -117,4 +117,4 @@ def _readable(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         where, reason = error.filename or path, error.strerror or error
-        raise FrogError(f"{where}: could not be read ({reason}), expected a part of a capture.") from error
+        raise FrogError(f"{brief(where)}: could not be read ({reason}), expected a part of a capture.") from error

@@ -34,6 +34,7 @@ _HOLDOUT_EVERY = 8
 _MAX_RATE = 1e6  # images a second
 _MAX_TIME = 1e30  # in any unit, such as nanoseconds since 1970
 _LENS = ("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy")
+_UNUSED = ("s1", "s2", "s3", "s4", "sx1", "sy1", "b1", "b2", "skew", "omega")  # prisms, skewed pixels, other models
 _FISHEYES = frozenset({"OPENCV_FISHEYE", "FISHEYE", "RADIAL_FISHEYE", "SIMPLE_RADIAL_FISHEYE"})
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # OpenCV's order
 _VIEW = ("transform_matrix", *_LENS, *_DISTORTION)  # what tells an image's camera from another's
@@ -217,7 +218,19 @@ def _lens_warnings(entries: list[_Entry]) -> list[str]:
     models = {_model(entry) for entry in entries if any(_both(entry).get(key) for key in _DISTORTION[5:])}
     if models - {"FULL_OPENCV", *_FISHEYES}:
         warnings.append(f"{file}: k4, k5 and k6 are taken for those of OpenCV's rational model.")
+    if unused := sorted({key for entry in entries for key in _unused_terms(entry)}):
+        warnings.append(f"{file}: the lens has {', '.join(unused)}, which are not used.")
     return warnings
+
+
+def _unused_terms(entry: _Entry) -> list[str]:
+    """What an entry says of its lens, and no camera here can do."""
+    tangential = ("p1", "p2") if _is_fisheye(entry) else ()
+    return [key for key in (*_UNUSED, *tangential) if _both(entry).get(key) not in (None, 0, 0.0)]
+
+
+def _is_fisheye(entry: _Entry) -> bool:
+    return _model(entry) in _FISHEYES or bool(_both(entry).get("is_fisheye"))
 
 
 def _both(entry: _Entry) -> dict[str, object]:
@@ -241,7 +254,7 @@ def _camera(name: str, entry: _Entry) -> tuple[Camera, Distortion | None]:
     """The OpenCV camera of one image, and its lens, at the size at which the image is shown."""
     file, top, own = entry.file, entry.top, entry.own
     both, model, real = _both(entry), _model(entry), image_size(entry.image)
-    is_fisheye = model in _FISHEYES or bool(both.get("is_fisheye"))
+    is_fisheye = _is_fisheye(entry)
     if not is_fisheye and model not in _MODELS:
         expected = f"a perspective camera ({', '.join(sorted(_MODELS))}) or OPENCV_FISHEYE"
         raise found_instead(file, f"the camera model {model}", expected)

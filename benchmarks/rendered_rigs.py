@@ -1,0 +1,328 @@
+"""Renders rooms with rigs of known cameras in Blender, calibrates the films alone, and compares: a JSON line each.
+
+    python benchmarks/rendered_rigs.py OUT [--only WORDS] [--films]
+
+calibration.py draws rectangles exactly; here Cycles renders curved things with soft shadows. Each rig is filmed twice,
+in step and with films that start at times of their own. What stands is rendered once a camera, with new noise in every
+frame; what moves is rendered for each. OUT keeps the images, so that a killed run goes on; a few minutes a rig on one
+core. ``results.jsonl`` lies in OUT.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import cv2
+import imageio_ffmpeg
+import numpy as np
+from mathutils import Matrix
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+
+import rig_cases
+import textures as paint
+from calibration import measure, told
+from rig_drawing import Array, Eye
+from rig_rooms import blotches
+from scene_parts import Scene, box, lamp, material, surface, surroundings, wall
+from shapes import ball, bar
+
+RATE = 12.0
+FRAMES, LONGER = 6, 24
+"""Frames of films in step, and of those that are not."""
+_STANDING_SAMPLES, _SAMPLES = 12, 3
+_NOISE = 2.0  # standard deviation, of 255
+_MARGIN = 0.2  # metres about what moves: its shadow's soft edge
+
+
+Border = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """A room and the cameras in it.
+
+    Attributes:
+        shifts: seconds by which each film starts late, of those that are not in step.
+    """
+
+    name: str
+    scene: Callable[[], Scene]
+    eyes: tuple[Eye, ...]
+    shifts: tuple[float, ...]
+
+
+def _figure(scene: Scene, reach: float, coat: int) -> None:
+    """Somebody of balls and bars who walks about; a phase of 1 is a second."""
+    wear = [material(f"coat {part}", blotches(coat + part, 256, 160)) for part in range(4)]
+
+    def feet(time: float) -> tuple[Array, Array]:
+        turn = 1.3 * time
+        spin = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]])
+        return np.array([reach * np.cos(0.9 * time), reach * np.sin(1.1 * time), 0.0]), spin
+
+    def body(time: float) -> Array:
+        place, spin = feet(time)
+        return place + (ball(np.zeros(3), 1.0, np.eye(3)) * [0.26, 0.17, 0.36] + [0, 0, 1.14]) @ spin.T
+
+    def head(time: float) -> Array:
+        place, spin = feet(time)
+        return place + ball(np.array([0.0, 0.0, 1.64]), 0.14, spin.T)
+
+    def limb(side: float, top: float, length: float, swing: float) -> Callable[[float], Array]:
+        def shape(time: float) -> Array:
+            place, spin = feet(time)
+            angle = swing * np.sin(5 * time)
+            joint = np.array([side, 0.0, top])
+            end = joint + length * np.array([0.0, np.sin(angle), -np.cos(angle)])
+            return place + bar(joint, end, 0.07) @ spin.T
+
+        return shape
+
+    scene.add_moving("body", body, wear[0])
+    scene.add_moving("head", head, wear[1])
+    for number, (side, swing) in enumerate([(0.3, 0.5), (-0.3, -0.5)]):
+        scene.add_moving(f"arm {number}", limb(side, 1.4, 0.6, swing), wear[2])
+        scene.add_moving(f"leg {number}", limb(side / 2.5, 0.85, 0.82, -swing), wear[3])
+
+
+def _light() -> None:
+    surroundings((1.0, 0.98, 0.95), 0.7)
+    sun = lamp("lamp", "AREA", 260, (1.0, 0.95, 0.88), 1.5)
+    sun.location = (1.5, -1.0, 4.2)
+
+
+class Workshop(Scene):
+    """Textured walls, crates, pots and a figure that walks."""
+
+    def build(self) -> None:
+        half, height = 3.0, 2.8
+        side = 2 * half
+        boards = material("boards", paint.planks(10, (0.62, 0.43, 0.27)), 0.55, (2, 2))
+        wall("floor", (-half, -half, 0), (side, 0, 0), (0, side, 0), boards)
+        wall(
+            "back", (-half, half, 0), (side, 0, 0), (0, 0, height), material("bricks", paint.bricks(), 0.9, (2.6, 1.3))
+        )
+        papers = [paint.wallpaper((0.36, 0.56, 0.60), (0.44, 0.66, 0.68), 20)]
+        papers.append(paint.wallpaper((0.86, 0.72, 0.50), (0.80, 0.58, 0.40), 21))
+        for sign, paper in zip((-1, 1), papers, strict=True):
+            wear = material(f"paper {sign}", paper, 0.9, (3, 1.5))
+            wall(f"side {sign}", (sign * half, sign * half, 0), (0, -sign * side, 0), (0, 0, height), wear)
+        for number, (x, z) in enumerate([(-1.9, 1.3), (-0.4, 1.6), (1.2, 1.2)]):
+            wear = material(f"poster {number}", blotches(30 + number, 512, 350))
+            wall(f"poster {number}", (x, half - 0.03, z), (0.9, 0, 0), (0, 0, 0.7), wear)
+            place = (half - 0.03, 0.9 - x, z - 0.2)
+            wall(f"other poster {number}", place, (0, -0.8, 0), (0, 0, 0.7), wear)
+        for number, (x, y, edge) in enumerate([(-1.7, 1.2, 0.7), (1.6, 1.5, 0.5), (1.9, 0.2, 0.6), (-1.6, -0.6, 0.45)]):
+            wear = material(f"crate {number}", blotches(40 + number, 256, 200))
+            box(f"crate {number}", (x, y, edge / 2), (edge, edge, edge), wear, 0.4 * number)
+        for number, (x, y) in enumerate([(-0.7, 2.0), (0.8, 1.9), (2.2, 1.1)]):
+            shape = ball(np.array([x, y, 0.35]), 0.35, np.eye(3))
+            surface(f"pot {number}", shape, material(f"pot {number}", blotches(60 + number)), True)
+        _figure(self, 0.7, 70)
+        _light()
+
+
+class Turntable(Scene):
+    """A pillar of things on a plain floor, nothing around; a ball flies about it."""
+
+    def build(self) -> None:
+        floor = 0.45 + 0.02 * paint.noise(1024, 1024, 24, 9)[..., None] * np.ones(3)
+        wall("floor", (-6, -6, 0), (12, 0, 0), (0, 12, 0), material("floor", floor, 0.9))
+        wears = [material(f"thing {number}", blotches(80 + number, 512, 420)) for number in range(6)]
+        box("foot", (0, 0, 0.2), (0.9, 0.8, 0.4), wears[0], 0.2)
+        box("middle", (0.05, -0.03, 0.62), (0.6, 0.5, 0.44), wears[1], 0.7)
+        for number, (x, y, z, radius) in enumerate(
+            [(0, 0, 1.12, 0.3), (0.55, 0.3, 0.2, 0.2), (-0.6, 0.25, 0.25, 0.25)]
+        ):
+            shape = ball(np.array([x, y, z]), radius, np.eye(3))
+            surface(f"ball {number}", shape, wears[2 + number], True)
+
+        def flying(time: float) -> Array:
+            place = [0.75 * np.cos(2 * time), 0.75 * np.sin(2 * time), 0.8 + 0.3 * np.sin(3 * time)]
+            return ball(np.array(place), 0.16, np.eye(3))
+
+        self.add_moving("flying", flying, wears[5])
+        _light()
+
+
+def rigs() -> list[Rendered]:
+    """All of them."""
+    arc = rig_cases.shaken(rig_cases.arc(5, 17), 101)
+    ring = rig_cases.ring(np.arange(8) * 45.0, 2.4, (0, 0, 0.6), 0.25)
+    mixed = rig_cases.shaken(rig_cases.arc(4, 15), 103)
+    lenses = [(1.2, (480, 270)), (0.75, (480, 270)), (0.9, (270, 480)), (1.0, (480, 270))]
+    kinds = tuple(rig_cases.eye(n, place, *lens) for n, (place, lens) in enumerate(zip(mixed, lenses, strict=True)))
+    late = (0.0, 0.31, -0.17, 0.52, 0.243, -0.41, 0.127, -0.28)
+    return [
+        Rendered("arc of 5 in a workshop", Workshop, rig_cases.eyes(arc, focal=0.85, size=(480, 270)), late[:5]),
+        Rendered(
+            "ring of 8 about a thing on a plain floor",
+            Turntable,
+            rig_cases.eyes(ring, focal=0.9, size=(400, 300)),
+            late,
+        ),
+        Rendered("4 focal lengths, one portrait", Workshop, kinds, late[:4]),
+    ]
+
+
+def _configure() -> None:
+    """Cycles on one core, without the denoiser, which would smear textures."""
+    scene = bpy.context.scene
+    render, cycles = scene.render, scene.cycles
+    render.engine, render.resolution_percentage = "CYCLES", 100
+    render.use_persistent_data = True
+    render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
+    render.threads_mode, render.threads = "FIXED", 1
+    cycles.device, cycles.samples, cycles.use_adaptive_sampling = "CPU", _SAMPLES, False
+    cycles.use_denoising = False
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = 0  # the sky lights all that it sees
+    cycles.caustics_reflective = cycles.caustics_refractive = False
+    cycles.sample_clamp_indirect = 2.0
+    scene.view_settings.view_transform, scene.view_settings.look = "Standard", "None"
+
+
+def _camera(eye: Eye) -> bpy.types.Object:
+    lens = bpy.data.cameras.new(eye.name)
+    lens.sensor_fit, lens.sensor_width, lens.lens = "HORIZONTAL", 36.0, eye.focal * 36.0 / eye.width
+    lens.clip_start, lens.clip_end = 0.05, 50.0
+    camera = bpy.data.objects.new(eye.name, lens)
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = eye.pose[:, :3].T @ np.diag([1.0, -1.0, -1.0]), eye.center
+    camera.matrix_world = Matrix(matrix.tolist())
+    bpy.context.scene.collection.objects.link(camera)
+    return camera
+
+
+def _rendered(folder: Path, samples: int, border: Border | None = None) -> tuple[Array, Border | None]:
+    """The image (H, W, 3) BGR of what the scene's camera sees, and its border: beyond, nothing is rendered."""
+    settings = bpy.context.scene
+    render = settings.render
+    settings.cycles.samples, settings.cycles.seed = samples, settings.cycles.seed + 1
+    render.use_border, render.use_crop_to_border = border is not None, False
+    if border is not None:
+        render.border_min_x, render.border_max_x = (x / render.resolution_x for x in border[:2])
+        render.border_min_y, render.border_max_y = (1 - y / render.resolution_y for y in border[:1:-1])
+    render.filepath = str(folder / "unfinished.png")
+    bpy.ops.render.render(write_still=True)
+    return cv2.imread(render.filepath), border
+
+
+def _standing(scene: Scene, path: Path) -> Array:
+    """The image without what moves, of an earlier run or new."""
+    if path.exists():
+        return cv2.imread(str(path))
+    for thing, _ in scene.moving:
+        thing.hide_render = True
+    image, _ = _rendered(path.parent, _STANDING_SAMPLES)
+    for thing, _ in scene.moving:
+        thing.hide_render = False
+    cv2.imwrite(str(path), image)
+    return image
+
+
+def _border(scene: Scene, eye: Eye) -> Border:
+    """Columns and rows, from and up to, about what moves now and its shadow on the floor."""
+    places = np.concatenate([vertices(thing) for thing, _ in scene.moving])
+    low, high = places.min(axis=0) - _MARGIN, places.max(axis=0) + _MARGIN
+    low[2] = 0.0
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    seen = corners @ eye.pose[:, :3].T + eye.pose[:, 3]
+    pixels = eye.focal * seen[:, :2] / np.maximum(seen[:, 2:], 0.1) + [eye.width / 2, eye.height / 2]
+    first = np.floor(np.clip(pixels.min(axis=0), 0, [eye.width - 8, eye.height - 8])).astype(int)
+    last = np.ceil(np.clip(pixels.max(axis=0), first + 8, [eye.width, eye.height])).astype(int)
+    return int(first[0]), int(last[0]), int(first[1]), int(last[1])
+
+
+def vertices(thing: bpy.types.Object) -> Array:
+    """(N, 3) world places."""
+    found = np.empty(3 * len(thing.data.vertices), np.float32)
+    thing.data.vertices.foreach_get("co", found)
+    return found.reshape(-1, 3).astype(float)
+
+
+def _over(standing: Array, part: tuple[Array, Border | None]) -> Array:
+    """The image in which the border's inside is that of the other; one pixel at its edge stays."""
+    image, border = standing.astype(float), part[1]
+    assert border is not None
+    left, right, top, bottom = border
+    inside = np.s_[top + 1 : bottom - 1, left + 1 : right - 1]
+    image[inside] = part[0][inside]
+    return image
+
+
+def film(rig: Rendered, folder: Path, shifts: Sequence[float], frames: int) -> None:
+    """A video of each camera that is not there yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    missing = [n for n, eye in enumerate(rig.eyes) if not (folder / f"{eye.name}.mp4").exists()]
+    if not missing:
+        return
+    scene, settings = rig.scene(), bpy.context.scene
+    _configure()
+    for number in missing:
+        eye, images = rig.eyes[number], folder / "images" / rig.eyes[number].name
+        images.mkdir(parents=True, exist_ok=True)
+        settings.camera = _camera(eye)
+        settings.render.resolution_x, settings.render.resolution_y = eye.width, eye.height
+        standing = _standing(scene, folder.parent / f"{rig.scene.__name__} {rig.name} {eye.name}.png")
+        for frame in range(frames):
+            path = images / f"{frame:03d}.png"
+            if path.exists():
+                continue
+            scene.pose(1.0 + shifts[number] + frame / RATE)
+            image = _over(standing, _rendered(folder, _SAMPLES, _border(scene, eye)))
+            noisy = image + np.random.default_rng((number, frame)).normal(0, _NOISE, image.shape)
+            cv2.imwrite(str(path), noisy.round().clip(0, 255).astype(np.uint8))
+        command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error", "-framerate", str(RATE)]
+        command += ["-i", str(images / "%03d.png"), "-c:v", "libx264", "-crf", "16", "-pix_fmt", "yuv420p"]
+        unfinished = folder / f"{eye.name}.unfinished.mp4"
+        subprocess.run([*command, "-threads", "1", str(unfinished)], check=True)
+        unfinished.rename(folder / f"{eye.name}.mp4")
+        print(f"{rig.name}: {eye.name}", flush=True)
+    shutil.rmtree(folder / "images")
+
+
+def _clock_error(folder: Path, rig: Rendered) -> float:
+    """Frames by which the worst film's start is wrong, whatever capture time starts with."""
+    found = {each["name"]: each for each in json.loads((folder / "cameras_opencv.json").read_text())["cameras"]}
+    wrong = [found[eye.name].get("offset", 0.0) - late for eye, late in zip(rig.eyes, rig.shifts, strict=True)]
+    return float(RATE * np.abs(np.array(wrong) - np.median(wrong)).max())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", type=Path, help="folder of films and results")
+    parser.add_argument("--only", default="", help="a pattern that names of rigs must have")
+    parser.add_argument("--films", action="store_true", help="only render the films")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    for rig, in_step in [(rig, in_step) for in_step in (True, False) for rig in rigs()]:
+        name = f"{rig.name}, {'in step' if in_step else 'not in step'}"
+        if not re.search(options.only, name):
+            continue
+        folder = re.sub(r"\W+", "-", name)
+        films = options.out / "films" / folder
+        film(rig, films, [0.0] * len(rig.eyes) if in_step else rig.shifts, FRAMES if in_step else LONGER)
+        if options.films:
+            continue
+        shutil.rmtree(options.out / "calibrated" / folder, ignore_errors=True)
+        case = rig_cases.Case(name, rig.scene.__name__.lower(), rig.eyes, () if in_step else rig.shifts)
+        record = measure(case, films, options.out / "calibrated" / folder)
+        if not in_step and "refusal" not in record:
+            record["clocks"] = _clock_error(options.out / "calibrated" / folder, rig)
+        with (options.out / "results.jsonl").open("a") as file:
+            file.write(json.dumps(record) + "\n")
+        print(told(record), f"clocks {record['clocks']:.3f} frames" if "clocks" in record else "", flush=True)
+
+
+if __name__ == "__main__":
+    main()
