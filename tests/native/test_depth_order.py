@@ -40,7 +40,9 @@ def test_it_does_not_depend_on_the_number_of_threads(threads: int) -> None:
         binding.set_thread_count(0)
 
 
-@pytest.mark.parametrize("points", [np.zeros((3, 2), np.float32), np.zeros((3, 3)), np.zeros((4, 6), np.float32)[:, ::2]])
+@pytest.mark.parametrize(
+    "points", [np.zeros((3, 2), np.float32), np.zeros((3, 3)), np.zeros((4, 6), np.float32)[:, ::2]]
+)
 def test_other_arrays_are_refused(points: np.ndarray) -> None:
     with pytest.raises(ValueError, match="expected contiguous float32"):
         depth_order(points, PLANE, 0.0)
