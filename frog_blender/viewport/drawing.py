@@ -31,6 +31,7 @@ from .projection import view_of
 
 if TYPE_CHECKING:
     from ..timeline.playback_cache import SceneTime
+    from .projection import SplatView
 
 _SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "software", "basic render")
 _SOON = 0.01  # seconds until an order of many splats is asked for again
@@ -55,6 +56,7 @@ class Picture:
         key: what determined it.
         orders: of the captures in it.
         step: pixels a side that one of its pixels stands for.
+        is_final: nothing about it can become better.
         looked_at: what determined which captures it shows, and ``shown``, these.
         canvas: on the graphics card.
         order_textures: by what they are the order of.
@@ -64,6 +66,7 @@ class Picture:
     key: Any = None
     orders: tuple[Order, ...] = ()
     step: int = 1
+    is_final: bool = False
     canvas: Any = None
     size: tuple[int, int] = (0, 0)
     order_textures: dict[Any, Any] = field(default_factory=dict)
@@ -183,6 +186,8 @@ def _update(
         step = picture.pace.changed(now)
     elif step > 1 and picture.pace.is_still(now):
         step = 1
+    elif picture.is_final:
+        return
     size = max(1, -(-region.width // step)), max(1, -(-region.height // step))
     camera = view_camera(*matrices, *size, ratio)
     seen = [(each, view_of(camera, each.matrix, *matrices)) for each in picture.shown]
@@ -196,6 +201,8 @@ def _update(
         picture.canvas, picture.size = splats.card.canvas(size), size
     splats.card.draw(picture.canvas, layers, _scene_depth() if _has_others(context) else None)
     picture.key, picture.step, picture.orders = key, step, orders
+    picture.is_final = step == 1 and all(map(_is_of, orders, seen))
+    picture.pace.ended_at = time.perf_counter()
     shown = [other.time.scene.token for each in splats.pictures.values() for other in each.shown]
     splats.clouds.keep_only(shown)
     splats.drawn += 1
@@ -217,14 +224,22 @@ def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list
     return found
 
 
-def _order(sorter: Sorter, region: bpy.types.Region, index: int, shown: Shown, view: Any) -> Order:
-    scene, plane = shown.time.scene, view.plane
-    key = (*shown.time.key, plane)
-    points = scene.column("means", shown.time.part())
-    return sorter.order(OrderRequest((region.as_pointer(), index), key, points, plane))
+def _order(sorter: Sorter, region: bpy.types.Region, index: int, shown: Shown, view: SplatView) -> Order:
+    points = shown.time.scene.column("means", shown.time.part())
+    return sorter.order(OrderRequest((region.as_pointer(), index), _order_key(shown, view), points, view.plane))
 
 
-def _layer(splats: ViewportSplats, picture: Picture, shown: Shown, view: Any, order: Order) -> Layer:
+def _order_key(shown: Shown, view: SplatView) -> tuple[Any, ...]:
+    """What determines the order of a capture's splats."""
+    return *shown.time.key, view.plane
+
+
+def _is_of(order: Order, seen: tuple[Shown, SplatView]) -> bool:
+    """Whether an order is that of a view, not of an earlier one."""
+    return order.key == _order_key(*seen)
+
+
+def _layer(splats: ViewportSplats, picture: Picture, shown: Shown, view: SplatView, order: Order) -> Layer:
     card = splats.card
     assert card is not None
     textures = splats.clouds.of(shown.time.scene, card).at(shown.time)

@@ -16,17 +16,19 @@ class Pace:
 
     Attributes:
         step: pixels a side that one stands for while things move.
-        changed_at, drawn_at: seconds of the last change, and of the last image.
+        changed_at, drawn_at: seconds of the last change, and of the beginning of the last image.
+        ended_at: when the last image was drawn, as far as the processor is concerned.
     """
 
     step: int = 1
     changed_at: float = -1e9
     drawn_at: float = -1e9
+    ended_at: float = -1e9
 
     def changed(self, now: float) -> int:
         """The pixel size of an image of something new: coarser after slow ones, finer after quick ones."""
         since, self.drawn_at = now - self.drawn_at, now
-        is_moving, self.changed_at = now - self.changed_at < _PAUSE, now
+        is_moving, self.changed_at = now - max(self.changed_at, self.ended_at) < _PAUSE, now
         if is_moving and since > _SLOW:
             self.step = min(_COARSEST, self.step * 2)
         elif is_moving and since < _QUICK:

@@ -18,6 +18,15 @@ def test_slow_images_become_coarser_and_quick_ones_finer() -> None:
     assert pace.changed(now) == 1, "neither slow nor quick"
 
 
+def test_images_that_take_long_are_movement_too() -> None:
+    pace, now = Pace(), 100.0
+    for expected in (1, 2, 4):
+        now += 0.05
+        assert pace.changed(now) == expected
+        now += 2.0
+        pace.ended_at = now
+
+
 def test_a_change_after_a_pause_is_drawn_sharply() -> None:
     pace, now = Pace(), 100.0
     pace.changed(now)
