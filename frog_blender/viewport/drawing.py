@@ -25,6 +25,7 @@ from ..render.viewport_drawing import focal_ratio
 from ..timeline import playback
 from .card import GraphicsCard, Layer
 from .clouds import Clouds
+from .importance import Ranks
 from .order import Order, OrderRequest, Sorter
 from .pace import STILL_AFTER, Pace
 from .projection import view_of
@@ -92,6 +93,7 @@ class ViewportSplats:
         self.has_failed = False
         self.clouds = Clouds()
         self.sorter = Sorter()
+        self.ranks = Ranks()
         self.changes = 0
         self.pictures: dict[int, Picture] = {}
         self.drawn = self.looks = 0
@@ -191,7 +193,8 @@ def _update(
     size = max(1, -(-region.width // step)), max(1, -(-region.height // step))
     camera = view_camera(*matrices, *size, ratio)
     seen = [(each, view_of(camera, each.matrix, *matrices)) for each in picture.shown]
-    orders = tuple(_order(splats.sorter, region, index, each, of) for index, (each, of) in enumerate(seen))
+    places = [(region.as_pointer(), index) for index in range(len(seen))]
+    orders = tuple(_order(splats, place, *each, 1 / step) for place, each in zip(places, seen, strict=True))
     if picture.key == key and picture.size == size and orders == picture.orders:
         return
     layers = [_layer(splats, picture, each, of, order) for (each, of), order in zip(seen, orders, strict=True)]
@@ -203,8 +206,9 @@ def _update(
     picture.key, picture.step, picture.orders = key, step, orders
     picture.is_final = step == 1 and all(map(_is_of, orders, seen))
     picture.pace.ended_at = time.perf_counter()
-    shown = [other.time.scene.token for each in splats.pictures.values() for other in each.shown]
-    splats.clouds.keep_only(shown)
+    tokens = {other.time.scene.token for each in splats.pictures.values() for other in each.shown}
+    splats.clouds.keep_only(tokens)
+    splats.ranks.keep_only(tokens)
     splats.drawn += 1
 
 
@@ -224,14 +228,17 @@ def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list
     return found
 
 
-def _order(sorter: Sorter, region: bpy.types.Region, index: int, shown: Shown, view: SplatView) -> Order:
-    points = shown.time.scene.column("means", shown.time.part())
-    return sorter.order(OrderRequest((region.as_pointer(), index), _order_key(shown, view), points, view.plane))
+def _order(splats: ViewportSplats, place: tuple[int, int], shown: Shown, view: SplatView, share: float) -> Order:
+    """The order of a capture's splats, or of a share of them, for a place in a viewport's list of captures."""
+    scene = shown.time.scene
+    points, kept = scene.column("means", shown.time.part()), splats.ranks.most_important(scene, share)
+    key = _order_key(shown, view, None if kept is None else len(kept))
+    return splats.sorter.order(OrderRequest(place, key, points, view.plane, kept))
 
 
-def _order_key(shown: Shown, view: SplatView) -> tuple[Any, ...]:
-    """What determines the order of a capture's splats."""
-    return *shown.time.key, view.plane
+def _order_key(shown: Shown, view: SplatView, count: int | None = None) -> tuple[Any, ...]:
+    """What determines the order of so many of a capture's splats, None for all."""
+    return *shown.time.key, view.plane, count
 
 
 def _is_of(order: Order, seen: tuple[Shown, SplatView]) -> bool:
