@@ -66,7 +66,7 @@ DRAWINGS = (
 def _on_viewport_drawing(_settings: Any, _context: bpy.types.Context) -> None:
     from ..viewport import drawing  # imported late: it draws, and settings are read everywhere
 
-    drawing.apply()
+    drawing.choose()
 
 
 def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:

@@ -62,7 +62,10 @@ class GraphicsCard:
         """An image to draw on (a GPUOffScreen), of that width and height."""
         import gpu
 
-        return gpu.types.GPUOffScreen(*size, format=_PICTURE)
+        bound = gpu.state.active_framebuffer_get()
+        made = gpu.types.GPUOffScreen(*size, format=_PICTURE)
+        bound.bind()  # which making one ends
+        return made
 
     def draw(self, canvas: Any, layers: Sequence[Layer], depth: Any = None) -> None:
         """Draws captures, the farthest first, on a cleared image: display-referred colours times alpha."""

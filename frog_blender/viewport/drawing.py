@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 _SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "software", "basic render")
 _SOON = 0.01  # seconds until an order of many splats is asked for again
+_SLOW_SHADINGS, _LOOK_AGAIN = ("MATERIAL", "RENDERED"), 0.5
 _HIDING = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL", "GPENCIL")
 """Types of objects that can lie before splats; empties can show images and collections."""
 
@@ -59,7 +60,8 @@ class Picture:
         step: pixels a side that one of its pixels stands for.
         is_final: nothing about it can become better.
         looked_at: what determined which captures it shows, and ``shown``, these.
-        canvas: on the graphics card.
+        canvas: on the graphics card, ``size`` pixels large.
+        depth: of what hides splats, None for nothing, and when it was looked at.
         order_textures: by what they are the order of.
     """
 
@@ -70,6 +72,8 @@ class Picture:
     is_final: bool = False
     canvas: Any = None
     size: tuple[int, int] = (0, 0)
+    depth: np.ndarray | None = None
+    checked_at: float = 0.0
     order_textures: dict[Any, Any] = field(default_factory=dict)
     looked_at: Any = None
     shown: list[Shown] = field(default_factory=list)
@@ -188,21 +192,23 @@ def _update(
         step = picture.pace.changed(now)
     elif step > 1 and picture.pace.is_still(now):
         step = 1
-    elif picture.is_final:
+    elif picture.is_final and not _has_new_depth(picture, space.shading.type, now):
         return
     size = max(1, -(-region.width // step)), max(1, -(-region.height // step))
     camera = view_camera(*matrices, *size, ratio)
     seen = [(each, view_of(camera, each.matrix, *matrices)) for each in picture.shown]
     places = [(region.as_pointer(), index) for index in range(len(seen))]
     orders = tuple(_order(splats, place, *each, 1 / step) for place, each in zip(places, seen, strict=True))
-    if picture.key == key and picture.size == size and orders == picture.orders:
-        return
+    if picture.key == key and picture.size == size and orders == picture.orders and not picture.is_final:
+        return  # nothing of what is waited for is there
     layers = [_layer(splats, picture, each, of, order) for (each, of), order in zip(seen, orders, strict=True)]
     layers.sort(key=lambda layer: -layer.view.to_camera[2, 3])  # by their origins: one capture after the other
     assert splats.card is not None
+    # While the viewport's framebuffer is bound.
+    picture.depth, picture.checked_at = _scene_depth() if _has_others(context) else None, now
     if picture.canvas is None or picture.size != size:
         picture.canvas, picture.size = splats.card.canvas(size), size
-    splats.card.draw(picture.canvas, layers, _scene_depth() if _has_others(context) else None)
+    splats.card.draw(picture.canvas, layers, None if picture.depth is None else splats.card.depth(picture.depth))
     picture.key, picture.step, picture.orders = key, step, orders
     picture.is_final = step == 1 and all(map(_is_of, orders, seen))
     picture.pace.ended_at = time.perf_counter()
@@ -269,13 +275,33 @@ def _has_others(context: bpy.types.Context) -> bool:
     return False
 
 
-def _scene_depth() -> Any:
-    """The depth of what is bound as a texture."""
+def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
+    """Whether something else lies before the splats since they were drawn, in viewports of engines that take a while
+    to show what there is; looks now and then, as long as those engines draw.
+    """
+    if picture.depth is None or shading not in _SLOW_SHADINGS:
+        return False
+    if now - picture.checked_at < _LOOK_AGAIN:
+        _later(viewports, _LOOK_AGAIN)
+        return False
+    picture.checked_at = now
+    return not np.array_equal(_scene_depth(), picture.depth)
+
+
+def _scene_depth() -> np.ndarray:
+    """(H, W) the depth of what is bound, rows from the bottom."""
     import gpu
 
-    x, y, width, height = gpu.state.viewport_get()
-    buffer = gpu.state.active_framebuffer_get().read_depth(x, y, width, height)
-    return gpu.types.GPUTexture((width, height), format="R32F", data=buffer)
+    framebuffer = gpu.state.active_framebuffer_get()
+    x, y, width, height = framebuffer.viewport_get()
+    buffer = framebuffer.read_depth(x, y, width, height)
+    return np.array(buffer, np.float32, copy=False).reshape(height, width)
+
+
+def choose() -> None:
+    """What a scene's setting was changed to is tried, whatever failed before."""
+    state().has_failed = False
+    apply()
 
 
 def apply() -> None:
