@@ -28,7 +28,7 @@ from .clouds import Clouds
 from .importance import Ranks
 from .order import Order, OrderRequest, Sorter
 from .pace import STILL_AFTER, Pace
-from .projection import view_of
+from .projection import is_similarity, view_of
 
 if TYPE_CHECKING:
     from ..timeline.playback_cache import SceneTime
@@ -161,8 +161,11 @@ def draw_in(context: bpy.types.Context) -> None:
     splats.looks += 1
     if not picture.shown:
         return
+    drawn = splats.drawn
     _update(splats, picture, context, depsgraph)
     splats.card.lay_over(picture.canvas, *_look(context.scene))
+    if splats.drawn > drawn:
+        picture.pace.ended_at = time.perf_counter()  # laying over may wait for what was drawn
     if not splats.sorter.is_idle:
         _later(viewports, _SOON)
     elif picture.step > 1:
@@ -211,7 +214,6 @@ def _update(
     splats.card.draw(picture.canvas, layers, None if picture.depth is None else splats.card.depth(picture.depth))
     picture.key, picture.step, picture.orders = key, step, orders
     picture.is_final = step == 1 and all(map(_is_of, orders, seen))
-    picture.pace.ended_at = time.perf_counter()
     tokens = {other.time.scene.token for each in splats.pictures.values() for other in each.shown}
     splats.clouds.keep_only(tokens)
     splats.ranks.keep_only(tokens)
@@ -225,7 +227,8 @@ def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list
         if obj.mode == "EDIT" or obj.frog.display != "POINTS":
             continue
         try:
-            check_placement(matrix, obj.name)
+            if not is_similarity(matrix):
+                check_placement(matrix, obj.name)  # which says what is wrong
             time_shown = playback.displayed(obj, depsgraph.scene.frame_current_final, evaluated)
         except FrogError as error:
             reported_once.message(str(error))

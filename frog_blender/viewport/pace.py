@@ -7,7 +7,7 @@ from dataclasses import dataclass
 STILL_AFTER = 0.2  # seconds without a change
 _COARSEST = 4  # pixels a side that one stands for at most
 _SLOW, _QUICK = 0.07, 0.025  # seconds from one image to the next
-_PAUSE = 0.5  # seconds: longer ones are no movement
+_PAUSE = 1.0  # seconds: longer ones are no movement
 
 
 @dataclass
@@ -28,7 +28,9 @@ class Pace:
     def changed(self, now: float) -> int:
         """The pixel size of an image of something new: coarser after slow ones, finer after quick ones."""
         since, self.drawn_at = now - self.drawn_at, now
-        is_moving, self.changed_at = now - max(self.changed_at, self.ended_at) < _PAUSE, now
+        pause = now - max(self.changed_at, self.ended_at)
+        is_moving = pause < max(_PAUSE, (self.ended_at - self.changed_at) / 2)  # after a slow one all is slow
+        self.changed_at = now
         if is_moving and since > _SLOW:
             self.step = min(_COARSEST, self.step * 2)
         elif is_moving and since < _QUICK:
@@ -37,4 +39,4 @@ class Pace:
 
     def is_still(self, now: float) -> bool:
         """Whether nothing has changed for a while."""
-        return now - self.changed_at >= STILL_AFTER
+        return now - max(self.changed_at, self.ended_at) >= STILL_AFTER
