@@ -16,6 +16,7 @@ _ROOMS = (
     "render.compositing.scenes",
     "render.compositing.renders",
     "render.frog_engine",
+    "viewport.drawing",
     "training_task.runner",
     "calibration_task.runner",
     "ui.preview_image",

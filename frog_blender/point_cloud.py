@@ -29,7 +29,7 @@ TYPES = ("MESH", "POINTCLOUD")
 Data: TypeAlias = "bpy.types.Mesh | bpy.types.PointCloud"
 DATA_TYPES = (bpy.types.Mesh, bpy.types.PointCloud)
 _MODIFIER = "Gaussians as points"
-_HIDING = "Hidden in renders"
+_HIDING = "Hidden"
 _SPLATS = "GAUSSIAN_SPLAT"  # Blender 5.3's type of a point cloud
 _VALUE_KEY = {"FLOAT_VECTOR": "vector", "QUATERNION": "value", "FLOAT4": "vector", "FLOAT_COLOR": "color"}
 _FIXED = {"scale": "FLOAT_VECTOR", "rotation": "QUATERNION"}
@@ -201,24 +201,49 @@ def read(obj: bpy.types.Object) -> dict[str, np.ndarray]:
 
 def draw_in_renders(obj: bpy.types.Object, shown: bool) -> None:
     """Sets whether engines other than FROG draw the Gaussians in renders; FROG always does."""
-    if obj.type == "POINTCLOUD":
-        hiding = obj.modifiers.get(_HIDING)
-        if shown and hiding is not None:
-            obj.modifiers.remove(hiding)
-        elif not shown and hiding is None:
-            _add_modifier(obj, _HIDING, splat_nodes.nothing_group()).show_viewport = False
-        return
     modifier = obj.modifiers.get(_MODIFIER)
-    if modifier is not None:
+    if obj.type == "POINTCLOUD":
+        _hide(obj, "show_render", not shown)
+    elif modifier is not None:
         modifier.show_render = shown
 
 
 def is_drawn_in_renders(obj: bpy.types.Object) -> bool:
     """Whether engines other than FROG draw the Gaussians in renders; see ``draw_in_renders``."""
     if obj.type == "POINTCLOUD":
-        return obj.modifiers.get(_HIDING) is None
+        return not _is_hidden(obj, "show_render")
     modifier = obj.modifiers.get(_MODIFIER)
     return modifier is None or modifier.show_render
+
+
+def draw_in_viewports(obj: bpy.types.Object, shown: bool) -> None:
+    """Sets whether viewports draw the Gaussians as an object, which the graphics card may do instead."""
+    modifier = obj.modifiers.get(_MODIFIER)
+    if modifier is not None:
+        modifier.show_viewport = shown  # or it would be evaluated for nothing
+    _hide(obj, "show_viewport", not shown)
+
+
+def is_drawn_in_viewports(obj: bpy.types.Object) -> bool:
+    """Whether viewports draw the Gaussians as an object; see ``draw_in_viewports``."""
+    return not _is_hidden(obj, "show_viewport")
+
+
+def _hide(obj: bpy.types.Object, where: str, hidden: bool) -> None:
+    """Switches a modifier that leaves no geometry; without it a mesh's vertices would be seen."""
+    hiding = obj.modifiers.get(_HIDING)
+    if hiding is None and hidden:
+        hiding = _add_modifier(obj, _HIDING, splat_nodes.nothing_group())
+        hiding.show_viewport = hiding.show_render = False
+    if hiding is not None:
+        setattr(hiding, where, hidden)
+        if not (hiding.show_viewport or hiding.show_render):
+            obj.modifiers.remove(hiding)
+
+
+def _is_hidden(obj: bpy.types.Object, where: str) -> bool:
+    hiding = obj.modifiers.get(_HIDING)
+    return hiding is not None and getattr(hiding, where)
 
 
 def clear(obj: bpy.types.Object) -> None:

@@ -3,9 +3,14 @@ of each step: it shows that all of it works there, and makes the guide's images.
 
     BLENDER_USER_RESOURCES=OUT/user blender --factory-startup --window-geometry 0 0 1280 720 \\
         --python tools/window_tour.py -- OUT [--capture FOLDER] [--steps N] [--requests FOLDER]
+        --python tools/window_tour.py -- OUT --videos FOLDER [--environment FOLDER] [--requests FOLDER]
 
 The add-on is put as an extension into BLENDER_USER_RESOURCES, which must name a folder of its own: nothing of the
 user's Blender is touched. Blender's Python needs torch and OpenCV to train. OUT gets 01_capture.png and so on.
+
+With ``--videos`` the walk is another one, unbroken: raw videos are dropped into Blender's default scene, calibrated,
+synchronised, trained, imported and scrubbed, with the settings that are there and nothing typed. FOLDER is copied into
+OUT. ``--environment`` is a folder with pycolmap, where Blender's Python lacks it.
 
 ``--requests FOLDER`` is for screens that Blender cannot photograph itself (virtual ones): each screenshot is then asked
 for by a file FOLDER/shot-NAME.request, and taken when whoever makes it deletes that file.
@@ -31,7 +36,7 @@ from mathutils import Euler
 
 ROOT = Path(__file__).resolve().parents[1]
 ADDON = "bl_ext.user_default.frog_blender"
-PATIENCE = 900.0  # seconds for any one thing that is waited for
+PATIENCE = 1800.0  # seconds for any one thing that is waited for
 SETTLE = 1.5  # seconds until a window has drawn what was changed
 
 
@@ -41,6 +46,66 @@ class Tour:
     def __init__(self, out: Path, capture: Path, steps: int, requests: Path | None) -> None:
         self.out, self.capture, self.step_count, self.requests = out, capture, steps, requests
         self.scene_file = out / f"{capture.name}.frog"
+
+    def run_from_videos(self, videos: Path, environment: str) -> Iterator[float]:
+        """From films as cameras leave them to a scene that one looks around in."""
+        footage = self.out / videos.name
+        shutil.rmtree(footage, ignore_errors=True)
+        footage.mkdir()
+        films = [Path(shutil.copy(film, footage)) for film in sorted(videos.glob("*.mp4"))]
+        install()
+        if environment:
+            sys.path.append(environment)
+        yield SETTLE
+        yield from self.drop(footage, films)
+        yield from self.calibrate()
+        yield from self.train_as_found()
+        yield from self.scrub()
+
+    def drop(self, folder: Path, films: list[Path]) -> Iterator[float]:
+        """What Blender calls when files are dropped into the viewport and there is one importer for them."""
+        with override(view()):
+            files = [{"name": film.name} for film in films]
+            expect(bpy.ops.frog.drop_videos("INVOKE_DEFAULT", directory=f"{folder}/", files=files), "The drop")
+        yield 2 * SETTLE
+        yield from self.shot("21_dropped")
+
+    def calibrate(self) -> Iterator[float]:
+        runner = import_module(f"{ADDON}.calibration_task.runner")
+        with override(view()):
+            expect(bpy.ops.frog.calibrate("INVOKE_DEFAULT"), "Calibrate Cameras")
+        task = runner.current()
+        yield from wait(lambda: not task.state.running or (task.state.total > 1 and task.state.fraction > 0.3))
+        yield from self.shot("22_calibrating")
+        yield from wait(lambda: not task.state.running)
+        if task.state.error or task.state.outcome is None:
+            raise SystemExit(f"Calibration ended with: {task.state.error or 'no cameras'}")
+        yield SETTLE
+        yield from self.shot("23_calibrated")
+
+    def train_as_found(self) -> Iterator[float]:
+        """With the panel's settings, of which the recipe alone is chosen."""
+        runner = import_module(f"{ADDON}.training_task.runner")
+        bpy.context.scene.frog.recipe = "draft"
+        with override(view()):
+            expect(bpy.ops.frog.train("INVOKE_DEFAULT"), "Train FRoG")
+        task = runner.current()
+        yield from wait(
+            lambda: not task.state.running or (task.state.preview is not None and task.state.fraction > 0.5)
+        )
+        yield from self.shot("24_training")
+        yield from wait(lambda: not task.state.running)
+        if task.state.error or task.state.result is None:
+            raise SystemExit(f"Training ended with: {task.state.error or 'no scene'}")
+        yield 3 * SETTLE
+        yield from self.shot("25_imported")
+
+    def scrub(self) -> Iterator[float]:
+        scene = bpy.context.scene
+        for name, share in (("26_scrubbed", 0.3), ("27_scrubbed", 0.8)):
+            scene.frame_set(scene.frame_start + round(share * (scene.frame_end - scene.frame_start)))
+            yield 3 * SETTLE  # the sharp image comes when nothing moves
+            yield from self.shot(name)
 
     def run(self) -> Iterator[float]:
         install()
@@ -336,6 +401,8 @@ def main() -> None:
     parser.add_argument("--capture", type=Path, default=ROOT / "examples" / "captures" / "room")
     parser.add_argument("--steps", type=int, default=3000, help="of the training")
     parser.add_argument("--requests", type=Path, help="where screenshots are asked for, see above")
+    parser.add_argument("--videos", type=Path, help="raw ones, for the walk from them")
+    parser.add_argument("--environment", default="", help="a folder with packages that Blender's Python lacks")
     options = parser.parse_args(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else [])
     if bpy.app.background:
         raise SystemExit("The tour is one of a window: start Blender without -b.")
@@ -343,7 +410,7 @@ def main() -> None:
     bpy.context.preferences.view.show_splash = False
     bpy.context.preferences.view.ui_scale = 0.9  # panels and viewport both fit into the guide's images
     tour = Tour(options.out.resolve(), options.capture.resolve(), options.steps, options.requests)
-    steps = tour.run()
+    steps = tour.run_from_videos(options.videos.resolve(), options.environment) if options.videos else tour.run()
     bpy.app.timers.register(lambda: drive(steps), first_interval=SETTLE)
 
 

@@ -25,6 +25,9 @@ def add_calibrate_parser(commands: Any) -> None:
     clocks = calibrate.add_mutually_exclusive_group()
     clocks.add_argument("--in-step", action="store_true", help="the videos are in step: do not synchronise them")
     clocks.add_argument("--clock", action="append", metavar="CAMERA=SECONDS[,RATE]", help="when a video starts")
+    choice = calibrate.add_mutually_exclusive_group()
+    choice.add_argument("--use-found", action="store_true", help="use the cameras found beside given ones from now on")
+    choice.add_argument("--use-given", action="store_true", help="use the given ones again")
     clocks.add_argument("--background-only", action="store_true", help="use only what does not move")
     calibrate.set_defaults(run=_calibrate)
 
@@ -34,6 +37,8 @@ def _calibrate(options: argparse.Namespace) -> int:
     from ..engine.capture.calibration.pipeline import Options, calibrate
     from .progress import stage_bars
 
+    if options.use_found or options.use_given:
+        return _choose(options)
     if options.background_only and options.board is not None:
         raise FrogError("--board with --background-only: found a board that must not move, expected one of the two.")
     if options.fetch_landmarks:
@@ -55,9 +60,24 @@ def _calibrate(options: argparse.Namespace) -> int:
     for warning in found.warnings:
         say(f"warning: {warning}")
     if found.given_kept:
-        say(f"{options.out or options.folder} has a calibration already, which was left as it is.")
+        say(f"{options.out or options.folder} has a calibration already, which was left as it is and is used.")
+        say(f"To use what was found instead: frog calibrate {options.out or options.folder} --use-found")
     say(f"{found.cameras}: the cameras")
     say(f"{found.page}: how they were found")
+    return 0
+
+
+def _choose(options: argparse.Namespace) -> int:
+    """Changes which of two calibrations is used."""
+    from ..engine.capture.calibration.found_cameras import use_found, use_given
+
+    if options.use_given:
+        say(f"{use_given(options.folder)}: in use again; what was found is kept beside it.")
+        return 0
+    used, kept = use_found(options.folder)
+    say(f"{used}: in use now")
+    if kept:
+        say(f"{', '.join(str(path) for path in kept)}: what was in use before (--use-given goes back to it)")
     return 0
 
 

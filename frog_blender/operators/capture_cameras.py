@@ -2,12 +2,15 @@
 
 # mypy: disable-error-code="valid-type"
 
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
 from bpy.props import FloatProperty, StringProperty
 
+from ..calibration_task import runner
 from ..calibration_task.clocks import OFFSETS, RATES, CameraClock, write_clock
+from ..engine.capture.calibration.found_cameras import found_beside, given_beside, use_found, use_given
 from ..engine.errors import FrogError
 from ..ui import capture_summary, contact_sheet, preferences, preview_image, report_images
 
@@ -85,10 +88,72 @@ class FROG_OT_edit_clock(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class FROG_OT_use_found_cameras(bpy.types.Operator):
+    """Train from the cameras that were found from now on. The given calibration is kept beside them"""
+
+    bl_idname = "frog.use_found_cameras"
+    bl_label = "Use Found Cameras"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return _can_choose(cls, context, found_beside)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        return _chosen(self, context, lambda folder: use_found(folder)[0])
+
+
+class FROG_OT_use_given_cameras(bpy.types.Operator):
+    """Train from the given calibration again. What was found is kept beside it"""
+
+    bl_idname = "frog.use_given_cameras"
+    bl_label = "Use Given Cameras"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return _can_choose(cls, context, given_beside)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        return _chosen(self, context, use_given)
+
+
+def _can_choose(
+    operator: type[bpy.types.Operator], context: bpy.types.Context, beside: Callable[[Path], Path | None]
+) -> bool:
+    """Whether there is another calibration, and nothing reads or writes those of the folder."""
+    operator.poll_message_set("There is no other calibration beside the one in use, or a calibration is running.")
+    folder = context.scene.frog.capture_folder
+    try:
+        return bool(folder) and not runner.is_running() and beside(Path(bpy.path.abspath(folder))) is not None
+    except (FrogError, OSError):
+        return False
+
+
+def _chosen(operator: bpy.types.Operator, context: bpy.types.Context, use: Callable[[Path], Path]) -> set[str]:
+    """Changes the calibration and opens the capture anew."""
+    folder = bpy.path.abspath(context.scene.frog.capture_folder)
+    try:
+        used = use(Path(folder))
+    except (FrogError, OSError) as error:
+        operator.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+    context.scene.frog.capture_folder = context.scene.frog.capture_folder  # opens it, and shows its rig
+    summary = capture_summary.known(folder)
+    if summary is not None and summary.error:
+        operator.report({"WARNING"}, summary.error)
+    else:
+        operator.report({"INFO"}, f"{used.name} is used now.")
+    return {"FINISHED"}
+
+
 def _rounded(value: float) -> float:
     """As typed: Blender's numbers are of single precision, so that 0.1 reads 0.10000000149."""
     return float(f"{value:.7g}")
 
 
-_CLASSES = (FROG_OT_show_contact_sheet, FROG_OT_edit_clock)
+_CLASSES = (
+    FROG_OT_show_contact_sheet,
+    FROG_OT_edit_clock,
+    FROG_OT_use_found_cameras,
+    FROG_OT_use_given_cameras,
+)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

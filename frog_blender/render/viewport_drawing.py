@@ -75,12 +75,12 @@ def image_of(
     background = background_of(depsgraph.scene, captured)
     matrices = view.view_matrix, view.window_matrix
     behind = None if background is None else background.tobytes()
-    ratio = _focal_ratio(depsgraph, view, space)
+    ratio = focal_ratio(depsgraph, view, space)
     key = (*(np.array(matrix).tobytes() for matrix in matrices), size, seen, behind, ratio)
     return draw_view(viewport, key, gaussians, lambda w, h: view_camera(*matrices, w, h, ratio), size, background)
 
 
-def _focal_ratio(
+def focal_ratio(
     depsgraph: bpy.types.Depsgraph, view: bpy.types.RegionView3D, space: bpy.types.SpaceView3D | None
 ) -> float:
     """The focal ratio of the camera of a camera view, which Blender's matrices lack; one for other views."""

@@ -70,13 +70,24 @@ def _draw_end(layout: bpy.types.UILayout, state: CalibrationState, context: bpy.
         return
     wrapped_label(layout, f"Calibrated: {outcome.cameras.name}", context, icon="CHECKMARK")
     if outcome.given_kept:
-        sentence = "The calibration that was there is kept, and used. What was found lies beside it."
+        sentence = "The calibration that was there is kept. What was found lies beside it."
         wrapped_label(layout, sentence, context, icon="INFO")
+        draw_choice(layout, _summary(context))
     for warning in outcome.warnings:
         wrapped_label(layout, warning, context, icon="INFO")
     preview_image.draw(layout, context, report_images.rig_name(state.folder))
     if outcome.page.is_file():
         layout.operator("wm.path_open", text="Open Report", icon="TEXT").filepath = str(outcome.page)
+
+
+def draw_choice(layout: bpy.types.UILayout, summary: CaptureSummary | None) -> None:
+    """Draws what makes the other calibration of a folder the one in use."""
+    if summary is None or runner.is_running():
+        return
+    if summary.found is not None:
+        layout.operator("frog.use_found_cameras", icon="CHECKMARK")
+    if summary.given is not None:
+        layout.operator("frog.use_given_cameras", icon="LOOP_BACK")
 
 
 class FROG_PT_cameras(bpy.types.Panel):
@@ -101,6 +112,7 @@ class FROG_PT_cameras(bpy.types.Panel):
         _draw_contact_sheet(layout, context)
         if summary is not None and summary.capture is not None and summary.has_videos and not runner.is_running():
             layout.operator("frog.calibrate", text="Calibrate Again", icon="CAMERA_DATA")
+            draw_choice(layout, summary)
 
 
 def _draw_contact_sheet(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

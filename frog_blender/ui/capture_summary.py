@@ -29,6 +29,7 @@ class CaptureSummary:
         raw_footage: what is to be calibrated first, such as "4 videos"; then there are only lines.
         clocks: of the cameras of calibrated videos.
         has_videos: the cameras of the capture can be sought anew.
+        found, given: a calibration that was found beside the one in use, and one that gave way to it; None for none.
     """
 
     lines: tuple[str, ...] = ()
@@ -38,6 +39,8 @@ class CaptureSummary:
     raw_footage: str = ""
     clocks: ClockFile | None = None
     has_videos: bool = False
+    found: Path | None = None
+    given: Path | None = None
 
     @property
     def cameras(self) -> list[str]:
@@ -104,6 +107,7 @@ def _stamp(folder: str) -> object:
 def read(folder: Path) -> CaptureSummary:
     """The summary of a folder, not stored. Any thread may call it; small videos are decoded, which takes a while."""
     try:
+        from ..engine.capture.calibration.found_cameras import found_beside, given_beside
         from ..engine.capture.readers import open_capture
         from ..engine.capture.video import find_videos
 
@@ -114,6 +118,7 @@ def read(folder: Path) -> CaptureSummary:
         capture = open_capture(folder)
         clocks = read_clocks(folder) if capture.format == "calibrated_videos" else None
         has_videos = bool(find_videos(folder))
+        found, given = found_beside(folder), given_beside(folder)
     except FrogError as error:
         return CaptureSummary(error=str(error))
     except ImportError as error:
@@ -123,7 +128,13 @@ def read(folder: Path) -> CaptureSummary:
     except Exception as error:
         return CaptureSummary(error=f"{folder}: this capture cannot be read ({type(error).__name__}: {error}).")
     return CaptureSummary(
-        _lines(capture), tuple(capture.warnings), capture=capture, clocks=clocks, has_videos=has_videos
+        _lines(capture),
+        tuple(capture.warnings),
+        capture=capture,
+        clocks=clocks,
+        has_videos=has_videos,
+        found=found,
+        given=given,
     )
 
 

@@ -32,6 +32,8 @@ class FROG_PT_captures(bpy.types.Panel):
         captures = list(playback.captures(context.scene.objects))
         if captures and not is_set_up(context.scene):
             layout.operator("frog.set_up_scene", icon="SCENE_DATA")
+        if captures:
+            layout.prop(context.scene.frog, "viewport_drawing")
         for obj in captures:
             box = layout.box()
             box.label(text=obj.name, icon="OUTLINER_OB_POINTCLOUD")

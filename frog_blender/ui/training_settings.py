@@ -56,6 +56,19 @@ MASKS = (
 )
 
 
+DRAWINGS = (
+    ("AUTO", "Automatic", "Splats, or points where there is no graphics card or Blender draws splats itself"),
+    ("CARD", "Splats", "The splats themselves, drawn by the graphics card and hidden by what lies before them"),
+    ("POINTS", "Points", "An object of points, which other engines render as well"),
+)
+
+
+def _on_viewport_drawing(_settings: Any, _context: bpy.types.Context) -> None:
+    from ..viewport import drawing  # imported late: it draws, and settings are read everywhere
+
+    drawing.choose()
+
+
 def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
     if relative_paths.are_being_written():
         return
@@ -104,6 +117,15 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
         description="The scene of the user's objects that this scene of captures belongs to",
         type=bpy.types.Scene,
         options={"HIDDEN"},
+    )
+
+    viewport_drawing: EnumProperty(
+        name="In Viewports",
+        description="What viewports show of captures in Solid, Material Preview, Wireframe and other engines' Rendered "
+        "mode",
+        items=DRAWINGS,
+        default="AUTO",
+        update=_on_viewport_drawing,
     )
 
     set_up_as: StringProperty(

@@ -237,6 +237,29 @@ def test_a_given_calibration_is_not_changed(empty, drawn, raw):
     assert "beside it in cameras_found.json" in drawn(calibration_panel.FROG_PT_synchronization)
 
 
+def test_found_cameras_become_the_ones_in_use_and_back(empty, drawn, raw):
+    calibration(raw, made_by="somebody else")
+    given = (raw / "cameras_opencv.json").read_bytes()
+    empty.frog.capture_folder = str(raw)
+    assert not bpy.ops.frog.use_found_cameras.poll() and not bpy.ops.frog.use_given_cameras.poll()
+    assert "use_found" not in drawn(calibration_panel.FROG_PT_cameras)
+    found = json.loads(given) | {"made_by": "frog calibrate"}
+    found["cameras"][1]["offset"] = 0.1
+    (raw / "cameras_found.json").write_text(json.dumps(found))
+    capture_summary.inspect(str(raw))
+    said = drawn(calibration_panel.FROG_PT_cameras)
+    assert "frog.use_found_cameras" in said and "frog.use_given_cameras" not in said
+    before = {shot.offset for shot in capture_summary.known(str(raw)).capture.shots}
+    assert bpy.ops.frog.use_found_cameras() == {"FINISHED"}
+    assert {shot.offset for shot in capture_summary.known(str(raw)).capture.shots} != before, "it is opened anew"
+    assert "cam01 +0.100 s frog.edit_clock" in drawn(calibration_panel.FROG_PT_synchronization)
+    said = drawn(calibration_panel.FROG_PT_cameras)
+    assert "frog.use_found_cameras" not in said and "frog.use_given_cameras" in said
+    assert bpy.ops.frog.use_given_cameras() == {"FINISHED"}
+    assert (raw / "cameras_opencv.json").read_bytes() == given
+    assert {shot.offset for shot in capture_summary.known(str(raw)).capture.shots} == before
+
+
 @pytest.mark.parametrize(
     "content", ["", "[]", '{"cameras": 3}', '{"cameras": [4, 5]}', '{"cameras": [{"name": "a", "offset": "b"}]}']
 )

@@ -43,6 +43,17 @@ def display() -> Iterator[str]:
         server.wait()
 
 
+def run_in_window(display: str, script: str, *arguments: Path) -> tuple[dict[str, Any], str]:
+    """What a script of this folder wrote to the last of its arguments, and what was said on the way."""
+    words = another_blender(HERE / script, HERE.parents[1], *arguments)
+    words.remove("-b")
+    environment = os.environ | {"DISPLAY": display, "LIBGL_ALWAYS_SOFTWARE": "1"}
+    words[1:1] = ["--gpu-backend", "opengl"]
+    ended = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=300)
+    assert arguments[-1].is_file(), ended.stdout + ended.stderr
+    return json.loads(arguments[-1].read_text()), ended.stderr
+
+
 @pytest.mark.slow
 def test_every_operator_is_invoked_as_a_window_does(display: str, tmp_path: Path) -> None:
     pytest.importorskip("cv2")
@@ -50,18 +61,27 @@ def test_every_operator_is_invoked_as_a_window_does(display: str, tmp_path: Path
     splats, capture, result = tmp_path / "s.ply", tmp_path / "capture", tmp_path / "result.json"
     write_splats(splats, ScenePlayer.load(scene).at_frame(0))
     pytest.importorskip("support.synthetic_capture").write_capture(capture)
-    words = another_blender(HERE / "window_script.py", HERE.parents[1], scene, splats, capture, result)
-    words.remove("-b")
-    environment = os.environ | {"DISPLAY": display, "LIBGL_ALWAYS_SOFTWARE": "1"}
-    words[1:1] = ["--gpu-backend", "opengl"]
-    ended = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=300)
-    assert result.is_file(), ended.stdout + ended.stderr
-    found: dict[str, Any] = json.loads(result.read_text())
+    found, said = run_in_window(display, "window_script.py", scene, splats, capture, result)
     assert not found["errors"], "\n".join(found["errors"])
-    assert "Traceback" not in ended.stderr, ended.stderr
+    assert "Traceback" not in said, said
     assert found["tabs"] == ["FRoG", "FRoG"] and found["captures"] == 1
     operators = found["operators"]
     assert operators["drop scene"] == operators["drop ply"] == ["RUNNING_MODAL"], "they ask for options"
     assert operators["drop videos"] == operators["menu"] == ["FINISHED"]
     assert operators["click points"] == ["RUNNING_MODAL"] and found["image"] == [48, 36]
     assert len(operators) > 20 and operators["import_scene.frog"] == operators["frog.bake"] == ["RUNNING_MODAL"]
+
+
+@pytest.mark.slow
+def test_splats_are_drawn_in_every_shading_mode(display: str, tmp_path: Path) -> None:
+    scene = write_scene(tmp_path / "a.frog", rig_of_three(), count=200)
+    found, said = run_in_window(display, "window_splats.py", scene, tmp_path / "result.json")
+    assert not found["errors"], "\n".join(found["errors"])
+    assert "Traceback" not in said and not found["failed"], said
+    drawn = found["drawn"]
+    assert all(drawn[mode] for mode in ("SOLID", "WIREFRAME", "MATERIAL", "another frame"))
+    assert drawn["nothing new"] == 0
+    assert found["free"]["psnr"] >= 38 and found["free"]["step"] == 1
+    hidden, whole = found["behind a cube"]["alpha"]
+    assert whole > 0.3 and hidden < 0.3 * whole, "the cube is before the splats"
+    assert found["points"] == {"splats": False, "points": True}

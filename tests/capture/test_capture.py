@@ -145,6 +145,17 @@ def test_the_time_of_an_image_counts_by_how_much_it_was_late(n3dv: Path) -> None
     assert one.time_of(one.shots[0]) == 0
 
 
+def test_a_segment_has_no_images_beside_its_frames(n3dv: Path) -> None:
+    capture = open_capture(n3dv)
+    for offset, frames in ((0.25, [0, 1]), (-0.25, [1, 2]), (0.0, [0, 1, 2])):
+        shots = tuple(replace(shot, offset=offset) for shot in capture.shots)
+        segment = replace(capture, shots=shots).segment(1, 3)
+        assert [shot.frame for shot in segment.shots if shot.camera == 1] == frames
+        assert len(segment.cameras) == 3 and segment.frame_count == 3
+        one = replace(capture, shots=shots).segment(2, 1)
+        assert len(one.shots) == 3, "one frame is one time"
+
+
 def test_a_segment_keeps_the_offsets(n3dv: Path) -> None:
     capture = open_capture(n3dv)
     late = replace(capture, shots=tuple(replace(shot, offset=0.25) for shot in capture.shots))

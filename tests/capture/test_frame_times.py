@@ -56,6 +56,17 @@ def test_images_of_one_list_share_a_frame_only_at_one_time() -> None:
     np.testing.assert_allclose(late / late[-1], np.array([0, 1, 2, 2.4, 3, 3]) / 3)
 
 
+@pytest.mark.parametrize("test", [[-0.3], [9.4], [-0.4, 4.2, 9.2], [-2.3, 11.45]])
+def test_images_before_and_after_those_to_train_on_keep_their_times(test: list[float]) -> None:
+    times = np.array([*range(10), *test])
+    found = frame_times(times.tolist(), [0] * 10 + [1] * len(test), Path("c"))
+    late = found.frames + found.offsets
+    assert late.min() >= 0 and late.max() <= found.count - 1, "a capture has no time before and after its frames"
+    np.testing.assert_allclose(late - late[0], times, atol=1e-9)
+    assert not found.offsets[:10].any()
+    assert found.count <= np.ceil(np.ptp(times)) + 2
+
+
 def test_times_far_apart_are_no_film() -> None:
     found = frame_times([0.0, 1e-3, 1e9, 5e9], [0] * 4, Path("c"))
     assert found.are_ranks and found.frames.tolist() == [0, 1, 2, 3] and not found.offsets.any()

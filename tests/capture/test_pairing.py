@@ -118,6 +118,20 @@ def test_whole_frames_of_offset_leave_no_fraction() -> None:
     assert pairing.frame_count == 27
 
 
+def test_no_image_lies_beside_the_time_that_the_capture_has() -> None:
+    """What was filmed a part of a frame before the first or after the last one would be learned at another time."""
+    clocks = [Clock(), Clock(-0.4 / 30), Clock(0.3 / 30), Clock(2.45 / 30)]
+    pairing = paired(*[facts(np.arange(30) / 30)] * 4, clocks=clocks)
+    last = (pairing.frame_count - 1) / 30
+    zero = times_of(pairing, 0)[0] - next(shot.index for shot in pairing.shots if shot.camera == 0) / 30
+    for camera, clock in enumerate(clocks):
+        found = times_of(pairing, camera)
+        assert found.min() >= 0 and found.max() <= last
+        every = zero + clock.offset + np.arange(30) / 30
+        inside = every[(every > -1e-9) & (every < last + 1e-9)]
+        np.testing.assert_allclose(found, inside, atol=1e-9, err_msg="and all the others are there")
+
+
 def test_films_of_different_times_are_refused() -> None:
     with pytest.raises(FrogError, match=r"cam0.mp4 ends at 0.97 s and cam1.mp4 starts at 5.00 s"):
         paired(facts(np.arange(30) / 30), facts(np.arange(30) / 30), clocks=[Clock(), Clock(5)])

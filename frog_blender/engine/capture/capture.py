@@ -98,6 +98,23 @@ class Alteration(Protocol):
         ...
 
 
+def with_a_time(shots: Iterable[Shot], frame_count: int) -> list[Shot]:
+    """The shots of which a capture of so many frames knows the time: they lie between its first and its last frame.
+
+    Playback begins at the one and ends at the other, so an image of a part of a frame before or after would be learned
+    at a time at which it was not taken. The only image of a camera stays.
+    """
+    if frame_count == 1:
+        return list(shots)
+
+    def is_inside(shot: Shot) -> bool:
+        return 0 <= shot.frame + shot.offset <= frame_count - 1
+
+    shots = list(shots)
+    with_some = {shot.camera for shot in shots if is_inside(shot)}
+    return [shot for shot in shots if is_inside(shot) or shot.camera not in with_some]
+
+
 @dataclass(frozen=True, eq=False)
 class Capture:
     """A recorded scene, opened but not decoded.
@@ -188,7 +205,10 @@ class Capture:
         return self.time_at(shot.frame + shot.offset)
 
     def time_at(self, frame: float) -> float:
-        """The time in [0, 1] of a frame with its fraction; before the first and after the last one time stands."""
+        """The time in [0, 1] of a frame with its fraction; before the first and after the last one time stands.
+
+        Readers leave out images of a camera before and after (``with_a_time``).
+        """
         return frame_to_time(min(max(frame, 0.0), self.frame_count - 1.0), self.frame_count)
 
     def is_test(self, shot: Shot) -> bool:
@@ -304,7 +324,8 @@ class Capture:
                 f"{self.frame_count - 1}."
             )
         inside = (shot for shot in self.shots if first <= shot.frame < first + count)
-        kept = self._with_shots(replace(shot, frame=shot.frame - first) for shot in inside)
+        counted = [replace(shot, frame=shot.frame - first) for shot in inside]
+        kept = self._with_shots(with_a_time(counted, count))
         frames = frozenset(frame - first for frame in self.test_frames if first <= frame < first + count)
         return replace(kept, frame_count=count, test_frames=frames)
 

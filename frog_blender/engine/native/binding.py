@@ -24,7 +24,7 @@ from . import structs
 from .options import RasterizeOptions
 from .structs import Buffer
 
-ABI_VERSION = 15
+ABI_VERSION = 16
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``l1_loss``, which are the rasterizer's tiles
 _EXPECTED = "the native rasterizer"
 MANY_INSTANCES = 60_000_000
@@ -96,6 +96,8 @@ def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
         *(POINTER(structs.Camera), POINTER(c_int32 * 4), c_float, c_void_p),
     ]
     loaded.frog_mesh_depth.restype = c_int32
+    loaded.frog_depth_order.argtypes = [c_void_p, c_int32, POINTER(c_float * 4), c_float, c_void_p, POINTER(c_int32)]
+    loaded.frog_depth_order.restype = c_int32
     loaded.frog_deform.argtypes = [POINTER(structs.Field), POINTER(structs.Deformed)]
     loaded.frog_deform.restype = c_int32
     loaded.frog_deform_backward.argtypes = [
@@ -170,6 +172,25 @@ def l1_loss(
         library().frog_l1_loss(byref(comparison), byref(absolute)), f"comparing two images of {width} x {height}"
     )
     return absolute.value
+
+
+def depth_order(points: Array, plane: tuple[float, float, float, float], nearest: float) -> Array:
+    """(K,) float32 indices of (N, 3) points not nearer than ``nearest``, the farthest first; equal depths in order.
+
+    Args:
+        points: contiguous float32, at most 2^24 of them.
+        plane: a point's depth is the first three times it, plus the last.
+    """
+    if points.dtype != np.float32 or not points.flags.c_contiguous or points.shape[1:] != (3,):
+        raise ValueError(f"expected contiguous float32 points (N, 3), found {points.shape}, {points.dtype}")
+    if len(points) > 1 << 24:
+        raise ValueError(f"expected at most 2^24 points, found {len(points):,}")
+    order, seen = np.empty(len(points), np.float32), c_int32()
+    status = library().frog_depth_order(
+        structs.address(points), len(points), byref((c_float * 4)(*plane)), nearest, structs.address(order), byref(seen)
+    )
+    check_status(status, f"sorting {len(points):,} points")
+    return order[: seen.value]
 
 
 class Frame:

@@ -72,7 +72,9 @@ def moving_cameras(
         FrogError: if an image does not have its camera's proportions, or cannot be used.
     """
     check_images(path, len(views))
-    shots = at_times([(index, view.image) for index, view in enumerate(views)], [view.number for view in views], path)
+    shots, count = at_times(
+        [(index, view.image) for index, view in enumerate(views)], [view.number for view in views], path
+    )
     turns = [image_turns(view.image) for view in views]
     at_size = [
         fitted((view.camera, view.distortion), image_size(view.image), turn, view.image)
@@ -84,7 +86,7 @@ def moving_cameras(
         cameras=tuple(camera for camera, _ in at_size),
         distortions=tuple(lens for _, lens in at_size),
         shots=tuple(shots),
-        frame_count=max(shot.frame for shot in shots) + 1,
+        frame_count=count,
         frames_per_second=rate,
         warnings=(*warnings, *_upside_down(path, [view.image for view in views], turns)),
     )

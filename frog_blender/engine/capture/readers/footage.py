@@ -183,10 +183,9 @@ def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
         return Filmed(paired.shots, paired.frame_count, paired.frames_per_second, sizes, turns, tuple(paired.warnings))
     check_images(path, sum(len(each.files) for each in footage))
     images = [(camera, file) for camera, each in enumerate(footage) for file in each.files]
-    shots = at_times(images, [number for each in footage for number in each.numbers], path)
+    shots, count = at_times(images, [number for each in footage for number in each.numbers], path)
     strays = sum(each.strays for each in footage)
     warnings = [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
-    count = max(shot.frame for shot in shots) + 1
     filled = len({shot.frame for shot in shots})
     if missing := filled * len(footage) - len(shots):
         warnings.append(f"{path}: {missing:,} of {filled * len(footage):,} images are missing; their places stay gaps.")
@@ -197,18 +196,20 @@ def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
     return Filmed(tuple(shots), count, 30.0, sizes, turns, tuple(warnings))
 
 
-def at_times(images: Sequence[tuple[int, Path]], numbers: Sequence[int], path: Path) -> list[Shot]:
-    """The shots of images (camera and file) whose numbers, in their names or a list, are times.
+def at_times(images: Sequence[tuple[int, Path]], numbers: Sequence[int], path: Path) -> tuple[list[Shot], int]:
+    """The shots of images (camera and file) whose numbers, in their names or a list, are times; and how many frames
+    there are.
 
     Raises:
         FrogError: for too many frames.
     """
     first = min(numbers)
     times = frame_times([float(number - first) for number in numbers], [camera for camera, _ in images], path)
-    return [
+    shots = [
         Shot(camera, int(frame), file, 0, float(offset))
         for (camera, file), frame, offset in zip(images, times.frames, times.offsets, strict=True)
     ]
+    return shots, times.count
 
 
 def fitted(calibrated: Calibrated, size: tuple[int, int], turns: int, source: Path) -> Calibrated:

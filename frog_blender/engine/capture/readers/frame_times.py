@@ -6,6 +6,7 @@ belong to the frame that is nearest, and keep what is left as an offset.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass
@@ -33,11 +34,13 @@ class FrameTimes:
     Attributes:
         frames: (N,) the frame of each image, from 0.
         offsets: (N,) by how many frames it was later, -0.5 to 0.5.
+        count: frames, of which the first is not later and the last not earlier than any image.
         are_ranks: the times were too far apart for a film: the frames are their ranks alone.
     """
 
     frames: Ints
     offsets: Float64s
+    count: int
     are_ranks: bool = False
 
 
@@ -54,19 +57,19 @@ def frame_times(times: Sequence[float], lists: Sequence[Hashable], path: Path) -
     """
     distinct, place = np.unique(np.asarray(times, np.float64), return_inverse=True)
     if len(distinct) == 1:
-        return FrameTimes(np.zeros(len(place), np.int64), np.zeros(len(place)))
+        return FrameTimes(np.zeros(len(place), np.int64), np.zeros(len(place)), 1)
     first = np.unique([time for time, of in zip(times, lists, strict=True) if of == lists[0]])
     for step in _steps(first, distinct):
         late = (distinct - first[0]) / step
-        late -= min(np.floor(late[0] + 0.5), 0.0)
+        late -= min(np.floor(late[0] + _ROUNDING), 0.0)
         if late[-1] > _FEW + _MOST_GAPS * len(distinct):
             continue
         frames = np.floor(late + 0.5).astype(np.int64)
         offsets = np.where(np.abs(late - frames) <= _ROUNDING, 0.0, late - frames)
         if not _clash(frames[place], place, lists):
-            frame_span(0, int(frames[-1]), path, "times of frames")
-            return FrameTimes(frames[place], offsets[place])
-    return FrameTimes(place.astype(np.int64), np.zeros(len(place)), are_ranks=True)
+            count = frame_span(0, math.ceil(late[-1] - _ROUNDING), path, "times of frames")
+            return FrameTimes(frames[place], offsets[place], count)
+    return FrameTimes(place.astype(np.int64), np.zeros(len(place)), len(distinct), are_ranks=True)
 
 
 def _steps(first: Float64s, every: Float64s) -> Iterator[float]:

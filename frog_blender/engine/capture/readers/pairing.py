@@ -15,7 +15,7 @@ import numpy as np
 
 from ...arrays import Float64s, Ints
 from ...errors import FrogError
-from ..capture import Shot
+from ..capture import Shot, with_a_time
 from ..tone_mapping import NAMES
 from ..video import VideoFacts
 from .checks import check_images, frame_span, shared_frame_count, shots_of_videos
@@ -122,7 +122,7 @@ def pair_videos(
             f"{path}: the videos show different times; the {count} frames that at least {_quorum(len(films))} of them "
             "show are used."
         )
-    return Pairing(tuple(shots), count, rate, warnings)
+    return Pairing(tuple(with_a_time(shots, count)), count, rate, warnings)
 
 
 def _film(fact: VideoFacts, clock: Clock) -> _Film:

@@ -105,7 +105,7 @@ def read(path: Path) -> Capture:
         cameras=tuple(camera for camera, _ in views),
         distortions=tuple(lens for _, lens in views),
         shots=tuple(shots),
-        frame_count=int(found.frames.max()) + 1,
+        frame_count=found.count,
         frames_per_second=rate,
         test_cameras=frozenset(name for name, entry in first.items() if entry.file != training),
         # D-NeRF's images are composited over white, as in all published results.

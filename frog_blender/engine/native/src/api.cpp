@@ -8,6 +8,7 @@
 
 #include "raster/backward.h"
 #include "deformation/deformation.h"
+#include "raster/depth_order.h"
 #include "raster/mesh_depth.h"
 #include "threads/thread_pool.h"
 
@@ -118,7 +119,7 @@ int32_t attempt(Work work) {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 15; }
+int32_t frog_abi_version(void) { return 16; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 int32_t frog_thread_count(void) { return frog::thread_count(); }
@@ -214,6 +215,12 @@ int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count, const int32
   return attempt([&] {
     frog::draw_mesh_depth(vertices, vertex_count, triangles, triangle_count, *camera, region, near_plane, depth);
   });
+}
+
+int32_t frog_depth_order(const float *points, int32_t count, const float plane[4], float nearest, float *order,
+                         int32_t *seen) {
+  if (count < 0) return BAD_SIZE;
+  return attempt([&] { *seen = frog::depth_order(points, count, plane, nearest, order); });
 }
 
 int32_t frog_ssim(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,

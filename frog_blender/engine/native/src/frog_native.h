@@ -142,6 +142,12 @@ FROG_EXPORT int32_t frog_mesh_depth(const float *vertices, int32_t vertex_count,
                                     int32_t triangle_count, const FrogCamera *, const int32_t region[4],
                                     float near_plane, float *depth);
 
+// The points (count, 3) by their depth plane[0..2] . point + plane[3], the farthest first, equal depths in their order:
+// fills the first `seen` of `order` (count,) with the indices, as floats, of those not nearer than `nearest`. Returns 0,
+// or 1 when memory ran out.
+FROG_EXPORT int32_t frog_depth_order(const float *points, int32_t count, const float plane[4], float nearest,
+                                     float *order, int32_t *seen);
+
 // Mean structural similarity of two (H, W, 3) images in [0, 1] (window of 11 pixels, sigma 1.5, zero outside), and its
 // gradient (H, W, 3) by the first. Returns 0, or 1 when memory ran out.
 FROG_EXPORT int32_t frog_ssim(int32_t height, int32_t width, const float *image, const float *truth, float *similarity,

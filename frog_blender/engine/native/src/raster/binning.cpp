@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "raster/frame.h"
+#include "raster/radix_sort.h"
 #include "threads/thread_pool.h"
 
 namespace frog {
@@ -14,56 +15,19 @@ namespace {
 #include "shared/mathematics.h"
 #include "shared/projection.h"
 
-constexpr size_t BLOCK = 8192;        // splats that are sorted at a time, each block with a histogram
-constexpr size_t ONE_THREAD = 32768;  // so few are sorted sooner than shared
 constexpr size_t ROW_BLOCK = 1024;    // splats whose rows are listed at a time
 constexpr size_t AHEAD = 12;  // places that are fetched before their turn, where one after the other is anywhere
 
-// Pieces of `count` splats.
-struct Blocks {
-  size_t count, size;
-
-  int number() const { return static_cast<int>((count + size - 1) / size); }
-  template <class Use>
-  void each(Use use) const {  // use(block, begin, end)
-    parallel_for(number(), 1, [&](int first, int last) {
-      for (int block = first; block < last; ++block) use(block, block * size, std::min(count, (block + 1) * size));
-    });
-  }
-};
-
-// Turns counts [block][bucket] into where each block writes each bucket's first element; returns the buckets'
-// beginnings.
-std::vector<size_t> offsets(uint32_t *counts, int blocks, int buckets) {
-  std::vector<size_t> begin(buckets + 1, 0);
-  size_t total = 0;
-  for (int bucket = 0; bucket < buckets; ++bucket) {
-    begin[bucket] = total;
-    for (int block = 0; block < blocks; ++block) {
-      uint32_t &entry = counts[static_cast<size_t>(block) * buckets + bucket];
-      const uint32_t here = entry;
-      entry = static_cast<uint32_t>(total);
-      total += here;
-    }
-  }
-  begin[buckets] = total;
-  if (total > UINT32_MAX) throw std::bad_alloc();
-  return begin;
-}
-
-// The drawn splats by depth: stable least-significant-digit radix sort. Positive floats order like their bits; equal
-// depths keep index order. Leaves the result in frame.order.
+// The drawn splats by depth. Positive floats order like their bits; equal depths keep index order. Leaves the result in frame.order.
 size_t sort_by_depth(FrogFrame &frame) {
   const size_t count = frame.view.count;
-  const Blocks all{count, BLOCK};
-  constexpr int BITS = 11, BUCKETS = 1 << BITS;
-  uint32_t *counts = frame.histogram.resize(static_cast<size_t>(all.number()) * BUCKETS);
+  const Blocks all{count, SORT_BLOCK};
+  uint32_t *counts = frame.histogram.resize(all.number());
   all.each([&](int block, size_t begin, size_t end) {
     counts[block] = 0;
     for (size_t i = begin; i < end; ++i) counts[block] += frame.splats[i].radius > 0;
   });
   const size_t drawn = offsets(counts, all.number(), 1).back();
-  const Blocks blocks{drawn, drawn <= ONE_THREAD ? ONE_THREAD : BLOCK};
   Keyed *from = frame.order.resize(drawn), *to = frame.spare_order.resize(drawn);
   all.each([&](int block, size_t begin, size_t end) {
     uint32_t at = counts[block];
@@ -73,19 +37,7 @@ size_t sort_by_depth(FrogFrame &frame) {
         from[at++].splat = static_cast<uint32_t>(i);
       }
   });
-  for (int shift = 0; shift < 32; shift += BITS) {
-    blocks.each([&](int block, size_t begin, size_t end) {
-      uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
-      std::fill_n(mine, BUCKETS, 0);
-      for (size_t i = begin; i < end; ++i) ++mine[(from[i].key >> shift) & (BUCKETS - 1)];
-    });
-    offsets(counts, blocks.number(), BUCKETS);
-    blocks.each([&](int block, size_t begin, size_t end) {
-      uint32_t *mine = counts + static_cast<size_t>(block) * BUCKETS;
-      for (size_t i = begin; i < end; ++i) to[mine[(from[i].key >> shift) & (BUCKETS - 1)]++] = from[i];
-    });
-    std::swap(from, to);
-  }
+  from = radix_sort(from, to, drawn, frame.histogram);
   if (from != frame.order.data()) std::copy_n(from, drawn, frame.order.data());
   return drawn;
 }

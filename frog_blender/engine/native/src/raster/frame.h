@@ -4,6 +4,7 @@
 
 #include "buffer.h"
 #include "internal.h"
+#include "raster/radix_sort.h"
 
 namespace frog {
 
@@ -12,10 +13,6 @@ struct RowEntry {
   uint32_t splat;
   uint32_t slot;        // of the first tile
   int16_t first, last;  // tiles, inclusive; last < first when none
-};
-
-struct Keyed {  // for sorting by depth
-  uint32_t key, splat;
 };
 
 }  // namespace frog

@@ -1,0 +1,41 @@
+// Sorting by 32-bit keys over the pool. Every step counts in blocks and then writes to places known in advance, so that
+// threads never meet and the result does not depend on their number.
+#pragma once
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "buffer.h"
+#include "threads/thread_pool.h"
+
+namespace frog {
+
+struct Keyed {
+  uint32_t key, splat;
+};
+
+constexpr size_t SORT_BLOCK = 8192;        // pairs that are sorted at a time, each block with a histogram
+constexpr size_t SORT_ONE_THREAD = 32768;  // so few are sorted sooner than shared
+
+// Pieces of `count` elements.
+struct Blocks {
+  size_t count, size;
+
+  int number() const { return static_cast<int>((count + size - 1) / size); }
+  template <class Use>
+  void each(Use use) const {  // use(block, begin, end)
+    parallel_for(number(), 1, [&](int first, int last) {
+      for (int block = first; block < last; ++block) use(block, block * size, std::min(count, (block + 1) * size));
+    });
+  }
+};
+
+// Turns counts [block][bucket] into where each block writes each bucket's first element; returns the buckets'
+// beginnings.
+std::vector<size_t> offsets(uint32_t *counts, int blocks, int buckets);
+
+// The `count` pairs of `from` by key, equal keys in their order: stable, least significant digit first. Returns the
+// sorted pairs, which are in `from` or in `spare`, each of that size.
+Keyed *radix_sort(Keyed *from, Keyed *spare, size_t count, Buffer<uint32_t> &histogram);
+
+}  // namespace frog

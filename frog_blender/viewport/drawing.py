@@ -1,0 +1,385 @@
+"""Draws the splats of all visible captures after a viewport's own content, as far as its depth lets them be seen.
+
+A viewport keeps its last image of splats. The same view of the same captures at the same time, with nothing changed in
+the scene, is that image once more.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from .. import addon_state, app_handlers, point_cloud, reported_once
+from ..cameras import view_camera
+from ..capture_files import is_capture
+from ..engine.errors import FrogError
+from ..redrawing import viewports
+from ..render.collect_instances import check_placement, visible_captures
+from ..render.viewport_drawing import focal_ratio
+from ..timeline import playback
+from .card import GraphicsCard, Layer
+from .clouds import Clouds
+from .importance import Ranks
+from .order import Order, OrderRequest, Sorter
+from .pace import STILL_AFTER, Pace
+from .projection import is_similarity, view_of
+
+if TYPE_CHECKING:
+    from ..timeline.playback_cache import SceneTime
+    from .projection import SplatView
+
+_SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "software", "basic render")
+_SOON = 0.01  # seconds until an order of many splats is asked for again
+_SLOW_SHADINGS, _LOOK_AGAIN = ("MATERIAL", "RENDERED"), 0.5
+_HIDING = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL", "GPENCIL")
+"""Types of objects that can lie before splats; empties can show images and collections."""
+
+
+@dataclass(eq=False)
+class Shown:
+    """A capture in a viewport: an object, what it shows, and where."""
+
+    name: str
+    time: SceneTime
+    matrix: np.ndarray
+
+
+@dataclass(eq=False)
+class Picture:
+    """The last image of one viewport.
+
+    Attributes:
+        key: what determined it.
+        orders: of the captures in it.
+        step: pixels a side that one of its pixels stands for.
+        is_final: nothing about it can become better.
+        looked_at: what determined which captures it shows, and ``shown``, these.
+        canvas: on the graphics card, ``size`` pixels large.
+        depth: of what hides splats, None for nothing, and when it was looked at.
+        order_textures: by what they are the order of.
+    """
+
+    pace: Pace = field(default_factory=Pace)
+    key: Any = None
+    orders: tuple[Order, ...] = ()
+    step: int = 1
+    is_final: bool = False
+    canvas: Any = None
+    size: tuple[int, int] = (0, 0)
+    depth: np.ndarray | None = None
+    checked_at: float = 0.0
+    order_textures: dict[Any, Any] = field(default_factory=dict)
+    looked_at: Any = None
+    shown: list[Shown] = field(default_factory=list)
+
+
+class ViewportSplats:
+    """All of it.
+
+    Attributes:
+        handler: of Blender, which draws.
+        card: None until something is drawn, and where it cannot.
+        has_failed: the card cannot draw splats: points are shown instead.
+        changes: counts what may have changed in a scene.
+        pictures: by region.
+        drawn: images that were drawn anew, of so many ``looks`` at viewports.
+    """
+
+    def __init__(self) -> None:
+        self.handler: Any = None
+        self.card: GraphicsCard | None = None
+        self.has_failed = False
+        self.clouds = Clouds()
+        self.sorter = Sorter()
+        self.ranks = Ranks()
+        self.changes = 0
+        self.pictures: dict[int, Picture] = {}
+        self.drawn = self.looks = 0
+
+
+def state() -> ViewportSplats:
+    """What is kept while the add-on is on."""
+    return addon_state.get(ViewportSplats)
+
+
+def is_wanted(scene: bpy.types.Scene) -> bool:
+    """Whether a scene's viewports show splats by the graphics card."""
+    choice = scene.frog.viewport_drawing
+    if bpy.app.background or state().has_failed or choice == "POINTS":
+        return False
+    return choice == "CARD" or not (point_cloud.draws_splats() or is_software())
+
+
+def is_software() -> bool:
+    """Whether there is no graphics card, so that the processor does its work."""
+    import gpu
+
+    try:
+        name = f"{gpu.platform.renderer_get()} {gpu.platform.vendor_get()}".lower()
+    except SystemError:  # no graphics at all
+        return True
+    return any(word in name for word in _SOFTWARE)
+
+
+def _draws(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
+    """Whether splats are drawn in this viewport: the FROG engine's own image has them already."""
+    return is_wanted(scene) and not (space.shading.type == "RENDERED" and scene.render.engine == "FROG")
+
+
+def _draw() -> None:
+    """Blender's handler."""
+    context = bpy.context
+    try:
+        if not (_draws(context.scene, context.space_data) and playback.captures_in(context.scene)):
+            return
+        draw_in(context)
+    except (FrogError, MemoryError) as error:
+        reported_once.message(str(error) or "There is not enough memory to draw the splats.")
+    except Exception as error:
+        reported_once.unexpected("drawing splats", error)
+        state().has_failed = True
+        _later(apply)
+
+
+def draw_in(context: bpy.types.Context) -> None:
+    """Draws into the region of a context, whose framebuffer is bound."""
+    splats, region = state(), context.region
+    depsgraph = context.evaluated_depsgraph_get()
+    if splats.card is None:
+        splats.card = GraphicsCard()
+    picture = splats.pictures.setdefault(region.as_pointer(), Picture())
+    if picture.looked_at != (looked_at := _looked_at(splats, context)):
+        picture.looked_at, picture.shown = looked_at, _shown(depsgraph, context.space_data)
+        if any(point_cloud.is_drawn_in_viewports(obj) != _wants_points(obj, True) for obj in _own(context.scene)):
+            _later(apply)
+    splats.looks += 1
+    if not picture.shown:
+        return
+    drawn = splats.drawn
+    _update(splats, picture, context, depsgraph)
+    splats.card.lay_over(picture.canvas, *_look(context.scene))
+    if splats.drawn > drawn:
+        picture.pace.ended_at = time.perf_counter()  # laying over may wait for what was drawn
+    if not splats.sorter.is_idle:
+        _later(viewports, _SOON)
+    elif picture.step > 1:
+        _later(viewports, STILL_AFTER + 0.05)
+
+
+def _looked_at(splats: ViewportSplats, context: bpy.types.Context) -> tuple[Any, ...]:
+    """What determines which captures a viewport shows, and what they show."""
+    space = context.space_data
+    kinds = space.show_object_viewport_mesh, space.show_object_viewport_pointcloud, space.local_view is None
+    return splats.changes, context.scene.as_pointer(), context.scene.frame_current_final, kinds
+
+
+def _update(
+    splats: ViewportSplats, picture: Picture, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph
+) -> None:
+    """Draws a viewport's image anew, if anything in it is not as it was."""
+    view, space, region = context.region_data, context.space_data, context.region
+    matrices, ratio = (view.view_matrix, view.window_matrix), focal_ratio(depsgraph, view, space)
+    key = (
+        *(np.array(matrix).tobytes() for matrix in matrices),
+        *(region.width, region.height, ratio, picture.looked_at),
+        *(space.shading.type, space.shading.show_xray, space.overlay.show_overlays),
+    )
+    now, step = time.perf_counter(), picture.step
+    if picture.key != key:
+        step = picture.pace.changed(now)
+    elif step > 1 and picture.pace.is_still(now):
+        step = 1
+    elif picture.is_final and not _has_new_depth(picture, space.shading.type, now):
+        return
+    size = max(1, -(-region.width // step)), max(1, -(-region.height // step))
+    camera = view_camera(*matrices, *size, ratio)
+    seen = [(each, view_of(camera, each.matrix, *matrices)) for each in picture.shown]
+    places = [(region.as_pointer(), index) for index in range(len(seen))]
+    orders = tuple(_order(splats, place, *each, 1 / step) for place, each in zip(places, seen, strict=True))
+    if picture.key == key and picture.size == size and orders == picture.orders and not picture.is_final:
+        return  # nothing of what is waited for is there
+    layers = [_layer(splats, picture, each, of, order) for (each, of), order in zip(seen, orders, strict=True)]
+    layers.sort(key=lambda layer: -layer.view.to_camera[2, 3])  # by their origins: one capture after the other
+    assert splats.card is not None
+    # While the viewport's framebuffer is bound.
+    picture.depth, picture.checked_at = _scene_depth() if _has_others(context) else None, now
+    if picture.canvas is None or picture.size != size:
+        picture.canvas, picture.size = splats.card.canvas(size), size
+    splats.card.draw(picture.canvas, layers, None if picture.depth is None else splats.card.depth(picture.depth))
+    picture.key, picture.step, picture.orders = key, step, orders
+    picture.is_final = step == 1 and all(map(_is_of, orders, seen))
+    tokens = {other.time.scene.token for each in splats.pictures.values() for other in each.shown}
+    splats.clouds.keep_only(tokens)
+    splats.ranks.keep_only(tokens)
+    splats.drawn += 1
+
+
+def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list[Shown]:
+    """The visible captures and what they show; those that cannot be shown are told once and left out."""
+    found = []
+    for obj, evaluated, matrix in visible_captures(depsgraph, space):
+        if obj.mode == "EDIT" or obj.frog.display != "POINTS":
+            continue
+        try:
+            if not is_similarity(matrix):
+                check_placement(matrix, obj.name)  # which says what is wrong
+            time_shown = playback.displayed(obj, depsgraph.scene.frame_current_final, evaluated)
+        except FrogError as error:
+            reported_once.message(str(error))
+            continue
+        found.append(Shown(obj.name, time_shown, matrix))
+    return found
+
+
+def _order(splats: ViewportSplats, place: tuple[int, int], shown: Shown, view: SplatView, share: float) -> Order:
+    """The order of a capture's splats, or of a share of them, for a place in a viewport's list of captures."""
+    scene = shown.time.scene
+    points, kept = scene.column("means", shown.time.part()), splats.ranks.most_important(scene, share)
+    key = _order_key(shown, view, None if kept is None else len(kept))
+    return splats.sorter.order(OrderRequest(place, key, points, view.plane, kept))
+
+
+def _order_key(shown: Shown, view: SplatView, count: int | None = None) -> tuple[Any, ...]:
+    """What determines the order of so many of a capture's splats, None for all."""
+    return *shown.time.key, view.plane, count
+
+
+def _is_of(order: Order, seen: tuple[Shown, SplatView]) -> bool:
+    """Whether an order is that of a view, not of an earlier one."""
+    return order.key == _order_key(*seen)
+
+
+def _layer(splats: ViewportSplats, picture: Picture, shown: Shown, view: SplatView, order: Order) -> Layer:
+    card = splats.card
+    assert card is not None
+    textures = splats.clouds.of(shown.time.scene, card).at(shown.time)
+    texture = picture.order_textures.get(order)
+    if texture is None:
+        picture.order_textures = {
+            kept: found for kept, found in picture.order_textures.items() if kept in picture.orders
+        }
+        texture = picture.order_textures[order] = card.order(order.indices)
+    return Layer(textures, view, texture, len(order.indices))
+
+
+def _has_others(context: bpy.types.Context) -> bool:
+    """Whether a viewport may have drawn something that hides splats."""
+    for obj in context.visible_objects:
+        if obj.type in _HIDING and not is_capture(obj):
+            return True
+        if obj.type == "EMPTY" and (obj.empty_display_type == "IMAGE" or obj.instance_type == "COLLECTION"):
+            return True
+    return False
+
+
+def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
+    """Whether something else lies before the splats since they were drawn, in viewports of engines that take a while
+    to show what there is; looks now and then, as long as those engines draw.
+    """
+    if picture.depth is None or shading not in _SLOW_SHADINGS:
+        return False
+    if now - picture.checked_at < _LOOK_AGAIN:
+        _later(viewports, _LOOK_AGAIN)
+        return False
+    picture.checked_at = now
+    return not np.array_equal(_scene_depth(), picture.depth)
+
+
+def _scene_depth() -> np.ndarray:
+    """(H, W) the depth of what is bound, rows from the bottom."""
+    import gpu
+
+    framebuffer = gpu.state.active_framebuffer_get()
+    x, y, width, height = framebuffer.viewport_get()
+    buffer = framebuffer.read_depth(x, y, width, height)
+    return np.array(buffer, np.float32, copy=False).reshape(height, width)
+
+
+def choose() -> None:
+    """What a scene's setting was changed to is tried, whatever failed before."""
+    state().has_failed = False
+    apply()
+
+
+def apply() -> None:
+    """Hides the points of captures where viewports show splats, before which they would lie; shows the others."""
+    for scene in bpy.data.scenes:
+        wanted = is_wanted(scene)
+        for obj in _own(scene):
+            if point_cloud.is_drawn_in_viewports(obj) != _wants_points(obj, wanted):
+                point_cloud.draw_in_viewports(obj, _wants_points(obj, wanted))
+    viewports()
+
+
+def _own(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The captures of a scene that this file may change."""
+    return [obj for obj in playback.captures_in(scene) if obj.library is None]
+
+
+def _wants_points(obj: bpy.types.Object, has_splats: bool) -> bool:
+    """Whether viewports are to draw a capture as an object."""
+    return not has_splats or obj.frog.display != "POINTS"
+
+
+def _look(scene: bpy.types.Scene) -> tuple[float, float]:
+    """The factor and the exponent of a scene's exposure and gamma."""
+    settings = scene.view_settings
+    return 2.0**settings.exposure, 1.0 / max(settings.gamma, 1e-3)
+
+
+def _later(do: Callable[[], None], seconds: float = 0.0) -> None:
+    """Does something when Blender does not draw, once."""
+    if not bpy.app.timers.is_registered(do):
+        bpy.app.timers.register(do, first_interval=seconds)
+
+
+@persistent
+def _on_change(*_: Any) -> None:
+    """What a viewport shows may have changed."""
+    state().changes += 1
+
+
+@persistent
+def _on_load(*_: Any) -> None:
+    """Nothing of the file before is shown again."""
+    splats = state()
+    splats.changes += 1
+    splats.pictures.clear()
+    splats.clouds.keep_only(())
+    splats.sorter.forget()
+
+
+def _handlers() -> app_handlers.Handlers:
+    on = bpy.app.handlers
+    return [
+        (on.depsgraph_update_post, _on_change),
+        (on.frame_change_post, _on_change),
+        (on.undo_post, _on_change),
+        (on.redo_post, _on_change),
+        (on.load_post, _on_load),
+    ]
+
+
+def register() -> None:
+    if bpy.app.background:  # nothing is drawn, and there may be no graphics
+        return
+    app_handlers.add(_handlers())
+    state().handler = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
+
+
+def unregister() -> None:
+    splats = state()
+    splats.sorter.stop()
+    for timer in (viewports, apply):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
+    if splats.handler is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(splats.handler, "WINDOW")
+        splats.handler = None
+        app_handlers.remove(_handlers())

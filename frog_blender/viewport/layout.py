@@ -1,0 +1,97 @@
+"""How the columns of Gaussians lie in textures: which are there for good, and which a frame replaces.
+
+A texture holds a column's rows one after the other, in as many texels as it takes. A scene's still textures hold all
+Gaussians as they are at its beginning; its moving ones hold the rows of the dynamic Gaussians, which come first, at one
+time. Nothing here knows Blender.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..engine.playback.frame_delta import FrameDelta
+    from ..engine.playback.player import ScenePlayer
+
+CHANNELS = {"means": 1, "scales": 1, "quaternions": 4, "base": 4, "sh": 1}
+"""Numbers in a texel of each texture. Columns of three numbers take three texels: they are copied as they are."""
+_LARGEST = 16_384  # texels of a side that every graphics card of Blender's takes
+
+
+@dataclass(frozen=True)
+class Texels:
+    """The content of a texture.
+
+    Attributes:
+        size: width and height.
+        channels: numbers in a texel, 1 or 4.
+        values: (width * height * channels,) float32, filled up with zeros.
+    """
+
+    size: tuple[int, int]
+    channels: int
+    values: np.ndarray
+
+    @property
+    def bytes(self) -> int:
+        """What goes to the card."""
+        return int(self.values.nbytes)
+
+
+def texture_size(texels: int) -> tuple[int, int]:
+    """Width, a power of two, and height of a texture with at least so many texels, nearly square.
+
+    Raises:
+        ValueError: if no graphics card holds them.
+    """
+    width = 1 << max(0, math.ceil(math.log2(max(1, texels)) / 2))
+    height = max(1, -(-texels // width))
+    if max(width, height) > _LARGEST:
+        raise ValueError(f"{texels:,} numbers are too many for a texture, expected at most {_LARGEST**2:,}")
+    return width, height
+
+
+def texels_of(rows: np.ndarray, channels: int) -> Texels:
+    """The texture of an array of rows."""
+    flat = np.ascontiguousarray(rows, np.float32).reshape(-1)
+    size = texture_size(-(-flat.size // channels))
+    values = flat
+    if (lacking := size[0] * size[1] * channels - flat.size) > 0:
+        values = np.concatenate([flat, np.zeros(lacking, np.float32)])
+    return Texels(size, channels, values)
+
+
+def textures_of(columns: Mapping[str, np.ndarray]) -> dict[str, Texels]:
+    """The textures of some columns (see ``frame_delta``) by their names; the ``sh_...`` are one."""
+    further = sorted((name for name in columns if name.startswith("sh_")), key=lambda name: int(name[3:]))
+    together = {name: columns[name] for name in columns if name not in further}
+    if further:
+        together["sh"] = np.concatenate([columns[name] for name in further], axis=1)
+    return {name: texels_of(rows, CHANNELS[name]) for name, rows in together.items()}
+
+
+def still_textures(scene: ScenePlayer) -> dict[str, Texels]:
+    """The textures of all Gaussians of a scene at its beginning."""
+    from ..engine.playback.frame_delta import FrameDelta
+
+    return textures_of({name: scene.column(name, FrameDelta({})) for name in scene.columns})
+
+
+def moving_textures(scene: ScenePlayer, part: FrameDelta) -> dict[str, Texels]:
+    """The textures of what changes in time, at the time of ``part``.
+
+    Where one coefficient of the colours changes, all of them are there.
+    """
+    columns = dict(part.columns)
+    if any(name.startswith("sh_") for name in columns):
+        from ..engine.playback.frame_delta import FrameDelta
+
+        for name in scene.columns:
+            if name.startswith("sh_") and name not in columns:
+                columns[name] = scene.column(name, FrameDelta({}))[: scene.num_dynamic]
+    return textures_of(columns)

@@ -1,0 +1,239 @@
+"""The shaders: splats into an image of their own, and that image onto the viewport.
+
+The vertex shader does what the engine's ``project_gaussian`` and ``make_splat`` do (engine/native/src/shared), the
+fragment shader what ``blend`` does: the same low-pass, cut-offs, linearisation and spherical harmonics.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ..engine.native.options import ALPHA_MAX, ALPHA_MIN, RasterizeOptions
+from .projection import NEAR
+
+if TYPE_CHECKING:
+    import gpu
+
+TEXTURES = ("means", "scales", "quaternions", "base", "sh")
+"""In the order of their samplers: still ones, then moving ones."""
+_CORNER = "corner"
+
+_CONSTANTS = f"""
+const float ALPHA_MIN = {ALPHA_MIN!r};
+const float ALPHA_MAX = {ALPHA_MAX!r};
+const float LOW_PASS = {RasterizeOptions().low_pass!r};
+const float NEAR = {NEAR!r};
+const float LOG2E = 1.4426950408889634;
+"""
+
+_SPLAT_VERTEX = (
+    _CONSTANTS
+    + """
+#define TEXEL(image, k) texelFetch(image, ivec2((k) % textureSize(image, 0).x, (k) / textureSize(image, 0).x), 0)
+#define THREE(image, k) vec3(TEXEL(image, k).r, TEXEL(image, (k) + 1).r, TEXEL(image, (k) + 2).r)
+
+int rows()
+{
+  return int(screen.z + 0.5);
+}
+
+int sh_count()
+{
+  return int(eye.w + 0.5);
+}
+
+vec3 coefficient(int i, int k)
+{
+  int at = 3 * (i * (sh_count() - 1) + k - 1);
+  return i < rows() ? THREE(sh_moving, at) : THREE(sh_still, at);
+}
+
+vec3 colour_of(int i, vec3 first, vec3 direction)
+{
+  vec3 c = 0.5 + 0.28209479177387814 * first;
+  float x = direction.x, y = direction.y, z = direction.z;
+  if (sh_count() >= 4) {
+    c += 0.4886025119029199 * (z * coefficient(i, 2) - y * coefficient(i, 1) - x * coefficient(i, 3));
+  }
+  float xx = x * x, yy = y * y, zz = z * z;
+  if (sh_count() >= 9) {
+    c += 1.0925484305920792 * (x * y * coefficient(i, 4) - y * z * coefficient(i, 5) - x * z * coefficient(i, 7));
+    c += 0.31539156525252005 * (2.0 * zz - xx - yy) * coefficient(i, 6);
+    c += 0.5462742152960396 * (xx - yy) * coefficient(i, 8);
+  }
+  if (sh_count() >= 16) {
+    c -= 0.5900435899266435 * y * (3.0 * xx - yy) * coefficient(i, 9);
+    c += 2.890611442640554 * x * y * z * coefficient(i, 10);
+    c -= 0.4570457994644658 * y * (4.0 * zz - xx - yy) * coefficient(i, 11);
+    c += 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * coefficient(i, 12);
+    c -= 0.4570457994644658 * x * (4.0 * zz - xx - yy) * coefficient(i, 13);
+    c += 1.445305721320277 * z * (xx - yy) * coefficient(i, 14);
+    c -= 0.5900435899266435 * x * (xx - 3.0 * yy) * coefficient(i, 15);
+  }
+  return max(c, vec3(0.0));
+}
+
+mat3 rotation_of(vec4 q)  // w, x, y, z
+{
+  q /= length(q);
+  float w = q.x, x = q.y, y = q.z, z = q.w;
+  return mat3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
+              2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
+              2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
+}
+
+void main()
+{
+  gl_Position = vec4(2.0, 2.0, 2.0, 1.0);  // outside: not drawn
+  colour = vec3(0.0);
+  conic = vec4(0.0);
+  centre = vec2(0.0);
+  depth = 0.0;
+  int i = int(TEXEL(order, gl_InstanceID).r + 0.5);
+  vec3 mean = i < rows() ? THREE(means_moving, 3 * i) : THREE(means_still, 3 * i);
+  vec4 base = i < rows() ? TEXEL(base_moving, i) : TEXEL(base_still, i);
+  vec3 local = (to_camera * vec4(mean, 1.0)).xyz;
+  float opacity = min(base.a, 1.0);
+  if (!(local.z >= NEAR && opacity > ALPHA_MIN)) {
+    return;
+  }
+  vec3 scale = i < rows() ? THREE(scales_moving, 3 * i) : THREE(scales_still, 3 * i);
+  vec4 quaternion = i < rows() ? TEXEL(quaternions_moving, i) : TEXEL(quaternions_still, i);
+
+  // The linearisation is clamped a little outside the image.
+  vec2 focal = lens.xy, middle = lens.zw, extent = screen.xy, margin = 0.15 * screen.xy;
+  vec2 at = clamp(local.xy / local.z, (-margin - middle) / focal, (extent + margin - middle) / focal);
+  mat3 rotated = mat3(to_camera) * rotation_of(quaternion);
+  rotated[0] *= scale.x;
+  rotated[1] *= scale.y;
+  rotated[2] *= scale.z;
+  vec3 row_z = vec3(rotated[0].z, rotated[1].z, rotated[2].z);
+  vec3 a = focal.x / local.z * (vec3(rotated[0].x, rotated[1].x, rotated[2].x) - at.x * row_z);
+  vec3 b = focal.y / local.z * (vec3(rotated[0].y, rotated[1].y, rotated[2].y) - at.y * row_z);
+  vec3 thin = cross(a, b);  // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2: no cancellation for needles
+  float xx = dot(a, a) + LOW_PASS, yy = dot(b, b) + LOW_PASS, xy = dot(a, b);
+  float determinant = dot(thin, thin) + LOW_PASS * (dot(a, a) + dot(b, b)) + LOW_PASS * LOW_PASS;
+  if (!(determinant > 1e-12 && determinant < 1e30)) {
+    return;
+  }
+  float reach = log2(opacity) - log2(ALPHA_MIN);
+  colour = colour_of(i, base.rgb, normalize(mean - eye.xyz));
+  centre = focal * local.xy / local.z + middle;
+  float along = sqrt(0.5 * LOG2E * yy / determinant);
+  conic = vec4(along, -along * xy / yy, sqrt(0.5 * LOG2E / yy), log2(opacity));
+  depth = 0.5 + 0.5 * (clip.x * local.z + clip.y) / (clip.z * local.z + clip.w);
+
+  // The rectangle around the ellipse in which alpha is at least ALPHA_MIN, along its axes.
+  float middle_square = 0.5 * (xx + yy), apart = length(vec2(0.5 * (xx - yy), xy));
+  float wide = middle_square + apart, narrow = determinant / wide;
+  vec2 axis = xx >= yy ? vec2(0.5 * (xx - yy) + apart, xy) : vec2(xy, 0.5 * (yy - xx) + apart);
+  axis = apart > 1e-9 ? normalize(axis) : vec2(1.0, 0.0);
+  vec2 half_sides = sqrt(2.0 / LOG2E * reach * vec2(wide, narrow)) + 0.01;
+  vec2 pixel = centre + corner.x * half_sides.x * axis + corner.y * half_sides.y * vec2(-axis.y, axis.x);
+  gl_Position = vec4(2.0 * pixel.x / extent.x - 1.0, 1.0 - 2.0 * pixel.y / extent.y, 0.0, 1.0);
+}
+"""
+)
+
+_SPLAT_FRAGMENT = (
+    _CONSTANTS
+    + """
+void main()
+{
+  vec2 off = vec2(gl_FragCoord.x, screen.y - gl_FragCoord.y) - centre;
+  float u = conic.x * off.x + conic.y * off.y, v = conic.z * off.y;
+  float alpha = min(exp2(conic.w - u * u - v * v), ALPHA_MAX);
+  ivec2 there = textureSize(scene_depth, 0);
+  ivec2 texel = min(ivec2(gl_FragCoord.xy / screen.xy * vec2(there)), there - 1);
+  if (alpha < ALPHA_MIN || depth > texelFetch(scene_depth, texel, 0).r) {
+    discard;
+  }
+  fragColor = vec4(colour * alpha, alpha);
+}
+"""
+)
+
+_PICTURE_VERTEX = """
+void main()
+{
+  place = 0.5 * corner + 0.5;
+  gl_Position = vec4(corner, 0.0, 1.0);
+}
+"""
+
+_PICTURE_FRAGMENT = """
+vec3 decoded(vec3 c)
+{
+  return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c));
+}
+
+vec3 encoded(vec3 c)
+{
+  return mix(c * 12.92, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c));
+}
+
+void main()
+{
+  vec4 found = texture(picture, place);
+  float alpha = clamp(found.a, 0.0, 1.0);
+  vec3 linear = decoded(clamp(found.rgb / max(alpha, 1e-6), 0.0, 1.0));
+  if (look.x != 1.0 || look.y != 1.0) {
+    linear = decoded(pow(clamp(encoded(linear * look.x), 0.0, 1.0), vec3(look.y)));
+  }
+  fragColor = vec4(linear * alpha, alpha);  // viewports encode what is drawn into them
+}
+"""
+
+
+def splat_shader() -> gpu.types.GPUShader:
+    """Draws quads of two triangles, one instance a splat."""
+    import gpu
+
+    info = gpu.types.GPUShaderCreateInfo()
+    for kind, name in (
+        ("MAT4", "to_camera"),
+        ("VEC4", "lens"),
+        ("VEC4", "clip"),
+        ("VEC4", "eye"),  # and the number of the colours' coefficients
+        ("VEC4", "screen"),  # width, height and rows of the moving textures
+    ):  # 128 bytes, which every graphics card has
+        info.push_constant(kind, name)
+    names = [f"{name}_{state}" for state in ("still", "moving") for name in TEXTURES]
+    for slot, name in enumerate([*names, "order", "scene_depth"]):
+        info.sampler(slot, "FLOAT_2D", name)
+    between = gpu.types.GPUStageInterfaceInfo("frog_splat")
+    between.flat("VEC3", "colour")
+    between.flat("VEC4", "conic")
+    between.flat("VEC2", "centre")
+    between.flat("FLOAT", "depth")
+    return _made(info, between, _SPLAT_VERTEX, _SPLAT_FRAGMENT)
+
+
+def picture_shader() -> gpu.types.GPUShader:
+    """Lays an image of splats, display-referred and premultiplied, over what is there."""
+    import gpu
+
+    info = gpu.types.GPUShaderCreateInfo()
+    info.push_constant("VEC2", "look")
+    info.sampler(0, "FLOAT_2D", "picture")
+    between = gpu.types.GPUStageInterfaceInfo("frog_picture")
+    between.smooth("VEC2", "place")
+    return _made(info, between, _PICTURE_VERTEX, _PICTURE_FRAGMENT)
+
+
+def square(shader: gpu.types.GPUShader) -> gpu.types.GPUBatch:
+    """The corners (-1, -1) to (1, 1) for a shader of these."""
+    from gpu_extras.batch import batch_for_shader
+
+    return batch_for_shader(shader, "TRI_STRIP", {_CORNER: [(-1, -1), (1, -1), (-1, 1), (1, 1)]})
+
+
+def _made(info: Any, between: Any, vertex: str, fragment: str) -> gpu.types.GPUShader:
+    import gpu
+
+    info.vertex_in(0, "VEC2", _CORNER)
+    info.vertex_out(between)
+    info.fragment_out(0, "VEC4", "fragColor")
+    info.vertex_source(vertex)
+    info.fragment_source(fragment)
+    return gpu.shader.create_from_info(info)

@@ -1,0 +1,185 @@
+"""Splats by the graphics card: the FROG engine's image, behind what the scene has before them; points give way to them.
+
+Drawing is tested where Blender has graphics without a window: 5.2 and later, with OpenGL, Vulkan or Metal.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from support.builders import scene_file
+from support.small_scenes import rig_of_three, write_scene
+
+from frog_blender import point_cloud
+from frog_blender.cameras import pose_of, view_camera
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.playback.transform import transform
+from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
+from frog_blender.render.collect_instances import visible_captures
+from frog_blender.scene_import.capture_objects import active_capture
+from frog_blender.timeline.playback_cache import SceneTime
+from frog_blender.viewport import drawing
+from frog_blender.viewport.card import GraphicsCard, Layer
+from frog_blender.viewport.clouds import Clouds
+from frog_blender.viewport.order import OrderRequest
+from frog_blender.viewport.projection import view_of
+
+NEAR, FAR = 0.05, 200.0
+LEAST = 38.0  # dB
+
+
+@pytest.fixture(scope="module")
+def card():
+    gpu = pytest.importorskip("gpu")
+    if not hasattr(gpu, "init"):
+        pytest.skip("before Blender 5.2 there are no graphics without a window")
+    try:
+        gpu.init()
+    except Exception as error:
+        pytest.skip(f"no graphics here: {error}")
+    return GraphicsCard()
+
+
+def matrices(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """The view and window matrices of a viewport that looks through a camera."""
+    k, window = camera.intrinsics, np.zeros((4, 4))
+    window[0, 0], window[1, 1] = 2 * k[0, 0] / camera.width, 2 * k[1, 1] / camera.height
+    window[0, 2], window[1, 2] = 1 - 2 * k[0, 2] / camera.width, 2 * k[1, 2] / camera.height - 1
+    window[2, 2], window[2, 3], window[3, 2] = -(FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR), -1
+    return np.linalg.inv(pose_of(camera)), window
+
+
+def ring(count: int, middle: np.ndarray, distance: float) -> list[Camera]:
+    """Cameras around a point that look at it."""
+    found = []
+    for k in range(count):
+        angle = 2 * np.pi * k / count
+        away = np.array([np.sin(angle), 0.4 * np.cos(3 * angle), -np.cos(angle)])
+        forward = -away / np.linalg.norm(away)
+        right = np.cross([0.0, 1.0, 0.0], forward)
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+        pose[:3, 3] = -pose[:3, :3] @ (middle - distance * forward)
+        intrinsics = np.array([[150.0, 0, 90.0], [0, 140.0, 50.0], [0, 0, 1]])
+        found.append(Camera(f"eye {k}", 160, 110, intrinsics, pose))
+    return found
+
+
+def drawn(card, player, time, camera, matrix=None, depth=None):
+    """(H, W, 4) by the graphics card, rows from the top, and the Gaussians in the world."""
+    matrix = np.eye(4) if matrix is None else matrix
+    view_matrix, window_matrix = matrices(camera)
+    view = view_of(
+        view_camera(view_matrix, window_matrix, camera.width, camera.height), matrix, view_matrix, window_matrix
+    )
+    gaussians = player.at(time)
+    order = OrderRequest("test", 0, np.ascontiguousarray(gaussians.means), view.plane).sort()
+    textures = Clouds().of(player, card).at(SceneTime(player, time))
+    canvas = card.canvas(view.size)
+    hidden = None
+    if depth is not None:
+        a, b, c, d = view.clip
+        with np.errstate(invalid="ignore"):
+            window_depth = np.where(np.isinf(depth), 1.0, 0.5 + 0.5 * (a * depth + b) / (c * depth + d))
+        hidden = card.depth(window_depth[::-1])
+    card.draw(canvas, [Layer(textures, view, card.order(order.indices), len(order.indices))], hidden)
+    pixels = np.array(canvas.texture_color.read(), np.float32).reshape(camera.height, camera.width, 4)[::-1]
+    canvas.free()
+    return pixels, transform(gaussians, matrix)
+
+
+def psnr(pixels: np.ndarray, expected: np.ndarray) -> float:
+    error = np.mean((np.clip(pixels, 0, 1) - np.clip(expected, 0, 1)) ** 2)
+    return float(-10 * np.log10(error + 1e-12))
+
+
+SCENES = {
+    "few large": lambda folder: ScenePlayer.load(write_scene(folder / "a.frog", rig_of_three(), count=60, sh_count=16)),
+    "many, some moving": lambda _folder: ScenePlayer(scene_file(4000, seed=1, sh_count=4, moving=900)),
+    "colours that change": lambda _folder: ScenePlayer(scene_file(700, seed=2, sh_count=9, deformed_sh=4)),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_ten_views_are_the_engine_s(card, tmp_path, name):
+    player = SCENES[name](tmp_path)
+    middle = player.at(0.0).means.mean(axis=0).astype(np.float64)
+    spread = float(np.linalg.norm(player.at(0.0).means - middle, axis=1).mean())
+    for k, camera in enumerate(ring(10, middle, 2.5 * spread)):
+        pixels, gaussians = drawn(card, player, k / 9, camera)
+        expected = draw(gaussians, camera)
+        assert expected.alpha.mean() > 0.02, "there is something to see"
+        assert psnr(pixels[..., :3], expected.rgb) >= LEAST, camera.name
+        assert psnr(pixels[..., 3], expected.alpha) >= LEAST, camera.name
+
+
+def test_a_capture_that_was_turned_moved_and_scaled(card, tmp_path):
+    player = SCENES["few large"](tmp_path)
+    matrix = np.linalg.inv(pose_of(ring(3, np.array([0.3, 1.0, -2.0]), 1.0)[1]))
+    matrix[:3, :3] *= 1.7
+    middle = (matrix @ np.append(player.at(0.0).means.mean(axis=0), 1.0))[:3]
+    for camera in ring(4, middle, 6.0):
+        pixels, gaussians = drawn(card, player, 0.4, camera, matrix)
+        expected = draw(gaussians, camera)
+        assert expected.alpha.mean() > 0.02
+        assert psnr(pixels[..., :3], expected.rgb) >= LEAST
+
+
+def test_a_mesh_hides_what_is_behind_it_to_the_pixel(card, tmp_path):
+    player = SCENES["few large"](tmp_path)
+    means = player.at(0.0).means
+    middle = means.mean(axis=0).astype(np.float64)
+    spread = float(np.linalg.norm(means - middle, axis=1).mean())
+    card_of_four, triangles = np.array([[-0.6, -0.5], [0.7, -0.4], [0.6, 0.8], [-0.5, 0.4]]), [[0, 1, 2], [0, 2, 3]]
+    for camera in ring(5, middle, 2.5 * spread):
+        right, down, forward = camera.rotation
+        corners = middle + spread * (card_of_four @ np.stack([right, down]) - 0.2 * forward)
+        depth = mesh_depth(corners, np.array(triangles), camera)
+        pixels, gaussians = drawn(card, player, 0.0, camera, depth=depth)
+        expected = draw(gaussians, camera, depth_limit=depth)
+        free = draw(gaussians, camera)
+        assert np.abs(free.alpha - expected.alpha).max() > 0.4, "the mesh hides something"
+        assert psnr(pixels[..., :3], expected.rgb) >= LEAST
+        far_off = np.abs(pixels[..., 3] - expected.alpha) > 0.1
+        assert far_off.mean() < 0.002
+
+
+def test_points_give_way_in_viewports_and_stay_in_renders(empty, static_rig):
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    capture = active_capture(bpy.context)
+    bpy.context.view_layer.update()
+
+    def seen():
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        parts = [each.object for each in depsgraph.object_instances if each.object.original == capture]
+        return sum(len(each.data.points) for each in parts if each.type == "POINTCLOUD") + sum(
+            len(each.data.vertices) for each in parts if each.type == "MESH"
+        )
+
+    before = seen()
+    assert before and point_cloud.is_drawn_in_viewports(capture)
+    point_cloud.draw_in_viewports(capture, False)
+    bpy.context.view_layer.update()
+    assert not point_cloud.is_drawn_in_viewports(capture) and point_cloud.is_drawn_in_renders(capture)
+    assert seen() == 0, "neither points nor loose vertices"
+    found = visible_captures(bpy.context.evaluated_depsgraph_get())
+    assert [obj for obj, *_ in found] == [capture], "it is drawn all the same"
+    point_cloud.draw_in_renders(capture, False)
+    point_cloud.draw_in_viewports(capture, True)
+    bpy.context.view_layer.update()
+    assert point_cloud.is_drawn_in_viewports(capture) and not point_cloud.is_drawn_in_renders(capture)
+    assert seen() == before
+    point_cloud.draw_in_renders(capture, True)
+    assert point_cloud.is_drawn_in_renders(capture)
+
+
+def test_without_a_window_nothing_is_drawn(empty, static_rig):
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    for choice in ("AUTO", "CARD", "POINTS"):
+        empty.frog.viewport_drawing = choice
+        assert not drawing.is_wanted(empty) and point_cloud.is_drawn_in_viewports(active_capture(bpy.context))
+    assert drawing.state().handler is None

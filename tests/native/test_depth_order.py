@@ -1,0 +1,48 @@
+"""The order in which a graphics card blends: the farthest first, as the rasterizer has it the other way round."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from frog_blender.engine.native import binding
+from frog_blender.engine.native.binding import depth_order
+
+PLANE = (0.3, -0.2, 0.9, 1.5)
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 8192, 40_000, 100_003])
+def test_the_farthest_comes_first(count: int) -> None:
+    points = np.random.default_rng(count).normal(0, 3, (count, 3)).astype(np.float32)
+    order = depth_order(points, PLANE, 0.2)
+    depths = points @ np.array(PLANE[:3], np.float32) + np.float32(PLANE[3])
+    assert order.dtype == np.float32
+    chosen = order.astype(int)
+    assert np.array_equal(np.sort(chosen), np.flatnonzero(depths >= 0.2))
+    assert (np.diff(depths[chosen].astype(np.float64)) <= 1e-5).all()
+
+
+def test_equal_depths_keep_their_order_and_behind_the_camera_is_nothing() -> None:
+    points = np.zeros((6, 3), np.float32)
+    points[:, 2] = [1, 2, 1, -1, 2, np.nan]
+    assert depth_order(points, (0, 0, 1, 0), 0.01).tolist() == [1, 4, 0, 2]
+    assert depth_order(points, (0, 0, 1, 0), -5.0).tolist() == [1, 4, 0, 2, 3]
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_it_does_not_depend_on_the_number_of_threads(threads: int) -> None:
+    points = np.random.default_rng(1).integers(0, 50, (70_000, 3)).astype(np.float32)
+    expected = depth_order(points, PLANE, 0.0)
+    try:
+        binding.set_thread_count(threads)
+        assert np.array_equal(depth_order(points, PLANE, 0.0), expected)
+    finally:
+        binding.set_thread_count(0)
+
+
+@pytest.mark.parametrize(
+    "points", [np.zeros((3, 2), np.float32), np.zeros((3, 3)), np.zeros((4, 6), np.float32)[:, ::2]]
+)
+def test_other_arrays_are_refused(points: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="expected contiguous float32"):
+        depth_order(points, PLANE, 0.0)

@@ -1,0 +1,88 @@
+"""Orders of splats: at once for a few, later for many, and never one that does not fit."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from frog_blender.viewport import order
+from frog_blender.viewport.order import OrderRequest, Sorter
+
+
+def request(key: int, count: int = 1000, place: str = "left", kept: np.ndarray | None = None) -> OrderRequest:
+    points = np.random.default_rng(count).normal(0, 3, (count, 3)).astype(np.float32)
+    return OrderRequest(place, key, points, (float(np.cos(key)), 0.0, float(np.sin(key)), 9.0), kept)
+
+
+@pytest.fixture
+def sorter():
+    made = Sorter(at_once=100)
+    yield made
+    made.stop()
+
+
+def test_few_are_sorted_at_once(sorter: Sorter) -> None:
+    for key in range(5):
+        asked = request(key, 100)
+        found = sorter.order(asked)
+        assert found.key == key and np.array_equal(found.indices, asked.sort().indices)
+        assert sorter.order(asked) is found and sorter.is_idle
+
+
+def test_the_first_order_is_waited_for_and_later_ones_come_later(sorter: Sorter) -> None:
+    first = sorter.order(request(0))
+    assert first.key == 0
+    assert sorter.order(request(1)) is first, "nobody waits"
+    assert sorter.wait(20.0)
+    found = sorter.order(request(1))
+    assert found.key == 1 and np.array_equal(found.indices, request(1).sort().indices)
+
+
+def test_the_newest_request_is_the_one_that_counts(sorter: Sorter, monkeypatch: pytest.MonkeyPatch) -> None:
+    gate, sorted_keys, whole = threading.Event(), [], OrderRequest.sort
+
+    def slow(asked: OrderRequest):
+        if threading.current_thread() is not threading.main_thread():
+            assert gate.wait(20.0)
+        sorted_keys.append(asked.key)
+        return whole(asked)
+
+    monkeypatch.setattr(OrderRequest, "sort", slow)
+    sorter.order(request(0))
+    for key in range(1, 8):
+        assert sorter.order(request(key)).key == 0
+    gate.set()
+    assert sorter.wait(20.0)
+    assert sorter.order(request(7)).key == 7 and len(sorted_keys) <= 3 and sorted_keys[-1] == 7
+
+
+def test_viewports_do_not_take_each_other_s_orders(sorter: Sorter) -> None:
+    assert sorter.order(request(1, place="left")).key == 1
+    assert sorter.order(request(2, place="right")).key == 2
+    assert sorter.order(request(1, place="left")).key == 1
+
+
+def test_an_order_of_another_scene_is_not_used(sorter: Sorter) -> None:
+    sorter.order(request(0, 2000))
+    found = sorter.order(request(1, 1000))
+    assert found.key == 1 and found.indices.max() < 1000
+    sorter.forget()
+    assert sorter.order(request(2, 1000)).key == 2
+
+
+def test_of_some_the_order_names_these(sorter: Sorter) -> None:
+    kept = np.arange(0, 1000, 3)
+    found = sorter.order(request(0, kept=kept))
+    assert set(found.indices.astype(int)) <= set(kept.tolist())
+    every = request(0).sort().indices
+    assert np.array_equal(found.indices, every[np.isin(every.astype(int), kept)])
+
+
+def test_it_ends(sorter: Sorter) -> None:
+    sorter.order(request(0))
+    sorter.order(request(1))
+    sorter.stop()
+    assert not [thread for thread in threading.enumerate() if thread.name == "FRoG splat order" and thread.is_alive()]
+    assert order.AT_ONCE > 0
