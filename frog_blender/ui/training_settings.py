@@ -19,6 +19,7 @@ from bpy.props import (
 
 from .. import redrawing, relative_paths
 from ..engine.training.session.output_paths import free_output
+from ..render.frog_engine import SHUTTER_SAMPLES
 from .path_options import PATH_OPTIONS
 
 RECIPES = (
@@ -98,6 +99,15 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
         name="Objects Hide Splats",
         description="Objects of this scene occlude the splats. The objects themselves are not drawn",
         default=False,
+    )
+    motion_samples: IntProperty(
+        name="Samples",
+        description="Moments within the shutter time that motion blur averages. More of them blur fast motion more "
+        "smoothly and take longer",
+        default=SHUTTER_SAMPLES,
+        min=1,
+        soft_max=64,
+        max=1024,
     )
     composed_with: PointerProperty(
         name="Composed With",

@@ -23,6 +23,9 @@ class Written:
         self.said.append(name)
         return SimpleNamespace()
 
+    def operator_menu_enum(self, name, _enum, **_):
+        self.said.append(name)
+
     def prop(self, data, name, **_):
         data.bl_rna.properties[name]  # as Blender: a name that is none is an error
         self.said.append(name)
