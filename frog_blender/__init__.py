@@ -26,6 +26,7 @@ _ROOMS = (
     "operators",
     "ui.presets",
     "ui.refreshing",
+    "ui.capture_panel",
     "ui.train_panel",
     "ui.calibration_panel",
     "ui.captures_panel",

@@ -13,7 +13,7 @@ from support.small_scenes import rig_of_three, write_scene
 from frog_blender import addon_state, capture_files, point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback
-from frog_blender.ui import capture_summary, captures_panel, refreshing, train_panel
+from frog_blender.ui import capture_panel, capture_summary, captures_panel, refreshing
 
 
 class Layout:
@@ -129,7 +129,7 @@ def test_a_calibration_that_is_mended(empty, said, tmp_path):
     content = poses.read_bytes()
     poses.write_bytes(b"no numbers")
     empty.frog.capture_folder = str(folder)
-    panel = train_panel.FROG_PT_train
+    panel = capture_panel.FROG_PT_capture
     assert "poses_bounds.npy" in said(panel) and capture_summary.known(str(folder)).error
     poses.write_bytes(content)
     said(panel)

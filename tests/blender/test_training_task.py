@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from safetensors.numpy import save_file
 
 from frog_blender import addon_state
 from frog_blender.background_task import PUMP_MESSAGES
@@ -331,6 +333,9 @@ def test_what_the_panel_asks_for(empty, tmp_path):
     assert (request.output, request.capacity, request.job["resume"]) == (tmp_path / "scene.frog", "auto", False)
     assert not can_resume(settings)
     (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
+    assert not can_resume(settings), "what cannot be read is not resumed"
+    state = json.dumps({"settings": {"capture": str(tmp_path.resolve())}, "progress": 0.5, "step_count": 7})
+    save_file({"x": np.zeros(1)}, tmp_path / "scene.frog.checkpoint", metadata={"frog-checkpoint": state})
     assert can_resume(settings) and request_of(settings, resume=True).job["resume"]
     settings.capacity, settings.device, settings.preview_camera = "fixed", "cpu", "cam02"
     request = request_of(settings)

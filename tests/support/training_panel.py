@@ -19,7 +19,7 @@ class Written:
     def progress(self, factor, text):
         self.said.append(text)
 
-    def operator(self, name, text=None, icon="NONE"):
+    def operator(self, name, text=None, icon="NONE", emboss=True):
         self.said.append(name)
         return SimpleNamespace()
 
@@ -30,13 +30,17 @@ class Written:
         data.bl_rna.properties[name]  # as Blender: a name that is none is an error
         self.said.append(name)
 
+    def prop_enum(self, data, name, value, **_):
+        assert value in data.bl_rna.properties[name].enum_items
+        self.said.append(f"{name}={value}")
+
     def template_icon(self, icon_value, scale):
         self.said.append("image")
 
     def box(self, **_):
         return Written(self.said)
 
-    row = column = grid_flow = box
+    row = column = grid_flow = split = box
 
 
 def told(*said):
