@@ -6,6 +6,7 @@ import bpy
 
 from ..render.world import background_node
 from ..timeline import playback
+from .render_panel import draw_colors, draw_with_objects
 from .text import wrapped_label
 
 
@@ -105,8 +106,9 @@ class FROG_PT_with_objects(bpy.types.Panel):
     def poll(cls, context: bpy.types.Context) -> bool:
         return next(playback.captures(context.scene.objects), None) is not None
 
-    def draw(self, _context: bpy.types.Context) -> None:
-        self.layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
+    def draw(self, context: bpy.types.Context) -> None:
+        draw_with_objects(self.layout)
+        draw_colors(self.layout, context)
 
 
 _CLASSES = (FROG_PT_with_objects, FROG_PT_film, FROG_PT_motion_blur, FROG_PT_background, FROG_PT_passes)

@@ -20,6 +20,7 @@ from bpy.props import (
 from .. import redrawing, relative_paths
 from ..engine.training.session.output_paths import free_output
 from ..render.frog_engine import SHUTTER_SAMPLES
+from .capture_list import ChoosesCapture
 from .path_options import PATH_OPTIONS
 from .training_choices import TrainingChoices
 
@@ -93,7 +94,7 @@ def _on_preview_camera(settings: Any, _context: bpy.types.Context) -> None:
         task.control.preview_camera = settings.preview_camera
 
 
-class FrogTrainingSettings(TrainingChoices, bpy.types.PropertyGroup):
+class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGroup):
     """``Scene.frog``: training settings and render settings of FROG."""
 
     hold_out: BoolProperty(

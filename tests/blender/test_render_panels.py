@@ -94,3 +94,5 @@ def test_captures_among_objects_are_found_in_the_render_settings(empty, static_r
     for engine in ("CYCLES", "FROG"):
         empty.render.engine = engine
         assert said(panel) == "frog.compose"
+    empty.view_settings.view_transform = "AgX"
+    assert said(panel) == "frog.compose AgX changes the colors of the videos. frog.show_as_filmed"

@@ -30,6 +30,15 @@ class Written:
         data.bl_rna.properties[name]  # as Blender: a name that is none is an error
         self.said.append(name)
 
+    def template_list(self, kind, *_, **__):
+        self.said.append(kind)
+
+    def menu(self, name, **_):
+        self.said.append(name)
+
+    def separator(self):
+        """Nothing is said."""
+
     def prop_enum(self, data, name, value, **_):
         assert value in data.bl_rna.properties[name].enum_items
         self.said.append(f"{name}={value}")
