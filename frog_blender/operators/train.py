@@ -9,7 +9,7 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty, IntProperty
 
-from .. import app_handlers
+from .. import app_handlers, redrawing
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import plays, stored_path
 from ..training_task import runner
@@ -145,6 +145,8 @@ class FROG_OT_dismiss_training(bpy.types.Operator):
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         runner.set_current(None)
+        redrawing.sidebars()
+        redrawing.status_bars()
         return {"FINISHED"}
 
 
@@ -181,6 +183,7 @@ class FROG_OT_pause_training(bpy.types.Operator):
         task = runner.current()
         if task is not None:
             task.control.pause()
+            redrawing.status_bars()
         return {"FINISHED"}
 
 
@@ -198,6 +201,7 @@ class FROG_OT_resume_training(bpy.types.Operator):
         task = runner.current()
         if task is not None:
             task.control.resume()
+            redrawing.status_bars()
         return {"FINISHED"}
 
 

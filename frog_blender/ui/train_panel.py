@@ -158,7 +158,8 @@ def _draw_training(
         _draw_result(box, state, state.result, context)
     for warning in state.warnings[-3:]:
         wrapped_label(box, warning, context, icon="INFO")
-    preview_image.draw(box, context)
+    if state.result is None or not plays(context.scene, state.result):  # else the viewport shows more
+        preview_image.draw(box, context)
     if state.running:
         box.prop(settings, "preview_camera")
 
