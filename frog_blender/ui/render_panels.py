@@ -31,7 +31,9 @@ class FROG_PT_film(_EnginePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         self.layout.use_property_split = True
         self.layout.prop(context.scene.render, "film_transparent", text="Transparent")
-        self.layout.prop(context.scene.frog, "hold_out")
+        row = self.layout.row()
+        row.use_property_split = False  # its name is longer than half of the panel
+        row.prop(context.scene.frog, "hold_out")
 
 
 class FROG_PT_motion_blur(_EnginePanel, bpy.types.Panel):

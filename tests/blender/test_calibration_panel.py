@@ -29,6 +29,7 @@ from frog_blender.ui import (
     preview_image,
     report_images,
     rig_overlay,
+    train_panel,
 )
 
 film = pytest.importorskip("support.synthetic_capture")
@@ -117,7 +118,7 @@ def test_from_videos_to_a_capture(empty, drawn, raw):
     said = drawn()
     assert "Read as calibrated videos" in said and "4 cameras" in said, "it opens by itself"
     assert "Calibrated: cameras_opencv.json" in said and "cam03 sees little" in said and "wm.path_open" in said
-    assert "frog.calibrate" not in said and "Roughly" in said
+    assert "frog.calibrate" not in said and "Roughly" in drawn(train_panel.FROG_PT_train)
     empty.frog.capture_folder = str(raw.parent)
     assert "Calibrated" not in drawn(), "that was another folder"
 

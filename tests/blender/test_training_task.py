@@ -19,6 +19,7 @@ from frog_blender.engine.training.session import events
 from frog_blender.operators import training_result
 from frog_blender.timeline import playback
 from frog_blender.training_task import runner, unsaved_changes
+from frog_blender.ui import capture_summary
 
 
 def finish(task):
@@ -309,7 +310,7 @@ def test_train_operator_says_what_is_missing(empty, tmp_path):
     with pytest.raises(RuntimeError, match="No capture is selected"):
         bpy.ops.frog.train()
     empty.frog.capture_folder = str(tmp_path / "nowhere")
-    with pytest.raises(RuntimeError, match="found no such folder"):
+    with pytest.raises(RuntimeError, match="nowhere: there is no such folder"):
         bpy.ops.frog.train()
     assert not runner.is_running()
 
@@ -363,6 +364,7 @@ def test_resuming_what_is_no_checkpoint_is_one_sentence(empty, tmp_path):
     settings = empty.frog
     settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene.frog")
     (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
+    addon_state.reset(capture_summary.Inspected)  # as in a file that was just opened
     assert bpy.ops.frog.train(resume=True) == {"FINISHED"}
     task = runner.current()
     assert task.join(60)
