@@ -42,7 +42,7 @@ def add_offset_argument(parser: argparse.ArgumentParser) -> None:
 
 def offsets_of(options: argparse.Namespace) -> dict[str, tuple[float, float]] | None:
     """Pixel offsets by camera, None where none were given; FrogError for a malformed one."""
-    return parse_pixel_offsets(options.pixel_offset)
+    return parse_pixel_offsets(options.pixel_offset, "--pixel-offset")
 
 
 def add_mask_arguments(parser: argparse.ArgumentParser) -> None:

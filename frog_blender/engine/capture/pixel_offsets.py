@@ -7,8 +7,11 @@ from collections.abc import Iterable
 from ..errors import FrogError
 
 
-def parse_pixel_offsets(texts: Iterable[str]) -> dict[str, tuple[float, float]] | None:
+def parse_pixel_offsets(texts: Iterable[str], option: str = "Pixel Offset") -> dict[str, tuple[float, float]] | None:
     """Offsets (dx, dy) in pixels by camera from ``cam01=8,0`` and the like; None where there is none.
+
+    Args:
+        option: what the user calls them, for errors.
 
     Raises:
         FrogError: for a malformed text.
@@ -20,5 +23,5 @@ def parse_pixel_offsets(texts: Iterable[str]) -> dict[str, tuple[float, float]] 
             dx, dy = pair.split(",")
             offsets[name] = (float(dx), float(dy))
         except ValueError:
-            raise FrogError(f"Pixel offset {text}: expected CAMERA=DX,DY such as cam01=8,0.") from None
+            raise FrogError(f"{option} {text}: expected CAMERA=DX,DY such as cam01=8,0.") from None
     return offsets or None
