@@ -27,10 +27,15 @@ _ROOMS = (
     "operators",
     "ui.presets",
     "ui.refreshing",
+    "ui.capture_panel",
     "ui.train_panel",
     "ui.calibration_panel",
+    "ui.capture_list",
     "ui.captures_panel",
+    "ui.render_panel",
     "ui.render_panels",
+    "ui.menus",
+    "ui.status_bar",
 )
 
 

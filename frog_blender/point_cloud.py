@@ -39,6 +39,7 @@ _BASE = {"MESH": "FLOAT_COLOR", "POINTCLOUD": "FLOAT4"}
 
 _COLUMNS = {"position": "means", "scale": "scales", "rotation": "quaternions", "radiance:base": "base"}
 _MOST = 0.01, 0.99  # quantiles of the positions; the rest may lie kilometres away
+_NEARLY_ALL, _ROOM = (0.002, 0.998), 0.2  # quantiles, and a share of what lies between them on each side
 _SHOWN = "frog_shown"
 """A custom property of the mesh: the token of the scene and the time of the Gaussians it holds. Undo, copying and
 loading restore it together with the mesh, so it is always right. ``show`` uses it to skip writing.
@@ -72,7 +73,7 @@ def create(name: str, gaussians: GaussianArrays, *, as_splats: bool | None = Non
     obj = bpy.data.objects.new(name, mesh)
     mesh.materials.append(splat_nodes.material())
     modifier = _add_modifier(obj, _MODIFIER, splat_nodes.points_group())
-    _limit_radius(modifier, _viewport_radius(gaussians.means))
+    _limit_in_viewports(modifier, gaussians.means)
     write(obj, gaussians)
     return obj
 
@@ -85,14 +86,30 @@ def _viewport_radius(means: np.ndarray) -> float:
     return float(np.linalg.norm(high - low) / (2.0 * np.sqrt(len(means))))
 
 
-def _limit_radius(modifier: bpy.types.Modifier, radius: float) -> None:
-    """Sets the points' largest radius in viewports, of which a modifier knows only an identifier."""
-    sockets = modifier.node_group.interface.items_tree
-    identifier = sockets[splat_nodes.LIMIT].identifier
+def _viewport_box(means: np.ndarray) -> np.ndarray:
+    """(2, 3) the corners of a box that holds nearly all of (N, 3) points, with room for what moves."""
+    if len(means) == 0:
+        return np.zeros((2, 3))
+    low, high = np.quantile(means, _NEARLY_ALL, axis=0)
+    room = _ROOM * (high - low)
+    return np.array([low - room, high + room])
+
+
+def _limit_in_viewports(modifier: bpy.types.Modifier, means: np.ndarray) -> None:
+    """Sets the points' largest radius in viewports and the box that they lie in, for points (N, 3)."""
+    low, high = _viewport_box(means).tolist()
+    _set_input(modifier, splat_nodes.LIMIT, _viewport_radius(means))
+    _set_input(modifier, splat_nodes.LOW, low)
+    _set_input(modifier, splat_nodes.HIGH, high)
+
+
+def _set_input(modifier: bpy.types.Modifier, name: str, value: float | list[float]) -> None:
+    """Sets an input of a modifier's nodes, of which a modifier knows only an identifier."""
+    identifier = modifier.node_group.interface.items_tree[name].identifier
     if hasattr(modifier, "properties"):  # since Blender 5.2, which refuses the other way
-        getattr(modifier.properties.inputs, identifier).value = radius
+        getattr(modifier.properties.inputs, identifier).value = value
     else:
-        modifier[identifier] = radius
+        modifier[identifier] = value
 
 
 def _add_modifier(obj: bpy.types.Object, name: str, group: bpy.types.GeometryNodeTree) -> bpy.types.Modifier:
@@ -121,7 +138,7 @@ def display(obj: bpy.types.Object, kind: str) -> None:
         groups = {"POINTS": splat_nodes.points_group, "ELLIPSOIDS": ellipsoid_nodes.ellipsoids_group}
         modifier.node_group = groups[kind]()
         if kind == "POINTS":  # another group's interface does not keep it
-            _limit_radius(modifier, _viewport_radius(read(obj)["position"]))
+            _limit_in_viewports(modifier, read(obj)["position"])
 
 
 def write(obj: bpy.types.Object, gaussians: GaussianArrays) -> None:

@@ -19,6 +19,13 @@ def viewports() -> None:
         area.tag_redraw()
 
 
+def status_bars() -> None:
+    """Redraws the status bars of all windows, unless an operator shows its keys there."""
+    for window in bpy.context.window_manager.windows:
+        if not any(window.modal_operators) and window.workspace is not None:
+            window.workspace.status_text_set_internal(None)  # an area of no screen, which has no redraw of its own
+
+
 def _viewports() -> list[bpy.types.Area]:
     windows = bpy.context.window_manager.windows
     return [area for window in windows for area in window.screen.areas if area.type == "VIEW_3D"]

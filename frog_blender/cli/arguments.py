@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
+from ..engine.capture.pixel_offsets import parse_pixel_offsets
 from ..engine.errors import FrogError
 
 
@@ -41,15 +42,7 @@ def add_offset_argument(parser: argparse.ArgumentParser) -> None:
 
 def offsets_of(options: argparse.Namespace) -> dict[str, tuple[float, float]] | None:
     """Pixel offsets by camera, None where none were given; FrogError for a malformed one."""
-    offsets = {}
-    for text in options.pixel_offset:
-        try:
-            name, pair = text.split("=")
-            dx, dy = pair.split(",")
-            offsets[name] = (float(dx), float(dy))
-        except ValueError:
-            raise FrogError(f"--pixel-offset {text}: expected CAMERA=DX,DY such as cam01=8,0.") from None
-    return offsets or None
+    return parse_pixel_offsets(options.pixel_offset, "--pixel-offset")
 
 
 def add_mask_arguments(parser: argparse.ArgumentParser) -> None:

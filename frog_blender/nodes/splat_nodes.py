@@ -6,7 +6,8 @@ the sphere: with p = A (hit - centre) and v = A ray / |A ray| the closest approa
 point's alpha is opacity * exp(-d2 / 2).  Only the base colour is shown; the FROG engine draws the view-dependent part.
 
 In viewports points are no larger than the modifier's ``LIMIT``: a few Gaussians reach farther than the whole scene, and
-as spheres they would hide it, enlarge its bounding box and slow down every redraw.
+as spheres they would hide it, enlarge its bounding box and slow down every redraw. Those that lie outside ``LOW`` to
+``HIGH`` are left out there, so that the bounding box is that of what one sees.
 """
 
 from __future__ import annotations
@@ -18,12 +19,14 @@ import bpy
 from ..engine.spherical_harmonics import SH_DC
 from .node_builder import Builder, new_geometry_group, new_material
 
-_GROUP = "FRoG Gaussians as Limited Points"  # older files hold a group without LIMIT
+_GROUP = "FRoG Gaussians as Near Points"  # older files hold groups without LIMIT, LOW and HIGH
 _NOTHING = "FRoG Nothing"
 _MATERIAL = "FRoG Gaussians"
 _RADIUS = 3.0  # standard deviations that a point's sphere reaches
 LIMIT = "Largest Radius in Viewports"
 """The group's input: the largest radius of a point in a viewport, in the object's units; 0 for no limit."""
+LOW, HIGH = "Lowest Corner in Viewports", "Highest Corner in Viewports"
+"""The group's inputs: a box that points of a viewport lie in, in the object's units; none where it is empty."""
 _SMALLEST = 1e-8  # scale below which a Gaussian is treated as flat, world units
 
 
@@ -35,6 +38,8 @@ def points_group() -> bpy.types.GeometryNodeTree:
     group = new_geometry_group(_GROUP)
     limit = group.interface.new_socket(LIMIT, in_out="INPUT", socket_type="NodeSocketFloat")
     limit.subtype, limit.min_value, limit.default_value = "DISTANCE", 0.0, 0.0
+    for name in (LOW, HIGH):
+        group.interface.new_socket(name, in_out="INPUT", socket_type="NodeSocketVector")
     build = Builder(group)
     source, result = build.node("NodeGroupInput"), build.node("NodeGroupOutput")
 
@@ -44,8 +49,11 @@ def points_group() -> bpy.types.GeometryNodeTree:
     x, y, z = build.separate(safe)
     largest = build.math("MAXIMUM", build.math("MAXIMUM", x, y), z)
 
+    near = build.node("GeometryNodeDeleteGeometry")
+    build.link(source.outputs[0], near.inputs["Geometry"])
+    build.link(_outside(build, source.outputs[LOW], source.outputs[HIGH]), near.inputs["Selection"])
     points = build.node("GeometryNodeMeshToPoints")
-    build.link(source.outputs[0], points.inputs["Mesh"])
+    build.link(near.outputs[0], points.inputs["Mesh"])
     radius = build.math("MULTIPLY", largest, _RADIUS)
     build.link(_limited(build, radius, source.outputs[LIMIT]), points.inputs["Radius"])
     geometry = points.outputs[0]
@@ -72,6 +80,16 @@ def _limited(build: Builder, radius: Any, limit: Any) -> Any:
     )
     smaller = build.math("SUBTRACT", radius, build.math("MINIMUM", radius, limit))
     return build.math("SUBTRACT", radius, build.math("MULTIPLY", applies, smaller))
+
+
+def _outside(build: Builder, low: Any, high: Any) -> Any:
+    """1 for points of a viewport that lie outside a box, otherwise 0."""
+    place = build.node("GeometryNodeInputPosition").outputs[0]
+    inside = build.vector("MINIMUM", build.vector("MAXIMUM", place, low), high)
+    is_outside = build.math("GREATER_THAN", build.vector("DISTANCE", place, inside), 0.0)
+    has_box = build.math("GREATER_THAN", build.vector("DISTANCE", low, high), 0.0)
+    applies = build.math("MULTIPLY", build.node("GeometryNodeIsViewport").outputs[0], has_box)
+    return build.math("MULTIPLY", applies, is_outside)
 
 
 def nothing_group() -> bpy.types.GeometryNodeTree:

@@ -16,8 +16,8 @@ from .calibrate import begin_calibration, footage_folder
 
 
 class FROG_OT_click_points(bpy.types.Operator):
-    """Click the same 16 points in each camera's image: corners near and far, not all on one plane. Each click is saved
-    beside the videos"""
+    """Click the same 16 points in each camera's image: corners near and far, not all on one plane. Each click is \
+saved beside the videos"""
 
     bl_idname = "frog.click_points"
     bl_label = "Click Points"

@@ -2,14 +2,33 @@
 
 # mypy: disable-error-code="valid-type"
 
+import textwrap
+
 import bpy
+from bpy.props import EnumProperty, StringProperty
 
 from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
 from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
 from ..torch_install import task
-from ..torch_install.packages import CALIBRATION_SIZES, PYCOLMAP, SIZES, has_pycolmap_wheel
+from ..torch_install.folders import installed, remove
+from ..torch_install.packages import (
+    CALIBRATION_SIZES,
+    CPU,
+    CUDA,
+    PYCOLMAP,
+    SIZES,
+    has_nvidia_gpu,
+    has_pycolmap_wheel,
+    index_needed,
+    served_build,
+    suitable_build,
+)
+from ..training_task import runner
 from ..ui import preferences
+
+BUILDS = {CPU: "CPU only", CUDA: "NVIDIA GPU (CUDA)"}
+"""Builds of torch, in words."""
 
 
 def may_download(operator: type[bpy.types.Operator]) -> bool:
@@ -27,22 +46,83 @@ class FROG_OT_install_torch(bpy.types.Operator):
     bl_idname = "frog.install_torch"
     bl_label = "Install torch"
 
+    build: EnumProperty(
+        name="Build",
+        description="Which torch is downloaded",
+        items=(
+            (CPU, "CPU Only", f"Trains on the processor: {SIZES[CPU]}"),
+            (CUDA, "NVIDIA GPU (CUDA)", f"Trains on an NVIDIA graphics card as well: {SIZES[CUDA]}"),
+        ),
+        default=served_build(),
+        options={"SKIP_SAVE"},
+    )
+    index: StringProperty(
+        name="Package Index",
+        description="Address of PyTorch's own index. Empty for that in the preferences",
+        options={"SKIP_SAVE"},
+    )
+
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
         return may_download(cls)
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        text = f"This downloads {SIZES}, depending on what the package index serves."
-        return context.window_manager.invoke_confirm(self, event, title="Install torch", message=text)
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if not self.properties.is_property_set("build"):
+            self.build = suitable_build()
+        self.index = self.index or preferences.package_index()
+        return context.window_manager.invoke_props_dialog(
+            self, width=420, title="Install torch", confirm_text="Download"
+        )
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.label(text=f"{'An' if has_nvidia_gpu() else 'No'} NVIDIA graphics card was found on this computer.")
+        for build in (CPU, CUDA):
+            layout.prop_enum(self, "build", build, text=f"{BUILDS[build]}: {SIZES[build]}")
+        needed = index_needed(self.build)
+        if needed:
+            for line in textwrap.wrap(needed, 65):
+                layout.label(text=line)
+            layout.prop(self, "index")
+        layout.label(text=f"OpenCV and pycolmap {PYCOLMAP} come with it.")
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        index = preferences.package_index()
+        index = self.index.strip() or preferences.package_index()
         try:
+            if index_needed(self.build) and not index:
+                raise FrogError(f"{index_needed(self.build)} Nothing was downloaded.")
             # Besides pip's own, which alone has the other packages.
-            task.begin(["--extra-index-url", index] if index else [], preferences.use_installation)
+            arguments = ["--extra-index-url", index] if index else []
+            is_chosen = self.properties.is_property_set("build")  # else it depends on the index
+            task.begin(arguments, preferences.use_installation, build=self.build if is_chosen else CPU)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class FROG_OT_remove_torch(bpy.types.Operator):
+    """Remove what Install torch downloaded. Training needs it again; playing and rendering do not"""
+
+    bl_idname = "frog.remove_torch"
+    bl_label = "Remove torch"
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        cls.poll_message_set("Install torch has installed nothing here.")
+        if installed(task.folder()) is None:
+            return False
+        cls.poll_message_set("Wait until the training or the installation has ended.")
+        return not task.is_running() and not runner.is_running()
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_confirm(self, event, title="Remove torch", confirm_text="Remove")
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        is_gone = remove(task.folder())
+        preferences.forget_installation()
+        if not is_gone:
+            self.report({"INFO"}, "torch is in use. It is removed when Blender starts the next time.")
         return {"FINISHED"}
 
 
@@ -109,5 +189,11 @@ class FROG_OT_cancel_installation(bpy.types.Operator):
         return {"FINISHED"}
 
 
-_CLASSES = (FROG_OT_install_torch, FROG_OT_install_calibration, FROG_OT_fetch_landmarks, FROG_OT_cancel_installation)
+_CLASSES = (
+    FROG_OT_install_torch,
+    FROG_OT_remove_torch,
+    FROG_OT_install_calibration,
+    FROG_OT_fetch_landmarks,
+    FROG_OT_cancel_installation,
+)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -9,7 +9,7 @@ from bpy.props import BoolProperty
 
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture, cameras_of
-from ..scene_import.scene_setup import is_untouched, set_up
+from ..scene_import.scene_setup import are_colors_unchanged, is_untouched, set_up, show_colors_unchanged
 from ..scene_import.transaction import all_or_nothing
 from ..timeline import playback
 
@@ -77,4 +77,26 @@ class FROG_OT_set_up_scene(bpy.types.Operator):
         return {"FINISHED"}
 
 
-register, unregister = bpy.utils.register_classes_factory((FROG_OT_set_up_scene,))
+class FROG_OT_show_as_filmed(bpy.types.Operator):
+    """Show the colors of the videos unchanged: Standard view transform, no look and no dithering. It holds for \
+everything in the scene"""
+
+    bl_idname = "frog.show_as_filmed"
+    bl_label = "Show Colors as Filmed"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        cls.poll_message_set("The scene shows colors as they were filmed already.")
+        return not are_colors_unchanged(context.scene)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        show_colors_unchanged(context.scene)
+        if not are_colors_unchanged(context.scene):
+            self.report({"ERROR"}, "Blender's color configuration was replaced: it has no Standard view transform.")
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+_CLASSES = (FROG_OT_set_up_scene, FROG_OT_show_as_filmed)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -3,19 +3,67 @@
 # Blender reads properties from annotations, which to a type checker are not types.
 # mypy: disable-error-code="valid-type"
 
-import bpy
-from bpy.props import BoolProperty
+from typing import Any
 
+import bpy
+from bpy.app.handlers import persistent
+from bpy.props import BoolProperty, IntProperty
+
+from .. import app_handlers, redrawing
 from ..engine.errors import FrogError
-from ..scene_import.capture_objects import stored_path
+from ..scene_import.capture_objects import plays, stored_path
 from ..training_task import runner
-from ..training_task.request import output_of, request_of
+from ..training_task.request import (
+    TrainingRequest,
+    can_train_longer,
+    longer_request,
+    output_of,
+    request_of,
+    steps_done,
+)
 from ..ui import capture_summary, preferences
 from .cancel_operator import CancelsTask
 from .training_result import importer
 
 
-class FROG_OT_train(bpy.types.Operator):
+def reason_not_to_train(settings: Any) -> str:
+    """Why no training can be started with the settings of a scene, as a sentence; empty where one can."""
+    if runner.is_running():
+        return "A training is already running."
+    if not settings.capture_folder:
+        return "No capture is selected. Choose the folder with the videos and cameras to train from."
+    summary = capture_summary.known(bpy.path.abspath(settings.capture_folder))
+    if summary is not None and summary.error:
+        return summary.error
+    if summary is not None and summary.raw_footage:
+        return "The cameras have to be calibrated first."
+    return preferences.torch_needed()
+
+
+class StartsTraining:
+    """A base next to ``bpy.types.Operator``: starts trainings, and tells why it cannot."""
+
+    @classmethod
+    def poll(cls: Any, context: bpy.types.Context) -> bool:
+        reason = reason_not_to_train(context.scene.frog)
+        cls.poll_message_set(reason)
+        return not reason
+
+    def begin(self: Any, settings: Any, request: TrainingRequest) -> None:
+        """Starts it; the scene's output becomes that of the request. FrogError if it cannot be started."""
+        preferences.make_torch_importable()
+        after = importer(settings.id_data) if settings.import_when_done else None
+        runner.begin(request.events, after)
+        if request.output == output_of(settings):
+            return
+        self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")
+        stored = stored_path(request.output)
+        if settings.output_path == settings.derived_output:  # another capture still changes it
+            settings.derived_output = stored
+        settings.output_path = stored
+
+
+class FROG_OT_train(StartsTraining, bpy.types.Operator):
     """Train a dynamic Gaussian scene from the capture, in the background"""
 
     bl_idname = "frog.train"
@@ -29,23 +77,87 @@ class FROG_OT_train(bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
 
+    @classmethod
+    def description(cls, _context: bpy.types.Context, properties: Any) -> str:
+        if properties.resume:
+            return "Go on with the training that was cancelled or interrupted, with the settings that it began with"
+        return ""
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         settings = context.scene.frog
         try:
-            request = request_of(settings, self.resume)
-            preferences.make_torch_importable()
-            after = importer(context.scene) if settings.import_when_done else None
-            runner.begin(request.events, after)
+            self.begin(settings, request_of(settings, self.resume))
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        if request.output != output_of(settings):
-            self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")
-            stored = stored_path(request.output)
-            if settings.output_path == settings.derived_output:  # another capture still changes it
-                settings.derived_output = stored
-            settings.output_path = stored
         return {"FINISHED"}
+
+
+class FROG_OT_train_longer(StartsTraining, bpy.types.Operator):
+    """Go on with the finished training, for more steps. Its scene stays as it is; the new one gets a number"""
+
+    bl_idname = "frog.train_longer"
+    bl_label = "Train Longer"
+
+    steps: IntProperty(
+        name="Steps in All",
+        description="Steps that the training has had in the end, with those that it had before",
+        min=1,
+        options={"SKIP_SAVE"},
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not super().poll(context):
+            return False
+        cls.poll_message_set("There is no finished training of this capture to go on with.")
+        return can_train_longer(context.scene.frog)
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        if not self.properties.is_property_set("steps"):
+            self.steps = 2 * steps_done(context.scene.frog)
+        return context.window_manager.invoke_props_dialog(self)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        settings = context.scene.frog
+        done = steps_done(settings)
+        steps = self.steps if self.properties.is_property_set("steps") else 2 * done
+        try:
+            if steps <= done:
+                raise FrogError(f"The training has had {done:,} steps already, expected more than that in all.")
+            self.begin(settings, longer_request(settings, steps))
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class FROG_OT_dismiss_training(bpy.types.Operator):
+    """Remove the report of the last training from the panel. Its files stay"""
+
+    bl_idname = "frog.dismiss_training"
+    bl_label = "Dismiss"
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        task = runner.current()
+        return task is not None and not task.is_running and not task.waiting
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        runner.set_current(None)
+        redrawing.sidebars()
+        redrawing.status_bars()
+        return {"FINISHED"}
+
+
+@persistent
+def forget_shown_training(*_: Any) -> None:
+    """Before another file is opened: the report of a training whose scene is in this one belongs to this one."""
+    task = runner.current()
+    if task is None or task.is_running or task.waiting or task.state.error or task.state.result is None:
+        return
+    if any(plays(scene, task.state.result) for scene in bpy.data.scenes):
+        runner.set_current(None)
 
 
 class FROG_OT_cancel_training(CancelsTask, bpy.types.Operator):
@@ -71,6 +183,7 @@ class FROG_OT_pause_training(bpy.types.Operator):
         task = runner.current()
         if task is not None:
             task.control.pause()
+            redrawing.status_bars()
         return {"FINISHED"}
 
 
@@ -88,6 +201,7 @@ class FROG_OT_resume_training(bpy.types.Operator):
         task = runner.current()
         if task is not None:
             task.control.resume()
+            redrawing.status_bars()
         return {"FINISHED"}
 
 
@@ -108,9 +222,25 @@ class FROG_OT_inspect_capture(bpy.types.Operator):
 
 _CLASSES = (
     FROG_OT_train,
+    FROG_OT_train_longer,
+    FROG_OT_dismiss_training,
     FROG_OT_pause_training,
     FROG_OT_resume_training,
     FROG_OT_cancel_training,
     FROG_OT_inspect_capture,
 )
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
+
+
+def _handlers() -> app_handlers.Handlers:
+    return [(bpy.app.handlers.load_pre, forget_shown_training)]
+
+
+def register() -> None:
+    _register_classes()
+    app_handlers.add(_handlers())
+
+
+def unregister() -> None:
+    app_handlers.remove(_handlers())
+    _unregister_classes()

@@ -56,7 +56,7 @@ def _of_same_capture(scene: bpy.types.Scene, path: Path) -> list[str]:
     for obj in playback.captures(scene.objects):
         try:
             header = playback.open_scene(playback.file_of(obj)).header
-        except FrogError:  # shown by the Captures panel
+        except FrogError:  # shown by the Scene panel
             continue
         if capture and header.capture_path == capture:
             found.append(playback.file_of(obj).name)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..engine.playback.render import Drawing
     from .viewport import Viewport
 
-SHUTTER_SAMPLES = 16  # frames that motion blur averages
+SHUTTER_SAMPLES = 16  # frames that motion blur averages, unless the scene says otherwise
 
 
 class FrogRenderEngine(bpy.types.RenderEngine):
@@ -152,7 +152,8 @@ def render_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph)
     render, frame = _settings(depsgraph), raw_frame(depsgraph.scene)
     if not render.use_motion_blur or render.motion_blur_shutter <= 0:
         return combined, depth, surface
-    samples = shutter_frames(frame, render.motion_blur_shutter, render.motion_blur_position)
+    number = _settings_scene(depsgraph).frog.motion_samples
+    samples = shutter_frames(frame, render.motion_blur_shutter, render.motion_blur_position, number)
     light = np.zeros_like(combined)
     with _restoring_frame(engine, depsgraph):
         for number, sample in enumerate(samples):
@@ -175,12 +176,12 @@ def _restoring_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
             engine.frame_set(math.floor(frame), frame % 1.0)
 
 
-def shutter_frames(frame: float, shutter: float, position: str) -> list[float]:
+def shutter_frames(frame: float, shutter: float, position: str, samples: int = SHUTTER_SAMPLES) -> list[float]:
     """The frames sampled while a shutter is open for ``shutter`` frames, placed by Blender's "START", "CENTER" or
     "END" of the frame.
     """
     first = frame + {"START": 0.0, "CENTER": -0.5, "END": -1.0}[position] * shutter
-    return [first + shutter * (number + 0.5) / SHUTTER_SAMPLES for number in range(SHUTTER_SAMPLES)]
+    return [first + shutter * (number + 0.5) / samples for number in range(samples)]
 
 
 def render_instant(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Passes:
@@ -221,10 +222,15 @@ def _options(depsgraph: bpy.types.Depsgraph, eye: bpy.types.Object, width: int, 
 
 
 def _settings(depsgraph: bpy.types.Depsgraph) -> bpy.types.RenderSettings:
-    """The render settings in effect: those of the followed scene while that is rendered."""
+    """The render settings in effect."""
+    return _settings_scene(depsgraph).render
+
+
+def _settings_scene(depsgraph: bpy.types.Depsgraph) -> bpy.types.Scene:
+    """The scene whose render settings are in effect: the followed one while that is rendered."""
     scene = depsgraph.scene
     first = renders.leading(scene.original)
-    return first.render if scene.original.frog.composed_with == first else scene.render
+    return first if scene.original.frog.composed_with == first else scene
 
 
 def _eye(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> bpy.types.Object:
@@ -269,14 +275,19 @@ def render_vectors(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgrap
 
 # Panels that other engines' settings fill with what FROG does not have.
 _FOREIGN_PANELS = {"VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes"}
+_FOREIGN_SUBJECTS = ("freestyle", "gpencil", "grease_pencil", "greasepencil", "_PT_simplify")
 
 
 def _stock_panels() -> list[type[bpy.types.Panel]]:
     return [
         panel
         for panel in bpy.types.Panel.__subclasses__()
-        if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and panel.__name__ not in _FOREIGN_PANELS
+        if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and not _is_foreign(panel.__name__)
     ]
+
+
+def _is_foreign(panel: str) -> bool:
+    return panel in _FOREIGN_PANELS or any(subject in panel for subject in _FOREIGN_SUBJECTS)
 
 
 def register() -> None:

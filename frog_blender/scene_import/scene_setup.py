@@ -132,7 +132,7 @@ def set_up(
         _set_time(scene, header, start_frame)
         if cameras:
             look_through(scene, cameras[0])
-        _show_colors_unchanged(scene)
+        show_colors_unchanged(scene)
         if hasattr(scene, "cycles"):  # the default of 8 bounces loses two thirds of the light
             scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, _LAYERS)
         # A window draws while a render evaluates frames in its own thread; locked, they do not share the Gaussians.
@@ -155,7 +155,14 @@ def _set_time(scene: bpy.types.Scene, header: SceneHeader, start_frame: float) -
     scene.render.fps, scene.render.fps_base = whole, whole / max(header.frames_per_second, 0.01)
 
 
-def _show_colors_unchanged(scene: bpy.types.Scene) -> None:
+def are_colors_unchanged(scene: bpy.types.Scene) -> bool:
+    """Whether the scene shows colors as they were filmed."""
+    settings = scene.view_settings
+    return settings.view_transform == "Standard" and settings.look == "None"
+
+
+def show_colors_unchanged(scene: bpy.types.Scene) -> None:
+    """Shows colors as they were filmed: no view transform, look or dithering."""
     for name, value in (("view_transform", "Standard"), ("look", "None")):
         try:
             setattr(scene.view_settings, name, value)

@@ -79,6 +79,16 @@ def remains(folder: Path) -> list[Path]:
     return found
 
 
+def remove(folder: Path) -> bool:
+    """Removes every installation of ``folder``; those in use stay until the next start. True if none is left."""
+    (folder.parent / f"{folder.name}{_POINTER}").unlink(missing_ok=True)
+    found = folder.parent.glob(f"{glob.escape(folder.name)}*")
+    versions = [path for path in found if _is_version(path.name, folder) and path.is_dir() and not path.is_symlink()]
+    for path in versions:
+        _discard(path, folder)
+    return not any(path.exists() for path in versions)
+
+
 def _is_version(name: str, folder: Path) -> bool:
     return re.fullmatch(rf"{re.escape(folder.name)}(-\d+)?", name) is not None
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..engine.errors import FrogError, brief
 from .folders import has_package, package_of, partial_prefix, switch_to
-from .packages import BYTES_NEEDED, PACKAGES
+from .packages import BYTES_NEEDED, CPU, PACKAGES
 from .pip_run import PipRun, pip_command
 
 
@@ -39,7 +39,7 @@ class Installation:
         packages: Sequence[str] = PACKAGES,
         *,
         pip: Sequence[str] | None = None,
-        bytes_needed: float = BYTES_NEEDED,
+        bytes_needed: float = BYTES_NEEDED[CPU],
     ) -> None:
         self.folder, self.error = folder, ""
         self.running = self.done = False

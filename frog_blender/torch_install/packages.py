@@ -21,9 +21,12 @@ PACKAGES = ("torch", *_READING, *_CALIBRATION)
 """Packages that training, reading captures and calibrating need and Blender's Python lacks."""
 CALIBRATION_PACKAGES = (*_CALIBRATION, *_READING)
 """Packages for whoever has torch, or only wants to calibrate."""
-SIZES = "about 0.4 GB for the CPU only (1.2 GB on disk), about 3 GB with CUDA (7 GB on disk)"
+CPU, CUDA = "CPU", "CUDA"
+"""Builds of torch."""
+SIZES = {CPU: "about 0.4 GB (1.2 GB on disk)", CUDA: "about 3 GB (7 GB on disk)"}
 CALIBRATION_SIZES = "about 0.15 GB (0.4 GB on disk)"
-BYTES_NEEDED = 1.7e9  # while the smaller of the two is unpacked
+BYTES_NEEDED = {CPU: 1.7e9, CUDA: 10e9}
+"""Of the disk, while a build is unpacked."""
 CALIBRATION_BYTES_NEEDED = 0.6e9
 
 
@@ -36,11 +39,20 @@ def has_nvidia_gpu(system: str = sys.platform) -> bool:
     return any(driver.exists() for driver in drivers)
 
 
-def build_advice(system: str = sys.platform, has_gpu: bool | None = None) -> str:
-    """What to do where pip's own index serves a build of torch that does not suit this computer; "" where it does."""
+def suitable_build(system: str = sys.platform, has_gpu: bool | None = None) -> str:
+    """The build that this computer can use."""
     has_gpu = has_nvidia_gpu(system) if has_gpu is None else has_gpu
-    if system == "linux" and not has_gpu:
-        return "No NVIDIA GPU: name PyTorch's index for the CPU above, or pip downloads the larger build with CUDA."
-    if system == "win32" and has_gpu:
-        return "An NVIDIA GPU: name PyTorch's index for CUDA above, or pip downloads the build for the CPU."
-    return ""
+    return CUDA if has_gpu and system != "darwin" else CPU
+
+
+def served_build(system: str = sys.platform) -> str:
+    """The build that pip's own index serves for this kind of computer; the other one is on PyTorch's."""
+    return CUDA if system == "linux" else CPU
+
+
+def index_needed(build: str, system: str = sys.platform) -> str:
+    """What to do to get a build that pip's own index does not serve, as a sentence; "" where it does."""
+    if build == served_build(system):
+        return ""
+    what = "for the CPU" if build == CPU else "with CUDA"
+    return f"The build {what} comes from PyTorch's own index: its site's Get Started page shows the address."

@@ -12,7 +12,7 @@ from .. import addon_state
 from .folders import CALIBRATION, TORCH, clear_remains, remains
 from .installer import Installation
 from .landmarks import LandmarkDownload
-from .packages import CALIBRATION_BYTES_NEEDED, CALIBRATION_PACKAGES
+from .packages import BYTES_NEEDED, CALIBRATION_BYTES_NEEDED, CALIBRATION_PACKAGES, CPU
 
 TICK_SECONDS = 0.5
 STOP_SECONDS = 10.0  # seconds for a cancelled installation to clean up when the add-on is disabled
@@ -42,13 +42,14 @@ def is_running() -> bool:
     return installation is not None and installation.running
 
 
-def begin(arguments: Sequence[str], on_done: Callable[[Path], None]) -> None:
+def begin(arguments: Sequence[str], on_done: Callable[[Path], None], *, build: str = CPU) -> None:
     """Starts an installation of all packages with additional arguments for pip; FrogError if it cannot be started.
 
     Args:
         on_done: is given the folder when all is done, on Blender's main thread.
+        build: of torch, which tells how much disk it needs.
     """
-    _begin(Installation(folder(), arguments), on_done)
+    _begin(Installation(folder(), arguments, bytes_needed=BYTES_NEEDED[build]), on_done)
 
 
 def begin_calibration(arguments: Sequence[str], on_done: Callable[[Path], None]) -> None:

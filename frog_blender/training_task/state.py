@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,8 +33,10 @@ class TrainingState:
     psnr: float | None = None
     psnr_split: str = ""
     preview: np.ndarray | None = None  # (H, W, 3) uint8, the latest
+    report_image: np.ndarray | None = None  # (H, W, 3) uint8, what moves and what does not
     warnings: list[str] = field(default_factory=list)
     result: Path | None = None  # the finished scene, or what a cancelled training left
+    result_bytes: int = 0  # of the finished scene's file
     note: str = ""  # what happened to the result in Blender, if not as expected
     cancelled: bool = False
     error: str = ""
@@ -42,6 +45,19 @@ class TrainingState:
     def fraction(self) -> float:
         """How much of the present stage is done, 0 to 1."""
         return self.step / self.steps if self.steps and not self.stage else self.stage_fraction
+
+    @property
+    def sentence(self) -> str:
+        """What a finished training made: ``4,100 of 33,000 splats move; file 1.1 MB; quality 33.8 dB.``"""
+        splats = f"{self.moving:,} of {self.gaussians:,} splats move"
+        if self.moving in (0, self.gaussians):
+            splats = f"{self.gaussians:,} splats, {'none' if self.moving == 0 else 'all'} of which move"
+        parts = [splats]
+        if self.result_bytes:
+            parts.append(f"file {_size(self.result_bytes)}")
+        if self.psnr is not None:
+            parts.append(f"quality {self.psnr:.1f} dB")
+        return f"{'; '.join(parts)}."
 
     def take(self, event: Event) -> None:
         """Apply an event of the engine (``engine.training.session.events``)."""
@@ -55,8 +71,10 @@ class TrainingState:
                 self.gaussians, self.moving = event.gaussians, event.num_dynamic
             case kinds.Reduced():
                 self.capacity.append(event.message)
-            case kinds.CompressionPreview() | kinds.Preview():
+            case kinds.Preview():
                 self.preview = event.image
+            case kinds.CompressionPreview():
+                self.report_image = event.image
             case kinds.Stage():
                 self.stage, self.stage_fraction = event.name.capitalize(), event.done / max(event.total, 1)
             case kinds.Started():
@@ -73,9 +91,16 @@ class TrainingState:
 
     def _finish(self, event: Finished) -> None:
         self.result = Path(event.path)  # first: the file exists, whatever else is wrong with the event
-        self.step, self.steps, self.seconds = event.steps, event.steps, event.seconds
+        self.step, self.steps = event.steps, event.steps
+        self.seconds = sum(event.phases.values()) or event.seconds  # by the clock, as it was promised
+        with suppress(OSError):
+            self.result_bytes = self.result.stat().st_size
         self.gaussians = event.gaussians
         self.psnr = event.psnr if event.psnr is not None else self.psnr
         if event.capacity:
             self.moving = event.capacity["dynamic"]
             self.capacity = [summary(event.capacity), *lines(event.capacity)]
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:,.1f} MB" if count >= 1e5 else f"{count / 1e3:,.0f} KB"

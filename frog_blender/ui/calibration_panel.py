@@ -97,7 +97,7 @@ class FROG_PT_cameras(bpy.types.Panel):
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "FRoG"
-    bl_parent_id = "FROG_PT_train"
+    bl_parent_id = "FROG_PT_capture"
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
@@ -138,7 +138,7 @@ class FROG_PT_synchronization(bpy.types.Panel):
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "FRoG"
-    bl_parent_id = "FROG_PT_train"
+    bl_parent_id = "FROG_PT_capture"
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod

@@ -149,9 +149,9 @@ def _lines(capture: Capture) -> tuple[str, ...]:
     if capture.test_cameras:
         cameras += f", {len(capture.test_cameras)} held out"
     return (
-        f"Format: {capture.format}",
-        f"Cameras: {cameras}",
-        f"Frames: {capture.frame_count} at {capture.frames_per_second:g} per second",
-        f"Size: {size} pixels",
+        f"{cameras[0].upper()}{cameras[1:]}",
+        f"{capture.frame_count} frames at {capture.frames_per_second:g} per second",
+        f"{size} pixels",
         *(f"Masks: {line}" for line in mask_lines(capture)),
+        f"Read as {capture.format.replace('_', ' ')}",
     )

@@ -1,4 +1,4 @@
-"""The Captures panel of the FRoG tab."""
+"""The Scene panel of the FRoG tab: the captures of this scene, and what the chosen one plays."""
 
 from __future__ import annotations
 
@@ -9,69 +9,139 @@ import bpy
 from .. import capture_files, point_cloud
 from ..nodes import ellipsoid_nodes
 from ..relative_paths import library_of
-from ..render.compositing import renders
-from ..scene_import.scene_setup import is_set_up
+from ..scene_import.capture_objects import cameras_of
 from ..timeline import open_scenes, playback, playback_cache, retiming
 from . import refreshing
+from .capture_list import chosen_capture
 from .text import wrapped_label
 
 
 class FROG_PT_captures(bpy.types.Panel):
-    """The captures of this scene and what they play."""
+    """The captures of this scene."""
 
-    bl_label = "Captures"
+    bl_label = "Scene"
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "FRoG"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
         layout.operator("import_scene.frog", icon="IMPORT")
         captures = list(playback.captures(context.scene.objects))
-        if captures and not is_set_up(context.scene):
-            layout.operator("frog.set_up_scene", icon="SCENE_DATA")
-        if captures:
-            layout.prop(context.scene.frog, "viewport_drawing")
+        if len(captures) > 1:
+            settings = context.scene.frog
+            layout.template_list("FROG_UL_captures", "", context.scene, "objects", settings, "capture_index", rows=3)
         for obj in captures:
-            box = layout.box()
-            box.label(text=obj.name, icon="OUTLINER_OB_POINTCLOUD")
-            box.prop(obj.frog, "filepath", text="")
-            _draw_timing(box, obj.frog)
-            problem = retiming.problem(obj, context.scene.frame_current_final)
-            if problem:
-                wrapped_label(box, problem, context, icon="ERROR")
             if outdated(obj):
                 refreshing.soon()
-            error = open_scenes.problem(playback.file_of(obj))
-            if error:
-                wrapped_label(box, error, context, icon="ERROR")
-                if open_scenes.is_missing(playback.file_of(obj)) and library_of(obj) is None:
-                    box.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
-            else:
-                packed = capture_files.packed_bytes(obj) / playback_cache.MEGABYTE
-                text = f", packed into the .blend ({packed:,.1f} MB)" if packed else ""
-                box.label(text=f"{point_cloud.count(obj):,} Gaussians{text}")
-                row = box.row()
-                row.enabled = point_cloud.count(obj) <= ellipsoid_nodes.MOST
-                row.prop(obj.frog, "display")
-                box.prop(obj.frog, "density", slider=True)
-                box.prop(obj.frog, "render_density", slider=True)
-                _draw_bake(box, obj, context)
-        _draw_lock(layout, context)
+            _draw_problem(layout, obj, context)
+        chosen = chosen_capture(context)
+        if chosen is None:
+            return
+        layout.prop(chosen.frog, "filepath", text="")
+        if not open_scenes.problem(playback.file_of(chosen)):
+            packed = capture_files.packed_bytes(chosen) / playback_cache.MEGABYTE
+            text = f", packed into the .blend ({packed:,.1f} MB)" if packed else ""
+            layout.label(text=f"{point_cloud.count(chosen):,} Gaussians{text}", icon="OUTLINER_OB_POINTCLOUD")
+        layout.operator("frog.align_to_floor", icon="GRID")
+        if context.object is not None and context.object.type == "CAMERA":
+            layout.operator("frog.look_through", icon="VIEW_CAMERA")
+        if cameras_of(chosen):
+            row = layout.row(align=True)
+            row.operator("frog.add_clips", icon="FILE_MOVIE")
+            row.operator("frog.hide_clips", text="Hide", icon="HIDE_ON")
+
+
+class _OfChosen:
+    """Base of sub-panels about the chosen capture."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "FRoG"
+    bl_parent_id = "FROG_PT_captures"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        chosen = chosen_capture(context)
+        return chosen is not None and not open_scenes.problem(playback.file_of(chosen))
+
+
+class FROG_PT_timing(_OfChosen, bpy.types.Panel):
+    """When the chosen capture plays, and how fast."""
+
+    bl_label = "Timing"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return super().poll(context) and _is_moving(chosen_capture(context))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = _split(self.layout), chosen_capture(context).frog
+        layout.prop(settings, "use_remap")
+        names = ("shown_frame",) if settings.use_remap else ("start_frame", "speed", "repeat")
+        for name in names:
+            layout.prop(settings, name)
+
+
+class FROG_PT_display(_OfChosen, bpy.types.Panel):
+    """How other engines and shading modes show the chosen capture."""
+
+    bl_label = "Display"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, chosen = _split(self.layout), chosen_capture(context)
+        layout.prop(context.scene.frog, "viewport_drawing")
+        row = layout.row()
+        row.enabled = point_cloud.count(chosen) <= ellipsoid_nodes.MOST
+        row.prop(chosen.frog, "display")
+        if not row.enabled:
+            sentence = f"Ellipsoids are for at most {ellipsoid_nodes.MOST:,} Gaussians. Lower the density to see them."
+            wrapped_label(layout, sentence, context, icon="INFO")
+        layout.prop(chosen.frog, "density", text="Viewport Density", slider=True)
+        layout.prop(chosen.frog, "render_density", text="Render Density", slider=True)
+
+
+class FROG_PT_bake(_OfChosen, bpy.types.Panel):
+    """Playback of large captures: what is kept in memory and on disk."""
+
+    bl_label = "Playback"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return super().poll(context) and _is_moving(chosen_capture(context))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = _split(self.layout)
+        _draw_bake(layout, chosen_capture(context), context)
         row = layout.row(align=True)
         row.label(text=playback_cache.summary(), icon="MEMORY")
         row.operator("frog.clear_cache", text="", icon="TRASH")
-        if context.object is not None and context.object.type == "CAMERA":
-            layout.operator("frog.look_through", icon="VIEW_CAMERA")
-        row = layout.row(align=True)
-        row.operator("frog.add_clips", icon="FILE_MOVIE")
-        row.operator("frog.hide_clips", text="", icon="HIDE_ON")
-        layout.operator("frog.align_to_floor", icon="GRID")
-        layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
-        for problem in renders.problems():
-            wrapped_label(layout, problem, context, icon="ERROR")
+
+
+def _split(layout: Any) -> Any:
+    """The layout, with names of settings in a column of their own."""
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+    return layout
+
+
+def _is_moving(obj: bpy.types.Object) -> bool:
+    return playback.open_scene(playback.file_of(obj)).header.frame_count > 1
+
+
+def _draw_problem(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.types.Context) -> None:
+    """Draws why a capture does not play, and what finds its file."""
+    late = retiming.problem(obj, context.scene.frame_current_final)
+    if late:
+        wrapped_label(layout, late, context, icon="ERROR")
+    file = playback.file_of(obj)
+    error = open_scenes.problem(file)
+    if not error:
+        return
+    wrapped_label(layout, error, context, icon="ERROR")
+    if open_scenes.is_missing(file) and library_of(obj) is None:
+        layout.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
 
 
 def outdated(obj: bpy.types.Object) -> bool:
@@ -83,24 +153,6 @@ def outdated(obj: bpy.types.Object) -> bool:
         return True
     is_played = not open_scenes.problem(file) and not retiming.problem(obj, 0.0)
     return is_played and open_scenes.is_bake_outdated(playback.bake_path(obj), file)
-
-
-def _draw_lock(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Explains why points do not move in other engines' animations."""
-    render = context.scene.render
-    if render.engine == "FROG" or render.use_lock_interface or not any(playback.captures(context.scene.objects)):
-        return
-    wrapped_label(
-        layout, "Captures do not move in animations of this engine unless Lock Interface is on.", context, icon="INFO"
-    )
-    layout.prop(render, "use_lock_interface")
-
-
-def _draw_timing(layout: bpy.types.UILayout, settings: Any) -> None:
-    layout.prop(settings, "use_remap")
-    names = ("shown_frame",) if settings.use_remap else ("start_frame", "speed", "repeat")
-    for name in names:
-        layout.prop(settings, name)
 
 
 def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.types.Context) -> None:
@@ -119,9 +171,9 @@ def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.t
     if problem or bake is not None:
         row.operator("frog.clear_bake", text="", icon="TRASH").object_name = obj.name
     column = layout.column()
-    column.prop(obj.frog, "bake_folder")
-    column.prop(obj.frog, "bake_megabytes")
+    column.prop(obj.frog, "bake_folder", text="Folder")
+    column.prop(obj.frog, "bake_megabytes", text="Limit (MB)")
 
 
-_CLASSES = (FROG_PT_captures,)
+_CLASSES = (FROG_PT_captures, FROG_PT_timing, FROG_PT_display, FROG_PT_bake)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -2,6 +2,7 @@
 
 # mypy: disable-error-code="valid-type"
 
+import importlib.metadata
 import importlib.util
 import sys
 from pathlib import Path
@@ -16,8 +17,9 @@ from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
 from ..timeline import playback_cache
 from ..torch_install import task
-from ..torch_install.folders import CALIBRATION, installed
-from ..torch_install.packages import CALIBRATION_SIZES, PYCOLMAP, SIZES, build_advice, has_pycolmap_wheel
+from ..torch_install.folders import CALIBRATION, TORCH, installed
+from ..torch_install.packages import CALIBRATION_SIZES, SIZES, has_nvidia_gpu, has_pycolmap_wheel, suitable_build
+from .text import wrapped_label
 
 
 def _on_cache_limit(settings: Any, _context: bpy.types.Context) -> None:
@@ -50,25 +52,47 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
         update=_on_cache_limit,
     )
 
-    def draw(self, _context: bpy.types.Context) -> None:
+    def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "cache_megabytes")
         layout.prop(self, "torch_path")
-        layout.label(text=torch_needed() or "torch is available: training is possible.", icon="INFO")
+        layout.label(text=_torch_found() or torch_needed(), icon="INFO")
         layout.label(text="Opening, scrubbing and rendering a .frog file does not need torch.")
+        if installed(task.folder()) is not None:
+            layout.operator("frog.remove_torch", icon="TRASH")
         if torch_needed():
             layout.prop(self, "package_index")
-            if not _draw_running(layout):
-                layout.operator("frog.install_torch", icon="IMPORT")
-                layout.label(text=f"Downloads torch, OpenCV and pycolmap {PYCOLMAP}: {SIZES}.")
-                if build_advice():
-                    layout.label(text=build_advice())
+            draw_torch_installation(layout, context)
         elif calibration_needed():
             layout.label(text=calibration_needed(), icon="INFO")
             draw_calibration_installation(layout)
         else:
             draw_landmarks(layout)
+
+
+def draw_torch_installation(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draws the button that installs torch, with its size and what it waits for, or the running installation."""
+    if _draw_running(layout):
+        return
+    layout.operator("frog.install_torch", icon="IMPORT")
+    if not bpy.app.online_access:
+        wrapped_label(layout, "Allow Online Access first: Preferences > System > Network.", context, icon="INFO")
+        return
+    wrapped_label(layout, f"Downloads {SIZES[suitable_build()]} for this computer. It asks first.", context)
+
+
+def _torch_found() -> str:
+    """Which torch there is, and what it can compute on; an empty string if there is none."""
+    if torch_needed():
+        return ""
+    add_environment()
+    try:
+        version = importlib.metadata.version("torch")
+    except importlib.metadata.PackageNotFoundError:
+        version = "without a version"
+    gpu = "an NVIDIA graphics card" if has_nvidia_gpu() else "no NVIDIA graphics card"
+    return f"torch {version} is available: training is possible. This computer has {gpu}."
 
 
 def draw_calibration_installation(layout: bpy.types.UILayout) -> None:
@@ -118,6 +142,17 @@ def use_installation(folder: Path) -> None:
     add_folder(folder)
 
 
+def forget_installation() -> None:
+    """Lets the preferences no longer name what *Install torch* had installed."""
+    preferences, place = _preferences(), task.folder().parent
+    named = preferences.torch_path if preferences is not None else ""
+    if named and Path(bpy.path.abspath(named)).parent == place:
+        preferences.torch_path = ""
+    ours = [path for path in sys.path if Path(path).parent == place and Path(path).name.startswith(TORCH)]
+    sys.path[:] = [path for path in sys.path if path not in ours]
+    importlib.invalidate_caches()
+
+
 def torch_path() -> str:
     """The folder set in the preferences, or that of *Install torch*; otherwise an empty string."""
     preferences = _preferences()
@@ -137,8 +172,8 @@ def torch_needed() -> str:
     folder = torch_path()
     if not folder:
         return (
-            f"Training needs torch. Install it in the add-on's preferences, or choose an environment of "
-            f"Python {python} there that has it."
+            f"Training needs torch. Install it, or choose an environment of Python {python} that has it in the "
+            "add-on's preferences."
         )
     try:
         site_packages(Path(bpy.path.abspath(folder)))

@@ -7,7 +7,17 @@ from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
 SUBFOLDER = "frog_blender/training"
-PRESET_SETTINGS = ("recipe", "device", "capacity", "steps", "image_scale", "holdout_frames", "import_when_done")
+PRESET_SETTINGS = (
+    "recipe",
+    "device",
+    "capacity",
+    "steps",
+    "minutes",
+    "image_scale",
+    "holdout_frames",
+    "max_gaussians",
+    "import_when_done",
+)
 """Properties of ``Scene.frog`` that a preset stores: how to train, not what."""
 
 
@@ -38,6 +48,14 @@ class FROG_PT_training_presets(PresetPanel, bpy.types.Panel):
     preset_subdir = SUBFOLDER
     preset_operator = "script.execute_preset"
     preset_add_operator = "frog.training_preset_add"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        if bpy.utils.preset_paths(SUBFOLDER):
+            super().draw(context)
+            return
+        # Before the first preset Blender would speak of missing paths.
+        self.layout.label(text="No presets yet")
+        self.layout.operator(self.preset_add_operator, text="Keep These Settings", icon="ADD")
 
 
 def draw_button(panel: bpy.types.Panel) -> None:

@@ -10,6 +10,7 @@ from ..training_task import runner
 from ..training_task.state import TrainingState
 
 NAME = "training"
+REPORT = "training report"
 
 
 class PreviewIcons:
@@ -52,8 +53,9 @@ def show(image: np.ndarray | None, name: str = NAME) -> None:
 
 
 def show_training(state: TrainingState) -> None:
-    """Shows the latest preview of a training."""
+    """Shows the latest preview of a training, and the image that tells what moves."""
     show(state.preview)
+    show(state.report_image, REPORT)
 
 
 def icon_id(name: str = NAME) -> int:

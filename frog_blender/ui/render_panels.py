@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import bpy
 
+from ..render.world import background_node
+from ..timeline import playback
+from .render_panel import draw_colors, draw_with_objects
+from .text import wrapped_label
+
 
 class _EnginePanel:
     """Base of panels that are shown while FROG is the render engine."""
@@ -26,7 +31,56 @@ class FROG_PT_film(_EnginePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         self.layout.use_property_split = True
         self.layout.prop(context.scene.render, "film_transparent", text="Transparent")
-        self.layout.prop(context.scene.frog, "hold_out")
+        row = self.layout.row()
+        row.use_property_split = False  # its name is longer than half of the panel
+        row.prop(context.scene.frog, "hold_out")
+
+
+class FROG_PT_motion_blur(_EnginePanel, bpy.types.Panel):
+    """Motion blur: Blender's own settings, whose panels belong to its engines."""
+
+    bl_label = "Motion Blur"
+    bl_context = "render"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        self.layout.prop(context.scene.render, "use_motion_blur", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, scene = self.layout, context.scene
+        layout.use_property_split = True
+        layout.active = scene.render.use_motion_blur
+        layout.prop(scene.render, "motion_blur_position", text="Position")
+        layout.prop(scene.render, "motion_blur_shutter")
+        layout.prop(scene.frog, "motion_samples")
+        sentence = f"Each image takes as long as {scene.frog.motion_samples:,} without motion blur."
+        wrapped_label(layout, sentence, context, icon="TIME")
+
+
+class FROG_PT_background(_EnginePanel, bpy.types.Panel):
+    """The color behind the splats, which is the world's."""
+
+    bl_label = "Background"
+    bl_context = "world"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return super().poll(context) and context.scene is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, world = self.layout, context.scene.world
+        layout.use_property_split = True
+        if context.scene.render.film_transparent:
+            wrapped_label(layout, "Not drawn: Render > Film > Transparent is on.", context, icon="INFO")
+        if world is None:
+            wrapped_label(layout, "Without a world, the background is the capture's own.", context, icon="INFO")
+            return
+        node = background_node(world)
+        if node is None:
+            layout.prop(world, "color")
+            return
+        layout.prop(node.inputs["Color"], "default_value", text="Color")
+        layout.prop(node.inputs["Strength"], "default_value", text="Strength")
 
 
 class FROG_PT_passes(_EnginePanel, bpy.types.Panel):
@@ -42,5 +96,22 @@ class FROG_PT_passes(_EnginePanel, bpy.types.Panel):
         self.layout.prop(context.view_layer, "use_pass_object_index", text="Object Index")
 
 
-_CLASSES = (FROG_PT_film, FROG_PT_passes)
+class FROG_PT_with_objects(bpy.types.Panel):
+    """Captures among the objects of another engine's scene, where renders are set up."""
+
+    bl_label = "FRoG Captures"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return next(playback.captures(context.scene.objects), None) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        draw_with_objects(self.layout)
+        draw_colors(self.layout, context)
+
+
+_CLASSES = (FROG_PT_with_objects, FROG_PT_film, FROG_PT_motion_blur, FROG_PT_background, FROG_PT_passes)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +10,16 @@ import bpy
 from ..scene_import.capture_objects import plays
 from ..scene_import.scene_setup import is_set_up
 from ..training_task import runner
-from ..training_task.request import can_resume
+from ..training_task.request import can_resume, can_train_longer
 from ..training_task.state import TrainingState
-from . import calibration_panel, capture_summary, preferences, presets, preview_image, refreshing, training_time
+from . import preferences, presets, preview_image, training_choices, training_time
 from .text import duration, wrapped_label
+
+_LEGEND = "Orange moves, blue stands still, red dots were left out."
 
 
 class FROG_PT_train(bpy.types.Panel):
-    """Settings, start and progress of a training."""
+    """Start, progress and result of a training."""
 
     bl_label = "Train"
     bl_space_type = "VIEW_3D"
@@ -32,19 +33,43 @@ class FROG_PT_train(bpy.types.Panel):
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
-        settings = context.scene.frog
-        layout.prop(settings, "capture_folder")
-        if settings.capture_folder:
-            _draw_capture(layout, bpy.path.abspath(settings.capture_folder), context)
-            _draw_masks(layout, settings)
-        layout.prop(settings, "output_path")
-        layout.prop(settings, "recipe")
-        layout.prop(settings, "device")
-        layout.prop(settings, "import_when_done")
-        _draw_start(layout, settings, context)
-        task = runner.current()
+        settings, task = context.scene.frog, runner.current()
+        if not runner.is_running():
+            layout.prop(settings, "recipe")
+            layout.prop(settings, "output_path")
+            _draw_start(layout, settings, context)
         if task is not None:
             _draw_training(layout, task, settings, context)
+
+
+class FROG_PT_train_report(bpy.types.Panel):
+    """What a training says in numbers, and what it left out."""
+
+    bl_label = "Report"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "FRoG"
+    bl_parent_id = "FROG_PT_train"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        task = runner.current()
+        return task is not None and task.state.step > 0
+
+    def draw(self, context: bpy.types.Context) -> None:
+        task = runner.current()
+        if task is None:
+            return
+        layout, state = self.layout, task.state
+        if state.result is not None:
+            wrapped_label(layout, f"Saved: {state.result}", context, icon="FILE_TICK")
+        _draw_figures(layout, state, context)
+        for line in state.capacity:
+            wrapped_label(layout, line, context, icon="MOD_DECIM")
+        if state.report_image is not None:
+            preview_image.draw(layout, context, preview_image.REPORT)
+            wrapped_label(layout, _LEGEND, context)
 
 
 class FROG_PT_train_advanced(bpy.types.Panel):
@@ -58,56 +83,69 @@ class FROG_PT_train_advanced(bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
+        layout, settings = self.layout, context.scene.frog
         layout.use_property_split = True
         layout.use_property_decorate = False
-        for name in ("capacity", "steps", "image_scale", "holdout_frames"):
-            layout.prop(context.scene.frog, name)
+        layout.prop(settings, "import_when_done")
+        layout.prop(settings, "device")
+        layout.prop(settings, "capacity")
+        layout.prop(settings, "length")
+        if settings.length == "RECIPE":
+            _draw_resolved(layout, f"{training_choices.usual_steps(settings):,} steps")
+        else:
+            layout.prop(settings, "steps" if settings.length == "STEPS" else "minutes")
+        scale = training_choices.usual_image_scale(settings)
+        _draw_choice(layout, settings, "has_image_scale", "image_scale", f"{scale:.2f} of their size")
+        most = training_choices.usual_gaussians(settings)
+        _draw_choice(layout, settings, "has_max_gaussians", "max_gaussians", f"{most:,} at most")
+        layout.prop(settings, "holdout")
+        if settings.holdout == "FRAMES":
+            layout.prop(settings, "holdout_frames", text="n")
+        elif settings.holdout == "CAPTURE":
+            _draw_resolved(layout, _left_out(settings))
+        layout.prop(settings, "pixel_offsets")
 
 
-def _draw_capture(layout: bpy.types.UILayout, folder: str, context: bpy.types.Context) -> None:
-    summary = capture_summary.known(folder)
-    if capture_summary.is_outdated(folder):
-        refreshing.soon(folder, partial(capture_summary.inspect, folder))
-    if summary is None:  # a file was just opened: reading takes time, so the user decides
-        layout.operator("frog.inspect_capture", icon="VIEWZOOM")
-        return
-    box = layout.box()
-    column = box.column(align=True)
-    for line in summary.lines:
-        wrapped_label(column, line, context)
-    for warning in summary.warnings:
-        wrapped_label(box, warning, context, icon="INFO")
-    calibration_panel.draw_calibration(box, Path(folder), summary, context)
-    if summary.error:
-        wrapped_label(box, summary.error, context, icon="ERROR")
-        box.operator("frog.inspect_capture", text="Check Again", icon="FILE_REFRESH")
+def _draw_choice(layout: bpy.types.UILayout, settings: Any, switch: str, name: str, usual: str) -> None:
+    """Draws a check box, with the value behind it if it is on, otherwise with what holds without it."""
+    layout.prop(settings, switch)
+    if getattr(settings, switch):
+        layout.prop(settings, name)
+    else:
+        _draw_resolved(layout, usual)
 
 
-def _draw_masks(layout: bpy.types.UILayout, settings: Any) -> None:
-    layout.prop(settings, "masks")
-    if settings.masks == "key":
-        row = layout.row(align=True)
-        row.prop(settings, "key_color")
-        row.prop(settings, "key_tolerance", text="")
+def _draw_resolved(layout: bpy.types.UILayout, text: str) -> None:
+    """Draws what a setting comes to, where values of settings stand."""
+    split = layout.split(factor=0.4)
+    split.label(text="")
+    split.label(text=text)
+
+
+def _left_out(settings: Any) -> str:
+    """What is not trained on by default, in a few words."""
+    capture = training_choices.known_capture(settings)
+    if capture is None:
+        return "known once a capture is chosen"
+    return ", ".join(sorted(capture.test_cameras)) or ("some frames" if capture.test_frames else "nothing")
 
 
 def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Context) -> None:
     """Draws the estimated duration and the buttons that start a training."""
-    if runner.is_running():
-        return
-    summary = capture_summary.known(bpy.path.abspath(settings.capture_folder)) if settings.capture_folder else None
-    if summary is not None and summary.capture is not None:
-        wrapped_label(layout, training_time.expected(settings, summary.capture), context, icon="TIME")
+    capture = training_choices.known_capture(settings)
+    if capture is not None:
+        wrapped_label(layout, training_time.expected(settings, capture), context, icon="TIME")
     needed = preferences.torch_needed()
     if needed:
         wrapped_label(layout, needed, context, icon="ERROR")
+        preferences.draw_torch_installation(layout, context)
     row = layout.row()
     row.scale_y = 1.5
-    row.enabled = not needed and not (summary is not None and summary.raw_footage)
     row.operator("frog.train", icon="PLAY")
     if can_resume(settings):
         row.operator("frog.train", text="Resume", icon="FRAME_NEXT").resume = True
+    elif can_train_longer(settings):
+        row.operator("frog.train_longer", icon="FRAME_NEXT")
 
 
 def _draw_training(
@@ -118,56 +156,59 @@ def _draw_training(
     _draw_progress(box, task, context)
     if state.result is not None:
         _draw_result(box, state, state.result, context)
-    _draw_figures(box, state, context)
-    for line in state.capacity:
-        wrapped_label(box, line, context, icon="MOD_DECIM")
     for warning in state.warnings[-3:]:
         wrapped_label(box, warning, context, icon="INFO")
-    preview_image.draw(box, context)
+    if state.result is None or not plays(context.scene, state.result):  # else the viewport shows more
+        preview_image.draw(box, context)
     if state.running:
         box.prop(settings, "preview_camera")
 
 
 def _draw_progress(box: bpy.types.UILayout, task: runner.TrainingTask, context: bpy.types.Context) -> None:
-    """Draws the progress or result, and the buttons to pause and cancel."""
+    """Draws the progress or result, and the buttons to pause, cancel and dismiss."""
     state = task.state
     if state.running:
         text = state.stage or f"Step {state.step:,} of {state.steps:,}"
         box.progress(factor=state.fraction, text=f"Paused: {text}" if task.paused else text)
+        if not state.stage and state.step:
+            box.label(text=f"Time left: {duration(state.seconds_left)}", icon="TIME")
         row = box.row(align=True)
         if task.paused:
             row.operator("frog.resume_training", icon="PLAY")
         else:
             row.operator("frog.pause_training", icon="PAUSE")
         row.operator("frog.cancel_training", icon="CANCEL")
-    elif state.error:
-        wrapped_label(box, state.error, context, icon="ERROR")
+        return
+    row = box.row()
+    if state.error:
+        wrapped_label(row.column(), state.error, context, icon="ERROR")
     elif state.cancelled:
         text = f"Cancelled at step {state.step:,}." if state.step else "Cancelled before the first step."
-        box.label(text=text, icon="CANCEL")
+        row.label(text=text, icon="CANCEL")
     else:
-        box.label(text=f"Finished in {duration(state.seconds)}.", icon="CHECKMARK")
+        row.label(text=f"Finished in {duration(state.seconds)}.", icon="CHECKMARK")
+    row.operator("frog.dismiss_training", text="", icon="X", emboss=False)
 
 
 def _draw_result(box: bpy.types.UILayout, state: TrainingState, result: Path, context: bpy.types.Context) -> None:
-    """Draws the path of the scene, what happened to it, and the next action."""
-    wrapped_label(box, f"Saved: {result}", context, icon="FILE_TICK")
+    """Draws what came of the training, what happened to it, and the next action."""
     if state.running:
         return
+    if not state.cancelled and not state.error:
+        wrapped_label(box, f"{result.name}: {state.sentence}", context)
     if state.note:
         wrapped_label(box, state.note, context, icon="INFO")
     if not plays(context.scene, result):
         row = box.row()
         row.operator_context = "EXEC_DEFAULT"  # the file is known: no file browser
-        row.operator("import_scene.frog", text="Import", icon="IMPORT").filepath = str(result)
+        text = "Import What There Is" if state.cancelled else "Import"
+        row.operator("import_scene.frog", text=text, icon="IMPORT").filepath = str(result)
     elif not is_set_up(context.scene):
         box.operator("frog.set_up_scene", icon="SCENE_DATA")
 
 
-def _draw_figures(box: bpy.types.UILayout, state: TrainingState, context: bpy.types.Context) -> None:
-    column = box.column(align=True)
-    if state.running and not state.stage and state.step:
-        column.label(text=f"Time left: {duration(state.seconds_left)}")
+def _draw_figures(layout: bpy.types.UILayout, state: TrainingState, context: bpy.types.Context) -> None:
+    column = layout.column(align=True)
     if state.loss is not None:
         column.label(text=f"Loss: {state.loss:.4f}")
     if state.psnr is not None:
@@ -178,5 +219,5 @@ def _draw_figures(box: bpy.types.UILayout, state: TrainingState, context: bpy.ty
         column.label(text=f"Gaussians: {state.gaussians:,}{dynamic}")
 
 
-_CLASSES = (FROG_PT_train, FROG_PT_train_advanced)
+_CLASSES = (FROG_PT_train, FROG_PT_train_report, FROG_PT_train_advanced)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

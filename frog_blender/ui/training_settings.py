@@ -19,16 +19,19 @@ from bpy.props import (
 
 from .. import redrawing, relative_paths
 from ..engine.training.session.output_paths import free_output
+from ..render.frog_engine import SHUTTER_SAMPLES
+from .capture_list import ChoosesCapture
 from .path_options import PATH_OPTIONS
+from .training_choices import TrainingChoices
 
 RECIPES = (
-    ("draft", "Draft", "A first look: at least 3,000 steps, a minute or two on a CPU"),
+    ("draft", "Quick Look (Draft)", "A first look: at least 3,000 steps, a minute or two on a CPU"),
     (
         "standard",
-        "Standard",
+        "Good (Standard)",
         "The usual choice: at least 10,000 steps, three to ten minutes on a CPU, longer for long captures",
     ),
-    ("paper", "Paper", "The settings of the FRoG paper: 80,000 steps of a larger model, many hours"),
+    ("paper", "Final (Paper)", "The settings of the FRoG paper: 80,000 steps of a larger model, many hours"),
 )
 
 
@@ -104,13 +107,22 @@ def _on_preview_camera(settings: Any, _context: bpy.types.Context) -> None:
         task.control.preview_camera = settings.preview_camera
 
 
-class FrogTrainingSettings(bpy.types.PropertyGroup):
+class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGroup):
     """``Scene.frog``: training settings and render settings of FROG."""
 
     hold_out: BoolProperty(
         name="Objects Hide Splats",
         description="Objects of this scene occlude the splats. The objects themselves are not drawn",
         default=False,
+    )
+    motion_samples: IntProperty(
+        name="Samples",
+        description="Moments within the shutter time that motion blur averages. More of them blur fast motion more "
+        "smoothly and take longer",
+        default=SHUTTER_SAMPLES,
+        min=1,
+        soft_max=64,
+        max=1024,
     )
     composed_with: PointerProperty(
         name="Composed With",
@@ -154,7 +166,7 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
         options={"HIDDEN"},
     )
     recipe: EnumProperty(
-        name="Recipe", description="Length of the training and size of the model", items=RECIPES, default="standard"
+        name="Quality", description="Length of the training and size of the model", items=RECIPES, default="standard"
     )
     device: EnumProperty(
         name="Device",
@@ -200,9 +212,18 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
     )
     steps: IntProperty(
         name="Steps",
-        description="Training steps. Zero for the recipe's default",
+        description="Training steps. Zero for as many as the quality needs",
         min=0,
         default=0,
+    )
+    minutes: FloatProperty(
+        name="Minutes",
+        description="Time to train for, without reading the images and saving. Zero for a number of steps",
+        min=0.0,
+        soft_max=600.0,
+        precision=1,
+        step=50,
+        default=0.0,
     )
     image_scale: FloatProperty(
         name="Image Scale",
@@ -217,6 +238,18 @@ class FrogTrainingSettings(bpy.types.PropertyGroup):
         "capture format's default",
         min=-1,
         default=-1,
+    )
+    max_gaussians: IntProperty(
+        name="Largest Number",
+        description="The scene has this many splats at most. Zero for as many as the quality allows",
+        min=0,
+        soft_max=1_000_000,
+        default=0,
+    )
+    pixel_offsets: StringProperty(
+        name="Pixel Offset",
+        description="For videos that were cropped after the calibration: the pixel of the calibrated image at a "
+        "video's upper left corner, such as cam01=8,0 cam02=8,0",
     )
     show_rig: BoolProperty(
         name="Draw Rig",

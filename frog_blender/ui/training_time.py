@@ -15,4 +15,4 @@ def expected(settings: Any, capture: Capture) -> str:
 
     scale = settings.image_scale or usual_scale(capture.cameras)
     work = Workload.of(capture, recipe(settings.recipe), settings.steps or None, scale)
-    return f"{estimate(work, likely_device(settings.device))}."
+    return f"{estimate(work, likely_device(settings.device), limit=60.0 * settings.minutes or None)}."

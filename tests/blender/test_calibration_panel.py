@@ -23,6 +23,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.operators.calibrate import CaptureOpening
 from frog_blender.ui import (
     calibration_panel,
+    capture_panel,
     capture_summary,
     contact_sheet,
     preview_image,
@@ -72,7 +73,7 @@ def calibrator_of(folder):
 def drawn(empty):
     """A function that draws a panel and gives what it says, label lines joined."""
 
-    def draw(panel=train_panel.FROG_PT_train):
+    def draw(panel=capture_panel.FROG_PT_capture):
         preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
         context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=280), preferences=preferences)
         layout = Written()
@@ -106,7 +107,7 @@ def test_raw_videos_say_so_and_offer_to_be_calibrated(empty, drawn, raw):
     calibration(raw)
     assert capture_summary.is_outdated(str(raw)), "what was missing may be there"
     capture_summary.inspect(str(raw))
-    assert "frog.calibrate" not in drawn() and "Format: calibrated_videos" in drawn()
+    assert "frog.calibrate" not in drawn() and "Read as calibrated videos" in drawn()
 
 
 def test_from_videos_to_a_capture(empty, drawn, raw):
@@ -115,9 +116,9 @@ def test_from_videos_to_a_capture(empty, drawn, raw):
     state = ended(task)
     assert not state.error
     said = drawn()
-    assert "Format: calibrated_videos" in said and "Cameras: 4 cameras" in said, "it opens by itself"
+    assert "Read as calibrated videos" in said and "4 cameras" in said, "it opens by itself"
     assert "Calibrated: cameras_opencv.json" in said and "cam03 sees little" in said and "wm.path_open" in said
-    assert "frog.calibrate" not in said and "Roughly" in said
+    assert "frog.calibrate" not in said and "Roughly" in drawn(train_panel.FROG_PT_train)
     empty.frog.capture_folder = str(raw.parent)
     assert "Calibrated" not in drawn(), "that was another folder"
 

@@ -18,7 +18,7 @@ from frog_blender.engine.capture.calibration.films import find_films
 from frog_blender.engine.capture.calibration.ways import read_points
 from frog_blender.engine.errors import FrogError
 from frog_blender.operators import click_points
-from frog_blender.ui import points_overlay, train_panel
+from frog_blender.ui import capture_panel, points_overlay
 
 film = pytest.importorskip("support.synthetic_capture")
 
@@ -213,7 +213,7 @@ def test_too_few_points_are_refused_in_the_panel(empty, tmp_path):
         assert task.join(60.0)
         task.pump_all()
         assert task.state.is_refused and "expected 8 or more" in task.state.error
-        train_panel.FROG_PT_train.draw(SimpleNamespace(layout=layout), context)
+        capture_panel.FROG_PT_capture.draw(SimpleNamespace(layout=layout), context)
     finally:
         runner.stop()
         runner.set_current(None)

@@ -13,7 +13,14 @@ from support.wheels import finished, wheel
 from frog_blender.torch_install.folders import installed
 from frog_blender.torch_install.installer import Installation
 from frog_blender.torch_install.landmarks import LandmarkDownload
-from frog_blender.torch_install.packages import CALIBRATION_PACKAGES, build_advice, has_pycolmap_wheel
+from frog_blender.torch_install.packages import (
+    CALIBRATION_PACKAGES,
+    CPU,
+    CUDA,
+    has_pycolmap_wheel,
+    index_needed,
+    suitable_build,
+)
 
 
 def test_what_calibration_needs_is_installed_by_itself(tmp_path, monkeypatch):
@@ -47,9 +54,11 @@ def test_computers_without_a_wheel_are_known():
 
 
 def test_the_build_of_torch_that_suits_the_computer_is_named():
-    assert "CPU above" in build_advice("linux", False) and build_advice("linux", True) == ""
-    assert "CUDA above" in build_advice("win32", True) and build_advice("win32", False) == ""
-    assert build_advice("darwin", False) == ""
+    assert suitable_build("linux", False) == suitable_build("win32", False) == suitable_build("darwin", True) == CPU
+    assert suitable_build("linux", True) == suitable_build("win32", True) == CUDA
+    assert "for the CPU comes from PyTorch's own" in index_needed(CPU, "linux") and index_needed(CUDA, "linux") == ""
+    assert "with CUDA comes from PyTorch's own" in index_needed(CUDA, "win32") and index_needed(CPU, "win32") == ""
+    assert index_needed(CPU, "darwin") == ""
 
 
 def test_the_landmark_file_is_taken_out_of_what_pip_brings_or_nothing_is(tmp_path):

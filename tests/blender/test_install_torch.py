@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -363,3 +364,66 @@ def test_the_button(empty, index, own_folder):
         system.use_online_access = allowed
         sys.path[:] = paths
         addon_state.reset(task.CurrentInstallation)
+
+
+@pytest.fixture
+def online():
+    """Online Access, for as long as a test lasts."""
+    system = bpy.context.preferences.system
+    allowed, system.use_online_access = system.use_online_access, True
+    if not bpy.app.online_access:
+        pytest.skip("this Blender was started offline")
+    yield
+    bpy.context.preferences.system.use_online_access = allowed
+
+
+def test_a_build_that_the_usual_index_lacks_is_not_replaced_by_another(empty, own_folder, online, monkeypatch):
+    from frog_blender.operators import install_torch
+
+    asked = []
+    monkeypatch.setattr(task, "begin", lambda *given, **more: asked.append((given[0], more["build"])))
+    monkeypatch.setattr(install_torch, "index_needed", lambda build: "Elsewhere." if build == "CPU" else "")
+    with pytest.raises(RuntimeError, match="Nothing was downloaded"):
+        bpy.ops.frog.install_torch(build="CPU")
+    assert bpy.ops.frog.install_torch(build="CPU", index="file:///there") == {"FINISHED"}
+    assert bpy.ops.frog.install_torch(build="CUDA") == {"FINISHED"}
+    assert asked == [(["--extra-index-url", "file:///there"], "CPU"), ([], "CUDA")]
+
+
+def test_a_build_with_cuda_needs_more_room(empty, own_folder, online, monkeypatch):
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=5e9))
+    with pytest.raises(RuntimeError, match="GB free, torch needs 10"):
+        bpy.ops.frog.install_torch(build="CUDA", index="file:///there")
+    assert not task.is_running()
+
+
+def test_it_can_be_removed(empty, own_folder, tmp_path, monkeypatch):
+    assert not bpy.ops.frog.remove_torch.poll()
+    for name in ("torch", "torch-2", "calibration"):
+        (own_folder.with_name(name) / "torch").mkdir(parents=True)
+        (own_folder.with_name(name) / "torch" / "__init__.py").write_text("")
+    (own_folder.parent / "torch.current").write_text("torch-2")
+    calibration = str(own_folder.with_name("calibration"))
+    monkeypatch.setattr(sys, "path", [*sys.path, calibration, str(own_folder.with_name("torch-2"))])
+    assert bpy.ops.frog.remove_torch() == {"FINISHED"}
+    assert [path.name for path in own_folder.parent.iterdir()] == ["calibration"]
+    assert calibration in sys.path and str(own_folder.with_name("torch-2")) not in sys.path
+
+
+def test_the_preferences_tell_what_there_is_and_what_it_takes(empty, own_folder, online, monkeypatch):
+    from support.training_panel import Written
+
+    from frog_blender.ui import preferences
+
+    def said():
+        layout = Written()
+        ui = SimpleNamespace(preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)), region=None)
+        preferences.draw_torch_installation(layout, ui)
+        return " ".join(layout.said)
+
+    monkeypatch.setattr(preferences, "suitable_build", lambda: "CPU")
+    assert "frog.install_torch" in said() and "about 0.4 GB" in said()
+    bpy.context.preferences.system.use_online_access = False
+    assert "Allow Online Access first" in said()
+    monkeypatch.setattr(preferences, "torch_needed", lambda: "")
+    assert "is available: training is possible. This computer has" in preferences._torch_found()

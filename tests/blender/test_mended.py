@@ -13,7 +13,7 @@ from support.small_scenes import rig_of_three, write_scene
 from frog_blender import addon_state, capture_files, point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback
-from frog_blender.ui import capture_summary, captures_panel, refreshing, train_panel
+from frog_blender.ui import capture_panel, capture_summary, captures_panel, refreshing, render_panel
 
 
 class Layout:
@@ -74,18 +74,18 @@ def test_a_scene_file_that_is_there_again(empty, capture, static_rig, said, tmp_
 
 def test_a_bake_that_comes_and_goes(empty, capture, static_rig, said):
     empty.frame_end = 3
-    assert "Baked" not in said(captures_panel.FROG_PT_captures)
+    assert "Baked" not in said(captures_panel.FROG_PT_bake)
     bpy.ops.frog.bake()
     bake = playback.bake_path(capture)
     said(captures_panel.FROG_PT_captures)
-    assert "Baked: 3 frames" in said(captures_panel.FROG_PT_captures)
+    assert "Baked: 3 frames" in said(captures_panel.FROG_PT_bake)
     content = bake.read_bytes()
     bake.write_bytes(b"nonsense")
     said(captures_panel.FROG_PT_captures)
-    assert "figure.frogbake" in said(captures_panel.FROG_PT_captures)
+    assert "figure.frogbake" in said(captures_panel.FROG_PT_bake)
     bake.write_bytes(content)
     said(captures_panel.FROG_PT_captures)
-    assert "Baked: 3 frames" in said(captures_panel.FROG_PT_captures)
+    assert "Baked: 3 frames" in said(captures_panel.FROG_PT_bake)
 
 
 def test_found_by_blender_it_is_shown_at_once(empty, capture, static_rig, said, tmp_path):
@@ -108,7 +108,7 @@ def test_a_packed_capture_says_so(empty, capture, said):
 def test_what_holds_points_still_is_said_for_other_engines(empty, capture, said):
     for engine, locked, expected in (("FROG", False, False), ("CYCLES", True, False), ("CYCLES", False, True)):
         empty.render.engine, empty.render.use_lock_interface = engine, locked
-        assert ("unless Lock Interface is on" in said(captures_panel.FROG_PT_captures)) == expected
+        assert ("unless Lock Interface is on" in said(render_panel.FROG_PT_render)) == expected
 
 
 def test_a_panel_that_cannot_bring_things_up_to_date_rests(empty, capture, monkeypatch):
@@ -129,7 +129,7 @@ def test_a_calibration_that_is_mended(empty, said, tmp_path):
     content = poses.read_bytes()
     poses.write_bytes(b"no numbers")
     empty.frog.capture_folder = str(folder)
-    panel = train_panel.FROG_PT_train
+    panel = capture_panel.FROG_PT_capture
     assert "poses_bounds.npy" in said(panel) and capture_summary.known(str(folder)).error
     poses.write_bytes(content)
     said(panel)

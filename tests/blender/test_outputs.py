@@ -11,24 +11,27 @@ import pytest
 from safetensors.numpy import save_file
 from support.small_scenes import rig_of_three, write_scene
 
+from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.training_task import runner
 from frog_blender.training_task.request import can_resume, request_of
+from frog_blender.ui import capture_summary
 
 
 def trained(path, capture):
     """What a training of a folder leaves: a scene and a checkpoint."""
     scene = read_scene(write_scene(path, rig_of_three()))
     write_file(path, SceneFile(replace(scene.header, capture_path=str(capture.resolve())), scene.arrays))
-    state = json.dumps({"settings": {"capture": str(capture.resolve())}})
+    state = json.dumps({"settings": {"capture": str(capture.resolve())}, "progress": 0.5, "step_count": 7})
     save_file({"x": np.zeros(1)}, f"{path}.checkpoint", metadata={"frog-checkpoint": state})
 
 
 def train():
     """Presses the button. The training itself ends with a sentence, as there is nothing in the capture's folder."""
     pytest.importorskip("torch")
+    addon_state.reset(capture_summary.Inspected)  # as in a file that was just opened
     try:
         assert bpy.ops.frog.train() == {"FINISHED"}
         assert runner.current().join(120.0)
@@ -95,6 +98,7 @@ def test_training_into_another_captures_scene_takes_a_number(empty, captures, tm
     settings.capture_folder, settings.output_path = str(second), str(tmp_path / "mine.frog")
     assert not can_resume(settings)
     with pytest.raises(RuntimeError, match="found a training of another capture"):
+        addon_state.reset(capture_summary.Inspected)
         bpy.ops.frog.train(resume=True)
     train()
     assert settings.output_path == str(tmp_path / "mine_2.frog")

@@ -87,3 +87,30 @@ def test_points_are_limited_in_viewports_alone(empty):
     point_cloud.display(obj, "ELLIPSOIDS")
     point_cloud.display(obj, "POINTS")
     assert largest() == pytest.approx(limit, rel=1e-3)
+
+
+def test_the_bounds_are_those_of_what_is_seen(empty):
+    """Home and Dimensions show the room, not the few Gaussians that training left far outside it."""
+    random = np.random.default_rng(0)
+    means = random.uniform(-2.0, 2.0, (2000, 3)).astype(np.float32)
+    means[:3] = [(8300.0, 0.0, 0.0), (0.0, -60.0, 0.0), (0.0, 0.0, 25.0)]
+    gaussians = GaussianArrays(
+        means,
+        np.tile(np.float32([1.0, 0.0, 0.0, 0.0]), (2000, 1)),
+        np.full((2000, 3), 0.01, np.float32),
+        np.ones(2000, np.float32),
+        np.zeros((2000, 1, 3), np.float32),
+    )
+    obj = point_cloud.create("room", gaussians)
+    empty.collection.objects.link(obj)
+    if obj.type == "POINTCLOUD":
+        pytest.skip("Blender's own splats are all drawn")
+
+    def shown() -> tuple[int, float]:
+        geometry = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
+        return len(geometry.pointcloud.points), max(obj.dimensions)
+
+    for kind in ("POINTS", "ELLIPSOIDS", "POINTS"):
+        point_cloud.display(obj, kind)
+    assert shown() == (1997, pytest.approx(4.0, abs=0.1))
+    assert point_cloud.count(obj) == 2000, "what FRoG draws is whole"

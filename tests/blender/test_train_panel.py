@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
+from safetensors.numpy import save_file
 from support.training_panel import Written, told
 
 from frog_blender.engine.training.session import events
 from frog_blender.training_task import runner
-from frog_blender.ui import capture_summary, preview_image, train_panel
+from frog_blender.training_task.state import TrainingState
+from frog_blender.ui import capture_panel, capture_summary, preview_image, train_panel, training_choices
 
 
 @pytest.fixture
 def drawn(empty):
     """A function that draws the panel and gives what it says, label lines joined."""
 
-    def draw():
+    def draw(kind=train_panel.FROG_PT_train):
         panel = SimpleNamespace(layout=Written())
         preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
         context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=280), preferences=preferences)
-        train_panel.FROG_PT_train.draw(panel, context)
+        if not hasattr(kind, "poll") or kind.poll(context):
+            kind.draw(panel, context)
         return " ".join(panel.layout.said)
 
     yield draw
@@ -43,9 +48,10 @@ def capture(tmp_path, monkeypatch):
 def test_a_capture_is_described_and_its_training_timed(empty, drawn, capture):
     assert "Roughly" not in drawn()
     empty.frog.capture_folder = str(capture)
+    said = drawn(capture_panel.FROG_PT_capture)
+    assert "Read as n3dv" in said and "4 cameras, 1 held out" in said
     said = drawn()
-    assert "Format: n3dv" in said and "4 cameras, 1 held out" in said
-    assert "Roughly" in said and "on this processor" in said and "device" in said
+    assert "Roughly" in said and "on this processor" in said
     empty.frog.device = "cuda"
     assert "on the GPU: not known before a first training" in drawn()
 
@@ -72,21 +78,32 @@ def test_a_running_training(drawn):
         events.Evaluated(40, 27.5, "held-out"),
     )
     said = drawn()
-    for part in ("Step 40 of 100", "1 min 35 s", "0.0421", "27.50 dB (held-out views)", "320 (200 dynamic)"):
-        assert part in said
+    assert "Step 40 of 100" in said and "Time left: 1 min 35 s" in said and "frog.train" not in said
+    report = drawn(train_panel.FROG_PT_train_report)
+    for part in ("0.0421", "27.50 dB (held-out views)", "320 (200 dynamic)"):
+        assert part in report and part not in said
     assert "frog.pause_training frog.cancel_training" in said and "preview_camera" in said
     task.control.pause()
-    assert "Paused: Step 40 of 100 frog.resume_training frog.cancel_training" in drawn()
+    assert "Paused: Step 40 of 100 Time left: 1 min 35 s frog.resume_training frog.cancel" in drawn()
 
 
 def test_an_ended_training(drawn, tmp_path):
     path = tmp_path / ("a long name " * 8).strip() / "x.frog"
     capacity = {"gaussians": 300, "dynamic": 40, "heads": ["means"], "sh_degree": 1, "reductions": []}
     ended = runner.Ended("")
-    told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300), events.Finished(str(path), 9, 61.0, 28.0, 300, capacity), ended)
+    path.parent.mkdir()
+    path.write_bytes(bytes(1_100_000))
+    phases = {"decoding": 20.0, "seeding": 3.0, "training": 61.0, "finishing": 7.0}
+    finished = events.Finished(str(path), 9, 61.0, 33.84, 300, capacity, phases)
+    told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300), finished, ended)
     said = drawn()
-    assert "Finished in 1 min 1 s." in said and "frog.train" in said and "300 (40 dynamic)" in said
-    assert f"Saved:{path}".replace(" ", "") in said.replace(" ", "")  # cut into lines, and whole
+    assert "Finished in 1 min 31 s." in said and "frog.train" in said and "frog.dismiss_training" in said
+    assert "x.frog: 40 of 300 splats move; file 1.1 MB; quality 33.8 dB." in said
+    assert not any(word in said for word in ("heads", "SH degree", "PSNR", "Loss")), "for the report alone"
+    report = drawn(train_panel.FROG_PT_train_report)
+    assert f"Saved:{path}".replace(" ", "") in report.replace(" ", "")  # cut into lines, and whole
+    assert "300 (40 dynamic)" in report and "SH degree 1" in report
+    assert "DEFAULT_CLOSED" in train_panel.FROG_PT_train_report.bl_options
     told(events.Cancelled(0, None), ended)
     assert "Cancelled before the first step." in drawn()
 
@@ -169,3 +186,151 @@ def test_presets_keep_how_to_train_and_not_what(empty, tmp_path, monkeypatch):
     assert bpy.ops.script.execute_preset(filepath=str(written), menu_idname=name) == {"FINISHED"}
     assert (settings.recipe, settings.steps, settings.device) == ("draft", 1234, "cpu")
     assert Path(settings.capture_folder) == Path(other)
+
+
+def test_the_image_of_what_moves_is_in_the_report_with_a_legend(drawn):
+    seen, colors = np.zeros((8, 8, 3), np.uint8), np.ones((8, 8, 3), np.uint8)
+    task = told(events.Progress(9, 9, 1.0, 0.0, 0.1, 300), events.Preview(9, seen))
+    task.apply(events.CompressionPreview("x.capacity.png", colors))
+    preview_image.show_training(task.state)
+    assert (pixels()[:, :, :3] == seen).all(), "the panel still shows the scene"
+    said = drawn(train_panel.FROG_PT_train_report)
+    assert "Orange moves, blue stands still" in said
+    told(events.Progress(9, 9, 1.0, 0.0, 0.1, 300))
+    assert "Orange" not in drawn(train_panel.FROG_PT_train_report)
+
+
+def test_what_a_training_made_in_one_sentence():
+    made = TrainingState(gaussians=33_000, moving=4_100, result_bytes=1_130_000, psnr=33.81)
+    assert made.sentence == "4,100 of 33,000 splats move; file 1.1 MB; quality 33.8 dB."
+    assert TrainingState(gaussians=1200, moving=1200).sentence == "1,200 splats, all of which move."
+    still = TrainingState(gaussians=1200, result_bytes=48_000)
+    assert still.sentence == "1,200 splats, none of which move; file 48 KB."
+
+
+def test_a_report_can_be_dismissed_but_no_running_training(empty, drawn):
+    task = told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300))
+    assert not bpy.ops.frog.dismiss_training.poll()
+    task.apply(runner.Ended("It stopped."))
+    assert "It stopped." in drawn()
+    assert bpy.ops.frog.dismiss_training() == {"FINISHED"}
+    assert runner.current() is None and "It stopped." not in drawn()
+
+
+def test_a_report_stays_with_the_file_that_shows_the_scene(empty, drawn, static_rig):
+    ended = events.Finished(str(static_rig), 9, 61.0, 28.0, 60), runner.Ended("")
+    task = told(*ended)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert runner.current() is task, "it was not imported yet"
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert runner.current() is None
+
+
+@pytest.mark.parametrize("given", [{}, {"capture_folder": "nothing"}, {"capture_folder": "raw"}])
+def test_a_grey_button_says_why(empty, capture, tmp_path, given):
+    pytest.importorskip("torch")
+    (tmp_path / "nothing").mkdir()
+    shutil.copytree(capture, tmp_path / "raw", ignore=shutil.ignore_patterns("*.npy"))
+    for name, value in given.items():
+        setattr(empty.frog, name, str(tmp_path / value))
+    assert not bpy.ops.frog.train.poll()
+    words = {"": "No capture is selected", "nothing": "found", "raw": "have to be calibrated"}
+    with pytest.raises(RuntimeError, match=words[given.get("capture_folder", "")]):
+        bpy.ops.frog.train()
+    empty.frog.capture_folder = str(capture)
+    assert bpy.ops.frog.train.poll()
+    told(events.Stage("decoding frames", 3, 10))
+    assert not bpy.ops.frog.train.poll()
+    runner.set_current(None)
+
+
+def test_no_value_stands_for_something_else(empty, drawn, capture):
+    settings, advanced = empty.frog, train_panel.FROG_PT_train_advanced
+    settings.capture_folder, settings.recipe = str(capture), "draft"
+    said = drawn(advanced)
+    for resolved in ("3,000 steps", "1.00 of their size", "25,000 at most", "cam00"):
+        assert resolved in said
+    words = said.split()
+    assert not {"steps", "minutes", "image_scale", "max_gaussians", "holdout_frames"} & set(words) - {"steps"}
+    settings.length, settings.holdout = "STEPS", "FRAMES"
+    settings.has_image_scale = settings.has_max_gaussians = True
+    said = drawn(advanced)
+    assert "length steps" in said and "3,000 steps" not in said
+    for name in ("image_scale", "max_gaussians", "holdout_frames", "pixel_offsets"):
+        assert name in said
+    assert (settings.steps, settings.image_scale, settings.holdout_frames) == (3000, 1.0, 8)
+    settings.length, settings.holdout = "TIME", "NONE"
+    assert (settings.steps, settings.minutes, settings.holdout_frames) == (0, 10.0, 0)
+    settings.length, settings.holdout = "RECIPE", "CAPTURE"
+    settings.has_image_scale = settings.has_max_gaussians = False
+    stored = settings.steps, settings.minutes, settings.image_scale, settings.holdout_frames, settings.max_gaussians
+    assert stored == (0, 0.0, 0.0, -1, 0), "as presets and scripts know them"
+    assert training_choices.usual_steps(settings) == 3000
+
+
+def test_a_time_limit_is_part_of_the_estimate(empty, drawn, capture):
+    empty.frog.capture_folder, empty.frog.device, empty.frog.minutes = str(capture), "cpu", 180.0
+    assert "Roughly 3" in drawn() and "hours on this processor" in drawn()
+
+
+def checkpoint(path: Path, folder: Path, progress: float, steps: int) -> None:
+    """What a training leaves beside its scene, as far as the panel looks at it."""
+    state = {"settings": {"capture": str(folder.resolve())}, "progress": progress, "step_count": steps}
+    save_file({"x": np.zeros(1)}, f"{path}.checkpoint", metadata={"frog-checkpoint": json.dumps(state)})
+
+
+def test_resume_is_offered_where_it_does_something(empty, drawn, capture, tmp_path):
+    pytest.importorskip("torch")
+    settings = empty.frog
+    settings.capture_folder = str(capture)
+    scene = Path(settings.output_path)
+    assert "frog.train_longer" not in drawn() and drawn().count("frog.train") == 1
+    checkpoint(scene, capture, 0.4, 1200)
+    assert drawn().count("frog.train") == 2 and "frog.train_longer" not in drawn(), "Resume"
+    assert not bpy.ops.frog.train_longer.poll()
+    checkpoint(scene, capture, 1.0, 3000)
+    assert drawn().split().count("frog.train") == 1 and "frog.train_longer" in drawn()
+    with pytest.raises(RuntimeError, match="has had 3,000 steps already"):
+        bpy.ops.frog.train_longer(steps=3000)
+
+
+def test_training_longer_keeps_the_finished_scene(empty, capture, tmp_path):
+    """A training of a few steps, and more of them, by the engine itself."""
+    pytest.importorskip("torch")
+    settings = empty.frog
+    settings.capture_folder, settings.recipe, settings.device, settings.steps = str(capture), "draft", "cpu", 12
+    settings.capacity, settings.import_when_done = "fixed", False
+    scene = Path(settings.output_path)
+    assert bpy.ops.frog.train() == {"FINISHED"}
+    try:
+        task = runner.current()
+        assert task.join(120.0)
+        task.pump_all()
+        assert not task.state.error and task.state.step == 12
+        before = scene.read_bytes()
+        assert bpy.ops.frog.train_longer(steps=20) == {"FINISHED"}
+        task = runner.current()
+        assert task.join(120.0)
+        task.pump_all()
+        assert not task.state.error and task.state.step == 20
+        assert task.state.result == scene.with_name("capture_2.frog") == Path(settings.output_path)
+        assert scene.read_bytes() == before
+    finally:
+        runner.stop()
+        runner.set_current(None)
+
+
+def test_budgets_and_offsets_reach_the_engine(empty, capture):
+    from frog_blender.training_task.request import request_of
+
+    settings = empty.frog
+    settings.capture_folder = str(capture)
+    settings.max_gaussians, settings.minutes = 5000, 2.5
+    settings.pixel_offsets = "cam01=8,0 cam02=-1.5,2"
+    request = request_of(settings)
+    assert request.max_gaussians == 5000 and request.job["seconds"] == 150.0
+    assert request.job["pixel_offsets"] == {"cam01": (8.0, 0.0), "cam02": (-1.5, 2.0)}
+    settings.pixel_offsets = "cam01"
+    with pytest.raises(RuntimeError, match="expected CAMERA=DX,DY"):
+        bpy.ops.frog.train()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from safetensors.numpy import save_file
 
 from frog_blender import addon_state
 from frog_blender.background_task import PUMP_MESSAGES
@@ -17,6 +19,7 @@ from frog_blender.engine.training.session import events
 from frog_blender.operators import training_result
 from frog_blender.timeline import playback
 from frog_blender.training_task import runner, unsaved_changes
+from frog_blender.ui import capture_summary
 
 
 def finish(task):
@@ -307,7 +310,7 @@ def test_train_operator_says_what_is_missing(empty, tmp_path):
     with pytest.raises(RuntimeError, match="No capture is selected"):
         bpy.ops.frog.train()
     empty.frog.capture_folder = str(tmp_path / "nowhere")
-    with pytest.raises(RuntimeError, match="found no such folder"):
+    with pytest.raises(RuntimeError, match="nowhere: there is no such folder"):
         bpy.ops.frog.train()
     assert not runner.is_running()
 
@@ -331,6 +334,9 @@ def test_what_the_panel_asks_for(empty, tmp_path):
     assert (request.output, request.capacity, request.job["resume"]) == (tmp_path / "scene.frog", "auto", False)
     assert not can_resume(settings)
     (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
+    assert not can_resume(settings), "what cannot be read is not resumed"
+    state = json.dumps({"settings": {"capture": str(tmp_path.resolve())}, "progress": 0.5, "step_count": 7})
+    save_file({"x": np.zeros(1)}, tmp_path / "scene.frog.checkpoint", metadata={"frog-checkpoint": state})
     assert can_resume(settings) and request_of(settings, resume=True).job["resume"]
     settings.capacity, settings.device, settings.preview_camera = "fixed", "cpu", "cam02"
     request = request_of(settings)
@@ -358,6 +364,7 @@ def test_resuming_what_is_no_checkpoint_is_one_sentence(empty, tmp_path):
     settings = empty.frog
     settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene.frog")
     (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
+    addon_state.reset(capture_summary.Inspected)  # as in a file that was just opened
     assert bpy.ops.frog.train(resume=True) == {"FINISHED"}
     task = runner.current()
     assert task.join(60)

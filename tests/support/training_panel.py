@@ -19,13 +19,29 @@ class Written:
     def progress(self, factor, text):
         self.said.append(text)
 
-    def operator(self, name, text=None, icon="NONE"):
+    def operator(self, name, text=None, icon="NONE", emboss=True):
         self.said.append(name)
         return SimpleNamespace()
+
+    def operator_menu_enum(self, name, _enum, **_):
+        self.said.append(name)
 
     def prop(self, data, name, **_):
         data.bl_rna.properties[name]  # as Blender: a name that is none is an error
         self.said.append(name)
+
+    def template_list(self, kind, *_, **__):
+        self.said.append(kind)
+
+    def menu(self, name, **_):
+        self.said.append(name)
+
+    def separator(self):
+        """Nothing is said."""
+
+    def prop_enum(self, data, name, value, **_):
+        assert value in data.bl_rna.properties[name].enum_items
+        self.said.append(f"{name}={value}")
 
     def template_icon(self, icon_value, scale):
         self.said.append("image")
@@ -33,7 +49,7 @@ class Written:
     def box(self, **_):
         return Written(self.said)
 
-    row = column = grid_flow = box
+    row = column = grid_flow = split = box
 
 
 def told(*said):

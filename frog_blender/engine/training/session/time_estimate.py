@@ -122,12 +122,18 @@ class Estimate:
         return f"About {about(self.seconds)} {where}, as earlier trainings went"
 
 
-def estimate(work: Workload, device: str = "cpu", *, prepared: bool = False) -> Estimate:
-    """The time for all phases of ``work`` on "cpu" or "cuda"; without the first two where an earlier training has
-    left frames and seed points on disk."""
+def estimate(work: Workload, device: str = "cpu", *, prepared: bool = False, limit: float | None = None) -> Estimate:
+    """The time for all phases of ``work`` on "cpu" or "cuda".
+
+    Args:
+        prepared: without the first two, where an earlier training has left frames and seed points on disk.
+        limit: seconds that the training phase takes, whatever it has to do; None for as long as it needs.
+    """
     trainings, factors = history(device)
-    seconds = sum(work.seconds[phase] * factors[phase] for phase in PHASES[2 if prepared else 0 :])
-    return Estimate(seconds if device == "cpu" or trainings else None, device, trainings)
+    expected = {phase: work.seconds[phase] * factors[phase] for phase in PHASES[2 if prepared else 0 :]}
+    if limit is not None:
+        expected["training"] = limit
+    return Estimate(sum(expected.values()) if device == "cpu" or trainings else None, device, trainings)
 
 
 class TimeLeft:

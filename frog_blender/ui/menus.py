@@ -1,0 +1,69 @@
+"""Entries in Blender's own menus, where its search (F3) finds them as well."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..scene_import.capture_objects import active_capture
+
+
+class FROG_MT_object(bpy.types.Menu):
+    """What can be done with a capture."""
+
+    bl_label = "FRoG"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.operator("frog.align_to_floor", icon="GRID")
+        layout.operator("frog.add_clips", icon="FILE_MOVIE")
+        layout.operator("frog.hide_clips")
+        layout.operator("frog.look_through", icon="VIEW_CAMERA")
+        layout.separator()
+        layout.operator("frog.bake", icon="FILE_CACHE")
+        layout.operator("frog.set_up_scene", icon="SCENE_DATA")
+        layout.operator("frog.show_as_filmed", icon="COLOR")
+        layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
+        layout.separator()
+        layout.operator("frog.train", icon="PLAY")
+        layout.operator("frog.train_longer")
+
+
+def _object(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    self.layout.separator()
+    self.layout.menu(FROG_MT_object.__name__)
+
+
+def _context_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    if active_capture(context) is not None:
+        _object(self, context)
+
+
+def _add(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    self.layout.separator()
+    self.layout.operator("import_scene.frog", text="FRoG Scene", icon="OUTLINER_OB_POINTCLOUD")
+    self.layout.operator("import_scene.frog_capture", text="FRoG Capture to Train From", icon="FILE_MOVIE")
+
+
+def _render(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    self.layout.separator()
+    self.layout.operator_menu_enum("frog.compose", "engine", text="FRoG Captures With My Objects")
+
+
+_ENTRIES = {
+    "VIEW3D_MT_object": _object,
+    "VIEW3D_MT_object_context_menu": _context_menu,
+    "VIEW3D_MT_add": _add,
+    "TOPBAR_MT_render": _render,
+}
+
+
+def register() -> None:
+    bpy.utils.register_class(FROG_MT_object)
+    for menu, entry in _ENTRIES.items():
+        getattr(bpy.types, menu).append(entry)
+
+
+def unregister() -> None:
+    for menu, entry in _ENTRIES.items():
+        getattr(bpy.types, menu).remove(entry)
+    bpy.utils.unregister_class(FROG_MT_object)

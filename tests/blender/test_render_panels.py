@@ -1,0 +1,98 @@
+"""Panels of the Properties editor while FROG is the engine."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from support.training_panel import Written
+
+from frog_blender.render.world import background_of
+from frog_blender.ui import render_panels
+
+
+@pytest.fixture
+def said(empty):
+    """A function that gives what a panel says, or None where it is not shown."""
+    empty.render.engine = "FROG"
+
+    def draw(panel, part="draw"):
+        layout = Written()
+        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+        context = SimpleNamespace(scene=empty, engine=empty.render.engine, region=None, preferences=preferences)
+        if not panel.poll(context):
+            return None
+        getattr(panel, part)(SimpleNamespace(layout=layout), context)
+        return " ".join(layout.said)
+
+    return draw
+
+
+def shown_under_frog():
+    return {
+        panel.__name__ for panel in bpy.types.Panel.__subclasses__() if "FROG" in getattr(panel, "COMPAT_ENGINES", ())
+    }
+
+
+def test_what_frog_does_not_draw_has_no_settings(addon):
+    shown = shown_under_frog()
+    foreign = ("freestyle", "gpencil", "grease", "simplify")
+    assert [name for name in shown if any(word in name.lower() for word in foreign)] == []
+    assert {"RENDER_PT_color_management", "RENDER_PT_format", "RENDER_PT_post_processing"} <= shown
+
+
+def test_motion_blur_is_set_where_one_looks_for_it(empty, said):
+    panel = render_panels.FROG_PT_motion_blur
+    assert panel.bl_context == "render" and said(panel, "draw_header") == "use_motion_blur"
+    assert "motion_blur_position motion_blur_shutter motion_samples" in said(panel)
+    empty.frog.motion_samples = 40
+    assert "as long as 40 without" in said(panel)
+    empty.render.engine = "CYCLES"
+    assert said(panel) is None
+
+
+def test_more_samples_are_more_frames(empty, static_rig, monkeypatch, rendered):
+    from frog_blender.render import frog_engine
+
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    empty.render.use_motion_blur = True
+    drawn = []
+    instant = frog_engine.render_instant
+    monkeypatch.setattr(frog_engine, "render_instant", lambda *given: drawn.append(1) or instant(*given))
+    for samples in (3, 5):
+        empty.frog.motion_samples = samples
+        drawn.clear()
+        rendered(empty)
+        assert len(drawn) == samples + 1
+
+
+def test_the_background_is_the_worlds(empty, said):
+    panel = render_panels.FROG_PT_background
+    assert panel.bl_context == "world"
+    empty.world = None
+    assert "the capture's own" in said(panel)
+    empty.world = world = bpy.data.worlds.new("Mine")
+    if bpy.app.version < (5, 0, 0):  # later worlds always have nodes
+        world.use_nodes = True
+    assert said(panel) == "default_value default_value"
+    node = render_panels.background_node(world)
+    node.inputs["Color"].default_value = (1.0, 0.0, 0.0, 1.0)
+    np.testing.assert_allclose(background_of(empty, np.zeros(3)), (1.0, 0.0, 0.0), atol=1e-6)
+    sky = world.node_tree.nodes.new("ShaderNodeTexSky")
+    world.node_tree.links.new(sky.outputs[0], node.inputs["Color"])
+    assert said(panel) == "color", "a sky is not drawn"
+    empty.render.film_transparent = True
+    assert "Transparent is on" in said(panel)
+
+
+def test_captures_among_objects_are_found_in_the_render_settings(empty, static_rig, said):
+    panel = render_panels.FROG_PT_with_objects
+    assert panel.bl_context == "render" and said(panel) is None
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    for engine in ("CYCLES", "FROG"):
+        empty.render.engine = engine
+        assert said(panel) == "frog.compose"
+    empty.view_settings.view_transform = "AgX"
+    assert said(panel) == "frog.compose AgX changes the colors of the videos. frog.show_as_filmed"

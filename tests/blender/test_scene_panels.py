@@ -1,0 +1,161 @@
+"""The Scene and Render panels of the FRoG tab, and what Blender's own menus and status bar offer."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+
+import bpy
+import pytest
+from support.small_scenes import rig_of_three, write_scene
+from support.training_panel import Written, told
+
+from frog_blender.engine.interchange.ply import write_splats
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.training.session import events
+from frog_blender.nodes import ellipsoid_nodes
+from frog_blender.scene_import.capture_objects import active_capture, root_of
+from frog_blender.timeline import playback
+from frog_blender.training_task import runner
+from frog_blender.ui import captures_panel, menus, render_panel, status_bar
+from frog_blender.ui.capture_list import FROG_UL_captures
+
+
+@pytest.fixture
+def said(empty):
+    """A function that gives what a panel says, or None where it is not shown."""
+
+    def draw(panel):
+        layout = Written()
+        context = SimpleNamespace(
+            scene=empty,
+            object=bpy.context.object,
+            region=None,
+            preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
+        )
+        if hasattr(panel, "poll") and not panel.poll(context):
+            return None
+        panel.draw(SimpleNamespace(layout=layout), context)
+        return " ".join(layout.said)
+
+    return draw
+
+
+def test_one_capture_is_a_handful_of_rows(empty, static_rig, said):
+    assert said(captures_panel.FROG_PT_captures) == "import_scene.frog"
+    assert said(render_panel.FROG_PT_render) is None
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    rows = said(captures_panel.FROG_PT_captures)
+    assert rows == "import_scene.frog filepath 60 Gaussians frog.align_to_floor frog.add_clips frog.hide_clips"
+    for panel, name in (("timing", "start_frame"), ("display", "density"), ("bake", "frog.bake")):
+        kind = getattr(captures_panel, f"FROG_PT_{panel}")
+        assert name in said(kind) and kind.bl_options == {"DEFAULT_CLOSED"}
+    assert said(render_panel.FROG_PT_render) == "engine frog.compose", "it was set up"
+
+
+def test_several_captures_are_a_list_of_which_one_is_chosen(empty, static_rig, tmp_path, said):
+    other = write_scene(tmp_path / "other.frog", rig_of_three(), count=40)
+    for path in (static_rig, other):
+        bpy.ops.import_scene.frog(filepath=str(path))
+    captures = list(playback.captures(empty.objects))
+    flags, _ = FROG_UL_captures.filter_items(SimpleNamespace(bitflag_filter_item=4), None, empty, "objects")
+    assert [obj for obj, flag in zip(empty.objects, flags, strict=True) if flag] == captures
+    for obj, count in ((captures[0], 60), (captures[1], 40)):
+        empty.frog.capture_index = list(empty.objects).index(obj)
+        assert bpy.context.object == root_of(obj) and active_capture(bpy.context) == obj
+        assert empty.objects[empty.frog.capture_index] == obj
+        rows = said(captures_panel.FROG_PT_captures)
+        assert "FROG_UL_captures" in rows and f"{count} Gaussians" in rows
+        assert rows.count("filepath") == 1
+    other.unlink()
+    empty.frame_set(3)
+    empty.frog.capture_index = list(empty.objects).index(captures[0])
+    assert "found no file" in said(captures_panel.FROG_PT_captures), "a problem is told whatever is chosen"
+
+
+def test_what_stands_still_has_no_time(empty, static_rig, tmp_path, said):
+    write_splats(tmp_path / "still.ply", ScenePlayer.load(static_rig).at_frame(0))
+    bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "still.ply"))
+    assert said(captures_panel.FROG_PT_timing) is None and said(captures_panel.FROG_PT_bake) is None
+    assert "density" in said(captures_panel.FROG_PT_display)
+
+
+def test_grey_ellipsoids_say_why(empty, static_rig, said, monkeypatch):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    assert "at most" not in said(captures_panel.FROG_PT_display)
+    monkeypatch.setattr(ellipsoid_nodes, "MOST", 50)
+    assert "Ellipsoids are for at most 50 Gaussians" in said(captures_panel.FROG_PT_display)
+
+
+def test_a_view_transform_is_told_and_taken_away(empty, static_rig, said):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    panel = render_panel.FROG_PT_render
+    assert not bpy.ops.frog.show_as_filmed.poll()
+    empty.view_settings.view_transform, empty.view_settings.look = "AgX", "AgX - Punchy"
+    assert "AgX, AgX - Punchy changes the colors of the videos. frog.show_as_filmed" in said(panel)
+    assert bpy.ops.frog.show_as_filmed() == {"FINISHED"}
+    assert (empty.view_settings.view_transform, empty.view_settings.look) == ("Standard", "None")
+    assert "changes the colors" not in said(panel)
+
+
+def test_a_render_larger_than_the_film_says_so(empty, static_rig, said):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    assert "filmed" not in said(render_panel.FROG_PT_render)
+    width, height = empty.camera.data.frog.size
+    empty.render.resolution_x = 4 * width
+    assert f"The camera filmed {width} x {height} pixels" in said(render_panel.FROG_PT_render)
+    empty.render.resolution_percentage = 25
+    assert "filmed" not in said(render_panel.FROG_PT_render)
+
+
+def drawn(entry):
+    layout = Written()
+    entry(SimpleNamespace(layout=layout), bpy.context)
+    return layout.said
+
+
+def test_menus_have_what_the_search_is_to_find(empty, static_rig):
+    draw = menus.FROG_MT_object.draw
+    offered = set(drawn(draw))
+    for name in ("train", "align_to_floor", "bake", "add_clips", "compose", "set_up_scene", "show_as_filmed"):
+        assert f"frog.{name}" in offered
+    for name in offered:
+        group, word = name.split(".")
+        assert getattr(getattr(bpy.ops, group), word).get_rna_type(), "an operator that there is"
+    assert drawn(menus._context_menu) == []
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    assert drawn(menus._context_menu) == ["FROG_MT_object"]
+    assert drawn(menus._add) == ["import_scene.frog", "import_scene.frog_capture"]
+    for menu in ("VIEW3D_MT_object", "VIEW3D_MT_object_context_menu", "VIEW3D_MT_add", "TOPBAR_MT_render"):
+        entries = [function.__module__ for function in getattr(bpy.types, menu)._dyn_ui_initialize()]
+        assert menus.__name__ in entries
+
+
+def test_the_status_bar_tells_of_a_training(empty, tmp_path):
+    runner.set_current(None)
+    assert drawn(status_bar._draw) == []
+    told(events.Stage("decoding frames", 3, 10))
+    assert drawn(status_bar._draw) == ["Training: Decoding frames"]
+    task = told(events.Progress(40, 100, 12.0, 95.0, 0.04, 320))
+    assert drawn(status_bar._draw) == ["Training: 1 min 35 s left"]
+    task.control.pause()
+    assert drawn(status_bar._draw) == ["Training is paused"]
+    ended = runner.Ended("")
+    told(events.Progress(9, 9, 9.0, 0.0, 0.1, 300), events.Finished(str(tmp_path / "x.frog"), 9, 1.0, 28.0, 5), ended)
+    assert drawn(status_bar._draw) == ["x.frog is trained", "frog.dismiss_training"]
+    told(runner.Ended("It stopped."))
+    assert "stopped with an error" in drawn(status_bar._draw)[0]
+    bpy.ops.frog.dismiss_training()
+    assert drawn(status_bar._draw) == []
+
+
+def test_tooltips_are_lines_of_their_own(addon):
+    """A docstring's line break would be one in the tooltip."""
+    broken = []
+    for group in ("frog", "import_scene", "export_scene"):
+        for word in dir(getattr(bpy.ops, group)):
+            if group == "frog" or word.startswith("frog"):
+                kind = getattr(getattr(bpy.ops, group), word).get_rna_type()
+                if re.search(r"\n|  ", kind.description):
+                    broken.append(kind.identifier)
+    assert broken == []
