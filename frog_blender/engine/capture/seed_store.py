@@ -38,8 +38,9 @@ def stored_seeds(
     if (kept := _kept(path, count_limit, capture.frame_count)) is not None:
         return kept
     search = find_seeds if search is None else search
-    wanted = {"count_limit": count_limit, "seed": seed, "share": share, "num_moments": num_moments}
-    seeds = search(capture, store, **wanted, progress=progress)
+    seeds = search(
+        capture, store, count_limit=count_limit, seed=seed, share=share, num_moments=num_moments, progress=progress
+    )
     _keep(path, seeds)
     return seeds
 
@@ -55,10 +56,10 @@ def _kept(path: Path, most: int, frame_count: int) -> Seeds | None:
     except (FrogError, KeyError):
         return None
     fits = points.dtype == colors.dtype == np.float32 and points.shape == colors.shape == (len(points), 3)
-    whole = fits and len(points) > 0 and np.isfinite(points).all() and ((colors >= 0) & (colors <= 1)).all()
+    whole = fits and len(points) > 0 and bool(np.isfinite(points).all() and ((colors >= 0) & (colors <= 1)).all())
     if frames is not None:
         there = frames.dtype == np.float32 and frames.shape == (len(points),)
-        whole = whole and there and not ((frames < 0) | (frames >= frame_count)).any()
+        whole = whole and there and not bool(((frames < 0) | (frames >= frame_count)).any())
     named = origin.dtype.kind in TEXT and not origin.shape
     return Seeds(points, colors, str(origin), frames) if whole and named else None
 

@@ -151,9 +151,15 @@ def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callab
         return job.seeds
     limit = min(job.recipe.seed_gaussians, room_for_subject(capture, store, job.recipe.max_gaussians))
     recipe = fit_to(method_named(job.method).adapt(job.recipe), capture)
-    wanted = {"count_limit": limit, "seed": job.seed, "share": recipe.seed_share}
-    moments = recipe.moments_for(capture.frame_count, len(capture.train_shots))
-    return stored_seeds(capture, store, **wanted, num_moments=moments, progress=report)
+    return stored_seeds(
+        capture,
+        store,
+        count_limit=limit,
+        seed=job.seed,
+        share=recipe.seed_share,
+        num_moments=recipe.moments_for(capture.frame_count, len(capture.train_shots)),
+        progress=report,
+    )
 
 
 def _check_output(output: Path) -> None:
