@@ -37,7 +37,7 @@ class Recipe:
         seed_gaussians: seed points at most.
         seed_share: of the seed points, those that may be measured, see ``find_seeds``; for tests of stability.
         moment_seeds: whether what moves before static cameras has seed points at many times, each seen at its own to
-            begin with (see model.time_windows); the papers have none.
+            begin with (see model.time_windows): for what flies past and would be missing otherwise.
         sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training, one for each degree at least).
         capacity: "auto" leaves a scene no more than it needs (see compression.schedule), "fixed" what it has.
         dynamic_share: with "auto", the share of the Gaussians that are dynamic at most, whatever that costs; 0 for as
@@ -98,7 +98,7 @@ class Recipe:
     kept_gaussians: int = whole(0, 0, _MOST_GAUSSIANS)
     seed_gaussians: int = whole(25_000, 1, _MOST_SEEDS)
     seed_share: float = number(1.0, 0, 1)
-    moment_seeds: bool = flag(True)
+    moment_seeds: bool = flag(False)
     sh_degree: int = whole(1, 0, 3)
     sh_growth: tuple[float, ...] = fractions((0.1, 0.3, 0.5), 0, 3)
     capacity: str = choice("fixed", ("auto", "fixed"))
@@ -227,7 +227,6 @@ _PAPER = Recipe(
     steps_per_moment=0,
     max_gaussians=300_000,
     seed_gaussians=40_000,
-    moment_seeds=False,
     sh_degree=3,
     temporal_size=256,
     hidden_width=128,
@@ -302,7 +301,7 @@ RECIPES = {
 _FORMER = {"frame_choice": "even"}
 """Settings of earlier versions, and the value that trainings have had ever since."""
 
-BEFORE = {"appearance_views": 0.0, "alpha_weight": 0.0, "moment_seeds": False}
+BEFORE = {"appearance_views": 0.0, "alpha_weight": 0.0}
 """Settings that earlier versions did not have, and the value that their trainings go on with."""
 
 
