@@ -42,7 +42,10 @@ def searches() -> Searches:
 
 
 def same(a: Seeds, b: Seeds) -> bool:
-    return a.origin == b.origin and np.array_equal(a.points, b.points) and np.array_equal(a.colors, b.colors)
+    arrays = np.array_equal(a.points, b.points) and np.array_equal(a.colors, b.colors)
+    if a.frames is None or b.frames is None:
+        return a.origin == b.origin and arrays and a.frames is b.frames
+    return a.origin == b.origin and arrays and np.array_equal(a.frames, b.frames, equal_nan=True)
 
 
 def test_the_same_question_is_answered_from_the_disk(capture: Capture, store: FrameStore, searches: Searches) -> None:
@@ -70,7 +73,19 @@ def test_whatever_decides_them_has_seeds_of_its_own(
     stored_seeds(capture, store, count_limit=200, seed=1, search=searches)
     stored_seeds(capture, store, count_limit=300, seed=2, search=searches)
     stored_seeds(capture, store, count_limit=300, seed=1, share=0.5, search=searches)
-    assert len(searches) == 5
+    stored_seeds(capture, store, count_limit=300, seed=1, num_moments=4, search=searches)
+    assert len(searches) == 6
+
+
+def test_times_are_kept(capture: Capture, store: FrameStore) -> None:
+    frames = np.full(300, np.nan, np.float32)
+    frames[200:] = 2
+    timed = replace(synthetic_capture.seeds(), frames=frames)
+    first = stored_seeds(capture, store, count_limit=300, num_moments=4, search=lambda *_, **__: timed)
+    assert same(first, timed)
+    searches = Searches()
+    assert same(first, stored_seeds(capture, store, count_limit=300, num_moments=4, search=searches))
+    assert not searches
 
 
 def test_a_damaged_file_is_found_again(capture: Capture, store: FrameStore, searches: Searches) -> None:
@@ -92,6 +107,10 @@ def test_a_damaged_file_is_found_again(capture: Capture, store: FrameStore, sear
         {"colors": np.full((300, 3), 7, np.float32)},
         {"colors": np.zeros((299, 3), np.float32)},
         {"origin": np.array(3)},
+        {"frames": np.zeros(299, np.float32)},
+        {"frames": np.zeros(300)},
+        {"frames": np.full(300, -1, np.float32)},
+        {"frames": np.full(300, 1e9, np.float32)},
         {"origin": np.array({}, dtype=object)},
     ],
 )

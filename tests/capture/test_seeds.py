@@ -203,6 +203,27 @@ def test_a_camera_with_few_images_costs_no_seeds() -> None:
     assert len(find_seeds(few, Store(few, shown), count_limit=500).points) == 500
 
 
+def test_what_moves_has_points_at_times_of_its_own() -> None:
+    capture, images = wide_scene(moving_ball=True)
+    seeds = find_seeds(capture, Store(capture, images), count_limit=2000, num_moments=5)
+    assert seeds.frames is not None and seeds.frames.shape == (len(seeds.points),) and len(seeds.points) <= 2000
+    moving = np.isfinite(seeds.frames)
+    assert 200 < moving.sum() <= 500 and f"{moving.sum()} moving" in seeds.origin
+    assert set(seeds.frames[moving]) == {0, 1, 2, 3, 4}
+    ball = np.stack([np.zeros(5), (np.arange(5) - 2) * 0.6, np.zeros(5)], axis=1)
+    there = seeds.frames[moving].astype(int)
+    distance = np.linalg.norm(seeds.points[moving][:, None] - ball, axis=2)  # (N, 5)
+    assert (distance.argmin(axis=1) == there).mean() > 0.75  # the ball overlaps with itself a frame later
+    assert np.median(distance[np.arange(len(there)), there]) < 0.7
+    again = find_seeds(capture, Store(capture, images), count_limit=2000, num_moments=5)
+    assert np.array_equal(seeds.points, again.points) and np.array_equal(seeds.frames, again.frames, equal_nan=True)
+
+
+def test_where_nothing_moves_no_point_has_a_time() -> None:
+    seeds = find_seeds(*_still(), count_limit=1000, num_moments=5)
+    assert seeds.frames is None and seeds.origin == "1000 drawn"
+
+
 def _still() -> tuple[Capture, Store]:
     capture, images = wide_scene(moving_ball=False)
     return capture, Store(capture, images)

@@ -19,7 +19,7 @@ from .frames import FrameStore
 from .seeds import Seeds, find_seeds
 
 _LONGEST_ORIGIN = 1000
-_VERSION = 2  # raise it when the same capture would get other seeds
+_VERSION = 3  # raise it when the same capture would get other seeds
 
 
 def stored_seeds(
@@ -29,34 +29,42 @@ def stored_seeds(
     count_limit: int,
     seed: int = 0,
     share: float = 1.0,
+    num_moments: int = 0,
     progress: Callable[[int, int], None] | None = None,
     search: Callable[..., Seeds] | None = None,
 ) -> Seeds:
     """``search``, by default ``find_seeds``, or what it found for the same images, cameras and arguments before."""
-    path = store.folder / f"seeds-{_key(capture, count_limit, seed, share)}.npz"
-    if (kept := _kept(path, count_limit)) is not None:
+    path = store.folder / f"seeds-{_key(capture, count_limit, seed, share, num_moments)}.npz"
+    if (kept := _kept(path, count_limit, capture.frame_count)) is not None:
         return kept
     search = find_seeds if search is None else search
-    seeds = search(capture, store, count_limit=count_limit, seed=seed, share=share, progress=progress)
+    seeds = search(
+        capture, store, count_limit=count_limit, seed=seed, share=share, num_moments=num_moments, progress=progress
+    )
     _keep(path, seeds)
     return seeds
 
 
-def _kept(path: Path, most: int) -> Seeds | None:
+def _kept(path: Path, most: int, frame_count: int) -> Seeds | None:
     """What ``_keep`` wrote; None where that is not there, or damaged, so that it is found again."""
     if not path.is_file():
         return None
     try:
-        arrays = read_npz(path, "seed points", lambda *_: None, 6 * max(most, 0) + _LONGEST_ORIGIN, NUMBERS + TEXT)
+        arrays = read_npz(path, "seed points", lambda *_: None, 7 * max(most, 0) + _LONGEST_ORIGIN, NUMBERS + TEXT)
         points, colors, origin = arrays["points"], arrays["colors"], arrays["origin"]
+        frames = arrays.get("frames")
     except (FrogError, KeyError):
         return None
     fits = points.dtype == colors.dtype == np.float32 and points.shape == colors.shape == (len(points), 3)
-    whole = fits and len(points) > 0 and np.isfinite(points).all() and ((colors >= 0) & (colors <= 1)).all()
-    return Seeds(points, colors, str(origin)) if whole and origin.dtype.kind in TEXT and not origin.shape else None
+    whole = fits and len(points) > 0 and bool(np.isfinite(points).all() and ((colors >= 0) & (colors <= 1)).all())
+    if frames is not None:
+        there = frames.dtype == np.float32 and frames.shape == (len(points),)
+        whole = whole and there and not bool(((frames < 0) | (frames >= frame_count)).any())
+    named = origin.dtype.kind in TEXT and not origin.shape
+    return Seeds(points, colors, str(origin), frames) if whole and named else None
 
 
-def _key(capture: Capture, count_limit: int, seed: int, share: float) -> str:
+def _key(capture: Capture, count_limit: int, seed: int, share: float, num_moments: int) -> str:
     """Everything that decides the seeds but the frames themselves, for which the store's folder stands."""
     points = b"" if capture.points is None else np.ascontiguousarray(capture.points).tobytes()
     decides = {
@@ -64,6 +72,7 @@ def _key(capture: Capture, count_limit: int, seed: int, share: float) -> str:
         "count_limit": count_limit,
         "seed": seed,
         "share": share,
+        "num_moments": num_moments,
         "cameras": [camera.to_json() for camera in capture.cameras],
         "test": [sorted(capture.test_cameras), sorted(capture.test_frames)],
         "near_far": capture.near_far,
@@ -79,7 +88,8 @@ def _keep(path: Path, seeds: Seeds) -> None:
         handle, name = tempfile.mkstemp(prefix=".seeds-", suffix=".npz", dir=path.parent)
         try:
             with os.fdopen(handle, "wb") as file:
-                np.savez(file, points=seeds.points, colors=seeds.colors, origin=np.array(seeds.origin))
+                times = {} if seeds.frames is None else {"frames": seeds.frames}
+                np.savez(file, points=seeds.points, colors=seeds.colors, origin=np.array(seeds.origin), **times)
             Path(name).replace(path)
         except OSError:
             Path(name).unlink(missing_ok=True)

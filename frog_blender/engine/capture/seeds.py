@@ -16,7 +16,7 @@ from .seeding.matching import triangulate
 from .seeding.plane_sweep import DepthMap, consistent, sweep, world_points
 from .seeding.subject import subject_points
 from .seeding.views import Images, View, load_view, neighbours, scene_depth, spread
-from .seeding.volume import fill_volume
+from .seeding.volume import fill_volume, points_at_times
 
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
 _MATCH_VIEWS = 36
@@ -24,6 +24,7 @@ _SWEEP_REFERENCES = 12
 _ENOUGH = 5000  # measured points: with fewer, further ones are drawn in the volume
 _UNTEXTURED_SHARE = 0.3
 _HULL_FRAMES = 24
+_MOVING_SHARE = 0.25  # of all seed points, those at moments of their own, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +35,14 @@ class Seeds:
         points: (N, 3) float32, world units.
         colors: (N, 3) float32 in [0, 1].
         origin: how they were found, in words.
+        frames: (N,) float32 at which points on what moves are there, NaN of points that are there at all times; None
+            where all are.
     """
 
     points: Float32s
     colors: Float32s
     origin: str
+    frames: Float32s | None = None
 
 
 Cloud = tuple[Float64s, Floats]
@@ -52,6 +56,7 @@ def find_seeds(
     count_limit: int = 25_000,
     seed: int = 0,
     share: float = 1.0,
+    num_moments: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Seeds:
     """Seed points from matched features and a plane sweep, or from the common volume where views are too far apart.
@@ -63,6 +68,7 @@ def find_seeds(
     Args:
         count_limit: at most this many points.
         share: of ``count_limit``, the maximum number of measured points, as if matching had found no more.
+        num_moments: frames at which what moves before static cameras gets points of its own, as far as there is any.
         progress: called with (steps done, steps in all).
 
     Raises:
@@ -85,6 +91,11 @@ def find_seeds(
     matched = np.concatenate([found[0], given[0]]), np.concatenate([found[1], given[1]])
     report(1)
     near, far = _depth_range(capture, matched[0], depth)
+    moving = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+    if num_moments and not capture.has_moving_cameras and not capture.has_masks:
+        most, own = int(_MOVING_SHARE * count_limit), np.random.default_rng((seed, 1))
+        moving = points_at_times(capture, store, near, far, count=most, num_frames=num_moments, random=own)
+        count_limit -= len(moving[0])
     swept, textured = _sweep(capture, store, references, (near, far), lambda done: report(1 + done))
     measured = len(matched[0]) + len(swept[0])
     parts = []
@@ -111,15 +122,22 @@ def find_seeds(
             parts.append(fill_volume(capture, store, near, far, count=wanted, random=random))
         counts["drawn"] = len(parts[-1][0])
     report(steps)
-    points = np.concatenate([part[0] for part in parts])
-    colors = np.concatenate([part[1] for part in parts])
+    points = np.concatenate([*(part[0] for part in parts), moving[0]])
+    colors = np.concatenate([*(part[1] for part in parts), moving[1]])
+    frames = np.concatenate([np.full(len(points) - len(moving[2]), np.nan), moving[2]]).astype(np.float32)
+    counts["moving"] = len(moving[2])
     finite = np.isfinite(points).all(axis=1)
     if hull is not None and not finite.any():
         raise FrogError(f"{capture.path}: no point lies inside the masks of all cameras: are they of these images?")
     if not finite.any():
         raise FrogError(f"{capture.path}: no point is seen by two training cameras: are the poses right?")
     origin = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-    return Seeds(points[finite].astype(np.float32), np.clip(colors[finite], 0, 1).astype(np.float32), origin)
+    return Seeds(
+        points[finite].astype(np.float32),
+        np.clip(colors[finite], 0, 1).astype(np.float32),
+        origin,
+        frames[finite] if counts["moving"] else None,
+    )
 
 
 def _hull(capture: Capture, store: Images, train: list[int]) -> VisualHull | None:

@@ -91,6 +91,7 @@ def _ed3dgs(recipe: Recipe) -> Recipe:
         _embedded(recipe),
         fusion="dual",
         modulation=False,
+        moment_seeds=False,
         appearance_views=0.0,
         sampling="off",
         opacity_reduction="off",
@@ -103,6 +104,7 @@ def _plain(recipe: Recipe, embedding_size: int = 0) -> Recipe:
     return replace(
         recipe,
         embedding_size=embedding_size,
+        moment_seeds=False,
         appearance_views=0.0,
         sampling="off",
         opacity_reduction="off",

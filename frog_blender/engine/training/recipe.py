@@ -36,6 +36,8 @@ class Recipe:
             needs (see compression.budget).
         seed_gaussians: seed points at most.
         seed_share: of the seed points, those that may be measured, see ``find_seeds``; for tests of stability.
+        moment_seeds: whether what moves before static cameras has seed points at many times, each seen at its own to
+            begin with (see model.time_windows): for what flies past and would be missing otherwise.
         sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training, one for each degree at least).
         capacity: "auto" leaves a scene no more than it needs (see compression.schedule), "fixed" what it has.
         dynamic_share: with "auto", the share of the Gaussians that are dynamic at most, whatever that costs; 0 for as
@@ -96,6 +98,7 @@ class Recipe:
     kept_gaussians: int = whole(0, 0, _MOST_GAUSSIANS)
     seed_gaussians: int = whole(25_000, 1, _MOST_SEEDS)
     seed_share: float = number(1.0, 0, 1)
+    moment_seeds: bool = flag(False)
     sh_degree: int = whole(1, 0, 3)
     sh_growth: tuple[float, ...] = fractions((0.1, 0.3, 0.5), 0, 3)
     capacity: str = choice("fixed", ("auto", "fixed"))
@@ -177,6 +180,13 @@ class Recipe:
         """Rows of the coarse embedding, of a table of ``rows``."""
         share = self.coarse_share
         return max(2, min(rows, round(rows * share) if share else min(_MOST_COARSE_ROWS, rows // 2)))
+
+    def moments_for(self, frames: int, images: int) -> int:
+        """Times at which what moves has seed points: one for two of the coarse rows, since the temporal embedding
+        begins with nothing faster."""
+        if not (self.moment_seeds and self.modulation and self.deformed_opacity and self.embedding_size):
+            return 0
+        return max(2, round(self.coarse_rows_for(self.temporal_rows_for(frames, images)) / 2))
 
     def growth_limit_at(self, progress: float) -> int:
         """Gaussians that a training grows to at ``progress``."""

@@ -31,7 +31,7 @@ _PRIOR = 1.0  # standard deviation of a logarithm of which nothing is known
 
 
 def matched_exposures(capture: Capture, store: Images) -> dict[int, Float64s] | None:
-    """Factors of red, green and blue (3,) by camera, of the training cameras of a rig; their geometric mean is 1.
+    """Factors of red, green and blue (3,) by camera, of the training cameras of a rig; their median is 1.
 
     None where cameras are alike, or matches do not say for certain that they are not. A camera without matches is as
     bright as the mean. Only training images are read, of one frame after another until the matches suffice.
@@ -49,7 +49,7 @@ def matched_exposures(capture: Capture, store: Images) -> dict[int, Float64s] | 
             break
     if np.sqrt((solved**2).mean()) <= max(_NOTICED, _CERTAIN * error):
         return None
-    return dict(zip(cameras, np.exp(solved), strict=True))
+    return dict(zip(cameras, np.exp(solved - np.median(solved, axis=0)), strict=True))
 
 
 def solve_exposures(count: int, ratios: dict[tuple[int, int], Float64s]) -> tuple[Float64s, float]:

@@ -19,7 +19,7 @@ from .views import Images, View, load_view, sample_view, spread
 _LONGEST_SIDE = 320
 NUM_BACKGROUND_FRAMES = 9
 NUM_FRAMES = 12
-_CANDIDATES = 40_000  # points a frame, near those that the coarse search found
+_CANDIDATES = 480_000  # points at all frames, near those that the coarse search found
 _CHANGE = 0.1  # of the display range: a larger difference from the median image is motion
 
 
@@ -31,16 +31,19 @@ def moving_points(
     *,
     count: int,
     random: np.random.Generator,
-) -> tuple[Float64s, Float64s]:
-    """At most ``count`` world points (N, 3) and their colours (N, 3) in [0, 1].
+    num_frames: int = NUM_FRAMES,
+) -> tuple[Float64s, Float64s, Float64s]:
+    """At most ``count`` world points (N, 3), their colours (N, 3) in [0, 1], and the frames (N,) at which they are
+    there.
 
     Args:
         by_frame: training shots of each frame; the cameras are static.
         samples: (S, 3) world points throughout the seen volume.
+        num_frames: that are looked at, at most, evenly spread.
     """
     medians = _median_images(capture, store, by_frame)
-    frames = spread(sorted(by_frame), NUM_FRAMES)
-    points, colors = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    frames = spread(sorted(by_frame), num_frames)
+    points, colors, times = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
     for frame in frames:
         # A camera without images at the background's frames has no median to compare with.
         known = [shot for shot in by_frame[frame] if capture.shots[shot].camera in medians]
@@ -48,14 +51,15 @@ def moving_points(
         masks = [_moving_mask(view, medians[capture.shots[view.shot].camera]) for view in views]
         inside, _, _ = _in_hull(views, masks, samples)
         if inside.any():
-            near = _around(samples[inside], _CANDIDATES, random)
+            near = _around(samples[inside], _CANDIDATES // len(frames), random)
             inside, color, disagreement = _in_hull(views, masks, near)
             chosen = np.flatnonzero(inside)
             best = chosen[np.argsort(disagreement[chosen], kind="stable")[: (len(chosen) + 1) // 2]]
             chosen = random.permutation(best)[: count // len(frames)]
             points.append(near[chosen])
             colors.append(color[chosen])
-    return np.concatenate(points), np.concatenate(colors)
+            times.append(np.full(len(chosen), float(frame)))
+    return np.concatenate(points), np.concatenate(colors), np.concatenate(times)
 
 
 def _around(points: Float64s, count: int, random: np.random.Generator) -> Float64s:

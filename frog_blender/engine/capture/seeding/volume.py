@@ -15,7 +15,7 @@ from ..video import load_opencv
 from .moving import moving_points
 from .views import Images, View, load_view, sample_view, spread
 
-_SAMPLES = 300_000
+_SAMPLES, _SPARSE_SAMPLES = 300_000, 60_000
 _LONGEST_SIDE = 320
 _MOVING_SHARE = 0.4
 
@@ -24,20 +24,52 @@ def fill_volume(
     capture: Capture, store: Images, near: float, far: float, *, count: int, random: np.random.Generator
 ) -> tuple[Float64s, Float64s]:
     """At most ``count`` world points (N, 3) seen by several training cameras, and their colours (N, 3) in [0, 1]."""
-    by_frame: dict[int, list[int]] = {}
-    for index in capture.train_indices:
-        by_frame.setdefault(capture.shots[index].frame, []).append(index)
-    frames, moves = sorted(by_frame), capture.has_moving_cameras
-    shots = spread(capture.train_indices, 12) if moves else by_frame[frames[len(frames) // 2]]
+    by_frame = _shots_by_frame(capture)
+    moves = capture.has_moving_cameras
+    shots = spread(capture.train_indices, 12) if moves else _middle(by_frame)
     views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in shots]
     samples = _sample_frustums(views, near, far, _SAMPLES, random)
     points, colors = np.zeros((0, 3)), np.zeros((0, 3))
-    if len(frames) >= 3 and not moves:
-        points, colors = moving_points(
+    if len(by_frame) >= 3 and not moves:
+        points, colors, _ = moving_points(
             capture, store, by_frame, samples, count=int(count * _MOVING_SHARE), random=random
         )
     agreeing, agreeing_colors = _agreeing_points(views, samples, count - len(points), random)
     return np.concatenate([points, agreeing]), np.concatenate([colors, agreeing_colors])
+
+
+def points_at_times(
+    capture: Capture,
+    store: Images,
+    near: float,
+    far: float,
+    *,
+    count: int,
+    num_frames: int,
+    random: np.random.Generator,
+) -> tuple[Float64s, Float64s, Float64s]:
+    """At most ``count`` world points (N, 3) on what moves before static cameras, their colours (N, 3) in [0, 1], and
+    the frames (N,), of ``num_frames``, at which they are there; none of a capture of fewer than three frames."""
+    by_frame = _shots_by_frame(capture)
+    if len(by_frame) < 3:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+    views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in _middle(by_frame)]
+    samples = _sample_frustums(views, near, far, _SPARSE_SAMPLES, random)
+    return moving_points(capture, store, by_frame, samples, count=count, random=random, num_frames=num_frames)
+
+
+def _shots_by_frame(capture: Capture) -> dict[int, list[int]]:
+    """Training shots of each frame that has any."""
+    by_frame: dict[int, list[int]] = {}
+    for index in capture.train_indices:
+        by_frame.setdefault(capture.shots[index].frame, []).append(index)
+    return by_frame
+
+
+def _middle(by_frame: dict[int, list[int]]) -> list[int]:
+    """The shots of the middle frame."""
+    frames = sorted(by_frame)
+    return by_frame[frames[len(frames) // 2]]
 
 
 def _sample_frustums(

@@ -37,9 +37,9 @@ class ExposureCompensation:
     brighter than what was drawn in the same places, gathered over many steps. Large differences are found before the
     first step, see ``matched_exposures``: by the first update the scene has learned them.
 
-    Their geometric mean over the cameras is 1, so that the scene is as bright as the cameras are in the mean. Held-out
-    cameras, of which nothing may be learned, have the exposure NEUTRAL, and so have all where cameras are alike,
-    and those of a single image (see ``learnable_cameras``).
+    Their median over the cameras is 1, so that the scene is as bright as most cameras see it, whatever a few do.
+    Held-out cameras, of which nothing may be learned, have the exposure NEUTRAL, and so have all where cameras are
+    alike, and those of a single image (see ``learnable_cameras``).
 
     Attributes:
         sums: (C, 2, 3) brightness of images, and of drawings before their camera's exposure; what is old counts less.
@@ -100,6 +100,7 @@ class ExposureCompensation:
         logs = np.log(truth) - np.log(drawn)
         logs -= logs.mean(axis=0)
         alike = np.sqrt((logs**2).mean()) < _NOTICED
+        logs -= np.median(logs, axis=0)
         factors = np.exp(np.clip(logs, -np.log(_LARGEST), np.log(_LARGEST)))
         cameras = list(self._rig.capture.cameras)
         for index, factor in zip(self._learned, factors, strict=True):

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from ...capture.capture import Capture
 from ...capture.seeds import Seeds
 from ...model.canonical import CanonicalField, new_gaussians
+from ...model.frog import Frog
 from ...model.interface import SceneModel
+from ...model.time_windows import can_open, open_windows
 from ...rasterizer import RasterizeOptions
 from ..methods import ModelInit, method_named
 from ..recipe import Recipe
@@ -43,4 +45,8 @@ def first_model(
     sh_count = (recipe.sh_degree + 1) ** 2
     canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, recipe.embedding_size))
     begin = ModelInit(canonical, recipe, capture.frame_count, len(capture.train_shots), scene_scale)
-    return method_named(method).build(begin).to(device)
+    model = method_named(method).build(begin).to(device)
+    if seeds.frames is not None and isinstance(model, Frog) and can_open(model):
+        times = torch.from_numpy(seeds.frames / max(capture.frame_count - 1, 1))
+        open_windows(model, times.to(device))
+    return model

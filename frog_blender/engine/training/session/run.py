@@ -24,6 +24,7 @@ from ..optimize.device import choose_device
 from ..optimize.hull_pruning import hull_hooks, room_for_subject
 from ..optimize.initialization import doubt_of_scale
 from ..optimize.trainer import Limits, Trainer, TrainerFactory
+from ..views import fit_to
 from . import events
 from .background_work import in_background
 from .cancel_token import CancelToken
@@ -149,7 +150,16 @@ def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callab
     if job.seeds is not None:
         return job.seeds
     limit = min(job.recipe.seed_gaussians, room_for_subject(capture, store, job.recipe.max_gaussians))
-    return stored_seeds(capture, store, count_limit=limit, seed=job.seed, share=job.recipe.seed_share, progress=report)
+    recipe = fit_to(method_named(job.method).adapt(job.recipe), capture)
+    return stored_seeds(
+        capture,
+        store,
+        count_limit=limit,
+        seed=job.seed,
+        share=recipe.seed_share,
+        num_moments=recipe.moments_for(capture.frame_count, len(capture.train_shots)),
+        progress=report,
+    )
 
 
 def _check_output(output: Path) -> None:
