@@ -113,6 +113,36 @@ def test_images_with_alpha_are_masks_by_themselves(tmp_path: Path) -> None:
     assert np.abs(again.astype(int) - store.image(2)).max() <= 1
 
 
+def listed_masks(folder: Path, name: str) -> Path:
+    """``posed_images``, the first of which has a mask whose left part is black."""
+    import json
+
+    posed_images(folder)
+    found = json.loads((folder / "transforms.json").read_text())
+    found["frames"][0]["mask_path"] = name
+    (folder / "transforms.json").write_text(json.dumps(found))
+    cv2.imwrite(str(folder / "black.png"), np.where(half(0) > 127, np.uint8(255), np.uint8(0)))
+    return folder
+
+
+def test_what_is_black_in_a_mask_that_transforms_json_names_is_ignored(tmp_path: Path) -> None:
+    folder = listed_masks(tmp_path / "listed", "./black.png")
+    capture = open_capture(folder)
+    store = stored(capture, tmp_path)
+    first = next(index for index, shot in enumerate(capture.shots) if shot.ignore is not None)
+    ignored = store.ignored(first)
+    assert ignored is not None and ignored[:, :20].all() and not ignored[:, 20:].any()
+    assert all(not store.ignored(index).any() for index in range(len(capture.shots)) if index != first)
+    assert store.alpha(first) is None and mask_lines(capture) == ["ignored: masks of 1 images"]
+    assert not open_capture(folder, masks=MaskSettings(use=False)).has_masks
+
+
+@pytest.mark.parametrize("name", ["../black.png", 7, "", "a\0b"])
+def test_masks_that_transforms_json_names_are_checked(tmp_path: Path, name: str) -> None:
+    with pytest.raises(FrogError, match="mask"):
+        open_capture(listed_masks(tmp_path / "listed", name))
+
+
 def test_an_alpha_channel_that_is_all_opaque_is_no_mask(tmp_path: Path) -> None:
     opaque = posed_images(tmp_path / "opaque", lambda _: np.full((48, 64), 255, np.uint8))
     store = stored(open_capture(opaque), tmp_path)
