@@ -164,8 +164,8 @@ def _find_images(folder: Path, file: Path) -> tuple[list[_Entry], int, bool]:
     names = [_listed_name(frame, file) for frame in frames]
     places, is_ordered = times_by_name(names, [_view(frame, index) for index, frame in enumerate(frames)])
     for place, name, frame in zip(places, names, frames, strict=True):
-        image = _inside(folder, name, file, "image")
-        image = image if os.path.isfile(image) else with_ending(image)
+        inside = _inside(folder, name, file, "image")
+        image = inside if os.path.isfile(inside) else with_ending(inside)
         if image is not None:
             found.append(_Entry(file, top, frame, image, place))
     return found, len(frames), is_ordered or all(frame.get("time") is not None for frame in frames)
