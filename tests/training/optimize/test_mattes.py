@@ -23,9 +23,9 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.evaluation.evaluate import evaluate
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
 from frog_blender.engine.training.optimize.hull_pruning import HullPruning, hull_hooks, room_for_subject
 from frog_blender.engine.training.optimize.losses import matte_loss, photometric_loss
-from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
 from frog_blender.engine.training.optimize.mattes import Mattes, Truth, behind_ignored
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.session import events
