@@ -9,6 +9,7 @@ from typing import Any
 
 from ..engine.capture.calibration.report_lines import report_lines
 from ..engine.capture.capture import Capture
+from ..engine.capture.contact_sheet import write_contact_sheet
 from ..engine.capture.frames import is_decoded
 from ..engine.capture.masking import MaskSettings
 from ..engine.capture.masks_found import mask_lines
@@ -36,6 +37,12 @@ def add_info_parser(commands: Any) -> None:
         action="store_true",
         help="look at some images of a capture: do matches fit the poses, are cameras in step, exposure, blur",
     )
+    info.add_argument(
+        "--sheet",
+        type=Path,
+        metavar="X.png",
+        help="write one image of each camera: red where masks leave it out, blue where it is ignored",
+    )
     add_offset_argument(info)
     add_mask_arguments(info)
     info.set_defaults(run=_info)
@@ -56,11 +63,14 @@ def _describe(options: argparse.Namespace) -> dict[str, Any]:
     """Plain values by name; a list is printed a line an entry."""
     path, check = options.path, options.check
     if path.suffix == ".frog":
-        if check:
-            raise FrogError(f"{path}: --check looks at the images of a capture, found a scene.")
+        if check or options.sheet:
+            wish = "--check" if check else "--sheet"
+            raise FrogError(f"{path}: {wish} looks at the images of a capture, found a scene.")
         return _describe_scene(ScenePlayer.load(path), path)
     masks = MaskSettings(options.masks != "off", options.key)
     capture = open_capture(path, pixel_offsets=offsets_of(options), masks=masks)
+    if options.sheet:
+        write_contact_sheet(capture, options.sheet)
     return _describe_capture(capture) | (_checked(capture) if check else {})
 
 

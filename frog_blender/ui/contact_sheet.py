@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -12,6 +13,7 @@ import numpy as np
 
 from .. import addon_state, redrawing
 from ..engine.capture.calibration.moving import still_images
+from ..engine.capture.contact_sheet import first_shots, marked_image
 from ..engine.capture.video import VIDEO_SUFFIXES, composed, decode, find_videos, load_opencv, read_image
 from ..engine.errors import FrogError, brief
 from . import preview_image
@@ -22,8 +24,8 @@ MOST = 48  # images; of more cameras, evenly spread ones
 TICK_SECONDS = 0.1
 _JOIN_SECONDS = 5.0
 
-Source = tuple[str, Path, int]
-"""A camera's name, its file, and the frame in that."""
+Source = tuple[str, Callable[[], np.ndarray]]
+"""A camera's name, and what decodes its image."""
 
 
 class ContactSheet:
@@ -80,29 +82,33 @@ class ContactSheet:
 
     def _work(self) -> None:
         try:
-            for name, path, index in self._sources:
+            for name, decoded in self._sources:
                 if self._stop.is_set():
                     break
-                self._images.put((name, _small_image(path, index)))
+                self._images.put((name, _image_or_error(name, decoded)))
         finally:
             self._images.put(None)
 
 
-def _small_image(path: Path, index: int) -> np.ndarray | str:
-    """An image at most LONGEST_SIDE a side, or why there is none."""
+def _image_or_error(name: str, decoded: Callable[[], np.ndarray]) -> np.ndarray | str:
+    """An image, or why there is none."""
     try:
-        is_video = path.suffix.lower() in VIDEO_SUFFIXES
-        image = next(iter(decode(path, [index]))) if is_video else read_image(path)
-        scale = LONGEST_SIDE / max(image.shape[:2])
-        if scale >= 1:
-            return image
-        cv2 = load_opencv()
-        size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
-        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+        return decoded()
     except FrogError as error:
         return str(error)
     except Exception as error:  # would be lost otherwise
-        return f"{path}: could not be decoded ({brief(error)})."
+        return f"{name}: could not be decoded ({brief(error)})."
+
+
+def _small_image(path: Path) -> np.ndarray:
+    """The first image of raw footage, at most LONGEST_SIDE a side."""
+    image = next(iter(decode(path, [0]))) if path.suffix.lower() in VIDEO_SUFFIXES else read_image(path)
+    scale = LONGEST_SIDE / max(image.shape[:2])
+    if scale >= 1:
+        return image
+    cv2 = load_opencv()
+    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
 class CurrentContactSheet:
@@ -145,19 +151,21 @@ def icon_name(camera: str) -> str:
 
 
 def sources(folder: Path, summary: CaptureSummary) -> list[Source]:
-    """What to decode: each camera's first image, or that of each raw video; at most MOST.
+    """What to decode: each camera's first image with its masks, or that of each raw video; at most MOST.
 
     Raises:
         OSError: if the folder cannot be read.
     """
     capture = summary.capture
-    if capture is None:
-        found = [(composed(path.stem), path, 0) for path in find_videos(folder) or still_images(folder)]
-    else:
-        first = {shot.camera: shot for shot in reversed(capture.shots)}
-        found = [(capture.cameras[camera].name, shot.path, shot.index) for camera, shot in sorted(first.items())]
-    chosen = np.unique(np.linspace(0, len(found) - 1, min(MOST, len(found))).round().astype(int)) if found else []
-    return [found[index] for index in chosen]
+    if capture is not None:
+        shots = first_shots(capture, MOST)
+        names = [capture.cameras[capture.shots[shot].camera].name for shot in shots]
+        return [
+            (name, partial(marked_image, capture, shot, LONGEST_SIDE)) for name, shot in zip(names, shots, strict=True)
+        ]
+    paths = find_videos(folder) or still_images(folder)
+    chosen = np.unique(np.linspace(0, len(paths) - 1, min(MOST, len(paths))).round().astype(int)) if paths else []
+    return [(composed(paths[index].stem), partial(_small_image, paths[index])) for index in chosen]
 
 
 def tick() -> float | None:

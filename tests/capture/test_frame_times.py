@@ -204,9 +204,9 @@ def test_terms_of_a_lens_that_are_not_used_are_said(tmp_path: Path, lens: dict[s
     assert warning.endswith(f"the lens has {unused}, which are not used.")
 
 
-def test_masks_that_are_not_used_are_said(tmp_path: Path) -> None:
+def test_listed_masks_that_are_missing_are_said(tmp_path: Path) -> None:
     write(tmp_path, NAMES[:2], [posed(NAMES[0], 0, mask_path="m.png"), posed(NAMES[1], 1)])
-    assert "1 images have masks (mask_path), which are not used" in open_capture(tmp_path).warnings[0]
+    assert "1 of 1 masks (mask_path) are missing" in open_capture(tmp_path).warnings[0]
 
 
 def test_photographs_upside_down_are_said(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from support import synthetic_capture as film
 from support.masked_capture import ball_alpha, write_masks
 
 from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.contact_sheet import contact_sheet, first_shots, marked_image, write_contact_sheet
 from frog_blender.engine.capture.frames import FrameStore, decoding_key
 from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import ChromaKey, MaskSettings, chroma_key, over, recolored
@@ -113,6 +114,36 @@ def test_images_with_alpha_are_masks_by_themselves(tmp_path: Path) -> None:
     assert np.abs(again.astype(int) - store.image(2)).max() <= 1
 
 
+def listed_masks(folder: Path, name: str) -> Path:
+    """``posed_images``, the first of which has a mask whose left part is black."""
+    import json
+
+    posed_images(folder)
+    found = json.loads((folder / "transforms.json").read_text())
+    found["frames"][0]["mask_path"] = name
+    (folder / "transforms.json").write_text(json.dumps(found))
+    cv2.imwrite(str(folder / "black.png"), np.where(half(0) > 127, np.uint8(255), np.uint8(0)))
+    return folder
+
+
+def test_what_is_black_in_a_mask_that_transforms_json_names_is_ignored(tmp_path: Path) -> None:
+    folder = listed_masks(tmp_path / "listed", "./black.png")
+    capture = open_capture(folder)
+    store = stored(capture, tmp_path)
+    first = next(index for index, shot in enumerate(capture.shots) if shot.ignore is not None)
+    ignored = store.ignored(first)
+    assert ignored is not None and ignored[:, :20].all() and not ignored[:, 20:].any()
+    assert all(not store.ignored(index).any() for index in range(len(capture.shots)) if index != first)
+    assert store.alpha(first) is None and mask_lines(capture) == ["ignored: masks of 1 images"]
+    assert not open_capture(folder, masks=MaskSettings(use=False)).has_masks
+
+
+@pytest.mark.parametrize("name", ["../black.png", 7, "", "a\0b"])
+def test_masks_that_transforms_json_names_are_checked(tmp_path: Path, name: str) -> None:
+    with pytest.raises(FrogError, match="mask"):
+        open_capture(listed_masks(tmp_path / "listed", name))
+
+
 def test_an_alpha_channel_that_is_all_opaque_is_no_mask(tmp_path: Path) -> None:
     opaque = posed_images(tmp_path / "opaque", lambda _: np.full((48, 64), 255, np.uint8))
     store = stored(open_capture(opaque), tmp_path)
@@ -160,6 +191,31 @@ def test_a_later_mask_of_another_size_and_one_that_is_no_image_are_one_sentence(
     late.write_bytes(b"no image")
     with pytest.raises(FrogError, match=r"0004\.png: found a file that cannot be decoded, expected an image"):
         stored(open_capture(folder), tmp_path)
+
+
+def test_a_contact_sheet_shows_what_masks_leave_out(folder: Path, tmp_path: Path) -> None:
+    plain = contact_sheet(open_capture(folder))
+    write_masks(folder / "masks", "numbered")
+    (folder / "ignore").mkdir()
+    mark = np.zeros((film.HEIGHT, film.WIDTH), np.uint8)
+    mark[:6] = 255
+    cv2.imwrite(str(folder / "ignore" / "cam02.png"), mark)
+    capture = open_capture(folder)
+    sheet = contact_sheet(capture)
+    assert sheet.shape == plain.shape and len(first_shots(capture)) == 4
+    shot = next(index for index in first_shots(capture) if capture.shots[index].ignore is not None)
+    camera = capture.cameras[capture.shots[shot].camera]
+    alpha = ball_alpha(camera, capture.shots[shot].frame)
+    before, image = (marked_image(c, shot, 999).astype(int) for c in (capture.without_masks(), capture))
+    subject, outside = (alpha == 255) & (mark == 0), (alpha == 0) & (mark == 0)
+    np.testing.assert_array_equal(image[subject], before[subject])
+    assert (image[outside] - before[outside])[:, 0].mean() > 20 > 0 > (image[outside] - before[outside])[:, 1:].mean()
+    assert (image[mark > 0][:, 2] > image[mark > 0][:, 0]).all()
+    write_contact_sheet(capture, tmp_path / "sheet.png")
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "sheet.png"))[..., ::-1], sheet)
+    with pytest.raises(FrogError, match=r"found the ending '.txt', expected one of .png"):
+        write_contact_sheet(capture, tmp_path / "sheet.txt")
+    assert max(marked_image(capture, shot, 20).shape[:2]) == 20 and len(first_shots(capture, 2)) == 2
 
 
 def test_masks_of_nothing_are_warned_of(folder: Path) -> None:

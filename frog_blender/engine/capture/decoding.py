@@ -101,9 +101,14 @@ def _masks(sources: Sequence[MaskSource | None]) -> Iterator[ImageArray | None]:
         if path is None:
             yield from repeat(None, len(same))
         elif path.suffix.lower() in VIDEO_SUFFIXES:
-            yield from (image.max(axis=2) for image in decode(path, [source.index for source in given]))
+            yield from (_meant(image.max(axis=2), given[0]) for image in decode(path, [each.index for each in given]))
         else:
-            yield from repeat(read_alpha(path) if given[0].is_alpha else read_mask(path), len(same))
+            mask = read_alpha(path) if given[0].is_alpha else read_mask(path)
+            yield from repeat(_meant(mask, given[0]), len(same))
+
+
+def _meant(mask: ImageArray, source: MaskSource) -> ImageArray:
+    return ~mask if source.inverted else mask
 
 
 def _touched(mask: ImageArray, above: int) -> ImageArray:

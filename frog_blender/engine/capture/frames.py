@@ -218,7 +218,9 @@ def _key(capture: Capture, sources: dict[str, list[int]]) -> str:
 
 
 def _mask_key(mask: MaskSource | None) -> list[object]:
-    return [] if mask is None else [str(mask.path.resolve()), mask.index, mask.is_alpha]
+    if mask is None:
+        return []
+    return [str(mask.path.resolve()), mask.index, mask.is_alpha, *(["inverted"] if mask.inverted else [])]
 
 
 def _distortion_key(distortion: Distortion | None) -> list[float] | dict[str, object] | None:

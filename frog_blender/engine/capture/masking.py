@@ -29,11 +29,13 @@ class MaskSource:
         path: an image or a video.
         index: frame within the video, 0 for an image.
         is_alpha: the mask is the image's alpha channel; else its brightness, white for what is meant.
+        inverted: black is what is meant.
     """
 
     path: Path
     index: int = 0
     is_alpha: bool = False
+    inverted: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
-"""Gaussians ranked by what an image loses without them: one order a scene, so that leaving out the last never flickers.
+"""What images lose without a Gaussian: a ranking, and how much of any training image it makes.
 
-A Gaussian counts by its opacity times its area (its two largest standard deviations), times the largest share it has
-in a pixel of the scene's own cameras; the mean over times spread over the scene.
+The ranking is one order a scene, so that leaving out the last never flickers. There a Gaussian counts by its opacity
+times its area (its two largest standard deviations), times the largest share it has in a pixel of the scene's own
+cameras; the mean over times spread over the scene.
 """
 
 from __future__ import annotations
@@ -19,12 +20,13 @@ from .player import ScenePlayer
 _MAX_VIEWS = 8  # images at most: a second for 200,000 Gaussians
 _LONGEST_SIDE = 320  # pixels; finer ones rank no better
 _UNSEEN = 0.02  # share of what no camera saw: it may be all there is from elsewhere
+_MOST_TRAINING_VIEWS = 240  # images that are looked for something that is seen in few of them
 
 
 def ranking(scene: ScenePlayer) -> Array:
     """(N,) every Gaussian's index, the most important first; the same for the same scene on any day."""
     score = np.zeros(scene.count)
-    for camera, frame in _sampled_views(scene.header):
+    for camera, frame in _sampled_views(scene.header, _MAX_VIEWS):
         gaussians = scene.at_frame(frame)
         largest = np.sort(gaussians.scales, axis=1)[:, 1:].astype(np.float64)
         seen = _visible_weights(gaussians, camera) if camera is not None else 1.0
@@ -32,29 +34,55 @@ def ranking(scene: ScenePlayer) -> Array:
     return np.argsort(-np.nan_to_num(score), kind="stable")
 
 
+def peak_weights(scene: ScenePlayer, most_views: int = _MOST_TRAINING_VIEWS) -> Array:
+    """(N,) each Gaussian's largest blending weight in any training image: opacity times what is before it lets through.
+
+    What is near zero in all of them, no training image misses.
+
+    Args:
+        most_views: images that are drawn, at full size, spread over cameras and times.
+
+    Returns:
+        float32 in [0, 1]; ones for a scene that does not say what it was filmed with.
+    """
+    views = _sampled_views(scene.header, most_views, trained=True)
+    peaks = np.full(scene.count, 0.0 if views and views[0][0] is not None else 1.0, np.float32)
+    for camera, frame in views:
+        if camera is not None:
+            np.maximum(peaks, _weights(scene.at_frame(frame), camera), out=peaks)
+    return peaks
+
+
 def most_important(order: Array, count: int) -> Array:
     """(count,) the first of a ranking as ascending indices; at least one."""
     return np.sort(order[: max(1, count)])
 
 
-def _sampled_views(header: SceneHeader) -> list[tuple[Camera | None, int]]:
-    """Cameras and frames that they saw, spread over both; frames alone for a scene without cameras."""
+def _sampled_views(header: SceneHeader, most: int, *, trained: bool = False) -> list[tuple[Camera | None, int]]:
+    """At most so many cameras and frames that they saw (``trained``: for training), spread over both; frames alone for
+    a scene without cameras."""
     shots: list[tuple[Camera | None, int]] = [
         (camera, frame)
         for camera, frames in zip(header.cameras, header.camera_shots, strict=True)
         for frame in frames
-        if 0 <= frame < header.frame_count
+        if 0 <= frame < header.frame_count and not (trained and header.is_test(camera.name, frame))
     ]
-    chosen = np.unique(np.linspace(0, (len(shots) or header.frame_count) - 1, _MAX_VIEWS).round().astype(int)).tolist()
+    chosen = np.unique(np.linspace(0, (len(shots) or header.frame_count) - 1, most).round().astype(int)).tolist()
     return [shots[index] for index in chosen] if shots else [(None, frame) for frame in chosen]
 
 
 def _visible_weights(gaussians: NumpyGaussians, camera: Camera) -> Array:
     """(N,) each Gaussian's largest blending weight in a small image."""
     factor = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
-    small = camera.resized(max(1, round(camera.width * factor)), max(1, round(camera.height * factor)))
-    size = small.height, small.width
+    return _weights(
+        gaussians, camera.resized(max(1, round(camera.width * factor)), max(1, round(camera.height * factor)))
+    )
+
+
+def _weights(gaussians: NumpyGaussians, camera: Camera) -> Array:
+    """(N,) each Gaussian's largest blending weight in a camera's image."""
+    size = camera.height, camera.width
     weights = np.zeros(len(gaussians), np.float32)
     image = {"rgb": np.empty((*size, 3), np.float32), "alpha": np.empty(size, np.float32), "max_weights": weights}
-    Frame(gaussians, small, (0.0, 0.0, 0.0), RasterizeOptions(weights=True), image)
+    Frame(gaussians, camera, (0.0, 0.0, 0.0), RasterizeOptions(weights=True), image)
     return weights

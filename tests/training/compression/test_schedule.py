@@ -19,7 +19,7 @@ from frog_blender.engine.scene.compression_report import StepKind
 from frog_blender.engine.training.compression import context as context_module
 from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.context import CompressionContext, Proposal
-from frog_blender.engine.training.compression.sensitivity import Motion, Sensitivity
+from frog_blender.engine.training.compression.sensitivity import Motion, Sensitivity, peak_weights
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Played, Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
@@ -194,6 +194,33 @@ def test_what_images_miss_is_not_taken(halfway: Make) -> None:
     assert trainer.count == count
 
 
+def test_what_no_training_image_misses_is_taken_at_the_end_and_a_surface_of_one_camera_stays(
+    halfway: Make, capture: Capture
+) -> None:
+    """Thirty Gaussians lie behind every camera, and one camera alone sees ten."""
+    trainer = halfway()
+    context, canonical = compression(trainer), trainer.model.canonical
+    camera = next(each for each in capture.cameras if each.name not in capture.test_cameras)
+    fog, surface = torch.arange(30), torch.arange(30, 40)
+    canonical.embeddings.data[:40] = 0
+    canonical.means.data[:30] -= 40 * torch.from_numpy(camera.forward).float()
+    canonical.means.data[surface] = torch.from_numpy(camera.center + 0.5 * camera.forward).float()
+    canonical.log_scales.data[surface], canonical.opacity_logits.data[surface] = math.log(0.01), 3.0
+    names = torch.arange(trainer.count).float()
+    canonical.sh.data[:, 0, 2] = 1e-3 * names  # tells who is left
+    peaks = peak_weights(context.gaussians_at, capture, capture.train_indices)
+    assert peaks[fog].max() == 0 and peaks[surface].max() > context.settings.unmissed_weight
+    before = context.evaluator().now
+    hold(passes.prune_unmissed, context, measured(trainer))
+    left = set((1e3 * canonical.sh.detach()[:, 0, 2]).round().long().tolist())
+    assert not left & set(fog.tolist()) and left >= set(surface[peaks[surface] > 0.05].tolist())
+    assert before - context.evaluator().now <= context.settings.max_unmissed_loss + 1e-6
+    (step,) = [each for each in context.record.log if each.what == "pruned"]
+    assert step.after == trainer.count < step.before and step.loss <= context.settings.max_unmissed_loss
+    hold(passes.prune_unmissed, changed(context, unmissed_weight=0.0), measured(trainer))
+    assert trainer.count == step.after
+
+
 def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
     trainer = halfway()
     found = measured(trainer)
@@ -247,8 +274,10 @@ def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> Non
     count = trainer.count
     assert "pruned" in [each.what for each in compression(trainer).record.log]
     assert count < trainer.recipe.growth_limit_at(0.85)
-    train(trainer)
+    train(trainer, until=99)
     assert trainer.count == count
+    train(trainer)
+    assert trainer.count <= count
 
 
 GROWING = {"densify_until": 1.0, "densify_threshold": 0.0}

@@ -23,9 +23,10 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.evaluation.evaluate import evaluate
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
 from frog_blender.engine.training.optimize.hull_pruning import HullPruning, hull_hooks, room_for_subject
 from frog_blender.engine.training.optimize.losses import matte_loss, photometric_loss
-from frog_blender.engine.training.optimize.mattes import Mattes, Truth
+from frog_blender.engine.training.optimize.mattes import Mattes, Truth, behind_ignored
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.job import TrainingJob
@@ -224,6 +225,29 @@ def test_nothing_is_learned_of_what_is_ignored(
         losses.append((trainer.loss, trainer.model.canonical.sh.detach().clone(), trainer.evaluate(9)))
     (loss, colors, psnr), (loss_marked, colors_marked, psnr_marked) = losses
     assert loss == loss_marked and torch.equal(colors, colors_marked) and psnr == psnr_marked
+
+
+def test_what_is_drawn_where_pixels_are_ignored_counts_as_unseen(capture: Capture, make_trainer: Any) -> None:
+    """A Gaussian that only ignored pixels show is as good as none: density control may put it elsewhere."""
+    trainer = make_trainer(10)
+    camera, means = capture.cameras[0], trainer.model.canonical.means.detach()
+    pixels, depths = camera.project(means.double().numpy())
+    ignored = np.zeros((camera.height, camera.width), bool)
+    ignored[:, : camera.width // 2] = True
+    hidden = behind_ignored(ignored, means, camera, (0, 0, camera.width, camera.height))
+    inside = (pixels >= 0).all(1) & (pixels[:, 0] < camera.width // 2) & (pixels[:, 1] < camera.height) & (depths > 0)
+    np.testing.assert_array_equal(hidden.numpy(), inside)
+    part = (camera.width // 4, 2, camera.width // 2, camera.height // 2)
+    found = behind_ignored(ignored[2 : 2 + part[3], part[0] : part[0] + part[2]], means, camera, part)
+    shown = (pixels >= part[:2]).all(1) & (pixels < (part[0] + part[2], 2 + part[3])).all(1) & (depths > 0)
+    np.testing.assert_array_equal(found.numpy(), inside & shown)
+    image = rasterize(trainer.model.canonical.gaussians(1), camera, options=RasterizeOptions(weights=True))
+    image.rgb.square().mean().backward()
+    opacities = trainer.model.canonical.opacity_logits.detach().sigmoid()
+    trainer.density.peak_weight.zero_()
+    trainer.density.observe(image, opacities, camera, hidden)
+    assert trainer.density.peak_weight[hidden].max() == 0 and trainer.density.seen[hidden].max() == 0
+    assert trainer.density.peak_weight[~hidden].max() > 0 and trainer.density.seen[~hidden].max() == 1
 
 
 def test_seeds_of_a_masked_capture_suffice(masked: Capture, frames: FrameStore, lively: Callable[..., Any]) -> None:

@@ -34,16 +34,17 @@ _Found = Callable[[Shot], "MaskSource | None"]
 
 
 def with_masks(capture: Capture, settings: MaskSettings = EVERY_MASK) -> Capture:
-    """The capture with the masks that lie in its folder, the alpha of its images, and the key.
+    """The capture with the masks that lie in its folder, the alpha of its images, and the key. A folder of what is
+    ignored stands for the masks that a list of images names.
 
     Raises:
         FrogError: for masks of a part of the images, or of another size than their images.
     """
     if not settings.use:
-        return capture
+        return capture.without_masks()
     subject, ignored = (_finder(capture, capture.path / name) for name in (SUBJECT, IGNORED))
     shots = [
-        replace(shot, mask=subject(shot) if subject else None, ignore=ignored(shot) if ignored else None)
+        replace(shot, mask=subject(shot) if subject else None, ignore=ignored(shot) if ignored else shot.ignore)
         for shot in capture.shots
     ]
     warnings = [

@@ -15,11 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import FrogError, found_instead
+from ...errors import FrogError, brief, found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
 from ..image_size import image_size, image_turns
 from ..lenses import FISHEYE
+from ..masking import MaskSource
 from ..orientation import turned_camera, turned_size
 from ..video import with_ending
 from .checks import number, read_json, rigid, rotation, size
@@ -94,10 +95,10 @@ def read(path: Path) -> Capture:
         )
     when = zip(found.frames.tolist(), found.offsets.tolist(), strict=True)
     shots = [
-        Shot(place[name], frame, entry.image, 0, offset)
+        Shot(place[name], frame, entry.image, 0, offset, ignore=_ignored(path, entry))
         for name, (frame, offset), entry in zip(names, when, entries, strict=True)
     ]
-    warnings += _lens_warnings(entries)
+    warnings += _lens_warnings(entries) + _mask_warnings(entries, shots)
     rate = number(entries[0].top.get("fps", 30.0), training, "fps", positive=True, most=_MAX_RATE)
     capture = Capture(
         path=path,
@@ -164,13 +165,30 @@ def _find_images(folder: Path, file: Path) -> tuple[list[_Entry], int, bool]:
     names = [_listed_name(frame, file) for frame in frames]
     places, is_ordered = times_by_name(names, [_view(frame, index) for index, frame in enumerate(frames)])
     for place, name, frame in zip(places, names, frames, strict=True):
-        inside = os.path.normpath(os.path.join(folder, name))
-        if not Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder)):
-            raise FrogError(f"{file}: the image {name!r} lies outside the capture's folder, expected one inside.")
-        image = Path(inside) if os.path.isfile(inside) else with_ending(Path(inside))
+        inside = _inside(folder, name, file, "image")
+        image = inside if os.path.isfile(inside) else with_ending(inside)
         if image is not None:
             found.append(_Entry(file, top, frame, image, place))
     return found, len(frames), is_ordered or all(frame.get("time") is not None for frame in frames)
+
+
+def _inside(folder: Path, name: str, file: Path, what: str) -> Path:
+    """The path of a listed file; FrogError for one outside the capture's folder."""
+    inside = os.path.normpath(os.path.join(folder, name))
+    if not Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder)):
+        raise FrogError(f"{file}: the {what} {name!r} lies outside the capture's folder, expected one inside.")
+    return Path(inside)
+
+
+def _ignored(folder: Path, entry: _Entry) -> MaskSource | None:
+    """What an image's ``mask_path`` says is not to be learned: in nerfstudio, what is black. None without one."""
+    name = entry.own.get("mask_path")
+    if name is None:
+        return None
+    if not isinstance(name, str) or not name or "\0" in name:
+        raise found_instead(entry.file, f"a mask_path {brief(repr(name))}", "the path of an image")
+    mask = _inside(folder, name.replace("\\", "/"), entry.file, "mask")
+    return MaskSource(mask, inverted=True) if os.path.isfile(mask) else None
 
 
 def _listed_name(frame: dict[str, object], file: Path) -> str:
@@ -213,8 +231,6 @@ def _lens_warnings(entries: list[_Entry]) -> list[str]:
     """What of the lists is not used, or could mean something else."""
     warnings = []
     file = entries[0].file
-    if masked := sum(entry.own.get("mask_path") is not None for entry in entries):
-        warnings.append(f"{file}: {masked} images have masks (mask_path), which are not used.")
     models = {_model(entry) for entry in entries if any(_both(entry).get(key) for key in _DISTORTION[5:])}
     if models - {"FULL_OPENCV", *_FISHEYES}:
         warnings.append(f"{file}: k4, k5 and k6 are taken for those of OpenCV's rational model.")
@@ -231,6 +247,15 @@ def _unused_terms(entry: _Entry) -> list[str]:
 
 def _is_fisheye(entry: _Entry) -> bool:
     return _model(entry) in _FISHEYES or bool(_both(entry).get("is_fisheye"))
+
+
+def _mask_warnings(entries: list[_Entry], shots: list[Shot]) -> list[str]:
+    """Where listed masks are missing."""
+    listed = sum(entry.own.get("mask_path") is not None for entry in entries)
+    found = sum(shot.ignore is not None for shot in shots)
+    if found == listed:
+        return []
+    return [f"{entries[0].file}: {listed - found} of {listed} masks (mask_path) are missing; those images count whole."]
 
 
 def _both(entry: _Entry) -> dict[str, object]:

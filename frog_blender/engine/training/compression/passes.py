@@ -13,12 +13,13 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from ...capture.seeding.views import spread
 from ...scene.compression_report import StepKind
 from ..optimize import gaussian_order
 from ..optimize.gaussian_order import mask_excluding
 from ..optimize.stateful import Tensors
 from .context import CompressionContext, Proposal
-from .sensitivity import Sensitivity, in_state
+from .sensitivity import Sensitivity, in_state, peak_weights
 from .static_regions import change_of_pixels, temporal_variance
 from .validation import ValidationEvaluator
 
@@ -33,6 +34,35 @@ def prune(context: CompressionContext, evaluator: ValidationEvaluator, measured:
     count, recipe = gaussians.count, training.recipe
     forced = count - recipe.kept_at_most
     order = (measured.energy if forced > 0 and recipe.kept_gaussians else measured.contribution).argsort()
+    yield replace(
+        _pruning(context, evaluator, order),
+        allowed=settings.max_prune_loss,
+        expected=evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]]),
+        forced=forced,
+    )
+
+
+def prune_unmissed(
+    context: CompressionContext, evaluator: ValidationEvaluator, measured: Sensitivity
+) -> Iterator[Proposal]:
+    """Gaussians that hardly make a part of any training image: from elsewhere they are fog. What a single camera sees
+    as a surface is most of what that camera sees there."""
+    gaussians, capture, settings = context.training.gaussians, context.training.capture, context.settings
+    shots = spread(capture.train_indices, settings.num_weight_views)
+    faint = peak_weights(context.gaussians_at, capture, shots) < settings.unmissed_weight
+    order = torch.where(faint, measured.contribution, torch.inf).argsort()[: int(faint.sum())]
+    if 0 < len(order) < gaussians.count:
+        yield replace(
+            _pruning(context, evaluator, order),
+            allowed=settings.max_unmissed_loss,
+            expected=evaluator.expected(measured.energy[order]),
+        )
+
+
+def _pruning(context: CompressionContext, evaluator: ValidationEvaluator, order: torch.Tensor) -> Proposal:
+    """Removing the first of ``order``."""
+    training, gaussians = context.training, context.training.gaussians
+    count = gaussians.count
 
     def loss(number: int) -> float:
         there = mask_excluding(order[:number], count)
@@ -44,15 +74,12 @@ def prune(context: CompressionContext, evaluator: ValidationEvaluator, measured:
         context.record.removed = np.concatenate([context.record.removed, removed])
         gaussians.keep(keep.nonzero().squeeze(1))
 
-    yield Proposal(
+    return Proposal(
         StepKind.PRUNE,
         apply,
         lambda: gaussians.count,
         loss,
         lambda: training.render_image(context.record.evaluated[0]),
-        settings.max_prune_loss,
-        evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]]),
-        forced,
     )
 
 

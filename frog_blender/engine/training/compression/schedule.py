@@ -17,7 +17,7 @@ from ..optimize.stateful import Tensors, Values
 from ..recipe import Recipe
 from .context import CompressionContext, CompressionRecord
 from .network_pruning import prune_hidden_units
-from .passes import freeze_motion, freeze_static_regions, prune, reduce_sh_degree
+from .passes import freeze_motion, freeze_static_regions, prune, prune_unmissed, reduce_sh_degree
 from .settings import DEFAULT, CompressionSettings, Milestone
 from .static_regions import is_static_capture
 
@@ -99,7 +99,7 @@ class CompressionSchedule(Hook):
                 context.compress(evaluator, freeze_static_regions(context, evaluator, generator))
             case Milestone.PRUNE:
                 self._prune(context, generator)
-            case Milestone.FINISH if context.num_dynamic:
+            case Milestone.FINISH:
                 self._finish(context, generator)
 
     def _prune(self, context: CompressionContext, generator: torch.Generator) -> None:
@@ -115,8 +115,12 @@ class CompressionSchedule(Hook):
 
     def _finish(self, context: CompressionContext, generator: torch.Generator) -> None:
         views, evaluator = context.sample_views(generator), context.evaluator()
+        measured = context.measure(views, generator)
+        self.record.motion = self.record.motion or measured.motion
+        context.compress(evaluator, prune_unmissed(context, evaluator, measured))
+        if not context.num_dynamic:
+            return
         if not _freezes_before_the_end(context):
-            self.record.motion = self.record.motion or context.measure(views, generator).motion
             self.record.mean_state = context.mean_dynamic_state(views)
             context.compress(evaluator, freeze_motion(context, evaluator, self.settings.max_final_freeze_loss))
         context.compress(evaluator, prune_hidden_units(context, evaluator, views, generator))

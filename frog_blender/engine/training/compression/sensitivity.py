@@ -171,6 +171,22 @@ def measure(
     return Sensitivity(motion, contribution.largest, energy.mean, canonical_state(mean))
 
 
+@torch.no_grad()
+def peak_weights(
+    gaussians_at: Callable[[float], TorchGaussians], capture: Capture, shots: Sequence[int]
+) -> torch.Tensor:
+    """(N,) each Gaussian's largest blending weight in the images of ``shots``, at least one (as
+    ``playback.importance.peak_weights``)."""
+    peaks = torch.zeros((), device="cpu")
+    for index in shots:
+        shot = capture.shots[index]
+        gaussians = gaussians_at(capture.time_of(shot))
+        image = rasterize(gaussians, capture.cameras[shot.camera], options=RasterizeOptions(weights=True))
+        assert image.max_weights is not None
+        peaks = torch.maximum(peaks.to(image.max_weights), image.max_weights)
+    return peaks
+
+
 def mean_state(
     gaussians_at: Callable[[float], TorchGaussians], views: Sequence[SampledView]
 ) -> dict[str, torch.Tensor]:

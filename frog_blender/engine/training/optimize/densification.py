@@ -71,18 +71,25 @@ class DensificationStrategy:
             setattr(self, name, found.to(self._canonical.means.device))
 
     @torch.no_grad()
-    def observe(self, image: Image, opacities: torch.Tensor, camera: Camera) -> None:
+    def observe(
+        self, image: Image, opacities: torch.Tensor, camera: Camera, ignored: torch.Tensor | None = None
+    ) -> None:
         """Adds one backward pass of ``camera`` and the opacities (N,) it drew; call it before the optimiser clears the
-        gradients."""
+        gradients.
+
+        Args:
+            ignored: (N,) bool, Gaussians in pixels that do not count: that they are drawn says nothing of their use.
+        """
         torch.maximum(self.peak_opacity, opacities, out=self.peak_opacity)
         if image.max_weights is not None:
-            torch.maximum(self.peak_weight, image.max_weights, out=self.peak_weight)
+            weights = image.max_weights if ignored is None else image.max_weights.masked_fill(ignored, 0)
+            torch.maximum(self.peak_weight, weights, out=self.peak_weight)
         if image.screen.grad is None:
             return
         half = max(camera.width, camera.height) / 2  # 3DGS counts in half image widths
         across, down = image.screen.grad.unbind(1)  # zero where nothing was seen
         self.gradient_sum.add_((across * across).addcmul_(down, down).sqrt_(), alpha=half)
-        self.seen += image.radii > 0
+        self.seen += image.radii > 0 if ignored is None else (image.radii > 0) & ~ignored
 
     def least_needed(self, count: int, among: torch.Tensor | None = None) -> torch.Tensor:
         """Indices of at most ``count`` Gaussians, of all or ``among`` (N,), that may be replaced: those of the least

@@ -128,6 +128,26 @@ class Mattes:
         return red, green, blue
 
 
+def behind_ignored(
+    ignored: NDArray[np.bool_], means: torch.Tensor, camera: Camera, region: tuple[int, int, int, int]
+) -> torch.Tensor:
+    """(N,) bool: Gaussians whose means (N, 3) ``camera`` sees in a pixel that is ignored.
+
+    Args:
+        ignored: (H, W) of the ``region`` (left, top, width, height) of the camera's image.
+    """
+    pose = torch.from_numpy(camera.world_to_camera[:3]).to(means)
+    lens = torch.from_numpy(camera.intrinsics).to(means)
+    placed = means @ pose[:, :3].T + pose[:, 3]
+    left, top, width, height = region
+    depths = placed[:, 2].clamp(min=torch.finfo(means.dtype).tiny)
+    columns = (placed @ lens[0] / depths - left).floor()
+    lines = (placed @ lens[1] / depths - top).floor()
+    inside = (placed[:, 2] > 0) & (columns >= 0) & (lines >= 0) & (columns < width) & (lines < height)
+    places = torch.where(inside, lines * width + columns, 0).long()
+    return inside & torch.from_numpy(ignored).to(means.device).flatten()[places]
+
+
 def _part(image: Pixels | None, camera: Camera, region: tuple[int, int, int, int]) -> Pixels:
     assert image is not None
     left, top, width, height = region

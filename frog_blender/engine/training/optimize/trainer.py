@@ -40,7 +40,7 @@ from .half_resolution import halved, is_halved
 from .hooks import Hook
 from .initialization import first_model, scale_of
 from .losses import matte_loss
-from .mattes import Color, Mattes, Truth
+from .mattes import Color, Mattes, Truth, behind_ignored
 from .optimizer import SceneOptimizer
 from .pose_refinement import PoseRefinement
 from .running_loss import RunningLoss, TrainingDiverged
@@ -268,7 +268,11 @@ class Trainer:
         if drawn.changes and self.step_count % SMOOTHED_EVERY == 0:
             self._regularize()
         if grows:
-            self.density.observe(image, drawn.gaussians.opacities.detach(), camera)
+            ignored, seen = truth.ignored, drawn.gaussians
+            hidden = None
+            if ignored is not None and ignored.any():
+                hidden = behind_ignored(ignored, seen.means.detach(), camera, options.region_of(camera))
+            self.density.observe(image, seen.opacities.detach(), camera, hidden)
         self.optimizer.step()
         if self.poses and pose is not None and pose.grad is not None:
             self.poses.observe(index, pose.grad, progress)

@@ -1,0 +1,90 @@
+"""A contact sheet: one image of each camera, in which what a mask leaves out is tinted."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ..arrays import Float32s, ImageArray
+from ..errors import found_instead
+from ..io.atomic_files import write_atomically
+from .capture import Capture
+from .decoding import decode_masked
+from .video import load_opencv
+
+SUFFIXES = (".png", ".jpg", ".jpeg")
+"""Of files that a sheet can be written to."""
+_OUTSIDE, _IGNORED = (230, 40, 40), (40, 90, 240)  # red where the subject is not, blue where pixels are ignored
+_TINT = 0.6
+_SIDE = 320  # pixels of an image
+_MOST = 48  # images; of more cameras, evenly spread ones
+_LABEL, _GAP = 22, 4  # pixels
+
+
+def marked(image: ImageArray, alpha: ImageArray | None, ignored: ImageArray | None) -> ImageArray:
+    """An image (H, W, 3) uint8, tinted by how little ``alpha`` (H, W) it has, and where it is ``ignored`` (H, W)."""
+    shown: Float32s = image.astype(np.float32)
+    for mask, color in ((None if alpha is None else 255 - alpha, _OUTSIDE), (ignored, _IGNORED)):
+        if mask is not None:
+            share: Float32s = _TINT * mask.astype(np.float32)[..., None] / 255
+            shown = shown * (1 - share) + np.asarray(color, np.float32) * share
+    return np.asarray((shown + 0.5).astype(np.uint8))
+
+
+def marked_image(capture: Capture, shot: int, longest_side: int) -> ImageArray:
+    """The image of a shot at ``longest_side`` pixels a side at most, with its masks.
+
+    Raises:
+        FrogError: if a file cannot be decoded, or a mask does not fit.
+    """
+    camera = capture.cameras[capture.shots[shot].camera]
+    scale = min(1.0, longest_side / max(camera.width, camera.height))
+    small = capture.scaled(scale) if scale < 1 else capture
+    image = next(decode_masked(small.without_masks(), [shot])).image
+    if not small.has_masks:
+        return image
+    found = next(decode_masked(small, [shot]))
+    return marked(image, found.alpha, found.ignored)
+
+
+def first_shots(capture: Capture, most: int = _MOST) -> list[int]:
+    """The first image of each camera, as indices into ``capture.shots``: of more than ``most``, evenly spread ones."""
+    first: dict[int, int] = {}
+    for index, shot in enumerate(capture.shots):
+        first.setdefault(shot.camera, index)
+    found = [index for _, index in sorted(first.items())]
+    chosen = np.unique(np.linspace(0, len(found) - 1, min(most, len(found))).round().astype(int))
+    return [found[index] for index in chosen]
+
+
+def contact_sheet(capture: Capture) -> ImageArray:
+    """(H, W, 3) uint8 one image of each camera with its masks and its name; errors as of ``marked_image``."""
+    cv2 = load_opencv()
+    shots = first_shots(capture)
+    images = [marked_image(capture, shot, _SIDE) for shot in shots]
+    columns = math.ceil(math.sqrt(len(images)))
+    height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
+    down, across = height + _LABEL + _GAP, width + _GAP
+    sheet = np.full((-(-len(images) // columns) * down, columns * across, 3), 24, np.uint8)
+    for number, (shot, image) in enumerate(zip(shots, images, strict=True)):
+        top, left = number // columns * down, number % columns * across
+        sheet[top : top + image.shape[0], left : left + image.shape[1]] = image
+        name = capture.cameras[capture.shots[shot].camera].name
+        place = (left + _GAP, top + height + _LABEL - 7)
+        cv2.putText(sheet, name, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (230, 230, 230), 1, cv2.LINE_AA)
+    return sheet
+
+
+def write_contact_sheet(capture: Capture, path: Path) -> None:
+    """Writes ``contact_sheet`` as PNG or JPEG.
+
+    Raises:
+        FrogError: for another ending, a file that cannot be decoded, or a place that cannot be written to.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise found_instead(path, f"the ending {path.suffix!r}", f"one of {', '.join(SUFFIXES)}")
+    cv2 = load_opencv()
+    _, content = cv2.imencode(path.suffix.lower(), cv2.cvtColor(contact_sheet(capture), cv2.COLOR_RGB2BGR))
+    write_atomically(path, content.tobytes())
