@@ -83,9 +83,15 @@ def corners_seen(
 
 def skeleton(time: float) -> Float64s:
     """(16, 3) joints of a person of 1.7 m who walks along a curve through the room; ``time`` in seconds."""
-    swing = 0.4 * np.sin(2 * np.pi * 0.9 * time)
     heading = 0.5 * time + 0.4 * np.sin(0.7 * time)
-    body = np.array(
+    body = striding(0.4 * np.sin(2 * np.pi * 0.9 * time))
+    walked = [0.6 * np.cos(0.45 * time), 0.6 * np.sin(0.6 * time), 0.0]
+    return np.asarray(body @ rotation_about(np.array([0.0, 0.0, heading])).T + walked)
+
+
+def striding(swing: float) -> Float64s:
+    """(16, 3) joints of a person who faces +x above the origin, arms and legs ``swing`` metres out."""
+    return np.array(
         [
             *([0.0, side * 0.19, 1.42] for side in (1, -1)),
             *([0.5 * side * swing, side * 0.24, 1.12] for side in (1, -1)),
@@ -97,8 +103,6 @@ def skeleton(time: float) -> Float64s:
             *([-0.9 * side * swing + 0.17, side * 0.12, 0.02] for side in (1, -1)),
         ]
     )
-    walked = [0.6 * np.cos(0.45 * time), 0.6 * np.sin(0.6 * time), 0.0]
-    return np.asarray(body @ rotation_about(np.array([0.0, 0.0, heading])).T + walked)
 
 
 def rig_errors(found: Calibration, truth: Sequence[Camera]) -> tuple[float, float, float, float]:

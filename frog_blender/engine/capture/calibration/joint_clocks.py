@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Bools, Float64s
+from ...arrays import Float64s
 from ..synchronization.lags import NamedTracks
 from .calibration import Calibration, CalibrationRefused
 from .evidence import disagreement
 from .joint_lags import Guess, guesses
-from .joint_sides import steady_sides
+from .joint_sides import readings_of_sides
 from .joints import REMEDY, Joints, judged, rig_of, without_strays
 from .lens import Lens
 from .mapping import Model
@@ -33,11 +33,13 @@ _ABOVE_NOISE = 3.0  # times: how far a joint that moves goes, as a median
 _LEAST_RANGE = 0.01  # of the person's height
 _BEND = 1.65  # the median second difference of three places that are each uncertain by 1
 _HOPELESS = 1.5  # of the least cost: a guess that is not refined further
-_AS_GOOD = 1.1  # of the least cost: another answer
+_AS_GOOD = 0.1  # of the least cost, by which that of another answer may be larger; more where joints are few
+_NEIGHBOURS = 4.0  # joints of successive images that count as one
+_AS_LONG = 0.9  # of the longest time that answers as good explain: less is easier to fit
 _SAME = 0.05  # of the rig's diameter, by which the cameras of two answers may differ
 _OFTEN_SWAPPED = 0.1  # of a film's images, from which on nothing tells which part of them has left for right
 _CORRELATED = 4.0  # times the standard deviation: joints of successive images err together
-_SIGNIFICANT = 2.0  # standard deviations by which films must differ to be out of step
+_SIGNIFICANT = 2.0  # standard deviations: by less, costs do not differ and films are in step
 _LEAST_SHIFT = 0.2  # frames by which they must differ as well
 _UNSURE, _DOUBTFUL = 0.5, 0.3  # frames of standard deviation of an offset
 
@@ -68,12 +70,30 @@ class JointClocks:
 
 @dataclass(frozen=True, eq=False)
 class _Timed:
-    """A rig, the offsets (C,) of its films in seconds, (C,) in which of them left is right, and if all times count."""
+    """A rig, the films as they are read for it, and their offsets.
+
+    Attributes:
+        offsets: (C,) seconds.
+        freedom: coordinates of joints less those of their places.
+        is_full: all times count.
+    """
 
     rig: PointRig
+    films: Sequence[FilmJoints]
     offsets: Float64s
-    sides: Bools
+    freedom: int
     is_full: bool
+
+    @property
+    def shared(self) -> float:
+        """Seconds that all films share."""
+        start, end = _common(self.films, self.offsets)
+        return end - start
+
+    def fits_as_well(self, best: _Timed) -> bool:
+        """Whether only chance sets it apart from an answer that costs less."""
+        chance = np.sqrt(2.0 * _NEIGHBOURS / max(min(self.freedom, best.freedom), 1))  # of a variance, relative
+        return self.rig.cost <= (1.0 + max(_AS_GOOD, _SIGNIFICANT * float(chance))) * best.rig.cost
 
 
 def calibrate_unsynchronised(
@@ -90,8 +110,8 @@ def calibrate_unsynchronised(
         CalibrationRefused: if the joints fit no rig, or several, or leave an offset open.
     """
     _check_motion(facts, films)
-    steady, doubtful = _steady(films)
-    race = _Race(facts, groups, steady, max(float(np.median(np.diff(film.times))) for film in films))
+    readings, doubtful = _steady(films)
+    race = _Race(facts, groups, readings, max(float(np.median(np.diff(film.times))) for film in films))
     frame = max(film.frame for film in films)
     best, *others = race.run(doubtful)
     warnings = _rivals(facts, best, others, frame)
@@ -102,7 +122,7 @@ def calibrate_unsynchronised(
     )
     if is_in_step:
         offsets = np.zeros(len(films))
-    found = judged(facts, race.solved(offsets, best, is_final=True).rig)
+    found = judged(facts, race.solved(offsets, best.films, best, is_final=True).rig)
     worst = int(np.argmax(sigmas))
     if not sigmas[worst] <= _UNSURE * frame:
         raise CalibrationRefused(
@@ -138,15 +158,15 @@ def _check_motion(facts: Sequence[CameraFacts], films: Sequence[FilmJoints]) -> 
             )
 
 
-def _steady(films: Sequence[FilmJoints]) -> tuple[list[FilmJoints], list[bool]]:
-    """The films without changes of left for right and without strays, and in which of them those changes were many."""
+def _steady(films: Sequence[FilmJoints]) -> tuple[list[list[FilmJoints]], list[bool]]:
+    """Each film's readings, without changes of left for right and without strays, and where those changes were many."""
     found, doubtful = [], []
     for film in films:
         visible = film.joints.visible
-        swapped = steady_sides(visible)
-        found.append(replace(film, joints=without_strays(film.joints.with_sides(swapped))))
+        readings = readings_of_sides(visible)
+        found.append([replace(film, joints=without_strays(film.joints.with_sides(swapped))) for swapped in readings])
         seen = np.isfinite(visible[:, :, 0]).any(1)
-        doubtful.append(bool(swapped.sum() > _OFTEN_SWAPPED * seen.sum()))
+        doubtful.append(any(bool(swapped.sum() > _OFTEN_SWAPPED * seen.sum()) for swapped in readings))
     return found, doubtful
 
 
@@ -156,7 +176,7 @@ class _Race:
 
     facts: Sequence[CameraFacts]
     groups: Sequence[int]
-    films: Sequence[FilmJoints]
+    readings: Sequence[Sequence[FilmJoints]]  # of each film
     interval: float  # seconds between the joints' times
 
     def run(self, doubtful: Sequence[bool]) -> list[_Timed]:
@@ -165,32 +185,46 @@ class _Race:
         running: list[_Timed] = []
         for guess in self._guesses(doubtful):
             try:
-                running.append(self.solved(guess.offsets, None, guess.sides))
+                running.append(self.solved(guess.offsets, self._read(guess), None))
             except CalibrationRefused as error:
                 refused = refused or error
         if not running:
             raise refused or CalibrationRefused(f"The films share too few joints of a person: {REMEDY}.")
         for _ in range(_ROUNDS):
             least = min(timed.rig.cost for timed in running)
-            running = [self.solved(timed.offsets, timed) if self._is_open(timed, least) else timed for timed in running]
-        return sorted(running, key=lambda timed: timed.rig.cost)
+            refined = [self._refined(timed, least) for timed in running]
+            running = [timed for timed in refined if timed is not None]
+        return _ranked(running)
+
+    def _refined(self, timed: _Timed, least: float) -> _Timed | None:
+        """An answer after one more round; None where it turns out to be none, unless it is the best one."""
+        if not self._is_open(timed, least):
+            return timed
+        try:
+            return self.solved(timed.offsets, timed.films, timed)
+        except CalibrationRefused:
+            if timed.rig.cost <= least:
+                raise
+            return None
+
+    def _read(self, guess: Guess) -> list[FilmJoints]:
+        """The films as a guess has them."""
+        chosen = zip(self.readings, guess.readings.tolist(), guess.sides.tolist(), strict=True)
+        films = [(readings[number], is_changed) for readings, number, is_changed in chosen]
+        return [
+            replace(film, joints=film.joints.with_sides(np.full(len(film.times), is_changed)))
+            for film, is_changed in films
+        ]
 
     def _is_open(self, timed: _Timed, least: float) -> bool:
         is_settled = timed.is_full and np.ptp(timed.rig.delays) < _SETTLED * self.interval
         return not is_settled and timed.rig.cost <= _HOPELESS * least
 
     def solved(
-        self, offsets: Float64s, start: _Timed | None, sides: Bools | None = None, *, is_final: bool = False
+        self, offsets: Float64s, films: Sequence[FilmJoints], start: _Timed | None, *, is_final: bool = False
     ) -> _Timed:
         """One bundle adjustment from joints read at some offsets; of the clocks as well, unless they are final."""
-        if start is not None:
-            sides = start.sides
-        sides = np.zeros(len(self.films), dtype=bool) if sides is None else sides
-        chosen = [
-            replace(film, joints=film.joints.with_sides(np.full(len(film.times), is_changed)))
-            for film, is_changed in zip(self.films, sides.tolist(), strict=True)
-        ]
-        read = _at(chosen, offsets, self.interval, _MOST_TIMES if start is not None else _FIRST_TIMES)
+        read = _at(films, offsets, self.interval, _MOST_TIMES if start is not None else _FIRST_TIMES)
         rig = rig_of(
             self.facts,
             self.groups,
@@ -199,22 +233,43 @@ class _Race:
             start=None if start is None else start.rig.rig,
             halves=is_final,
         )
-        return _Timed(rig, offsets - rig.delays, sides, start is not None)
+        seen = np.stack([np.isfinite(joints.visible[:, :, 0]) for joints, _ in read]).sum(0)
+        freedom = int((2 * seen - 3)[seen > 1].sum())
+        return _Timed(rig, films, offsets - rig.delays, freedom, start is not None)
 
     def _guesses(self, doubtful: Sequence[bool]) -> list[Guess]:
         """The likeliest ones, and that the films are in step."""
-        tracks = [NamedTracks(film.times, film.joints.visible) for film in self.films]
+        tracks = [[NamedTracks(film.times, film.joints.visible) for film in films] for films in self.readings]
         side = max(camera.side for camera in self.facts)
         found = guesses(tracks, doubtful, self.interval, side, _GUESSES)
         if any(np.ptp(guess.offsets) < self.interval for guess in found):
             return found
-        return [*found, Guess(np.zeros(len(tracks)), np.zeros(len(tracks), dtype=bool), 0.0)]
+        count = len(tracks)
+        return [*found, Guess(np.zeros(count), np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool), 0.0)]
+
+
+def _ranked(running: Sequence[_Timed]) -> list[_Timed]:
+    """The best answer, then the others by cost.
+
+    A person who walks repeats themselves: for a second or so, cameras about them fit as well at a stride's distance in
+    time and elsewhere in space. Of answers that fit as well, those that explain a short time have been tested less.
+    """
+    ordered = sorted(running, key=lambda timed: timed.rig.cost)
+    good = [timed for timed in ordered if timed.fits_as_well(ordered[0])]
+    longest = max(timed.shared for timed in good)
+    best = next(timed for timed in good if timed.shared >= _AS_LONG * longest)
+    return [best, *(timed for timed in ordered if timed is not best)]
+
+
+def _common(films: Sequence[FilmJoints], offsets: Float64s) -> tuple[float, float]:
+    """Capture times, in seconds, from which on and until when all films show something."""
+    ends = np.array([film.times[[0, -1]] for film in films]) + offsets[:, None]
+    return float(ends[:, 0].max()), float(ends[:, 1].min())
 
 
 def _at(films: Sequence[FilmJoints], offsets: Float64s, interval: float, most: int) -> list[tuple[Joints, Float64s]]:
     """Each film's joints at common times, and (T, 16, 2) pixels a second by which they move."""
-    ends = np.array([film.times[[0, -1]] for film in films]) + offsets[:, None]
-    start, end = float(ends[:, 0].max()), float(ends[:, 1].min())
+    start, end = _common(films, offsets)
     if end < start:
         raise CalibrationRefused(f"The films share no time at which they show a person: {REMEDY}.")
     times = np.linspace(start, end, int(np.clip(round((end - start) / interval) + 1, 2, most)))
@@ -229,24 +284,30 @@ def _at(films: Sequence[FilmJoints], offsets: Float64s, interval: float, most: i
 
 
 def _rivals(facts: Sequence[CameraFacts], best: _Timed, others: Sequence[_Timed], frame: float) -> list[str]:
-    """A warning for each other answer that is as good, with the same rig at other times.
+    """A warning for each other answer that is as good: with the same rig at other times, or tested by less time.
 
     Raises:
-        CalibrationRefused: if one has another rig.
+        CalibrationRefused: if one has another rig, and explains as much.
     """
     sentences = []
     for other in others:
-        if other.rig.cost > _AS_GOOD * best.rig.cost or np.ptp(other.offsets - best.offsets) < frame:
+        if not other.fits_as_well(best) or np.ptp(other.offsets - best.offsets) < frame:
             continue
         moved = other.offsets - best.offsets
         film = int(np.argmax(np.abs(moved - np.median(moved))))
         by = 1000 * (moved[film] - float(np.median(moved)))
-        if disagreement(_model(best), _model(other)) > _SAME:
+        if disagreement(_model(best), _model(other)) <= _SAME:
+            sentences.append(f"The film of camera {facts[film].name} may as well have begun {by:+.0f} ms from there.")
+        elif other.shared < _AS_LONG * best.shared:
+            sentences.append(
+                f"For the {other.shared:.1f} s that films then share, the joints fit as well with the film of camera "
+                f"{facts[film].name} {by:+.0f} ms from there: look at the result."
+            )
+        else:
             raise CalibrationRefused(
                 f"The joints fit two rigs equally well, with the film of camera {facts[film].name} {by:+.0f} ms apart: "
                 f"{REMEDY}."
             )
-        sentences.append(f"The film of camera {facts[film].name} may as well have begun {by:+.0f} ms from there.")
     return sentences
 
 

@@ -9,19 +9,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
+from typing import NamedTuple
 
 import numpy as np
 
 from ...arrays import Bools, Float64s, Ints
 from ..synchronization.lags import NamedTracks, track_lag
-from ..synchronization.pair import Curve
+from ..synchronization.pair import Curve, maxima
 from .joint_sides import other_side
 
 _PEAKS = 4  # of a pair's curve, from which the search starts
 _MOST_STARTS = 64  # for each film that the others are placed by
 _APART = 2  # steps between two peaks
 _ROUNDS = 30
-_MOST_DOUBTFUL = 3  # films whose sides are tried both ways
+_MOST_WAYS = 16  # in which the films' sides may be together
+_STRIDE = 0.3  # seconds: a person who walks repeats themselves no sooner
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +32,36 @@ class Guess:
 
     Attributes:
         offsets: (C,) seconds, the first film's 0.
-        sides: (C,) films in which left is right.
+        readings: (C,) which of its readings each film has.
+        sides: (C,) films in which left is right in that reading.
         score: the sum over the pairs of films.
     """
 
     offsets: Float64s
+    readings: Ints
     sides: Bools
     score: float
+
+
+class _Pair(NamedTuple):
+    """Two films, the reading of each, and whether left is right in one of them."""
+
+    first: int
+    second: int
+    readings: tuple[int, int]
+    is_crossed: bool
+
+
+@dataclass(frozen=True)
+class _Way:
+    """(C,) which of its readings each film has, and in which of them left is right."""
+
+    readings: tuple[int, ...]
+    sides: tuple[bool, ...]
+
+    def pair(self, first: int, second: int) -> _Pair:
+        readings = self.readings[first], self.readings[second]
+        return _Pair(first, second, readings, self.sides[first] != self.sides[second])
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,70 +86,116 @@ class _Scores:
 
 
 def guesses(
-    tracks: Sequence[NamedTracks], doubtful: Sequence[bool], interval: float, width: int, most: int
+    films: Sequence[Sequence[NamedTracks]], doubtful: Sequence[bool], interval: float, width: int, most: int
 ) -> list[Guess]:
-    """The likeliest offsets, best first; none where no two films share enough.
+    """The likeliest offsets, best first, and then what they may hide; none where no two films share enough.
 
     Args:
-        tracks: a person's joints in each film, in pairs of left and right.
+        films: a person's joints in each film, in pairs of left and right, in one or more readings.
         doubtful: films in which left may be right.
         interval: seconds between their times.
         width: pixels of the films' longer side.
-        most: guesses that are wanted; they lie ``interval`` or more apart.
+        most: guesses that are wanted; they lie ``interval`` or more apart. As many again are the best one with one film
+            moved to where it fits next best: a stride earlier or later.
     """
-    curves = _curves(tracks, doubtful, interval, width)
+    ways = _ways([len(readings) for readings in films], doubtful)
+    curves = _curves(films, ways, interval, width)
     steps = [float(np.diff(curve.lags).min()) for curve in curves.values() if len(curve.lags) > 1]
     if not steps:
         return []
-    found: dict[tuple[tuple[int, ...], tuple[bool, ...]], float] = {}
-    for sides in _sides(doubtful):
-        scores = _scores(curves, sides, min(steps))
+    step = min(steps)
+    found: dict[tuple[tuple[int, ...], _Way], float] = {}
+    for way in ways:
+        scores = _scores(curves, way, step)
         for offsets in _climbed(scores):
-            found[tuple((offsets - offsets[0]).tolist()), sides] = scores.total(offsets)
+            found[tuple((offsets - offsets[0]).tolist()), way] = scores.total(offsets)
+    chosen = _apart(found, [], step, interval, most)
+    if not chosen:
+        return []
+    (best, way), _ = max(found.items(), key=lambda entry: entry[1])
+    scores = _scores(curves, way, step)
+    moved = {
+        (tuple((offsets - offsets[0]).tolist()), way): scores.total(offsets)
+        for offsets in _strides(scores, np.array(best), step)
+    }
+    return [*chosen, *_apart(moved, chosen, step, interval, most)]
+
+
+def _apart(
+    found: Mapping[tuple[tuple[int, ...], _Way], float],
+    others: Sequence[Guess],
+    step: float,
+    interval: float,
+    most: int,
+) -> list[Guess]:
+    """The best of what was found, each ``interval`` or more from the better ones and from others."""
     chosen: list[Guess] = []
-    for (steps_apart, sides), score in sorted(found.items(), key=lambda entry: -entry[1]):
-        guess = Guess(np.array(steps_apart) * min(steps), np.array(sides), score)
-        if all(np.ptp(guess.offsets - other.offsets) >= interval for other in chosen):
+    for (steps_apart, way), score in sorted(found.items(), key=lambda entry: -entry[1]):
+        guess = Guess(np.array(steps_apart) * step, np.array(way.readings), np.array(way.sides), score)
+        if all(np.ptp(guess.offsets - other.offsets) >= interval for other in (*others, *chosen)):
             chosen.append(guess)
             if len(chosen) == most:
                 break
     return chosen
 
 
+def _strides(scores: _Scores, offsets: Ints, step: float) -> Iterator[Ints]:
+    """One film moved to where it fits the others next best."""
+    wide = np.arange(-2 * scores.reach, 2 * scores.reach + 1)
+    for film in range(scores.count):
+        sums = np.zeros(len(wide))
+        for other in range(scores.count):
+            if other != film:
+                sums += scores.of((other, film), wide - offsets[other])
+        for place, _ in maxima(Curve(wide * step, sums), _STRIDE):
+            moved = offsets.copy()
+            moved[film] = round(place / step)
+            if abs(moved[film] - offsets[film]) * step >= _STRIDE:
+                yield moved
+
+
+def _ways(readings: Sequence[int], doubtful: Sequence[bool]) -> list[_Way]:
+    """How the films may be read together; left for right in all of them at once is the same as in none."""
+    options, count = [], 1
+    for film, (number, may) in enumerate(zip(readings, doubtful, strict=True)):
+        is_turned = may and not (film == 0 and all(doubtful))
+        own = list(product(range(number), (False, True) if is_turned else (False,)))
+        if count * len(own) > _MOST_WAYS:
+            own = own[:1]
+        options.append(own)
+        count *= len(own)
+    return [
+        _Way(tuple(reading for reading, _ in chosen), tuple(side for _, side in chosen)) for chosen in product(*options)
+    ]
+
+
 def _curves(
-    tracks: Sequence[NamedTracks], doubtful: Sequence[bool], interval: float, width: int
-) -> dict[tuple[int, int, bool], Curve]:
-    """Each pair's curve, and that with left for right in one of its films where that may be."""
-    found = {}
-    for first, second in combinations(range(len(tracks)), 2):
-        for is_crossed in (False, True) if doubtful[first] or doubtful[second] else (False,):
-            other = tracks[second]
-            if is_crossed:
-                other = replace(other, positions=other.positions[:, other_side(other.positions.shape[1])])
-            lag = track_lag((first, second), (tracks[first], other), interval, width)
-            if lag is not None:
-                found[first, second, is_crossed] = lag.curve
+    films: Sequence[Sequence[NamedTracks]], ways: Sequence[_Way], interval: float, width: int
+) -> dict[_Pair, Curve]:
+    """Each pair's curve, in each of its readings and with left for right in one of its films, where that may be."""
+    found: dict[_Pair, Curve] = {}
+    pairs = combinations(range(len(films)), 2)
+    for pair in dict.fromkeys(way.pair(first, second) for first, second in pairs for way in ways):
+        track, other = films[pair.first][pair.readings[0]], films[pair.second][pair.readings[1]]
+        if pair.is_crossed:
+            other = replace(other, positions=other.positions[:, other_side(other.positions.shape[1])])
+        lag = track_lag((pair.first, pair.second), (track, other), interval, width)
+        if lag is not None:
+            found[pair] = lag.curve
     return found
 
 
-def _sides(doubtful: Sequence[bool]) -> Iterator[tuple[bool, ...]]:
-    """Which films may have changed left for right; all films at once is the same as none."""
-    open_ = [film for film, may in enumerate(doubtful) if may]
-    open_ = open_[len(open_) == len(doubtful) :][:_MOST_DOUBTFUL]
-    for chosen in product((False, True), repeat=len(open_)):
-        changed = {film for film, is_changed in zip(open_, chosen, strict=True) if is_changed}
-        yield tuple(film in changed for film in range(len(doubtful)))
-
-
-def _scores(curves: Mapping[tuple[int, int, bool], Curve], sides: Sequence[bool], step: float) -> _Scores:
+def _scores(curves: Mapping[_Pair, Curve], way: _Way, step: float) -> _Scores:
     reach = max(round(float(np.abs(curve.lags).max()) / step) for curve in curves.values())
-    pairs = {(one, other): np.zeros(2 * reach + 1) for one, other in product(range(len(sides)), repeat=2)}
-    for (first, second, is_crossed), curve in curves.items():
-        if is_crossed == (sides[first] != sides[second]):
+    count = len(way.sides)
+    pairs = {(one, other): np.zeros(2 * reach + 1) for one, other in product(range(count), repeat=2)}
+    for first, second in combinations(range(count), 2):
+        curve = curves.get(way.pair(first, second))
+        if curve is not None:
             places = np.round(curve.lags / step).astype(int) + reach
             pairs[first, second][places] = np.nan_to_num(curve.scores, nan=0.0)
             pairs[second, first] = pairs[first, second][::-1]
-    return _Scores(pairs, len(sides), reach)
+    return _Scores(pairs, count, reach)
 
 
 def _climbed(scores: _Scores) -> Iterator[Ints]:

@@ -16,6 +16,7 @@ from ..synchronization.epipolar import signed_residuals
 
 _JUMP = 0.5  # of the person's half height: a joint that goes farther between two images costs no more
 _DOUBT = 0.02  # of a jump of all joints: what it costs to contradict the network in one image
+_LEAST_DOUBT = 0.02  # the same in all images together: it decides between two ways on which the joints go as far
 _SURER = 0.8  # of the cost as it was: a change of sides must gain so much
 _MOST_TOGETHER = 6  # cameras of which all combinations are tried; more are tried one by one
 
@@ -25,11 +26,28 @@ def other_side(count: int) -> Ints:
     return np.arange(count) ^ 1
 
 
-def steady_sides(pixels: Float64s) -> Bools:
+def readings_of_sides(pixels: Float64s) -> list[Bools]:
+    """(T,) in which images of a film left and right must change places, in one or two ways, the likelier one first.
+
+    Seen from the side both names of a joint lie in almost one place, and nothing in the film tells whether they changed
+    there. The first way trusts the network, which is right in most images; the second one the places alone.
+
+    Args:
+        pixels: (T, J, 2) joints in pairs of left and right; NaN where none is seen.
+    """
+    trusting = steady_sides(pixels)
+    seen = np.isfinite(pixels[:, :, 0]).any(1)
+    distrusting = steady_sides(pixels, _LEAST_DOUBT / max(int(seen.sum()), 1))
+    differ = (trusting != distrusting)[seen]
+    return [trusting] if differ.all() or not differ.any() else [trusting, distrusting]
+
+
+def steady_sides(pixels: Float64s, doubt: float = _DOUBT) -> Bools:
     """(T,) in which images of a film left and right must change places for the joints not to jump.
 
     Args:
         pixels: (T, J, 2) joints in pairs of left and right; NaN where none is seen.
+        doubt: of a jump of all joints, what it costs to contradict the network in one image.
     """
     seen = np.flatnonzero(np.isfinite(pixels[:, :, 0]).any(1))
     swapped = np.zeros(len(pixels), dtype=bool)
@@ -41,11 +59,11 @@ def steady_sides(pixels: Float64s) -> Bools:
     stays = _moved(places[:-1], places[1:], size)
     jumps = _moved(places[:-1], places[1:][:, fellow], size)
     # The cheapest way through the images (Viterbi), of the two names that each may have.
-    costs, came_from = np.array([0.0, _DOUBT]), []
+    costs, came_from = np.array([0.0, doubt]), []
     for stay, jump in zip(stays.tolist(), jumps.tolist(), strict=True):
         ways = costs[:, None] + np.array([[stay, jump], [jump, stay]])
         came_from.append(ways.argmin(0))
-        costs = ways.min(0) + np.array([0.0, _DOUBT])
+        costs = ways.min(0) + np.array([0.0, doubt])
     state = int(costs.argmin())
     for place in range(len(seen) - 1, -1, -1):
         swapped[seen[place]] = state == 1
