@@ -70,6 +70,9 @@ class Recipe:
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         alpha_weight: of the mean difference in alpha, where images or masks say what it is.
+        size_weight: of the Gaussians' mean standard deviation, over the scene's scale, where ``appearance_views``
+            applies; elsewhere ``views.fit_to`` makes it 0.
+        apart_mean_rate: in place of ``mean_rate`` where ``appearance_views`` applies.
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
         half_size_until: fraction of training in which images have half their size (see optimize.half_resolution).
@@ -125,6 +128,7 @@ class Recipe:
     fine_rows_until: float = number(0.05, 0, 1)
     warm_up: float = number(0.01, 0, 1)
     mean_rate: float = number(3e-4, 0, _FASTEST)
+    apart_mean_rate: float = number(6e-4, 0, _FASTEST)
     scale_rate: float = number(4.5e-2, 0, _FASTEST)
     rotation_rate: float = number(2e-3, 0, _FASTEST)
     opacity_rate: float = number(3e-2, 0, _FASTEST)
@@ -144,6 +148,7 @@ class Recipe:
     dssim_burst: int = whole(5, 0, _MOST_STEPS)
     dssim_period: int = whole(50, 1, _MOST_STEPS)
     alpha_weight: float = number(0.1, 0, 10)
+    size_weight: float = number(0.2, 0, 1e3)
     smoothness_weight: float = number(1e-3, 0, 1e3)
     smoothness_neighbours: int = whole(8, 1, 100)
     smoothness_falloff: float = number(0.3, 0, 1e6)
@@ -236,6 +241,7 @@ _PAPER = Recipe(
     head_width=128,
     deformed_sh=16,
     appearance_views=0.0,
+    size_weight=0.0,
     modulation=False,
     frames_per_row=2.0,
     pictures_per_row=0.0,
@@ -304,7 +310,7 @@ RECIPES = {
 _FORMER = {"frame_choice": "even"}
 """Settings of earlier versions, and the value that trainings have had ever since."""
 
-BEFORE = {"appearance_views": 0.0, "alpha_weight": 0.0}
+BEFORE = {"appearance_views": 0.0, "alpha_weight": 0.0, "size_weight": 0.0, "apart_mean_rate": 3e-4}
 """Settings that earlier versions did not have, and the value that their trainings go on with."""
 
 

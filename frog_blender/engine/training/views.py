@@ -34,9 +34,15 @@ def fit_to(recipe: Recipe, capture: Capture) -> Recipe:
 
     Where each moment is seen from one place, and the next from quite another, a colour that changes with time explains
     any image that the geometry does not, and is wrong from everywhere else. There Gaussians move, turn and grow, as in
-    Deformable-3DGS, and keep their colours and opacities. A camera that stands still, or moves on slowly, sees what
-    changes.
+    Deformable-3DGS, and keep their colours and opacities. They are kept small, since nothing else says how deep they
+    are, and move faster: seeds inside a hull lie farther from surfaces than matched ones. A camera that stands still,
+    or moves on slowly, sees what changes.
     """
-    if not capture.has_moving_cameras or views_per_moment(capture) >= recipe.appearance_views:
-        return recipe
-    return recipe if turn_between_images(capture) < _LEAP else replace(recipe, deformed_sh=0, deformed_opacity=False)
+    if _shows_other_sides(capture, recipe.appearance_views):
+        return replace(recipe, deformed_sh=0, deformed_opacity=False, mean_rate=recipe.apart_mean_rate)
+    return replace(recipe, size_weight=0.0)
+
+
+def _shows_other_sides(capture: Capture, views: float) -> bool:
+    """Whether a moment has fewer than ``views`` views, and the next moment others."""
+    return capture.has_moving_cameras and views_per_moment(capture) < views and turn_between_images(capture) >= _LEAP

@@ -1,62 +1,79 @@
-"""Of which cameras exposure and pose are learned."""
+"""Exposure and pose are learned of cameras whose images can tell them from what the scene does."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 
-import pytest
-
-from frog_blender.engine.capture.capture import Capture, Shot
+from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.training.optimize.exposure_compensation import ExposureCompensation
 from frog_blender.engine.training.optimize.learnable_cameras import learnable_cameras
 from frog_blender.engine.training.optimize.pose_refinement import PoseRefinement
 from frog_blender.engine.training.recipe import Recipe
 
 
-def filmed_by(capture: Capture, images: Iterable[tuple[int, int]]) -> Capture:
-    """The capture with only these (camera, frame) for training; the cameras are those that ``capture`` trains on, again
-    and again."""
-    images = list(images)
-    base = [capture.cameras[index] for index in capture.train_cameras]
-    count = 1 + max(camera for camera, _ in images)
-    cameras = tuple(replace(base[index % len(base)], name=f"taken{index}") for index in range(count))
-    shots = tuple(Shot(camera, frame, capture.shots[0].path, 0) for camera, frame in images)
-    frame_count = 1 + max(frame for _, frame in images)
-    lenses, crops = (None,) * count, ((0.0, 0.0),) * count
-    return replace(
+def is_learned(capture: Capture) -> bool:
+    """Exposures and poses are learned of the same cameras."""
+    wanted = {each.wanted(capture, Recipe()) for each in (ExposureCompensation, PoseRefinement)}
+    assert len(wanted) == 1
+    return wanted.pop()
+
+
+def with_images(capture: Capture, counts: dict[int, int]) -> Capture:
+    """The first so many training images of some cameras, by index, and no others."""
+    left, shots = dict(counts), []
+    for shot in capture.train_shots:
+        if left.get(shot.camera, 0) > 0:
+            left[shot.camera] -= 1
+            shots.append(shot)
+    assert not any(left.values())
+    return replace(capture, shots=tuple(shots), test_cameras=frozenset())
+
+
+def test_of_a_rig_all_training_cameras(capture: Capture) -> None:
+    assert learnable_cameras(capture) == list(capture.train_cameras)
+    assert is_learned(capture)
+
+
+def test_of_one_moving_camera_none(capture: Capture) -> None:
+    """A reader makes a camera of every place that a moving camera films from: each has one image."""
+    first, *_ = capture.train_cameras
+    film = [shot for shot in capture.shots if shot.camera == first]
+    cameras = tuple(replace(capture.cameras[first], name=f"at{index}") for index in range(len(film)))
+    moving = replace(
         capture,
         cameras=cameras,
-        distortions=lenses,
-        crops=crops,
-        shots=shots,
-        frame_count=frame_count,
+        distortions=(capture.distortions[first],) * len(film),
+        crops=(capture.crops[first],) * len(film),
+        shots=tuple(replace(shot, camera=index) for index, shot in enumerate(film)),
         test_cameras=frozenset(),
     )
+    assert len(film) > 2 and moving.train_shots
+    assert learnable_cameras(moving) == [] and not is_learned(moving)
 
 
-RIG = [(camera, frame) for camera in range(3) for frame in range(4)]
-REGIMES = {
-    "rig": (RIG, [0, 1, 2]),
-    "one moving camera": ([(index, index) for index in range(8)], []),
-    "moving cameras that share moments": ([(index, index // 2) for index in range(8)], []),
-    "one moment": ([(index, 0) for index in range(8)], list(range(8))),
-    "one camera that stands": ([(0, frame) for frame in range(8)], []),
-    "mixed": ([*RIG, *((3 + frame, frame) for frame in range(4))], [0, 1, 2]),
-    "a camera that stopped early": ([*RIG, (3, 0), (3, 1)], [0, 1, 2]),
-}
+def test_of_cameras_with_an_image_or_two_none(capture: Capture) -> None:
+    for count in (1, 2):
+        at_several = with_images(capture, dict.fromkeys(capture.train_cameras, count))
+        shots = [replace(shot, frame=index) for index, shot in enumerate(at_several.shots)]
+        single = replace(at_several, shots=tuple(shots), frame_count=max(capture.frame_count, len(shots)))
+        assert learnable_cameras(single) == [] and not is_learned(single)
 
 
-@pytest.mark.parametrize("regime", REGIMES)
-def test_who_is_told_from_the_scene(capture: Capture, regime: str) -> None:
-    images, expected = REGIMES[regime]
-    filmed = filmed_by(capture, images)
-    assert learnable_cameras(filmed) == expected
-    for kind in (PoseRefinement, ExposureCompensation):
-        assert kind.wanted(filmed, Recipe()) == bool(expected)
+def test_of_a_mixed_capture_those_with_enough_images(capture: Capture) -> None:
+    first, second, third = capture.train_cameras
+    mixed = with_images(capture, {first: 3, second: 1, third: 4})
+    assert learnable_cameras(mixed) == [first, third] and is_learned(mixed)
 
 
-def test_one_standing_camera_that_judges_makes_no_rig(capture: Capture) -> None:
-    """As in D-NeRF's scenes: each training image another camera, all held-out images one."""
-    judged = filmed_by(capture, [*((index, index) for index in range(6)), *((6, frame) for frame in range(6))])
-    assert learnable_cameras(replace(judged, test_cameras=frozenset({"taken6"}))) == []
+def test_of_one_moment_all_cameras(capture: Capture) -> None:
+    """Nothing moves, so that each camera is told from the scene by all the others."""
+    photos = with_images(capture, dict.fromkeys(capture.train_cameras, 1))
+    assert len({shot.frame for shot in photos.shots}) == 1
+    assert learnable_cameras(photos) == list(capture.train_cameras) and is_learned(photos)
+
+
+def test_of_a_single_camera_none(capture: Capture) -> None:
+    """Whatever it has, all images have."""
+    first, *_ = capture.train_cameras
+    alone = with_images(capture, {first: 4})
+    assert learnable_cameras(alone) == [] and not is_learned(alone)

@@ -35,6 +35,7 @@ from .densification import DensificationStrategy
 from .device import torch_threads
 from .exposure_compensation import ExposureCompensation
 from .gaussian_order import sort_by_morton_code
+from .gaussian_size import add_size_gradient
 from .gaussian_state import GaussianState
 from .half_resolution import halved, is_halved
 from .hooks import Hook
@@ -267,6 +268,8 @@ class Trainer:
         drawn.backward(found.gradient, found.alpha_gradient)
         if drawn.changes and self.step_count % SMOOTHED_EVERY == 0:
             self._regularize()
+        if self.recipe.size_weight:
+            add_size_gradient(self.gaussians.canonical, self.recipe.size_weight, self.scene_scale)
         if grows:
             ignored, seen = truth.ignored, drawn.gaussians
             hidden = None
