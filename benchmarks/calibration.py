@@ -36,7 +36,7 @@ from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.calibration.verdict import refusal, warnings
 from frog_blender.engine.capture.readers import open_capture
 
-FRAMES, RATE = 24, 12.0
+FRAMES, RATE = 12, 12.0
 """Of each film that is in step; the others are twice as long, for they share only a part."""
 
 

@@ -170,20 +170,24 @@ def raster() -> str:
     return raster_report.table(shown, markdown=True)
 
 
-def calibration() -> str:
-    """What became of every rig of ``benchmarks/calibration.py``."""
-    text = gzip.decompress((FOLDER / "calibration" / "results.jsonl.gz").read_bytes()).decode()
+def calibration(name: str) -> str:
+    """What became of every rig of one of the benchmarks of calibration; clocks where films out of step were timed."""
+    text = gzip.decompress((FOLDER / "calibration" / f"{name}.jsonl.gz").read_bytes()).decode()
+    records = [json.loads(line) for line in text.splitlines()]
+    is_timed = any("clocks" in record for record in records)
     lines = []
-    for record in map(json.loads, text.splitlines()):
+    for record in records:
         if "refusal" in record:
             figures = ["refused", "", "", "", ""]
         else:
             figures = [f"{record['centers']:.2f}", f"{record['rotations']:.2f}", f"{record['focals']:+z.2f}"]
             figures += [f"{record['k1']:+z.3f}", str(len(record["warnings"]))]
+        clocks = [f"{record['clocks']:.2f}" if "clocks" in record else ""] if is_timed else []
         seen = f"{record['points']} points" if "points" in record else record["room"]
-        lines.append([record["rig"], seen, str(record["cameras"]), *figures, f"{record['cpu_seconds']:.0f}"])
-    errors = ["centre, % of the rig", "rotation, degrees", "focal length, %", "k1"]
-    return table(["rig", "sees", "cameras", *errors, "warnings", "processor s"], lines)
+        lines.append([record["rig"], seen, str(record["cameras"]), *figures, *clocks, f"{record['cpu_seconds']:.0f}"])
+    titles = ["centre, % of the rig", "rotation, degrees", "focal length, %", "k1", "warnings"]
+    titles += ["clock, frames"] if is_timed else []
+    return table(["rig", "sees", "cameras", *titles, "processor s"], lines)
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -195,7 +199,9 @@ TABLES: dict[str, Callable[[], str]] = {
     "capacity-sweep": lambda: sweep("grid"),
     "stability": lambda: under_conditions("stability"),
     "rasterizer": raster,
-    "calibration": calibration,
+    "calibration": lambda: calibration("results"),
+    "calibration-of-drawn-films": lambda: calibration("drawn"),
+    "calibration-of-rendered-films": lambda: calibration("rendered"),
 }
 """What pages may show, by the name in their comments."""
 

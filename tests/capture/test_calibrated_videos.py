@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.layouts.rigs import opencv_frames
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
@@ -227,6 +228,27 @@ def test_points_that_cannot_be_used_are_refused(tmp_path: Path, points: object, 
 def test_a_number_is_a_name_zero_too(tmp_path: Path) -> None:
     capture = open_capture(write(tmp_path, opencv(0), opencv(1)))  # type: ignore[arg-type]
     assert [camera.name for camera in capture.cameras] == ["0", "1"]
+
+
+@pytest.mark.parametrize("is_in_camera", [True, False])
+def test_keys_that_are_not_used_are_said(tmp_path: Path, is_in_camera: bool) -> None:
+    write(tmp_path, opencv(**{"model": "fisheye", "xi": 0.9} if is_in_camera else {}))
+    file = tmp_path / "cameras_opencv.json"
+    content = json.loads(file.read_text())
+    if not is_in_camera:
+        content |= {"model": "fisheye", "xi": 0.9}
+    file.write_text(json.dumps(content | {"note": "of a test", "made_by": "hand"}))
+    (warning,) = open_capture(tmp_path).warnings
+    assert "not used: model, xi; every lens is taken for OpenCV's perspective one" in warning
+
+
+def test_keys_that_are_not_used_are_said_beside_frames(tmp_path: Path) -> None:
+    opencv_frames(tmp_path)
+    file = tmp_path / "cameras_opencv.json"
+    content = json.loads(file.read_text())
+    assert open_capture(tmp_path).warnings == ()
+    file.write_text(json.dumps(content | {f"key {number}": 0 for number in range(8)}))
+    assert "key 4, key 5 and 2 more" in open_capture(tmp_path).warnings[0]
 
 
 @pytest.mark.parametrize(("written", "named"), [("NFC", "NFD"), ("NFD", "NFC")])

@@ -11,10 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from .belief import LEAST_SHARED, disagrees, doubts, is_apart, is_contradicted, is_doubtful, is_unsure, is_weak, percent
-from .evidence import CLOSES
+from .evidence import CLOSES, PairEvidence
 from .solve import Solution
 
 _FEW_CLOSING = 0.5
+_FEW_AGREEING = 0.5
 _PARALLEL = 5.0  # degrees between the directions of all cameras: so little fixes no focal length
 _NAMED = 6  # pairs
 
@@ -72,14 +73,28 @@ def warnings(solution: Solution, names: Sequence[str]) -> list[str]:
     alone = [names[i] for i, each in enumerate(solution.cameras) if np.isnan(each.closing)]
     if alone:
         found.append(f"No triangle of matching pairs tests {listed(alone)}: look at the result.")
-    open_ = [names[i] for i, each in enumerate(solution.cameras) if each.closing < _FEW_CLOSING]
-    if open_:
-        found.append(f"Several pairs of {listed(open_)} contradict the solution: look at the result.")
+    pairs = [f"{names[pair.one]}-{names[pair.other]}" for pair in _contradicting(solution)]
+    if pairs:
+        found.append(f"Most matches of {listed(pairs)} contradict the solution: look at the result.")
     found += doubts(max(each.focal_uncertainty for each in solution.cameras), solution.halves_apart, "the rig's size")
     doubted = [names[i] for i, each in enumerate(solution.cameras) if disagrees(each)]
     if doubted:
         found.append(f"Most matches of {listed(doubted)} disagree with the solution: look at the result.")
     return found
+
+
+def _contradicting(solution: Solution) -> list[PairEvidence]:
+    """The pairs, of cameras whose triangles seldom close, most of whose matches the solution does not explain.
+
+    That triangles do not close is not enough: where a third of a pair's matches are false and alike, as on a wallpaper,
+    its own rotation is off by degrees while the solution, from all pairs, explains the rest.
+    """
+    return [
+        pair
+        for pair in solution.pairs
+        if min(solution.cameras[pair.one].closing, solution.cameras[pair.other].closing) < _FEW_CLOSING
+        and pair.agreeing < _FEW_AGREEING * pair.verified
+    ]
 
 
 def _fixing_focals(solution: Solution) -> str:

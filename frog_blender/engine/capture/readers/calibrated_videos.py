@@ -32,6 +32,9 @@ _ROUNDING = 1.0  # pixels by which either side of a resized video may be off: en
 _IN_STEP = Clock()
 _MAX_OFFSET = 1e6  # seconds
 _MOST_POINTS = 1_000_000
+_OF_FILE = frozenset({"cameras", "points", "made_by", "note", "convention"})
+_OF_CAMERA = frozenset({"name", "width", "height", "K", "dist", "R", "t", "video", "offset", "rate"})
+_MOST_NAMED, _LONGEST_KEY = 6, 40  # keys in a sentence, and characters of each
 _RATES = 1e-3, 1e3  # slow motion of 240 frames a second that plays at 30 has 0.125
 
 
@@ -56,15 +59,16 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if a camera lacks its video or a video its camera, or a value cannot be used.
     """
-    calibration, entries, points = _calibration(path)
+    calibration, entries, points, unused = _calibration(path)
     if not find_videos(path) and all(entry.video is None for entry in entries) and (frames := find_footage(path)):
-        return with_points(_of_frames(path, calibration, entries, frames), points)
+        capture = _of_frames(path, calibration, entries, frames)
+        return with_points(replace(capture, warnings=(*unused, *capture.warnings)), points)
     calibrated = _matched(path, calibration, entries)
     paths = [video for _, video in calibrated]
     facts = [read_facts(video) for video in paths]
     clocks = [entry.clock for entry, _ in calibrated]
     paired = pair_videos(path, paths, facts, clocks if any(clock != _IN_STEP for clock in clocks) else None)
-    warnings = list(paired.warnings)
+    warnings = [*unused, *paired.warnings]
     views = []
     for (entry, video), fact in zip(calibrated, facts, strict=True):
         camera, lens, warning = _fit_to_video(entry.camera, entry.lens, video, fact)
@@ -105,13 +109,14 @@ def named_videos(path: Path) -> dict[str, Path]:
     return {composed(entry.camera.name): entry.video for entry in entries if entry.video is not None}
 
 
-def _calibration(path: Path) -> tuple[Path, list[_Calibrated], Float64s | None]:
-    """The file, its cameras, each of one name, and its points (N, 3) if it has any."""
-    points = None
+def _calibration(path: Path) -> tuple[Path, list[_Calibrated], Float64s | None, list[str]]:
+    """The file, its cameras, each of one name, its points (N, 3) if it has any, and what is said about it."""
+    points, unused = None, []
     if (path / _OPENCV).is_file():
         file = path / _OPENCV
         content = read_json(file)
         calibrated, points = _opencv_cameras(file, content), _points(file, content)
+        unused = _unused(file, content)
     else:
         file = _qualisys_files(path)[0]
         calibrated = [_Calibrated(camera, lens) for camera, lens in qualisys.read_cameras(file)]
@@ -119,7 +124,7 @@ def _calibration(path: Path) -> tuple[Path, list[_Calibrated], Float64s | None]:
     names = [entry.camera.name for entry in calibrated]
     if len(set(names)) != len(names):
         raise found_instead(file, f"several cameras named {max(names, key=names.count)}", "one of each name")
-    return file, calibrated, points
+    return file, calibrated, points, unused
 
 
 def _composed(camera: Camera) -> Camera:
@@ -233,6 +238,18 @@ def _opencv_cameras(path: Path, content: dict[str, object]) -> list[_Calibrated]
         lens = distortion(coefficients if count else np.zeros(5), skew)
         cameras.append(_Calibrated(camera, lens, _video(entry, path, name), _clock(entry, path, name)))
     return cameras
+
+
+def _unused(path: Path, content: dict[str, object]) -> list[str]:
+    """A sentence where ``cameras_opencv.json`` has keys that nothing here uses, such as another lens model."""
+    cameras = content["cameras"]
+    assert isinstance(cameras, list)  # of objects: ``_opencv_cameras`` took them
+    keys = sorted((content.keys() - _OF_FILE).union(*(entry.keys() - _OF_CAMERA for entry in cameras)))
+    if not keys:
+        return []
+    listed = ", ".join(key[:_LONGEST_KEY] for key in keys[:_MOST_NAMED])
+    more = f" and {len(keys) - _MOST_NAMED} more" if len(keys) > _MOST_NAMED else ""
+    return [f"{path}: not used: {listed}{more}; every lens is taken for OpenCV's perspective one, which `dist` bends."]
 
 
 def _video(entry: dict[str, object], path: Path, name: str) -> Path | None:
