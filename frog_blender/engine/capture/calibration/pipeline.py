@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,16 +12,18 @@ from typing import TypeVar
 import numpy as np
 
 from ...errors import FrogError
-from ..readers.geometry import distortion
+from ..camera import Camera
+from ..capture import Distortion
 from .board_detection import Board
 from .board_file import read_board
 from .board_films import TIMES as BOARD_TIMES
 from .board_films import board_in_films
 from .calibration import Calibration, CalibrationRefused
 from .child_process import Progress
-from .clocks import Clocks, FoundClocks, Synchronize, differ, find_clocks, with_clocks
+from .clocks import Clocks, FoundClocks, Synchronize, find_clocks, with_clocks
 from .feature_task import arrays_of, view_of
 from .films import Film, View, common_times, find_films, is_standing, look, with_groups
+from .in_turns import TIMES, calibrate_in_turns
 from .landmark_file import landmark_file
 from .moving import calibrate_moving, still_images
 from .moving_clocks import find_moving_clocks
@@ -35,10 +37,8 @@ from .work_folder import NAME, WorkFolder, key_of, key_of_file
 
 AUTO = Path("auto")
 """A board whose layout is found in the films."""
-_TIMES = 5  # at which moving points are compared
 _ALMOST = 0.01  # of a side, by which films of one kind of camera may differ
 _MOST_DECODED = 4  # films at once: of each some dozens of images are held
-_ROUNDS = 2  # of synchronisation: calibrated from the background, then from what moves as well
 
 _Result = TypeVar("_Result")
 
@@ -241,54 +241,15 @@ def _by(
             if options.in_step or given
             else ("The films were taken to be in step: nothing looked whether they are.",)
         )
-        return way.solve(films, _TIMES), films, FoundClocks(given, warnings=guess)
+        return way.solve(films, TIMES), films, FoundClocks(given, warnings=guess)
     if way.timed is not None:
         calibration, found = way.timed(films)
         return calibration, with_clocks(films, found.clocks), found
-    calibration, before = _first(way, films, stages, synchronize)
-    for _ in range(_ROUNDS):
-        cameras = {
-            each.camera.name: (each.camera, distortion(np.array([*each.distortion, 0.0, 0.0])))
-            for each in calibration.cameras
-        }
-        found = synchronize(films, cameras, stages.work, stages.progress, stages.cancelled)
-        if found.refusal is not None:
-            kept = replace(found, clocks=before, warnings=(found.refusal, *found.warnings))
-            return calibration, with_clocks(films, before), kept
-        films = with_clocks(films, found.clocks)
-        if before and not differ(before, found.clocks, films):
-            break
-        before = found.clocks
-        calibration = way.solve(films, _TIMES)
-        if all(clock == (0.0, 1.0) for clock in found.clocks.values()):
-            break  # in step: nothing that a second look could correct
-    return calibration, films, found
 
+    def find(films: Sequence[Film], cameras: Mapping[str, tuple[Camera, Distortion | None]]) -> FoundClocks:
+        return synchronize(films, cameras, stages.work, stages.progress, stages.cancelled)
 
-def _first(way: Way, films: list[Film], stages: _Stages, synchronize: Synchronize) -> tuple[Calibration, Clocks]:
-    """A calibration before clocks are known, and the clocks that it used, if it used any.
-
-    By the background where the way has use for it, else by films that are taken to be in step, else by clocks that were
-    found without cameras.
-    """
-    refused: CalibrationRefused | None = None
-    if not way.needs_step:
-        try:
-            return way.solve(films, 0), {}
-        except CalibrationRefused as error:
-            refused = error
-    together: Clocks = {film.name: (0.0, 1.0) for film in films}
-    try:
-        return way.solve(films, _TIMES), together if way.needs_step else {}
-    except CalibrationRefused as error:
-        if not way.needs_step:
-            raise refused or error from None
-        refused = error
-    found = synchronize(films, {}, stages.work, stages.progress, stages.cancelled)
-    timed = with_clocks(films, found.clocks)
-    if found.refusal is not None or not differ(together, found.clocks, films):
-        raise refused
-    return way.solve(timed, _TIMES), found.clocks
+    return calibrate_in_turns(way, films, find)
 
 
 def _standing(films: Sequence[Film], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]) -> list[bool]:

@@ -1,0 +1,67 @@
+"""Calibration and synchronisation taking turns: what is believed where they contradict each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
+from frog_blender.engine.capture.calibration.clocks import FoundClocks
+from frog_blender.engine.capture.calibration.films import Film
+from frog_blender.engine.capture.calibration.in_turns import TIMES, calibrate_in_turns
+from frog_blender.engine.capture.calibration.ways import Way
+
+TOGETHER = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
+LATER = {"a": (0.0, 1.0), "b": (0.5, 1.0)}
+CONTRADICTION = FoundClocks(LATER, "The films' lags contradict each other.")
+
+
+def films() -> list[Film]:
+    facts = SimpleNamespace(frames_per_second=30.0, timestamps=np.arange(9) / 30, width=64, height=48)
+    return [Film(name, Path(f"{name}.mp4"), facts) for name in "ab"]  # type: ignore[arg-type]
+
+
+class Solver:
+    """Says from what its cameras come; refuses the background alone where it is told to."""
+
+    def __init__(self, *, has_background: bool) -> None:
+        self.has_background = has_background
+
+    def __call__(self, films: Sequence[Film], count: int) -> Calibration:
+        if count == 0 and not self.has_background:
+            raise CalibrationRefused("The background shares too few points.")
+        assert count in (0, TIMES)
+        offsets = ", ".join(f"{film.offset:g}" for film in films)
+        return Calibration((), source=f"what moves at {offsets}" if count else "the background")
+
+
+def turns(*found: FoundClocks, has_background: bool) -> tuple[Calibration, list[Film], FoundClocks]:
+    answers = iter(found)
+    way = Way("features", Solver(has_background=has_background), needs_step=False)
+    return calibrate_in_turns(way, films(), lambda *_: next(answers))
+
+
+def test_clocks_that_are_confirmed_are_used() -> None:
+    calibration, timed, found = turns(FoundClocks(LATER), FoundClocks(LATER), has_background=True)
+    assert calibration.source == "what moves at 0, 0.5"
+    assert [film.offset for film in timed] == [0.0, 0.5] and found.clocks == LATER
+
+
+@pytest.mark.parametrize("found", [[CONTRADICTION], [FoundClocks(LATER), CONTRADICTION]])
+def test_clocks_that_contradict_each_other_do_not_touch_the_cameras(found: list[FoundClocks]) -> None:
+    calibration, timed, kept = turns(*found, has_background=True)
+    assert calibration.source == "the background"
+    assert [film.offset for film in timed] == [0.0, 0.0] and kept.clocks == {}
+    assert kept.warnings == (CONTRADICTION.refusal,)
+
+
+def test_films_taken_to_be_in_step_need_clocks_that_agree() -> None:
+    calibration, _, _ = turns(FoundClocks(TOGETHER), has_background=False)
+    assert calibration.source == "what moves at 0, 0"
+    with pytest.raises(CalibrationRefused) as refused:
+        turns(CONTRADICTION, has_background=False)
+    assert "shares too few points" in str(refused.value) and "contradict each other" in str(refused.value)
