@@ -310,7 +310,14 @@ RECIPES = {
 _FORMER = {"frame_choice": "even"}
 """Settings of earlier versions, and the value that trainings have had ever since."""
 
-BEFORE = {"appearance_views": 0.0, "alpha_weight": 0.0, "size_weight": 0.0, "apart_mean_rate": 3e-4}
+BEFORE = {
+    "appearance_views": 0.0,
+    "alpha_weight": 0.0,
+    "size_weight": 0.0,
+    "apart_mean_rate": 3e-4,
+    "moment_seeds": False,
+    "camera_clearance": 0.0,
+}
 """Settings that earlier versions did not have, and the value that their trainings go on with."""
 
 
