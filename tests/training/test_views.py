@@ -58,7 +58,6 @@ def test_one_view_a_moment_fixes_what_things_look_like(capture: Capture) -> None
     single = fit_to(Recipe(), one_a_moment(capture))
     assert (single.deformed_sh, single.deformed_opacity) == (0, False)
     assert single.size_weight == Recipe().size_weight > 0
-    assert single.mean_rate == Recipe().apart_mean_rate > Recipe().mean_rate
     assert fit_to(single, one_a_moment(capture)) == single  # as a resumed training asks again
     never = Recipe(appearance_views=0.0)
     assert fit_to(never, one_a_moment(capture)) == as_filmed(never)

@@ -72,7 +72,6 @@ class Recipe:
         alpha_weight: of the mean difference in alpha, where images or masks say what it is.
         size_weight: of the Gaussians' mean standard deviation, over the scene's scale, where ``appearance_views``
             applies; elsewhere ``views.fit_to`` makes it 0.
-        apart_mean_rate: in place of ``mean_rate`` where ``appearance_views`` applies.
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
         half_size_until: fraction of training in which images have half their size (see optimize.half_resolution).
@@ -128,7 +127,6 @@ class Recipe:
     fine_rows_until: float = number(0.05, 0, 1)
     warm_up: float = number(0.01, 0, 1)
     mean_rate: float = number(3e-4, 0, _FASTEST)
-    apart_mean_rate: float = number(6e-4, 0, _FASTEST)
     scale_rate: float = number(4.5e-2, 0, _FASTEST)
     rotation_rate: float = number(2e-3, 0, _FASTEST)
     opacity_rate: float = number(3e-2, 0, _FASTEST)
@@ -314,7 +312,6 @@ BEFORE = {
     "appearance_views": 0.0,
     "alpha_weight": 0.0,
     "size_weight": 0.0,
-    "apart_mean_rate": 3e-4,
     "moment_seeds": False,
     "camera_clearance": 0.0,
 }
