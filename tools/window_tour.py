@@ -214,7 +214,10 @@ class Tour:
         yield from self.shot("07_ellipsoids")
 
     def among_objects(self) -> Iterator[float]:
-        """A monkey half inside the splats, which are ellipsoids still; one image of both."""
+        """A monkey half inside the splats, drawn by the graphics card; one image of both."""
+        gaussians().frog.display, bpy.context.scene.frog.viewport_drawing = "POINTS", "CARD"
+        shading = view().spaces.active.shading
+        shading.type, shading.color_type = "SOLID", "MATERIAL"
         with override(view()):
             bpy.ops.mesh.primitive_monkey_add(size=1.0, location=(0.2, 0.15, 0.75))
             monkey = bpy.context.object
@@ -229,7 +232,6 @@ class Tour:
         scene.cycles.samples, scene.cycles.device = 32, "CPU"
         yield 6 * SETTLE
         yield from self.shot("08_mesh_among_splats")
-        view().spaces.active.shading.type = "SOLID"
         bpy.context.preferences.view.render_display_type = "SCREEN"
         done: list[bool] = []
         bpy.app.handlers.render_complete.append(lambda *_: done.append(True))
@@ -360,7 +362,7 @@ def leave_out_large(obj: Any, size: float) -> None:
 
 def golden() -> Any:
     material = bpy.data.materials.new("Gold")
-    material.use_nodes = True
+    material.use_nodes, material.diffuse_color = True, (0.9, 0.55, 0.12, 1.0)
     shader = material.node_tree.nodes["Principled BSDF"].inputs
     shader["Base Color"].default_value, shader["Metallic"].default_value = (0.9, 0.55, 0.12, 1.0), 0.9
     shader["Roughness"].default_value = 0.35
