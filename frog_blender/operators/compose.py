@@ -39,7 +39,7 @@ Later changes of camera, frame range, render region, resolution, collections and
         if is_splats and context.scene.frog.composed_with is None:
             asked = "Disable Objects Hide Splats first."
         cls.poll_message_set(asked)
-        return not is_splats and next(playback.captures(context.scene.objects), None) is not None
+        return not is_splats and playback.has_captures(context.scene)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         scene = context.scene

@@ -60,6 +60,11 @@ def captures(objects: Iterable[bpy.types.Object]) -> Iterator[bpy.types.Object]:
             yield obj
 
 
+def has_captures(scene: bpy.types.Scene) -> bool:
+    """Whether a scene has objects of its own that play a .frog file."""
+    return next(captures(scene.objects), None) is not None
+
+
 def gaussians_at(
     obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None
 ) -> GaussianArrays:

@@ -13,6 +13,7 @@ from ..calibration_task.state import CalibrationState
 from ..engine.capture.calibration.landmark_file import landmark_file
 from . import capture_summary, contact_sheet, preferences, preview_image, report_images
 from .capture_summary import CaptureSummary
+from .sidebar_panel import SidebarPanel
 from .text import wrapped_label
 
 
@@ -90,13 +91,10 @@ def draw_choice(layout: bpy.types.UILayout, summary: CaptureSummary | None) -> N
         layout.operator("frog.use_given_cameras", icon="LOOP_BACK")
 
 
-class FROG_PT_cameras(bpy.types.Panel):
+class FROG_PT_cameras(SidebarPanel, bpy.types.Panel):
     """One image of each camera, and the rig."""
 
     bl_label = "Cameras"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "FRoG"
     bl_parent_id = "FROG_PT_capture"
     bl_options = {"DEFAULT_CLOSED"}
 
@@ -131,13 +129,10 @@ def _draw_contact_sheet(layout: bpy.types.UILayout, context: bpy.types.Context) 
         column.label(text=name)
 
 
-class FROG_PT_synchronization(bpy.types.Panel):
+class FROG_PT_synchronization(SidebarPanel, bpy.types.Panel):
     """When each camera began to film, and how fast its clock runs."""
 
     bl_label = "Synchronization"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "FRoG"
     bl_parent_id = "FROG_PT_capture"
     bl_options = {"DEFAULT_CLOSED"}
 

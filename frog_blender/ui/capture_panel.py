@@ -8,21 +8,17 @@ from pathlib import Path
 import bpy
 
 from . import calibration_panel, capture_summary, refreshing
+from .sidebar_panel import SidebarPanel, split
 from .text import wrapped_label
 
 
-class FROG_PT_capture(bpy.types.Panel):
+class FROG_PT_capture(SidebarPanel, bpy.types.Panel):
     """The folder of a capture, what is in it, and what it lacks."""
 
     bl_label = "Capture"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "FRoG"
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        layout = split(self.layout)
         settings = context.scene.frog
         layout.prop(settings, "capture_folder", text="")
         if not settings.capture_folder:
@@ -31,13 +27,10 @@ class FROG_PT_capture(bpy.types.Panel):
         _draw_capture(layout, bpy.path.abspath(settings.capture_folder), context)
 
 
-class FROG_PT_masks(bpy.types.Panel):
+class FROG_PT_masks(SidebarPanel, bpy.types.Panel):
     """Which parts of the images are trained on."""
 
     bl_label = "Masks"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "FRoG"
     bl_parent_id = "FROG_PT_capture"
     bl_options = {"DEFAULT_CLOSED"}
 
@@ -46,9 +39,7 @@ class FROG_PT_masks(bpy.types.Panel):
         return bool(context.scene.frog.capture_folder)
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, settings = self.layout, context.scene.frog
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        layout, settings = split(self.layout), context.scene.frog
         layout.prop(settings, "masks")
         if settings.masks == "key":
             row = layout.row(align=True)

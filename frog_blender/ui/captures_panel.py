@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 
 from .. import capture_files, point_cloud
@@ -13,16 +11,14 @@ from ..scene_import.capture_objects import cameras_of
 from ..timeline import open_scenes, playback, playback_cache, retiming
 from . import refreshing
 from .capture_list import chosen_capture
+from .sidebar_panel import SidebarPanel, split
 from .text import wrapped_label
 
 
-class FROG_PT_captures(bpy.types.Panel):
+class FROG_PT_captures(SidebarPanel, bpy.types.Panel):
     """The captures of this scene."""
 
     bl_label = "Scene"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "FRoG"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -52,12 +48,9 @@ class FROG_PT_captures(bpy.types.Panel):
             row.operator("frog.hide_clips", text="Hide", icon="HIDE_ON")
 
 
-class _OfChosen:
+class _OfChosen(SidebarPanel):
     """Base of sub-panels about the chosen capture."""
 
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "FRoG"
     bl_parent_id = "FROG_PT_captures"
     bl_options = {"DEFAULT_CLOSED"}
 
@@ -77,7 +70,7 @@ class FROG_PT_timing(_OfChosen, bpy.types.Panel):
         return super().poll(context) and _is_moving(chosen_capture(context))
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, settings = _split(self.layout), chosen_capture(context).frog
+        layout, settings = split(self.layout), chosen_capture(context).frog
         layout.prop(settings, "use_remap")
         names = ("shown_frame",) if settings.use_remap else ("start_frame", "speed", "repeat")
         for name in names:
@@ -90,7 +83,7 @@ class FROG_PT_display(_OfChosen, bpy.types.Panel):
     bl_label = "Display"
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, chosen = _split(self.layout), chosen_capture(context)
+        layout, chosen = split(self.layout), chosen_capture(context)
         layout.prop(context.scene.frog, "viewport_drawing")
         row = layout.row()
         row.enabled = point_cloud.count(chosen) <= ellipsoid_nodes.MOST
@@ -112,18 +105,11 @@ class FROG_PT_bake(_OfChosen, bpy.types.Panel):
         return super().poll(context) and _is_moving(chosen_capture(context))
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout = _split(self.layout)
+        layout = split(self.layout)
         _draw_bake(layout, chosen_capture(context), context)
         row = layout.row(align=True)
         row.label(text=playback_cache.summary(), icon="MEMORY")
         row.operator("frog.clear_cache", text="", icon="TRASH")
-
-
-def _split(layout: Any) -> Any:
-    """The layout, with names of settings in a column of their own."""
-    layout.use_property_split = True
-    layout.use_property_decorate = False
-    return layout
 
 
 def _is_moving(obj: bpy.types.Object) -> bool:

@@ -7,27 +7,23 @@ import bpy
 from ..render.compositing import renders
 from ..scene_import.scene_setup import are_colors_unchanged, is_set_up
 from ..timeline import playback
+from .sidebar_panel import SidebarPanel, split
 from .text import wrapped_label
 
 _LARGER = 1.25  # times the filmed size, from which on a render is larger than what was trained
 
 
-class FROG_PT_render(bpy.types.Panel):
+class FROG_PT_render(SidebarPanel, bpy.types.Panel):
     """What a render of this scene shows of its captures."""
 
     bl_label = "Render"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "FRoG"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return next(playback.captures(context.scene.objects), None) is not None
+        return playback.has_captures(context.scene)
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, scene = self.layout, context.scene
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        layout, scene = split(self.layout), context.scene
         if not is_set_up(scene):
             layout.operator("frog.set_up_scene", icon="SCENE_DATA")
         layout.prop(scene.render, "engine")

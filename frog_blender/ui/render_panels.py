@@ -106,7 +106,7 @@ class FROG_PT_with_objects(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return next(playback.captures(context.scene.objects), None) is not None
+        return playback.has_captures(context.scene)
 
     def draw(self, context: bpy.types.Context) -> None:
         draw_with_objects(self.layout)

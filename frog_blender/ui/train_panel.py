@@ -13,26 +13,22 @@ from ..training_task import runner
 from ..training_task.request import can_resume, can_train_longer
 from ..training_task.state import TrainingState
 from . import preferences, presets, preview_image, training_choices, training_time
+from .sidebar_panel import SidebarPanel, split
 from .text import duration, wrapped_label
 
 _LEGEND = "Orange moves, blue stands still, red dots were left out."
 
 
-class FROG_PT_train(bpy.types.Panel):
+class FROG_PT_train(SidebarPanel, bpy.types.Panel):
     """Start, progress and result of a training."""
 
     bl_label = "Train"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "FRoG"
 
     def draw_header_preset(self, _context: bpy.types.Context) -> None:
         presets.draw_button(self)
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        layout = split(self.layout)
         settings, task = context.scene.frog, runner.current()
         if not runner.is_running():
             layout.prop(settings, "recipe")
@@ -42,13 +38,10 @@ class FROG_PT_train(bpy.types.Panel):
             _draw_training(layout, task, settings, context)
 
 
-class FROG_PT_train_report(bpy.types.Panel):
+class FROG_PT_train_report(SidebarPanel, bpy.types.Panel):
     """What a training says in numbers, and what it left out."""
 
     bl_label = "Report"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "FRoG"
     bl_parent_id = "FROG_PT_train"
     bl_options = {"DEFAULT_CLOSED"}
 
@@ -72,20 +65,15 @@ class FROG_PT_train_report(bpy.types.Panel):
             wrapped_label(layout, _LEGEND, context)
 
 
-class FROG_PT_train_advanced(bpy.types.Panel):
+class FROG_PT_train_advanced(SidebarPanel, bpy.types.Panel):
     """Advanced training settings."""
 
     bl_label = "Advanced"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "FRoG"
     bl_parent_id = "FROG_PT_train"
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, settings = self.layout, context.scene.frog
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        layout, settings = split(self.layout), context.scene.frog
         layout.prop(settings, "import_when_done")
         layout.prop(settings, "device")
         layout.prop(settings, "capacity")

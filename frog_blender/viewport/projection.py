@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..engine.native.options import RasterizeOptions
+
 if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
 
-NEAR = 0.01  # RasterizeOptions.near_plane
-
-
+NEAR = RasterizeOptions().near_plane
 _EVEN = 1e-5  # by which squares of a matrix's scales may differ, relatively
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from support.damaged_inputs import counted
 
 pytest.importorskip("resource")
 
@@ -15,11 +13,7 @@ SMALL = {"bakes": 300, "poses": 300, "points": 200, "masks": 300, "seeds": 200, 
 
 
 def opened(kind: str, folder: Path, count: int, seed: int) -> None:
-    script = Path(__file__).parents[1] / "support" / "mutated_files.py"
-    command = [sys.executable, str(script), kind, str(folder), str(count), str(seed)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=3000, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    answer = json.loads(done.stdout)
+    answer = counted("mutated_files.py", kind, folder, count, seed)
     assert answer["refused"] > answer["used"] > 0, "some damage is harmless, most is not"
     assert answer["peak"] < 500e6
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from support.damaged_inputs import counted
 
 pytest.importorskip("resource")
 pytest.importorskip("imageio_ffmpeg")
@@ -17,11 +15,7 @@ SMALL |= {"films": 40, "stills": 100}
 
 
 def opened(kind: str, folder: Path, count: int, seed: int) -> None:
-    script = Path(__file__).parents[2] / "support" / "mutated_calibration.py"
-    command = [sys.executable, str(script), kind, str(folder), str(count), str(seed)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=3000, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    answer = json.loads(done.stdout)
+    answer = counted("mutated_calibration.py", kind, folder, count, seed)
     assert answer["refused"] > 0 and answer["used"] > 0, "some damage is harmless, some is not"
     assert answer["peak"] < 500e6
 

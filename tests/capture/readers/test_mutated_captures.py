@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from support.damaged_inputs import counted
 from support.mutated_captures import LAYOUTS
 
 pytest.importorskip("resource")
@@ -17,11 +15,7 @@ GROUPS = [",".join(list(LAYOUTS)[start::3]) for start in range(3)]
 
 
 def opened(layouts: str, folder: Path, count: int, seed: int) -> None:
-    script = Path(__file__).parents[2] / "support" / "mutated_captures.py"
-    command = [sys.executable, str(script), layouts, str(folder), str(count), str(seed)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=3000, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    answers = json.loads(done.stdout).values()
+    answers = counted("mutated_captures.py", layouts, folder, count, seed).values()
     refused, used = (sum(answer[what] for answer in answers) for what in ("refused", "used"))
     assert refused > used > 0, "some damage is harmless, most is not"
     assert max(answer["peak"] for answer in answers) < 500e6
