@@ -25,7 +25,7 @@ def add_chart_parser(commands: Any) -> None:
     chart.add_argument("captures", type=Path, nargs="+", metavar="CAPTURE")
     chart.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, tables and charts")
     chart.add_argument(
-        "--protocol", metavar="NAME", help="CAPTURE holds a paper's dataset: n3dv, hypernerf or technicolor"
+        "--protocol", metavar="NAME", help="CAPTURE holds a published dataset: n3dv, hypernerf, technicolor or dnerf"
     )
     chart.add_argument("--methods", type=names, metavar="A,B", help="default: all of them")
     chart.add_argument(

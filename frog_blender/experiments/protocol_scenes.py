@@ -35,7 +35,8 @@ class Scene:
     Attributes:
         folders: names that its folder may have; letter case, punctuation and a leading "vrig" do not count.
         parts: the captures that are made of it.
-        without: cameras that are left out of training and evaluation.
+        without: cameras that are left out of training and evaluation; a name that ends with / stands for all of a
+            folder.
     """
 
     folders: tuple[str, ...]
@@ -144,4 +145,16 @@ TECHNICOLOR = Protocol(
     elsewhere=published.TECHNICOLOR_ELSEWHERE,
 )
 
-PROTOCOLS: dict[str, Protocol] = {protocol.name: protocol for protocol in (N3DV, HYPERNERF, TECHNICOLOR)}
+DNERF = Protocol(
+    name="dnerf",
+    title="D-NeRF",
+    format="transforms",
+    recipe="standard",
+    # Its test images show another shovel than its training images (Deformable-3DGS, README).
+    scenes=(Scene(("lego", "dnerf_lego"), (Part("lego"),), frozenset({"test/"})),),
+    image_width=800,
+    held_out="the validation split",
+    elsewhere=published.DNERF_LEGO,
+)
+
+PROTOCOLS: dict[str, Protocol] = {protocol.name: protocol for protocol in (N3DV, HYPERNERF, TECHNICOLOR, DNERF)}

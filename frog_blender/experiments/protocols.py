@@ -121,10 +121,12 @@ def averages(protocol: Protocol, figures: Mapping[str, Mapping[str, float | None
 def published_table(protocol: Protocol) -> str:
     """The paper's tables as Markdown, to be shown beside ours."""
     over = ", ".join(protocol.parts)
-    parts = [f"FRoG's paper on {protocol.title}, the mean of {over}; held out: {protocol.held_out}."]
+    held_out = f"{protocol.title}, the mean of {over}; held out: {protocol.held_out}."
+    parts = [f"FRoG's paper on {held_out}" if protocol.table else held_out]
     if protocol.cost_scenes:
         parts.append(f"Storage, training time and FPS are of {', '.join(protocol.cost_scenes)} in the first table.")
-    parts.append(markdown(protocol.table))
+    if protocol.table:
+        parts.append(markdown(protocol.table))
     for name, rows in protocol.ablations.items():
         parts += [f"Its ablation ({name}):", markdown(rows)]
     if protocol.elsewhere:
@@ -140,9 +142,13 @@ def _open(scene: Scene, parts: list[Part], folder: Path) -> Iterator[tuple[Part,
             yield part, checked(technicolor.read(folder, frames))
         return
     capture = open_capture(folder)
-    capture = capture.without_cameras(scene.without & {camera.name for camera in capture.cameras})
+    capture = capture.without_cameras({camera.name for camera in capture.cameras if _is_without(scene, camera.name)})
     for part in parts:
         yield part, _segment(capture, part) if part.count else capture
+
+
+def _is_without(scene: Scene, name: str) -> bool:
+    return name in scene.without or f"{name.partition('/')[0]}/" in scene.without
 
 
 def _segment(capture: Capture, part: Part) -> Capture:

@@ -152,6 +152,11 @@ N3DV_ELSEWHERE = (
 """What other papers report on N3DV, with their own points: no ranking. Most near 32 dB average six scenes, of
 flame_salmon the first 300 frames, and keep cam13 of coffee_martini; protocols alone differ by 0.3 to 1 dB."""
 
+DNERF_LEGO = (
+    Published("D3DGS", 33.07, method="d3dgs", note="arXiv 2309.13101: 800 x 800, 40,000 steps, the validation split"),
+)
+"""What is published on D-NeRF's lego for its validation split."""
+
 TECHNICOLOR_ELSEWHERE = (
     Published("Multi4D", 34.30, fps=161),
     Published("Hybrid 3D-4DGS", 33.22, None, None, 218, 29),
