@@ -14,7 +14,7 @@ NATIVE := $(wildcard frog_blender/engine/native/src/* frog_blender/engine/native
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo chart stability experiment-tables test test-fast test-slow test-sanitizers test-blender test-bpy45 test-bpy53 tour lint format extension clean setup
+.PHONY: demo chart stability experiment-tables test test-fast test-slow test-sanitizers test-blender test-bpy45 test-bpy53 test-web tour lint format extension clean setup
 
 setup: $(VENV)/.ready
 
@@ -125,6 +125,11 @@ BLENDER ?= $(or $(FROG_BLENDER),blender)
 test-blender: setup
 	@command -v $(firstword $(BLENDER)) > /dev/null || { echo "$(BLENDER): found no such program; say BLENDER=/path/to/blender"; exit 1; }
 	$(BLENDER) -b --factory-startup --python tests/blender/run_in_blender.py -- -q -m "slow or not slow"
+
+# Exported web pages in a browser without a window: chromium or google-chrome, or the one that FROG_CHROMIUM names.
+test-web: setup
+	$(INSTALL) playwright
+	$(BIN)/python -m pytest -q -m slow tests/interchange/test_web_browser.py
 
 # A walk through the add-on in a window, with a screenshot of each step: make tour BLENDER=/path/to/blender OUT=dir
 # The Blender's Python needs torch and OpenCV. TOUR_FLAGS is for the script, such as TOUR_FLAGS="--steps 600".

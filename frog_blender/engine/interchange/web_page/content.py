@@ -1,0 +1,214 @@
+"""A scene's frames as small integers that a browser unpacks: what ``scene.js`` reads.
+
+Positions keep 16 bits of an inverse hyperbolic sine, fine in the middle of a scene and coarse far out; sizes (as
+logarithms), rotations, colours and opacities have 8. What does not change in time is there once. What does is there for
+every frame as the difference from the frame before, which ``zlib`` makes small.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Array
+from ...errors import FrogError
+from ...io.plain_values import JsonObject
+from ...playback.frame_delta import column_of, column_width
+from ...playback.player import ScenePlayer
+
+MOST_BYTES = 2**29
+"""Of a scene's numbers once a browser has unpacked them."""
+_SMALLEST_SCALE = 1e-12  # its logarithm is finite
+_COLOR_STEPS, _SHAPE_STEPS, _POSITION_STEPS = 255, 127, 8191
+_STEEPNESS = 8.0  # of a scene's spread: within it positions are about evenly fine
+
+
+@dataclass(frozen=True)
+class Quantizer:
+    """Numbers as integers from 0 to ``steps``: ``low + value * (high - low) / steps`` undoes it, up to the curve.
+
+    One byte holds 255 steps, two hold more.
+
+    Attributes:
+        curve: "linear", "exp" (the integers are logarithms) or "sinh".
+        low, high: (width,) before the curve.
+        center, spread: (width,) for "sinh": position = center + spread * sinh(value).
+        steps: 255 or more.
+    """
+
+    curve: str
+    low: Array
+    high: Array
+    steps: int
+    center: Array | None = None
+    spread: Array | None = None
+
+    def quantize(self, column: Array) -> Array:
+        """Unsigned integers in the shape of ``column`` (..., width)."""
+        extent = np.maximum(self.high - self.low, 1e-12)
+        values = (self._straight(column.astype(np.float64)) - self.low) / extent
+        result: Array = np.rint(values.clip(0, 1) * self.steps).astype(np.uint8 if self.steps < 256 else np.uint16)
+        return result
+
+    def _straight(self, column: Array) -> Array:
+        straight = column
+        if self.curve == "exp":
+            straight = np.log(np.maximum(column, _SMALLEST_SCALE))
+        elif self.curve == "sinh":
+            straight = np.arcsinh((column - self.center) / self.spread)
+        return straight
+
+    def to_json(self) -> JsonObject:
+        """As ``scene.js`` reads it."""
+        values: JsonObject = {"curve": self.curve, "steps": self.steps}
+        for name in ("low", "high", "center", "spread"):
+            array = getattr(self, name)
+            if array is not None:
+                values[name] = [float(value) for value in array]
+        return values
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """Attributes:
+    description: of ``data``, plain values for JSON.
+    data: compressed arrays, one after another.
+    """
+
+    description: JsonObject
+    data: bytes
+
+
+def page_content(scene: ScenePlayer, frames: Sequence[int], report: Callable[[int], None] | None = None) -> PageContent:
+    """The scene at these frames (counted from 0, at least one).
+
+    Args:
+        scene: to pack.
+        frames: in the order in which they are played.
+        report: is told how many frames are done after each.
+
+    Raises:
+        FrogError: for more than MOST_BYTES of unpacked numbers.
+    """
+    changing = [name for name in scene.columns if name in scene.changing]
+    moved = scene.num_dynamic if changing and len(frames) > 1 else 0
+    if not moved:
+        changing = []
+    _refuse_too_large(scene, changing, moved, len(frames))
+    first = scene.at_frame(frames[0])
+    films: dict[str, list[Array]] = {name: [] for name in changing}
+    quantizers: dict[str, Quantizer] = {}
+    for name in scene.columns:
+        quantizers[name] = _quantizer(name, column_of(first, name))
+    if moved:
+        ranges = _ranges(scene, frames, changing)
+        for name in changing:
+            quantizers[name] = _quantizer(name, np.concatenate([column_of(first, name), ranges[name]]))
+    for done, frame in enumerate(frames, 1):
+        if moved:
+            columns = scene.delta_at(scene.time_of(frame)).columns
+            for name in changing:
+                films[name].append(quantizers[name].quantize(_canonical(name, columns[name])))
+        if report is not None:
+            report(done)
+    parts: list[bytes] = []
+    described: list[JsonObject] = []
+    for name in scene.columns:
+        still = quantizers[name].quantize(_canonical(name, column_of(first, name)))
+        if name in films:
+            described.append(_add(parts, name, quantizers[name], _steady(name, np.stack(films[name])), film=True))
+            still = still[moved:]
+        if len(still):
+            described.append(_add(parts, name, quantizers[name], still[None], film=False))
+    description: JsonObject = {
+        "count": scene.count,
+        "dynamic": moved,
+        "sh_count": len(scene.columns) - 3,
+        "frames": len(frames),
+        "arrays": described,
+    }
+    return PageContent(description, b"".join(parts))
+
+
+def _refuse_too_large(scene: ScenePlayer, changing: Sequence[str], moved: int, frames: int) -> None:
+    needed = 4 * scene.count * sum(column_width(name) for name in scene.columns)
+    needed += 2 * frames * moved * sum(column_width(name) for name in changing)
+    if needed > MOST_BYTES:
+        raise FrogError(
+            f"A page of {frames} frames would unpack to {needed / 1e6:,.0f} MB in the browser, expected at most "
+            f"{MOST_BYTES / 1e6:,.0f} MB; export fewer frames."
+        )
+
+
+def _ranges(scene: ScenePlayer, frames: Sequence[int], changing: Sequence[str]) -> dict[str, Array]:
+    """(2, width) the smallest and the largest numbers of each changing column over the frames."""
+    low: dict[str, Array] = {}
+    high: dict[str, Array] = {}
+    for frame in frames:
+        for name, column in scene.delta_at(scene.time_of(frame)).columns.items():
+            least, most = column.min(0), column.max(0)
+            low[name] = np.minimum(low.get(name, least), least)
+            high[name] = np.maximum(high.get(name, most), most)
+    return {name: np.stack([low[name], high[name]]) for name in changing}
+
+
+def _quantizer(name: str, column: Array) -> Quantizer:
+    """For a column (N, width) of a frame and its extremes at other times."""
+    column = column.astype(np.float64)
+    width = column.shape[1]
+    if name == "quaternions":
+        return Quantizer("linear", np.full(4, -1.0), np.full(4, 1.0), _SHAPE_STEPS)
+    if name == "scales":
+        logarithms = np.log(np.maximum(column, _SMALLEST_SCALE))
+        low, high = np.quantile(logarithms, 0.001), logarithms.max()
+        return Quantizer("exp", np.full(width, low), np.full(width, high), _SHAPE_STEPS)
+    if name == "means":
+        center = np.median(column, axis=0)
+        spread = np.maximum(np.median(np.abs(column - center), axis=0) * _STEEPNESS, 1e-9)
+        bent = np.arcsinh((column - center) / spread)
+        return Quantizer("sinh", bent.min(0), bent.max(0), _POSITION_STEPS, center, spread)
+    low, high = np.quantile(column, 0.0005, axis=0), np.quantile(column, 0.9995, axis=0)
+    if name == "base":
+        low[3], high[3] = 0.0, 1.0
+    return Quantizer("linear", low, high, _COLOR_STEPS)
+
+
+def _canonical(name: str, column: Array) -> Array:
+    """Unit quaternions with w >= 0; anything else as it is."""
+    if name != "quaternions":
+        return column
+    unit = column / np.maximum(np.linalg.norm(column, axis=1, keepdims=True), 1e-12)
+    result: Array = np.where(unit[:, :1] < 0, -unit, unit)
+    return result
+
+
+def _steady(name: str, film: Array) -> Array:
+    """(T, M, width) quantised frames, of which no quaternion jumps to the other of its two signs."""
+    if name != "quaternions":
+        return film
+    film = film.copy()
+    for frame in range(1, len(film)):
+        before, now = (
+            film[frame - 1].astype(np.int32) * 2 - _SHAPE_STEPS,
+            film[frame].astype(np.int32) * 2 - _SHAPE_STEPS,
+        )
+        flipped = (before * now).sum(1) < 0
+        film[frame][flipped] = _SHAPE_STEPS - film[frame][flipped]
+    return film
+
+
+def _add(parts: list[bytes], name: str, quantizer: Quantizer, values: Array, *, film: bool) -> JsonObject:
+    """Appends (T, M, width) integers: number by number of a Gaussian, frame by frame, low bytes before high bytes."""
+    ordered = np.ascontiguousarray(values.transpose(2, 0, 1))
+    if film:
+        ordered[:, 1:] -= ordered[:, :-1].copy()  # unsigned: wraps round, and back in the browser
+    planes = [ordered.astype(np.uint8)]
+    if quantizer.steps > 255:
+        planes.append((ordered >> 8).astype(np.uint8))
+    content = zlib.compress(b"".join(plane.tobytes() for plane in planes), 9)
+    parts.append(content)
+    described: JsonObject = {"name": name, "film": film, "rows": values.shape[1], "width": values.shape[2]}
+    return {**described, "bytes": len(content), **quantizer.to_json()}

@@ -1,0 +1,86 @@
+// Where the scene is looked at from. Axes of cameras are OpenCV's: x right, y down, z forward.
+
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const plus = (a, b, scale = 1) => [a[0] + scale * b[0], a[1] + scale * b[1], a[2] + scale * b[2]];
+const unit = (a) => a.map((value) => value / (Math.hypot(...a) || 1));
+
+/** A vector turned about a unit axis (Rodrigues). */
+function turned(vector, axis, angle) {
+  const cosine = Math.cos(angle);
+  const along = plus(vector.map((value) => value * cosine), cross(axis, vector), Math.sin(angle));
+  return plus(along, axis, dot(axis, vector) * (1 - cosine));
+}
+
+class View {
+  constructor(description) {
+    this.start = description.view;
+    this.cameras = description.cameras;
+    this.up = this.start.up;
+    this.look(0);
+  }
+
+  /** Looks through a camera of the capture; from a distance where there is none. */
+  look(number) {
+    this.target = [...this.start.target];
+    const camera = this.cameras[number];
+    if (!camera) return this.lookFromAfar();
+    const w = camera.world_to_camera;
+    this.axes = [[w[0], w[1], w[2]], [w[4], w[5], w[6]], [w[8], w[9], w[10]]];
+    this.center = [0, 1, 2].map((k) => -(w[k] * w[3] + w[4 + k] * w[7] + w[8 + k] * w[11]));
+    this.lens = { size: camera.size, intrinsics: camera.intrinsics };
+    this.exposure = camera.exposure;
+  }
+
+  lookFromAfar() {
+    const aside = Math.abs(this.up[2]) < 0.9 ? [0, 0, 1] : [0, 1, 0];
+    const forward = unit(plus(aside, this.up, -dot(aside, this.up)));
+    const down = this.up.map((value) => -value);
+    this.axes = [cross(down, forward), down, forward];
+    this.center = plus(this.target, forward, -this.start.distance);
+    const focal = 500 / Math.tan((this.start.field_of_view * Math.PI) / 360);
+    this.lens = { size: [1000, 1000], intrinsics: [focal, focal, 500, 500] };
+    this.exposure = [1, 1, 1];
+  }
+
+  /** Turns about the target; angles in radians. */
+  orbit(across, down) {
+    this.turn(this.up, across);
+    const steep = dot(this.axes[2], this.up); // the sine of how far one looks up
+    const limit = 0.998;
+    if ((steep > limit && down < 0) || (steep < -limit && down > 0)) return;
+    this.turn(this.axes[0], down);
+  }
+
+  turn(axis, angle) {
+    this.axes = this.axes.map((each) => unit(turned(each, axis, angle)));
+    this.center = plus(this.target, turned(plus(this.center, this.target, -1), axis, angle));
+  }
+
+  /** Moves sideways by shares of the distance to the target. */
+  pan(right, down) {
+    const distance = this.distance();
+    for (const [axis, share] of [[0, right], [1, down]]) {
+      this.center = plus(this.center, this.axes[axis], share * distance);
+      this.target = plus(this.target, this.axes[axis], share * distance);
+    }
+  }
+
+  /** Goes nearer for factors below one. */
+  dolly(factor) {
+    this.center = plus(this.target, plus(this.center, this.target, -1), factor);
+  }
+
+  distance() {
+    return Math.hypot(...plus(this.center, this.target, -1));
+  }
+
+  /** fx, fy, cx, cy in pixels of a canvas, in which the whole image of the lens lies. */
+  intrinsics(width, height) {
+    const { size, intrinsics } = this.lens;
+    const scale = Math.min(width / size[0], height / size[1]);
+    const [left, top] = [(width - scale * size[0]) / 2, (height - scale * size[1]) / 2];
+    const [fx, fy, cx, cy] = intrinsics.map((value) => value * scale);
+    return [fx, fy, cx + left, cy + top];
+  }
+}

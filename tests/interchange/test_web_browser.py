@@ -1,0 +1,157 @@
+"""The web page in a real browser without a window (make test-web): images, hands on it, and no request."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from base64 import b64decode
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from support.builders import scene_file
+
+from frog_blender.engine.evaluation.metrics import psnr_of
+from frog_blender.engine.interchange.web_page.page import export_page
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.playback.render import render_image
+
+pytestmark = pytest.mark.slow
+CHROMIUM = os.environ.get("FROG_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+OPTIONS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+WIDTH, HEIGHT = 320, 240
+FRAMES = range(7)
+
+
+@pytest.fixture(scope="module")
+def scene() -> ScenePlayer:
+    return ScenePlayer(scene_file(count=600, sh_count=16, moving=200))
+
+
+@pytest.fixture(scope="module")
+def address(scene: ScenePlayer, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("page") / "x.html"
+    export_page(scene, FRAMES, path)
+    return path.as_uri()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (make test-web)")
+    if CHROMIUM is None:
+        pytest.skip("there is no Chromium; FROG_CHROMIUM names one")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(browser: Any) -> Iterator[Any]:
+    """Fails at its end for any error in the page, and any request but for the page itself."""
+    context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT}, has_touch=True)
+    page = context.new_page()
+    errors: list[str] = []
+    asked: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
+    yield page
+    context.close()
+    assert not errors
+    assert {url.partition("#")[0].rpartition("/")[2] for url in asked} <= {"x.html"}
+
+
+def shown(page: Any) -> str:
+    """The camera and the frame of what is drawn."""
+    page.wait_for_selector("html[data-shown], html[data-failed]", state="attached")
+    assert page.evaluate("document.documentElement.dataset.failed") is None
+    return str(page.evaluate("document.documentElement.dataset.shown"))
+
+
+def image(page: Any) -> np.ndarray:
+    """(H, W, 3) uint8 of the canvas as it is drawn next."""
+    content = page.evaluate(
+        "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => "
+        "done(document.getElementById('canvas').toDataURL()))))"
+    )
+    decoded = cv2.imdecode(np.frombuffer(b64decode(content.partition(",")[2]), np.uint8), cv2.IMREAD_COLOR)
+    return decoded[:, :, ::-1]
+
+
+@pytest.mark.parametrize("frame", [0, 3, 6])
+def test_images_are_the_engines(page: Any, scene: ScenePlayer, address: str, frame: int) -> None:
+    for camera in scene.header.cameras:
+        page.goto(f"{address}#camera={camera.name}&frame={frame}&plain")
+        page.reload()  # the address behind # alone loads nothing anew
+        assert shown(page) == f"{camera.name} {frame}"
+        scale = min(WIDTH / camera.width, HEIGHT / camera.height)
+        large = camera.resized(round(camera.width * scale), round(camera.height * scale))
+        expected = render_image(scene.at_frame(frame), large, scene.header.background)
+        found = image(page)
+        top, left = (HEIGHT - large.height) // 2, (WIDTH - large.width) // 2
+        found = found[top : top + large.height, left : left + large.width]
+        error = (found.astype(float) - expected) / 255
+        assert expected.std() > 20
+        assert psnr_of(float((error**2).mean())) > 36, (camera.name, frame)
+
+
+def test_mouse_wheel_touch_and_keys(page: Any, scene: ScenePlayer, address: str) -> None:
+    page.goto(f"{address}#frame=2")
+    first = scene.header.cameras[0].name
+    assert shown(page) == f"{first} 2"
+    seen = [image(page)]
+
+    def differs() -> bool:
+        seen.append(image(page))
+        return bool(np.abs(seen[-1].astype(int) - seen[-2]).mean() > 1)
+
+    page.mouse.move(160, 100)
+    page.mouse.down()
+    page.mouse.move(220, 110, steps=3)
+    page.mouse.up()
+    assert differs(), "dragging turns"
+    page.mouse.wheel(0, 300)
+    assert differs(), "the wheel goes away"
+    page.mouse.down(button="right")
+    page.mouse.move(180, 60, steps=3)
+    page.mouse.up(button="right")
+    assert differs(), "the right button moves sideways"
+    page.keyboard.press("Home")
+    image(page)
+    np.testing.assert_array_equal(image(page), seen[0], err_msg="Home is where one began")
+    page.keyboard.press("ArrowRight")
+    image(page)
+    assert shown(page) == f"{first} 3"
+    page.keyboard.press("c")
+    image(page)
+    assert shown(page) == f"{scene.header.cameras[1].name} 3"
+
+
+def test_it_plays_and_pauses(page: Any, address: str) -> None:
+    page.goto(f"{address}#frame=0")
+    shown(page)
+    page.click("#play")
+    frames = set()  # polled: the page's policy forbids what wait_for_function would run in it
+    for _ in range(200):
+        frames.add(float(shown(page).rpartition(" ")[2]))
+        if len(frames) > 3:
+            break
+        page.wait_for_timeout(50)
+    assert len(frames) > 3 and max(frames) <= 6
+    page.keyboard.press(" ")
+    image(page)
+    still = shown(page)
+    page.wait_for_timeout(300)
+    assert shown(page) == still
+
+
+def test_a_damaged_page_says_so(page: Any, address: str, tmp_path: Path) -> None:
+    text = Path(address.removeprefix("file://")).read_text(encoding="utf-8")
+    begin = text.index('id="data">') + len('id="data">')
+    (tmp_path / "x.html").write_text(text[:begin] + "AAAA" + text[begin + 4 :], encoding="utf-8")
+    page.goto((tmp_path / "x.html").as_uri())
+    page.wait_for_selector("html[data-failed]", state="attached")
+    assert page.inner_text("#told")

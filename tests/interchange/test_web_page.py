@@ -1,0 +1,202 @@
+"""The web page of a scene: what is in it, unpacked here and by its own script, and what it must not hold."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import zlib
+from base64 import b64decode
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.builders import scene_file
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.interchange import web_page
+from frog_blender.engine.interchange.web_page import content
+from frog_blender.engine.interchange.web_page.content import page_content
+from frog_blender.engine.interchange.web_page.page import SCRIPTS, export_page
+from frog_blender.engine.playback.frame_delta import column_of
+from frog_blender.engine.playback.player import ScenePlayer, select_gaussians
+
+FOLDER = Path(web_page.__file__).parent
+FRAMES = range(7)
+MOVING = 25
+# Of the numbers' extent: half a step of what is stored, and a little for the curve of positions.
+TOLERANCES = {"means": 1e-3, "quaternions": 0.01, "scales": 0.01, "base": 0.005}
+
+
+@pytest.fixture
+def scene() -> ScenePlayer:
+    """Seven frames of forty Gaussians, of which some move."""
+    return ScenePlayer(scene_file(sh_count=16, moving=MOVING))
+
+
+def parts(page: Path) -> tuple[dict[str, Any], bytes]:
+    """The page's description and its packed numbers."""
+    text = page.read_text(encoding="utf-8")
+    found = dict(re.findall(r'<script type="[a-z/-]+" id="(\w+)">(.*?)</script>', text, re.DOTALL))
+    return json.loads(found["description"]), b64decode(found["data"])
+
+
+def unpacked(described: dict[str, Any], data: bytes) -> np.ndarray:
+    """(frames, rows, width) of one array, by the description alone."""
+    content = np.frombuffer(zlib.decompress(data), np.uint8)
+    shape = described["width"], -1, described["rows"]
+    values = content.reshape(shape)
+    if described["steps"] > 255:
+        low, high = content.reshape(2, *shape[:1], -1, shape[2])
+        values = low + 256 * high.astype(np.uint16)
+    if described["film"]:
+        values = np.cumsum(values, axis=1, dtype=np.uint8 if described["steps"] <= 255 else np.uint16)
+    low, high = (np.array(described[name])[:, None, None] for name in ("low", "high"))
+    numbers = low + values * (high - low) / described["steps"]
+    if described["curve"] == "exp":
+        numbers = np.exp(numbers)
+    if described["curve"] == "sinh":
+        center, spread = (np.array(described[name])[:, None, None] for name in ("center", "spread"))
+        numbers = center + spread * np.sinh(numbers)
+    return numbers.transpose(1, 2, 0)
+
+
+def expected(scene: ScenePlayer, name: str, frame: int) -> np.ndarray:
+    column = column_of(scene.at_frame(frame), name)
+    return np.where(column[:, :1] < 0, -column, column) if name == "quaternions" else column
+
+
+def test_every_number_is_within_a_step_of_playback(scene: ScenePlayer) -> None:
+    packed = page_content(scene, FRAMES)
+    assert 0 < packed.description["dynamic"] < scene.count
+    begin, seen = 0, set()
+    for described in packed.description["arrays"]:
+        numbers = unpacked(described, packed.data[begin : begin + described["bytes"]])
+        begin += described["bytes"]
+        name, rows = described["name"], described["rows"]
+        seen.add((name, described["film"]))
+        for frame in FRAMES if described["film"] else FRAMES[:1]:
+            whole = expected(scene, name, frame)
+            wanted = whole[:rows] if described["film"] else whole[scene.count - rows :]
+            found = numbers[frame]
+            if name == "quaternions":  # either sign is the same rotation
+                found = np.where((found * wanted).sum(1, keepdims=True) < 0, -found, found)
+            if name == "scales":
+                found, wanted = np.log(found), np.log(wanted)
+            extent = np.ptp(np.log(whole) if name == "scales" else whole)
+            inside = (wanted > np.quantile(wanted, 0.01)) & (wanted < np.quantile(wanted, 0.99))  # others are clamped
+            assert np.abs(found - wanted)[inside].max() <= TOLERANCES.get(name, 0.005) * extent, (name, frame)
+    assert begin == len(packed.data)
+    assert ("means", True) in seen and ("means", False) in seen
+
+
+def test_its_own_script_unpacks_the_same(scene: ScenePlayer, tmp_path: Path) -> None:
+    """scene.js under Node, if there is one: a frame, one between two, and back again."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("there is no Node")
+    export_page(scene, FRAMES, tmp_path / "x.html")
+    description, data = parts(tmp_path / "x.html")
+    (tmp_path / "description.json").write_text(json.dumps(description))
+    (tmp_path / "data").write_bytes(data)
+    script = (
+        (FOLDER / "scene.js").read_text(encoding="utf-8")
+        + """
+    const files = require("fs");
+    Scene.load(JSON.parse(files.readFileSync("description.json")), files.readFileSync("data")).then((scene) => {
+      const shown = [3, 3.5, 6, 0].map((frame) => { scene.show(frame); return Array.from(scene.numbers); });
+      console.log(JSON.stringify({ texels: scene.texels, shown, again: scene.show(0) }));
+    });"""
+    )
+    said = subprocess.run([node, "-e", script], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    found = json.loads(said)
+    assert found["again"] is False  # nothing to do for the frame that is shown
+    shown = {
+        frame: np.array(values).reshape(scene.count, -1, 4)
+        for frame, values in zip((3, 3.5, 6, 0), found["shown"], strict=True)
+    }
+    assert found["texels"] == 3 + 16
+    for frame in (3, 6, 0):
+        means, opacities = shown[frame][:, 0, :3], shown[frame][:, 0, 3]
+        gaussians = scene.at_frame(frame)
+        np.testing.assert_allclose(means, gaussians.means, atol=2e-3 * np.ptp(gaussians.means))
+        np.testing.assert_allclose(opacities, gaussians.opacities, atol=3e-3)
+        sizes = np.log(shown[frame][:, 2, :3]) - np.log(gaussians.scales)
+        assert np.quantile(np.abs(sizes), 0.9) < 0.05
+    between = (shown[3][:, 0, :3] + scene.at_frame(4).means) / 2
+    np.testing.assert_allclose(shown[3.5][:, 0, :3], between, atol=5e-3 * np.ptp(between))
+
+
+def test_a_page_asks_for_nothing_and_names_nothing(scene: ScenePlayer, tmp_path: Path) -> None:
+    header = scene.header
+    wicked = replace(header.cameras[0], name="</script><b>")
+    named = ScenePlayer(replace(scene_file(), header=replace(header, cameras=(wicked, *header.cameras[1:]))))
+    size = export_page(named, FRAMES, tmp_path / "x.html", title="<i>& </title>")
+    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    assert size == (tmp_path / "x.html").stat().st_size == len(text.encode())
+    assert "default-src 'none'" in text and "<b>" not in text and "<i>" not in text
+    assert not re.search(r"https?://|src=|href=", text)
+    assert header.capture_path not in text
+    assert "{{" not in text.replace("${{", "")
+    description, _ = parts(tmp_path / "x.html")
+    assert description["cameras"][0]["name"] == wicked.name
+    assert [path.name for path in tmp_path.iterdir()] == ["x.html"]
+
+
+def test_fewer_frames_play_as_slowly(scene: ScenePlayer, tmp_path: Path) -> None:
+    export_page(scene, FRAMES[::2], tmp_path / "x.html")
+    description, _ = parts(tmp_path / "x.html")
+    assert description["frames"] == 4
+    assert description["frames_per_second"] == scene.header.frames_per_second / 2
+
+
+def test_what_does_not_move_is_there_once(scene: ScenePlayer, tmp_path: Path) -> None:
+    still = ScenePlayer(select_gaussians(scene_file(moving=MOVING), np.arange(scene.num_dynamic, scene.count)))
+    for played, frames in ((still, FRAMES), (scene, FRAMES[2:3])):
+        export_page(played, frames, tmp_path / "x.html")
+        description, _ = parts(tmp_path / "x.html")
+        assert description["dynamic"] == 0
+        assert not any(each["film"] for each in description["arrays"])
+
+
+def test_splats_without_cameras_are_seen_from_afar(scene: ScenePlayer, tmp_path: Path) -> None:
+    header = replace(scene.header, cameras=(), camera_shots=(), test_cameras=())
+    export_page(ScenePlayer(replace(scene_file(), header=header)), FRAMES, tmp_path / "x.html")
+    description, _ = parts(tmp_path / "x.html")
+    assert description["cameras"] == []
+    assert description["view"]["distance"] > 0 and np.isfinite(description["view"]["target"]).all()
+
+
+def test_sound_is_part_of_the_page(scene: ScenePlayer, tmp_path: Path) -> None:
+    (tmp_path / "x.wav").write_bytes(b"RIFF")
+    export_page(scene, FRAMES, tmp_path / "x.html", sound=tmp_path / "x.wav")
+    assert "base64,UklGRg==" in (tmp_path / "x.html").read_text(encoding="utf-8")
+    (tmp_path / "x.txt").write_bytes(b"RIFF")
+    for name, sentence in (("x.txt", "no audio file by its ending"), ("y.wav", "a file that cannot be read")):
+        with pytest.raises(FrogError, match=sentence):
+            export_page(scene, FRAMES, tmp_path / "z.html", sound=tmp_path / name)
+    assert not (tmp_path / "z.html").exists()
+
+
+def test_what_a_browser_cannot_hold_is_refused(
+    scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(content, "MOST_BYTES", 1000)
+    with pytest.raises(FrogError, match=r"would unpack to .* export fewer frames"):
+        export_page(scene, FRAMES, tmp_path / "x.html")
+    with pytest.raises(FrogError, match="no frames"):
+        export_page(scene, range(0), tmp_path / "x.html")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_the_scripts_are_scripts(name: str) -> None:
+    """What Node reads as one; what they do, test_web_browser sees."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("there is no Node")
+    done = subprocess.run([node, "--check", str(FOLDER / name)], capture_output=True, text=True, check=False)
+    assert not done.returncode, done.stderr
