@@ -1,1 +1,1 @@
-"""A scene as one web page that plays it: ``content`` packs the numbers, ``page`` fills ``page.html`` with the scripts."""
+"""A scene as one web page that plays it: ``content`` packs numbers, ``page`` puts them and the scripts into one file."""
