@@ -1,1 +1,1 @@
-"""A scene as one web page that plays it: ``content`` packs numbers, ``page`` puts them and the scripts into one file."""
+"""A scene as one web page that plays it: ``content`` packs numbers, ``page`` writes them and the scripts to a file."""
