@@ -12,6 +12,7 @@ EXTRAS = {
     "matplotlib": ("chart", "pictures"),
     "flip_evaluator": ("chart",),
     "bpy": ("blender",),
+    "pxr": ("usd",),
 }
 """The extras of ``pyproject.toml`` that install a module, the smallest first."""
 
