@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def add_export_parser(commands: Any) -> None:
     """Adds the command."""
-    export = commands.add_parser("export", help="write a scene as .ply files or animated USD")
+    export = commands.add_parser("export", help="write a scene as .ply files, animated USD or .4dgs")
     export.add_argument("scene", type=Path)
     add_frames_argument(export)
     export.add_argument(
@@ -26,10 +26,11 @@ def add_export_parser(commands: Any) -> None:
     kinds.add_argument(
         "--usd", action="store_true", help="one .usdc, .usda or .usd file that plays, with cameras and the sound's path"
     )
+    kinds.add_argument("--4dgs", dest="fourdgs", action="store_true", help="one .4dgs file with cameras and sound")
     export.add_argument(
         "--float", action="store_true", help="--usd in single precision; default: half, but for positions"
     )
-    export.add_argument("--silent", action="store_true", help="--usd without sound")
+    export.add_argument("--silent", action="store_true", help="--usd and --4dgs without sound")
     export.add_argument(
         "--y-down",
         action="store_true",
@@ -44,9 +45,9 @@ def _export(options: argparse.Namespace) -> int:
 
     scene = ScenePlayer.load(options.scene)
     frames = frames_of(options.frames, scene.header.frame_count)
-    if options.usd:
+    if options.usd or options.fourdgs:
         if options.y_down:
-            raise FrogError("--y-down: found --usd, whose files say themselves that z is up.")
+            raise FrogError("--y-down: found a format whose files say themselves that z is up.")
         _export_take(options, scene, frames)
     else:
         _export_frames(options, scene, frames)
@@ -54,6 +55,7 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _export_take(options: argparse.Namespace, scene: ScenePlayer, frames: range) -> None:
+    from ..engine.interchange.fourdgs_export import write_fourdgs
     from ..engine.interchange.take import SceneTake
     from ..engine.interchange.take_sound import sound_of
     from ..engine.interchange.usd_export import write_usd
@@ -62,10 +64,15 @@ def _export_take(options: argparse.Namespace, scene: ScenePlayer, frames: range)
     sound = None if options.silent else sound_of(scene.header, options.scene, frames[0])
     take = SceneTake(scene, options.scene.stem, frames, sound)
     with bar("Exporting") as report:
-        for done in write_usd(options.out, take, full_precision=options.float):
+        steps = (
+            write_fourdgs(options.out, take)
+            if options.fourdgs
+            else write_usd(options.out, take, full_precision=options.float)
+        )
+        for done in steps:
             report(done, len(frames))
     size = options.out.stat().st_size / 1e6
-    say(f"{len(frames)} frames in {options.out}, {size:,.1f} MB{', with the path of its sound' if sound else ''}")
+    say(f"{len(frames)} frames in {options.out}, {size:,.1f} MB{', with sound' if sound else ''}")
 
 
 def _export_frames(options: argparse.Namespace, scene: ScenePlayer, frames: range) -> None:

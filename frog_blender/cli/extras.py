@@ -13,6 +13,7 @@ EXTRAS = {
     "flip_evaluator": ("chart",),
     "bpy": ("blender",),
     "pxr": ("usd",),
+    "fourdgs": ("4dgs",),
 }
 """The extras of ``pyproject.toml`` that install a module, the smallest first."""
 

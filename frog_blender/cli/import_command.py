@@ -11,7 +11,7 @@ from .printing import say
 
 def add_import_parser(commands: Any) -> None:
     """Adds the command."""
-    imported = commands.add_parser("import", help="make a scene from another program's .ply or USD file")
+    imported = commands.add_parser("import", help="make a scene from another program's .ply, USD or .4dgs file")
     imported.add_argument("splats", type=Path, metavar="FILE")
     imported.add_argument("--out", type=Path, metavar="X.frog", help="default: beside the file")
     imported.add_argument("--packed", action="store_true", help="several times smaller, without a visible difference")

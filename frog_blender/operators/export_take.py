@@ -1,4 +1,4 @@
-"""File > Export > FRoG as USD: a capture as one file that plays in other programs."""
+"""File > Export > FRoG as USD and as 4DGS: a capture as one file that plays in other programs."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -157,11 +157,34 @@ the right mouse button to stop"""
         return write_usd(path, take, full_precision=self.full_precision)
 
 
+class FROG_OT_export_4dgs(ExportsTake, bpy.types.Operator):
+    """Write a capture as a .4dgs file, with its sound. It needs the Python package fourdgs. Press Esc or the right \
+mouse button to stop"""
+
+    bl_idname = "export_scene.frog_4dgs"
+    bl_label = "Export FRoG as 4DGS"
+    bl_options = {"REGISTER"}
+
+    filename_ext = ".4dgs"
+    filter_glob: StringProperty(default="*.4dgs", options={"HIDDEN"})
+
+    def written(self, path: Path, take: TimelineTake) -> Generator[int, None, None]:
+        from ..engine.interchange.fourdgs_export import write_fourdgs
+
+        try:
+            yield from write_fourdgs(path, take)
+        except ModuleNotFoundError as error:
+            raise FrogError(
+                "Writing .4dgs needs the Python package 'fourdgs' in Blender's Python, found none."
+            ) from error
+
+
 def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(FROG_OT_export_usd.bl_idname, text="FRoG as USD (.usdc)")
+    self.layout.operator(FROG_OT_export_4dgs.bl_idname, text="FRoG as 4DGS (.4dgs)")
 
 
-_CLASSES = (FROG_OT_export_usd,)
+_CLASSES = (FROG_OT_export_usd, FROG_OT_export_4dgs)
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
 
 

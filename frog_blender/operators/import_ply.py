@@ -19,8 +19,8 @@ from .set_up_scene import SetsUpScene
 
 
 class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
-    """Import another program's Gaussians as a capture: 3DGS .ply, or USD, which may play. They are converted to a \
-.frog file"""
+    """Import another program's Gaussians as a capture: 3DGS .ply, USD or .4dgs, which may play. They are converted \
+to a .frog file"""
 
     bl_idname = "import_scene.frog_splats"
     bl_label = "Import 3DGS Splats"
@@ -89,7 +89,7 @@ class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
 
 
 def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator(FROG_OT_import_splats.bl_idname, text="Splats (.ply, .usd)")
+    self.layout.operator(FROG_OT_import_splats.bl_idname, text="Splats (.ply, .usd, .4dgs)")
 
 
 _CLASSES = (FROG_OT_import_splats, FROG_FH_splats)

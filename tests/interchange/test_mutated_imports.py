@@ -9,8 +9,8 @@ from support.damaged_inputs import counted
 
 pytest.importorskip("resource")
 
-NEEDS = {"usdc": "pxr", "usda": "pxr"}
-FEW = {"usdc": 60, "usda": 60}
+NEEDS = {"usdc": "pxr", "usda": "pxr", "4dgs": "fourdgs"}
+FEW = {"usdc": 60, "usda": 60, "4dgs": 60}
 ROOM = 64e6
 """Bytes that drawing what was imported may take, above what undamaged files need."""
 

@@ -134,7 +134,18 @@ class TextUsd(BinaryUsd):
     suffix = ".usda"
 
 
-KINDS: dict[str, type[Kind]] = {"usdc": BinaryUsd, "usda": TextUsd}
+class Fourdgs(InProcess):
+    suffix = ".4dgs"
+
+    def made(self, folder: Path) -> list[bytes]:
+        from frog_blender.engine.interchange.fourdgs_export import write_fourdgs
+
+        path = folder / "whole.4dgs"
+        list(write_fourdgs(path, SceneTake(self._scene, "x", range(3))))
+        return [path.read_bytes()]
+
+
+KINDS: dict[str, type[Kind]] = {"usdc": BinaryUsd, "usda": TextUsd, "4dgs": Fourdgs}
 
 if __name__ == "__main__":
     main(KINDS)

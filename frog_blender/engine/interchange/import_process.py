@@ -14,14 +14,14 @@ import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from ..errors import FrogError, brief, found_instead
+from ..errors import FrogError, brief
 from ..optional_imports import is_missing, not_loaded
 from .frame_source import FrameSource, Imported, write_source
 
 ROOM = 512 << 20
 """Bytes that a reader may take besides twice the file."""
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
-SUFFIXES = USD_SUFFIXES
+SUFFIXES = (*USD_SUFFIXES, ".4dgs")
 _PACKAGE = Path(__file__).parents[2]  # of frog_blender, or of an extension that holds it
 _LAST_LINES = 3
 
@@ -29,7 +29,7 @@ _LAST_LINES = 3
 def import_foreign(
     source: Path, target: Path, *, compact: bool = False, progress: Callable[[int, int], None] = lambda done, of: None
 ) -> Imported:
-    """Writes a scene of the frames of a USD file; FrogError when it cannot, and nothing is changed then.
+    """Writes a scene of the frames of a USD or ``.4dgs`` file; FrogError when it cannot, and nothing is changed then.
 
     Args:
         compact, progress: see ``write_source``.
@@ -89,12 +89,14 @@ def _followed(lines: Iterable[str], progress: Callable[[int, int], None]) -> dic
 
 
 def open_source(path: Path) -> FrameSource:
-    """The frames of a USD file, read in this process."""
+    """The frames of a USD or ``.4dgs`` file, read in this process."""
     if path.suffix.lower() in USD_SUFFIXES:
         from .usd_source import UsdSource
 
         return UsdSource(path)
-    raise found_instead(path, f"the ending {path.suffix!r}", f"one of {', '.join(SUFFIXES)}")
+    from .fourdgs_source import open_fourdgs
+
+    return open_fourdgs(path)
 
 
 def answered(source: Path, target: Path, *, compact: bool) -> dict[str, object]:
@@ -124,6 +126,8 @@ def preload(source: Path) -> None:
     """Loads what reads the file, before the memory is limited."""
     if source.suffix.lower() in USD_SUFFIXES:
         from pxr import Usd, UsdGeom, UsdUtils  # noqa: F401
+    else:
+        import fourdgs  # noqa: F401
 
 
 def limit_memory(source: Path) -> None:

@@ -13,7 +13,7 @@ from .splats import FROM_PLY, import_splats
 
 SUFFIXES = (".ply", *import_process.SUFFIXES)
 """Endings of the files that can be imported."""
-_ORIGINS = (FROM_PLY, "usd")
+_ORIGINS = (FROM_PLY, "usd", "4dgs")
 
 
 def import_scene(

@@ -30,7 +30,8 @@ _NAMES = ("positions", "orientations", "scales", "opacities", "radiance:spherica
 _MOST_PRIMS = 4096
 _SPARSE = 4  # frames for a time sample, at most, where times lie on a grid
 _COEFFICIENTS = (1, 4, 9, 16)
-_Y_UP = np.linalg.inv(Y_DOWN) @ np.diag([1.0, -1.0, -1.0, 1.0])  # to z up, about the x axis
+Y_UP = np.linalg.inv(Y_DOWN) @ np.diag([1.0, -1.0, -1.0, 1.0])
+"""(4, 4) from axes with y up to those with z up: a turn about the x axis."""
 
 
 class UsdSource:
@@ -77,7 +78,7 @@ class UsdSource:
                 gaussians = self._gaussians(prim, time)
                 matrix = np.array(cache.GetLocalToWorldTransform(prim), np.float64).T  # rows are vectors in USD
                 if self._is_y_up:
-                    matrix = _Y_UP @ matrix
+                    matrix = Y_UP @ matrix
                 parts.append(self._placed(prim, gaussians, matrix))
         except Tf.ErrorException as error:
             raise found_instead(
