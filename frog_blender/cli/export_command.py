@@ -1,42 +1,91 @@
-"""``frog export``: frames of a scene as 3DGS ``.ply`` files for other programs."""
+"""``frog export``: a scene for other programs, as one file that plays or as a file for each frame."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ..engine.errors import FrogError
 from .arguments import add_frames_argument, frames_of
 from .printing import say
+
+if TYPE_CHECKING:
+    from ..engine.playback.player import ScenePlayer
 
 
 def add_export_parser(commands: Any) -> None:
     """Adds the command."""
-    export = commands.add_parser("export", help="write frames of a scene as 3DGS .ply files")
+    export = commands.add_parser("export", help="write a scene as .ply files, animated USD, .4dgs or a web page")
     export.add_argument("scene", type=Path)
     add_frames_argument(export)
-    export.add_argument("--out", type=Path, required=True, metavar="DIR")
+    export.add_argument(
+        "--out", type=Path, required=True, metavar="PATH", help="folder of a file for each frame, or file"
+    )
+    kinds = export.add_mutually_exclusive_group()
+    kinds.add_argument(
+        "--usd", action="store_true", help="one .usdc, .usda or .usd file that plays, with cameras and the sound's path"
+    )
+    kinds.add_argument("--4dgs", dest="fourdgs", action="store_true", help="one .4dgs file with cameras and sound")
+    kinds.add_argument("--html", action="store_true", help="one .html file that plays in a browser, with sound")
+    export.add_argument(
+        "--float", action="store_true", help="--usd in single precision; default: half, but for positions"
+    )
+    export.add_argument("--silent", action="store_true", help="without sound")
     export.add_argument(
         "--y-down",
         action="store_true",
-        help="rotate a scene whose z axis points up so that its y axis points down, as most viewers expect; "
-        "default: the scene's own axes",
+        help="rotate .ply files of a scene whose z axis points up so that its y axis points down, as most viewers "
+        "expect; default: the scene's own axes",
     )
     export.set_defaults(run=_export)
 
 
 def _export(options: argparse.Namespace) -> int:
-    from ..engine.interchange.splats import export_frames
     from ..engine.playback.player import ScenePlayer
-    from ..engine.playback.transform import Y_DOWN
-    from .progress import bar
 
     scene = ScenePlayer.load(options.scene)
     frames = frames_of(options.frames, scene.header.frame_count)
+    if options.usd or options.fourdgs or options.html:
+        if options.y_down:
+            raise FrogError("--y-down: found a format whose files say themselves which way is up.")
+        _export_take(options, scene, frames)
+    else:
+        _export_frames(options, scene, frames)
+    return 0
+
+
+def _export_take(options: argparse.Namespace, scene: ScenePlayer, frames: range) -> None:
+    from ..engine.interchange.fourdgs_export import write_fourdgs
+    from ..engine.interchange.take import SceneTake
+    from ..engine.interchange.take_sound import sound_of
+    from ..engine.interchange.usd_export import write_usd
+    from ..engine.interchange.web_page.page import write_page
+    from .progress import bar
+
+    sound = None if options.silent else sound_of(scene.header, options.scene, frames[0])
+    take = SceneTake(scene, options.scene.stem, frames, sound)
+    with bar("Exporting") as report:
+        if options.fourdgs:
+            steps = write_fourdgs(options.out, take)
+        elif options.html:
+            steps = write_page(options.out, take)
+        else:
+            steps = write_usd(options.out, take, full_precision=options.float)
+        for done in steps:
+            report(done, len(frames))
+    size = options.out.stat().st_size / 1e6
+    say(f"{len(frames)} frames in {options.out}, {size:,.1f} MB{', with sound' if sound else ''}")
+
+
+def _export_frames(options: argparse.Namespace, scene: ScenePlayer, frames: range) -> None:
+    from ..engine.interchange.splats import export_frames
+    from ..engine.playback.transform import Y_DOWN
+    from .progress import bar
+
     turn = Y_DOWN if options.y_down else None
     with bar("Exporting") as report:
         paths = export_frames(
             scene, frames, options.out, options.scene.stem, lambda done: report(done, len(frames)), turn
         )
     say(f"{len(paths)} files in {options.out}")
-    return 0

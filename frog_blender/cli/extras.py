@@ -12,6 +12,8 @@ EXTRAS = {
     "matplotlib": ("chart", "pictures"),
     "flip_evaluator": ("chart",),
     "bpy": ("blender",),
+    "pxr": ("usd",),
+    "fourdgs": ("4dgs",),
 }
 """The extras of ``pyproject.toml`` that install a module, the smallest first."""
 

@@ -1,4 +1,4 @@
-"""File > Import > 3DGS Splats, and dropping a .ply file into the viewport: a still capture."""
+"""File > Import > Splats, and dropping another program's Gaussians into the viewport: a capture that plays them."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -9,31 +9,35 @@ from bpy.props import BoolProperty, StringProperty
 from mathutils import Matrix
 
 from ..engine.errors import FrogError
+from ..engine.interchange.imports import SUFFIXES, says_what_is_up
 from ..engine.playback.transform import Y_DOWN
 from ..scene_import.capture_objects import root_of, select_only
 from ..scene_import.create_objects import import_scene
 from .file_drop import DropsIntoViews, OpensDroppedFile
+from .foreign_formats import expose_usd, told_progress
 from .set_up_scene import SetsUpScene
 
 
 class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
-    """Import a 3DGS .ply file of another program as a static capture. It is converted to a .frog file"""
+    """Import another program's Gaussians as a capture: 3DGS .ply, USD or .4dgs, which may play. They are converted \
+to a .frog file"""
 
     bl_idname = "import_scene.frog_splats"
     bl_label = "Import 3DGS Splats"
     bl_options = {"REGISTER", "UNDO"}
 
     filename_ext = ".ply"
-    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
+    filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
     turn_upright: BoolProperty(
         name="Y Down to Z Up",
-        description="Rotate the capture's empty: in most 3DGS files y points down, in Blender z points up",
+        description="Rotate the capture's empty: in most 3DGS files y points down, in Blender z points up. USD files "
+        "say themselves what is up",
         default=True,
     )
     scene_file: StringProperty(
         name="Scene File",
         description="The .frog file to write. If empty, or if several files are imported, it is written next to "
-        "each .ply under the same name, with a number if that name is taken",
+        "each file under the same name, with a number if that name is taken",
         subtype="FILE_PATH",
     )
     compact: BoolProperty(
@@ -43,14 +47,18 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
     )
 
     def open_file(self, context: bpy.types.Context) -> set[str]:
-        from ..engine.interchange.splats import free_scene_path, import_splats
+        from ..engine.interchange.imports import free_scene_path
+        from ..engine.interchange.imports import import_scene as import_file
 
         source = Path(bpy.path.abspath(self.filepath))
         self.decide(context.scene)
         try:
             is_alone = len(self.paths()) < 2
             named = Path(bpy.path.abspath(self.scene_file)) if self.scene_file and is_alone else None
-            imported = import_splats(source, named or free_scene_path(source), compact=self.compact)
+            with told_progress(context) as progress:
+                expose_usd()
+                target = named or free_scene_path(source)
+                imported = import_file(source, target, compact=self.compact, progress=progress)
             obj = import_scene(
                 imported.path,
                 context.scene,
@@ -60,27 +68,28 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        if self.turn_upright:
+        if self.turn_upright and not says_what_is_up(source):
             root_of(obj).matrix_world = Matrix(Y_DOWN.T.tolist())
         select_only(context, root_of(obj))
         if imported.warning:
             self.report({"WARNING"}, imported.warning)
         else:
-            self.report({"INFO"}, f"Imported {imported.gaussians:,} Gaussians to {imported.path}.")
+            frames = f" in {imported.frames:,} frames" if imported.frames > 1 else ""
+            self.report({"INFO"}, f"Imported {imported.gaussians:,} Gaussians{frames} to {imported.path}.")
         return {"FINISHED"}
 
 
 class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
-    """Lets a .ply file be dropped into a viewport; Blender asks whether to use its own importer or this one."""
+    """Lets such files be dropped into a viewport; Blender asks whether to use its own importer or this one."""
 
     bl_idname = "FROG_FH_splats"
     bl_label = "3DGS Splats (FRoG)"
     bl_import_operator = "import_scene.frog_splats"
-    bl_file_extensions = ".ply"
+    bl_file_extensions = ";".join(SUFFIXES)
 
 
 def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator(FROG_OT_import_splats.bl_idname, text="3DGS Splats (.ply)")
+    self.layout.operator(FROG_OT_import_splats.bl_idname, text="Splats (.ply, .usd, .4dgs)")
 
 
 _CLASSES = (FROG_OT_import_splats, FROG_FH_splats)

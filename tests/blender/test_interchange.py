@@ -206,5 +206,5 @@ def test_one_of_several_captures_is_exported(empty, static_rig, tmp_path):
 def test_dropped_files_find_their_operators(addon):
     handlers = {cls.bl_idname: cls for cls in bpy.types.FileHandler.__subclasses__()}
     splats = handlers["FROG_FH_splats"]
-    assert splats.bl_file_extensions == ".ply" and splats.bl_import_operator == "import_scene.frog_splats"
+    assert ".ply" in splats.bl_file_extensions.split(";") and splats.bl_import_operator == "import_scene.frog_splats"
     assert bpy.ops.import_scene.frog_splats.idname() == "IMPORT_SCENE_OT_frog_splats"

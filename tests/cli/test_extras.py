@@ -18,7 +18,7 @@ from frog_blender.cli.extras import EXTRAS, unusable
 from frog_blender.cli.main import main
 from frog_blender.engine.scene.scene_file import write_scene
 
-DISTRIBUTIONS = {"cv2": "opencv-contrib-python-headless", "flip_evaluator": "flip-evaluator"}
+DISTRIBUTIONS = {"cv2": "opencv-contrib-python-headless", "flip_evaluator": "flip-evaluator", "pxr": "usd-core"}
 COMMAND = "from frog_blender.cli.main import main; sys.exit(main(sys.argv[1:]))"
 
 
@@ -103,7 +103,7 @@ def test_memory_that_the_system_refuses_is_no_matter_of_files(
     def refuse(*_: object, **__: object) -> None:
         raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
 
-    monkeypatch.setattr("frog_blender.engine.interchange.splats.import_splats", refuse)
+    monkeypatch.setattr("frog_blender.engine.interchange.imports.import_scene", refuse)
     assert main(["import", str(tmp_path / "x.ply")]) == 1
     assert "frog: out of memory (" in capsys.readouterr().err
 

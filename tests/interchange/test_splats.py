@@ -10,8 +10,9 @@ from support.builders import ATTRIBUTES, scene_file
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.interchange.imports import free_scene_path
 from frog_blender.engine.interchange.ply import read_splats
-from frog_blender.engine.interchange.splats import export_frames, free_scene_path, import_splats
+from frog_blender.engine.interchange.splats import export_frames, import_splats
 from frog_blender.engine.playback.canonical import canonical_gaussians
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw

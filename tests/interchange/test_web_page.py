@@ -15,14 +15,17 @@ from typing import Any
 import numpy as np
 import pytest
 from support.builders import scene_file
+from support.films import ffmpeg
 
+from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import web_page
+from frog_blender.engine.interchange.take import SceneTake, Sound
 from frog_blender.engine.interchange.web_page import content
-from frog_blender.engine.interchange.web_page.content import page_content
-from frog_blender.engine.interchange.web_page.page import SCRIPTS, export_page
+from frog_blender.engine.interchange.web_page.page import SCRIPTS, write_page
 from frog_blender.engine.playback.frame_delta import column_of
 from frog_blender.engine.playback.player import ScenePlayer, select_gaussians
+from frog_blender.engine.scene.scene_file import write_scene
 
 FOLDER = Path(web_page.__file__).parent
 FRAMES = range(7)
@@ -35,6 +38,13 @@ TOLERANCES = {"means": 1e-3, "quaternions": 0.01, "scales": 0.01, "base": 0.005}
 def scene() -> ScenePlayer:
     """Seven frames of forty Gaussians, of which some move."""
     return ScenePlayer(scene_file(sh_count=16, moving=MOVING))
+
+
+def export(
+    scene: ScenePlayer, path: Path, frames: range = FRAMES, name: str = "x", sound: Sound | None = None
+) -> list[int]:
+    """What it yielded."""
+    return list(write_page(path, SceneTake(scene, name, frames, sound)))
 
 
 def parts(page: Path) -> tuple[dict[str, Any], bytes]:
@@ -69,12 +79,13 @@ def expected(scene: ScenePlayer, name: str, frame: int) -> np.ndarray:
     return np.where(column[:, :1] < 0, -column, column) if name == "quaternions" else column
 
 
-def test_every_number_is_within_a_step_of_playback(scene: ScenePlayer) -> None:
-    packed = page_content(scene, FRAMES)
-    assert 0 < packed.description["dynamic"] < scene.count
+def test_every_number_is_within_a_step_of_playback(scene: ScenePlayer, tmp_path: Path) -> None:
+    assert export(scene, tmp_path / "x.html") == [0] * 7 + [1, 2, 3, 4, 5, 6, 7]
+    description, data = parts(tmp_path / "x.html")
+    assert description["dynamic"] == MOVING < scene.count
     begin, seen = 0, set()
-    for described in packed.description["arrays"]:
-        numbers = unpacked(described, packed.data[begin : begin + described["bytes"]])
+    for described in description["arrays"]:
+        numbers = unpacked(described, data[begin : begin + described["bytes"]])
         begin += described["bytes"]
         name, rows = described["name"], described["rows"]
         seen.add((name, described["film"]))
@@ -89,7 +100,7 @@ def test_every_number_is_within_a_step_of_playback(scene: ScenePlayer) -> None:
             extent = np.ptp(np.log(whole) if name == "scales" else whole)
             inside = (wanted > np.quantile(wanted, 0.01)) & (wanted < np.quantile(wanted, 0.99))  # others are clamped
             assert np.abs(found - wanted)[inside].max() <= TOLERANCES.get(name, 0.005) * extent, (name, frame)
-    assert begin == len(packed.data)
+    assert begin == len(data)
     assert ("means", True) in seen and ("means", False) in seen
 
 
@@ -98,7 +109,7 @@ def test_its_own_script_unpacks_the_same(scene: ScenePlayer, tmp_path: Path) -> 
     node = shutil.which("node")
     if node is None:
         pytest.skip("there is no Node")
-    export_page(scene, FRAMES, tmp_path / "x.html")
+    export(scene, tmp_path / "x.html")
     description, data = parts(tmp_path / "x.html")
     (tmp_path / "description.json").write_text(json.dumps(description))
     (tmp_path / "data").write_bytes(data)
@@ -134,9 +145,8 @@ def test_a_page_asks_for_nothing_and_names_nothing(scene: ScenePlayer, tmp_path:
     header = scene.header
     wicked = replace(header.cameras[0], name="</script><b>")
     named = ScenePlayer(replace(scene_file(), header=replace(header, cameras=(wicked, *header.cameras[1:]))))
-    size = export_page(named, FRAMES, tmp_path / "x.html", title="<i>& </title>")
+    export(named, tmp_path / "x.html", name="<i>& </title>")
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
-    assert size == (tmp_path / "x.html").stat().st_size == len(text.encode())
     assert "default-src 'none'" in text and "<b>" not in text and "<i>" not in text
     assert not re.search(r"https?://|src=|href=", text)
     assert header.capture_path not in text
@@ -147,7 +157,7 @@ def test_a_page_asks_for_nothing_and_names_nothing(scene: ScenePlayer, tmp_path:
 
 
 def test_fewer_frames_play_as_slowly(scene: ScenePlayer, tmp_path: Path) -> None:
-    export_page(scene, FRAMES[::2], tmp_path / "x.html")
+    export(scene, tmp_path / "x.html", FRAMES[::2])
     description, _ = parts(tmp_path / "x.html")
     assert description["frames"] == 4
     assert description["frames_per_second"] == scene.header.frames_per_second / 2
@@ -156,7 +166,7 @@ def test_fewer_frames_play_as_slowly(scene: ScenePlayer, tmp_path: Path) -> None
 def test_what_does_not_move_is_there_once(scene: ScenePlayer, tmp_path: Path) -> None:
     still = ScenePlayer(select_gaussians(scene_file(moving=MOVING), np.arange(scene.num_dynamic, scene.count)))
     for played, frames in ((still, FRAMES), (scene, FRAMES[2:3])):
-        export_page(played, frames, tmp_path / "x.html")
+        export(played, tmp_path / "x.html", frames)
         description, _ = parts(tmp_path / "x.html")
         assert description["dynamic"] == 0
         assert not any(each["film"] for each in description["arrays"])
@@ -164,21 +174,22 @@ def test_what_does_not_move_is_there_once(scene: ScenePlayer, tmp_path: Path) ->
 
 def test_splats_without_cameras_are_seen_from_afar(scene: ScenePlayer, tmp_path: Path) -> None:
     header = replace(scene.header, cameras=(), camera_shots=(), test_cameras=())
-    export_page(ScenePlayer(replace(scene_file(), header=header)), FRAMES, tmp_path / "x.html")
+    export(ScenePlayer(replace(scene_file(), header=header)), tmp_path / "x.html")
     description, _ = parts(tmp_path / "x.html")
     assert description["cameras"] == []
     assert description["view"]["distance"] > 0 and np.isfinite(description["view"]["target"]).all()
 
 
 def test_sound_is_part_of_the_page(scene: ScenePlayer, tmp_path: Path) -> None:
-    (tmp_path / "x.wav").write_bytes(b"RIFF")
-    export_page(scene, FRAMES, tmp_path / "x.html", sound=tmp_path / "x.wav")
-    assert "base64,UklGRg==" in (tmp_path / "x.html").read_text(encoding="utf-8")
-    (tmp_path / "x.txt").write_bytes(b"RIFF")
-    for name, sentence in (("x.txt", "no audio file by its ending"), ("y.wav", "a file that cannot be read")):
-        with pytest.raises(FrogError, match=sentence):
-            export_page(scene, FRAMES, tmp_path / "z.html", sound=tmp_path / name)
-    assert not (tmp_path / "z.html").exists()
+    """Of as much of it as the frames last."""
+    tone = ["-f", "lavfi", "-i", "sine=frequency=440:duration=2", tmp_path / "x.wav"]
+    ffmpeg(*tone)
+    export(scene, tmp_path / "x.html", sound=Sound(tmp_path / "x.wav", 0.5))
+    text = (tmp_path / "x.html").read_text(encoding="utf-8")
+    (found,) = re.findall(r'id="sound">data:audio/ogg;base64,([^<]+)<', text)
+    (tmp_path / "y.ogg").write_bytes(b64decode(found))
+    heard = ffmpeg("-i", tmp_path / "y.ogg", "-f", "s16le", "-ac", "1", "-ar", "48000", "-")
+    assert len(heard) / 2 / 48000 == pytest.approx(7 / scene.header.frames_per_second, abs=0.05)
 
 
 def test_what_a_browser_cannot_hold_is_refused(
@@ -186,10 +197,17 @@ def test_what_a_browser_cannot_hold_is_refused(
 ) -> None:
     monkeypatch.setattr(content, "MOST_BYTES", 1000)
     with pytest.raises(FrogError, match=r"would unpack to .* export fewer frames"):
-        export_page(scene, FRAMES, tmp_path / "x.html")
-    with pytest.raises(FrogError, match="no frames"):
-        export_page(scene, range(0), tmp_path / "x.html")
+        export(scene, tmp_path / "x.html")
+    with pytest.raises(FrogError, match="found the ending"):
+        export(scene, tmp_path / "x.zip")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_command(tmp_path: Path) -> None:
+    write_scene(tmp_path / "x.frog", scene_file(moving=MOVING))
+    assert main(["export", str(tmp_path / "x.frog"), "--html", "--out", str(tmp_path / "page" / "x.html")]) == 0
+    description, _ = parts(tmp_path / "page" / "x.html")
+    assert description["frames"] == 7
 
 
 @pytest.mark.parametrize("name", SCRIPTS)

@@ -8,6 +8,9 @@ FIELD_METHODS = ("frog", "ed3dgs")
 METHODS = (*FIELD_METHODS, "static", "d3dgs", "hexplane", "curves")
 """Every method, in the order of the tables."""
 
+SEQUENCE = "sequence"
+"""``method`` of a scene whose frames are stored one by one: nothing was trained, another program made them."""
+
 FUSIONS = ("product", "add", "concat", "attention", "coarse", "fine", "dual")
 """Of the temporal embeddings. ``product`` is FRoG's t_c * t_f, ``dual`` E-D3DGS's late fusion: two networks whose
 changes add up. The paper does not write out its attention; here a small layer scores each embedding and a softmax over

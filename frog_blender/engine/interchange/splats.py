@@ -7,47 +7,21 @@ unless a turn is asked for; in Blender's menus, where z is up, the export turns 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
 from ..arrays import Array
-from ..capture.world import FILES_OWN, World
 from ..errors import FrogError
 from ..field.names import CANONICAL
 from ..playback.player import ScenePlayer
 from ..playback.transform import transform
 from ..scene.header import SceneHeader
 from ..scene.morton_order import morton_order
-from ..scene.scene_file import SceneFile, read_scene, write_scene
+from ..scene.scene_file import SceneFile, write_scene
+from .frame_source import Imported
 from .ply import read_splats, write_splats
 
 FROM_PLY = "ply"
 """``capture_format`` of a scene that is a ``.ply`` of another program."""
-
-
-@dataclass(frozen=True)
-class Imported:
-    """Attributes:
-    path: of the ``.frog`` that was written.
-    gaussians: how many are in it.
-    left_out: rows of the ``.ply`` whose numbers are not finite or too large.
-    world: what was taken off its coordinates.
-    """
-
-    path: Path
-    gaussians: int
-    left_out: int
-    world: World = FILES_OWN
-
-    @property
-    def warning(self) -> str:
-        """Sentences about what was left out, and taken off; "" for nothing."""
-        sentences = []
-        if self.left_out:
-            sentences.append(f"{self.left_out:,} Gaussians were left out: their numbers are not finite or too large.")
-        if not self.world.is_plain:
-            sentences.append(f"The file's coordinates need more than single precision; they are {self.world}.")
-        return " ".join(sentences)
 
 
 def import_splats(source: Path, target: Path, *, compact: bool = False) -> Imported:
@@ -82,27 +56,6 @@ def import_splats(source: Path, target: Path, *, compact: bool = False) -> Impor
     )
     write_scene(target, SceneFile(header, arrays), compact=compact)
     return Imported(target, len(arrays["means"]), splats.left_out, splats.world)
-
-
-def free_scene_path(source: Path) -> Path:
-    """Where a ``.ply`` becomes a ``.frog`` when nobody says where: beside it, over nothing but an earlier import of it.
-
-    It often lies beside the trained scene that it was exported from.
-    """
-    names = [source.stem, f"{source.stem}_ply", *(f"{source.stem}_ply{number}" for number in range(2, 1000))]
-    for name in names:
-        path = source.with_name(f"{name}.frog")
-        if not path.exists() or _was_imported_from(source, path):
-            return path
-    raise FrogError(f"{source}: there are a thousand .frog files of that name beside it; name one to write.")
-
-
-def _was_imported_from(source: Path, path: Path) -> bool:
-    try:
-        header = read_scene(path).header
-    except FrogError:
-        return False
-    return header.capture_format == FROM_PLY and header.capture_path == str(source.resolve())
 
 
 def numbered(path: Path, frame: int) -> Path:

@@ -57,7 +57,39 @@ def read_tensors(
         raise found_instead(path, f"a damaged or foreign file ({error})", kind) from error
 
 
+def find_tensor(path: str | Path, kind: str, name: str) -> tuple[int, str, tuple[int, ...]]:
+    """Where one array of a safetensors file lies, without reading it: its first byte, its type in the format's words,
+    and its shape.
+
+    Raises:
+        FrogError: as ``read_tensors``, and where there is no such array.
+    """
+    regular_file(path, kind)
+    try:
+        with Path(path).open("rb") as file:
+            start, places, _ = _places(file)
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", kind) from error
+    except ValueError as error:
+        raise found_instead(path, f"a damaged or foreign file ({error})", kind) from error
+    if name not in places:
+        raise found_instead(path, f"no {name}", kind)
+    begin, _, dtype, shape = places[name]
+    return start + begin, dtype, shape
+
+
 def _read(file: BufferedReader, wanted: Callable[[str], bool]) -> tuple[dict[str, Array], dict[str, str]]:
+    start, places, metadata = _places(file)
+    arrays = {}
+    for name, (begin, _, dtype, shape) in places.items():
+        if wanted(name):
+            file.seek(start + begin)
+            arrays[name] = _array(file, dtype, shape)
+    return arrays, metadata
+
+
+def _places(file: BufferedReader) -> tuple[int, dict[str, tuple[int, int, str, tuple[int, ...]]], dict[str, str]]:
+    """The first byte of the arrays, where each of them lies behind it (see ``_place``), and the metadata."""
     size = os.fstat(file.fileno()).st_size
     first = file.read(8)
     length = struct.unpack("<Q", first)[0] if len(first) == 8 else size
@@ -75,12 +107,7 @@ def _read(file: BufferedReader, wanted: Callable[[str], bool]) -> tuple[dict[str
         end = after
     if 8 + length + end != size:
         raise UnfitValue(f"{size} bytes", f"{8 + length + end}")
-    arrays = {}
-    for name, (begin, _, dtype, shape) in places.items():
-        if wanted(name):
-            file.seek(8 + length + begin)
-            arrays[name] = _array(file, dtype, shape)
-    return arrays, metadata
+    return 8 + length, places, metadata
 
 
 def _place(name: str, found: object) -> tuple[int, int, str, tuple[int, ...]]:

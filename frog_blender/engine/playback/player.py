@@ -24,6 +24,7 @@ from .buffer_pool import BufferPool
 from .canonical import canonical_gaussians, normalize
 from .deformation import DeformationPlayer
 from .frame_delta import FrameDelta, column_names, column_of, column_width, extract_columns
+from .sequence import PlayableSequence
 from .visibility import VisibilityMask
 
 
@@ -88,7 +89,7 @@ def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
     ):  # none of those that move
         arrays = {name: arrays[name] for name in CANONICAL}
         header = replace(header, model={})
-    return SceneFile(header, arrays)
+    return SceneFile(header, arrays, None if scene.rows is None else scene.rows.subset(kept))
 
 
 class ScenePlayer:
@@ -107,9 +108,8 @@ class ScenePlayer:
         self.header: SceneHeader = scene.header
         self._arrays = scene.arrays
         self.count = len(scene.arrays["means"])
-        is_static_capture = not scene.header.model and scene.arrays.keys() <= CANONICAL
-        playable = None if is_static_capture else PLAYABLE.get(scene.header.method)
-        self._deformation = playable(scene.arrays, scene.header.model) if playable else None
+        self._rows = scene.rows
+        self._deformation = _deformation(scene)
         self.sh_degree = math.isqrt(scene.arrays["sh"].shape[1]) - 1
         self.num_dynamic = self._deformation.num_dynamic if self._deformation is not None else 0
         self.columns = column_names(scene.arrays["sh"].shape[1])
@@ -130,7 +130,7 @@ class ScenePlayer:
         Args:
             kept: (M,) their indices, ascending, at least one.
         """
-        return ScenePlayer(select_gaussians(SceneFile(self.header, self._arrays), kept))
+        return ScenePlayer(select_gaussians(SceneFile(self.header, self._arrays, self._rows), kept))
 
     def at_frame(self, frame: float) -> NumpyGaussians:
         """Gaussians at a frame counted from 0; fractions are legal, frames outside are held."""
@@ -163,7 +163,7 @@ class ScenePlayer:
         """The columns ``changing`` of the dynamic Gaussians at a time in [0, 1] (clamped)."""
         if not self.changing:
             return FrameDelta({})
-        if isinstance(self._deformation, DeformationPlayer):  # which computes those columns alone
+        if isinstance(self._deformation, DeformationPlayer | PlayableSequence):  # which gives those columns alone
             return self._deformation.delta_at(self._held(time), self.changing)
         return extract_columns(self.compute(self._held(time)), self.changing)
 
@@ -224,10 +224,19 @@ class ScenePlayer:
         if self._deformation is None:
             return canonical_gaussians(self._arrays).checked()
         gaussians = self._deformation.at(time)
-        if isinstance(self._deformation, DeformationPlayer):
+        if isinstance(self._deformation, DeformationPlayer | PlayableSequence):
             return gaussians  # contiguous float32 with unit quaternions
         gaussians.quaternions = normalize(gaussians.quaternions)
         return gaussians.checked()
+
+
+def _deformation(scene: SceneFile) -> Deformation | None:
+    """What moves a scene's Gaussians; None for a static one."""
+    if scene.rows is not None:
+        return PlayableSequence(scene.arrays, scene.rows)
+    is_static_capture = not scene.header.model and scene.arrays.keys() <= CANONICAL
+    playable = None if is_static_capture else PLAYABLE.get(scene.header.method)
+    return playable(scene.arrays, scene.header.model) if playable else None
 
 
 def _copy(gaussians: NumpyGaussians) -> NumpyGaussians:

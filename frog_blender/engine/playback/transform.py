@@ -28,7 +28,7 @@ def transform(gaussians: NumpyGaussians, matrix: Array) -> NumpyGaussians:
     if np.abs(rotation - np.eye(3)).max() < 1e-7:
         quaternions, sh = gaussians.quaternions, gaussians.sh
     else:
-        quaternions = _multiply(_quaternion(rotation), gaussians.quaternions)
+        quaternions = _multiply(quaternion_of(rotation), gaussians.quaternions)
         sh = rotate_sh(gaussians.sh, rotation)
     means = gaussians.means @ linear.T.astype(np.float32) + np.asarray(matrix, np.float32)[:3, 3]
     return GaussianArrays(means, quaternions, gaussians.scales * np.float32(scale), gaussians.opacities, sh).checked()
@@ -60,7 +60,7 @@ def sh_basis(count: int, directions: Array) -> Array:
     return np.stack([np.full_like(x, SH_DC), *sh_terms(count, x, y, z)], axis=-1)
 
 
-def _quaternion(rotation: Array) -> Array:
+def quaternion_of(rotation: Array) -> Array:
     """(4,) w, x, y, z of a rotation matrix: the largest eigenvector (Bar-Itzhack's method), stable everywhere."""
     r = rotation
     k = np.array(

@@ -12,7 +12,7 @@ from ..capture.camera_motion import cameras_move
 from ..capture.masking import EVERY_MASK, MaskSettings
 from ..capture.world import FILES_OWN, World
 from ..errors import brief
-from ..field.names import METHODS
+from ..field.names import METHODS, SEQUENCE
 from ..io.plain_values import (
     JsonMapping,
     JsonObject,
@@ -54,7 +54,7 @@ class SceneHeader:
     """What a scene file says of itself.
 
     Attributes:
-        method: one of METHODS.
+        method: one of METHODS, or SEQUENCE.
         recipe: every setting of the training, as plain values.
         model: the model's settings (see FrogSettings), empty for a scene in which nothing moves.
         cameras: the capture's cameras at the size they were trained at; none for splats from elsewhere.
@@ -130,7 +130,7 @@ class SceneHeader:
         if version > FORMAT_VERSION:
             raise UnfitValue(f"format version {version}", f"at most {FORMAT_VERSION}; a newer frog_blender reads it")
         method = text(data["method"], "the method", _LONGEST_NAME)
-        if method not in METHODS:
+        if method not in (*METHODS, SEQUENCE):
             raise UnfitValue(f"the method {method!r}", f"one of {', '.join(METHODS)}")
         red, green, blue = numbers(data["background"], "background", (3,), 1e3).tolist()
         header = cls(

@@ -19,10 +19,11 @@ from safetensors.numpy import save as serialize
 
 from ..arrays import SceneArrays
 from ..errors import FrogError, found_instead
-from ..field.names import CANONICAL, FIELD_METHODS
+from ..field.names import CANONICAL, FIELD_METHODS, SEQUENCE
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, plain_json
 from ..io.tensor_files import read_tensors
+from .frame_rows import FrameRows, find_rows
 from .header import SceneHeader
 from .quantization import Packed, pack, unpack_scene
 
@@ -39,10 +40,17 @@ _NETWORK = re.compile(r"network\.[a-z0-9_.]{1,80}")
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A scene as it lies on disk: header and arrays by name."""
+    """A scene as it lies on disk: header and arrays by name.
+
+    Attributes:
+        header: what it says of itself.
+        arrays: all but ``rows``.
+        rows: frames that stay on the disk, of a scene of the method SEQUENCE; else None.
+    """
 
     header: SceneHeader
     arrays: SceneArrays
+    rows: FrameRows | None = None
 
 
 def settings_json(settings: Any) -> JsonObject:
@@ -61,14 +69,19 @@ def write_scene(path: str | Path, scene: SceneFile, *, compact: bool = False) ->
 
 def scene_bytes(scene: SceneFile, *, compact: bool = False) -> bytes:
     """What ``write_scene`` writes."""
-    metadata = {_HEADER_KEY: scene.header.to_json()}
-    arrays = scene.arrays
+    arrays, metadata = packed_metadata(scene.header, scene.arrays, compact=compact)
+    result: bytes = serialize(_contiguous(arrays), metadata=metadata)
+    return result
+
+
+def packed_metadata(header: SceneHeader, arrays: SceneArrays, *, compact: bool) -> tuple[SceneArrays, dict[str, str]]:
+    """A scene's arrays as they are stored, and the texts of the file's own header."""
+    metadata = {_HEADER_KEY: header.to_json()}
     if compact:
         packed = packed_arrays(arrays)
         arrays = {name: each.content for name, each in packed.items()}
         metadata[_PACKING_KEY] = json.dumps({name: each.description for name, each in packed.items()})
-    result: bytes = serialize(_contiguous(arrays), metadata=metadata)
-    return result
+    return arrays, metadata
 
 
 def packed_arrays(arrays: SceneArrays) -> dict[str, Packed]:
@@ -95,9 +108,10 @@ def read_scene(path: str | Path) -> SceneFile:
         if described:
             arrays |= _unpacked(arrays, described)
         _check_arrays(arrays)
+        rows = find_rows(path, header, len(arrays["means"])) if header.method == SEQUENCE else None
     except UnfitValue as error:
         raise found_instead(path, error.found, error.expected) from error
-    return SceneFile(header, arrays)
+    return SceneFile(header, arrays, rows)
 
 
 def _unpacked(arrays: SceneArrays, described: JsonObject) -> SceneArrays:
@@ -115,7 +129,7 @@ def _contiguous(arrays: SceneArrays) -> SceneArrays:
 def _is_known(name: str, method: str = "frog") -> bool:
     """Whether a scene of that method has such an array; FRoG's have all that others have, but for the networks'."""
     named = name in CANONICAL or name in _OF_METHOD.get(method, ())
-    return named or (method != "static" and _NETWORK.fullmatch(name) is not None)
+    return named or (method not in ("static", SEQUENCE) and _NETWORK.fullmatch(name) is not None)
 
 
 def _check_arrays(arrays: SceneArrays) -> None:

@@ -8,16 +8,17 @@ every frame as the difference from the frame before, which ``zlib`` makes small.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...arrays import Array
 from ...errors import FrogError
+from ...gaussians import NumpyGaussians
 from ...io.plain_values import JsonObject
-from ...playback.frame_delta import column_of, column_width
-from ...playback.player import ScenePlayer
+from ...playback.frame_delta import WIDTHS, column_names, column_of, column_width
+from ..take import Take
 
 MOST_BYTES = 2**29
 """Of a scene's numbers once a browser has unpacked them."""
@@ -72,6 +73,84 @@ class Quantizer:
 
 
 @dataclass(frozen=True)
+class Survey:
+    """What has to be known of all frames before the first can be packed.
+
+    Attributes:
+        columns: of the first frame, (N, width) by name.
+        extremes: (2, width) by name, the smallest and the largest numbers of what changes, over all frames.
+    """
+
+    columns: dict[str, Array]
+    extremes: dict[str, Array]
+
+    @classmethod
+    def of(cls, take: Take) -> Generator[int, None, Survey]:
+        """Goes through the frames; yields 0 after each."""
+        columns: dict[str, Array] = {}
+        extremes: dict[str, Array] = {}
+        for frame in take.frames():
+            gaussians = frame.gaussians
+            if not columns:
+                names = column_names(gaussians.sh.shape[1])
+                _refuse_too_large(take, len(gaussians), names)
+                columns = {name: column_of(gaussians, name) for name in names}
+            for name in take.changing if take.num_dynamic else ():
+                moved = column_of(gaussians, name, take.num_dynamic)
+                low, high = extremes.get(name, (moved[0], moved[0]))
+                extremes[name] = np.stack([np.minimum(low, moved.min(0)), np.maximum(high, moved.max(0))])
+            yield 0
+        return cls(columns, extremes)
+
+
+class PagePacker:
+    """Packs a take's frames one after another.
+
+    Args:
+        take: whose frames are added, all of them and in order.
+        survey: of the same take.
+    """
+
+    def __init__(self, take: Take, survey: Survey) -> None:
+        self._moved, self._columns = take.num_dynamic, survey.columns
+        self._films: dict[str, list[Array]] = {name: [] for name in survey.extremes}
+        self._quantizers = {
+            name: _quantizer(name, np.concatenate([column, survey.extremes.get(name, column[:0])]))
+            for name, column in survey.columns.items()
+        }
+        self._frames = 0
+
+    def add(self, gaussians: NumpyGaussians) -> None:
+        """The next frame."""
+        self._frames += 1
+        for name, film in self._films.items():
+            moved = column_of(gaussians, name, self._moved)
+            film.append(self._quantizers[name].quantize(_canonical(name, moved)))
+
+    def packed(self) -> PageContent:
+        """All that was added."""
+        parts: list[bytes] = []
+        described: list[JsonObject] = []
+        for name, column in self._columns.items():
+            quantizer, still = self._quantizers[name], column
+            if name in self._films:
+                film = _steady(name, np.stack(self._films[name]))
+                described.append(_add(parts, name, quantizer, film, film=True))
+                still = column[self._moved :]
+            if len(still):
+                values = quantizer.quantize(_canonical(name, still))
+                described.append(_add(parts, name, quantizer, values[None], film=False))
+        description: JsonObject = {
+            "count": len(self._columns["means"]),
+            "dynamic": self._moved,
+            "sh_count": len(self._columns) - len(WIDTHS) + 1,
+            "frames": self._frames,
+            "arrays": described,
+        }
+        return PageContent(description, b"".join(parts))
+
+
+@dataclass(frozen=True)
 class PageContent:
     """Attributes:
     description: of ``data``, plain values for JSON.
@@ -82,60 +161,10 @@ class PageContent:
     data: bytes
 
 
-def page_content(scene: ScenePlayer, frames: Sequence[int], report: Callable[[int], None] | None = None) -> PageContent:
-    """The scene at these frames (counted from 0, at least one).
-
-    Args:
-        scene: to pack.
-        frames: in the order in which they are played.
-        report: is told how many frames are done after each.
-
-    Raises:
-        FrogError: for more than MOST_BYTES of unpacked numbers.
-    """
-    changing = [name for name in scene.columns if name in scene.changing]
-    moved = scene.num_dynamic if changing and len(frames) > 1 else 0
-    if not moved:
-        changing = []
-    _refuse_too_large(scene, changing, moved, len(frames))
-    first = scene.at_frame(frames[0])
-    films: dict[str, list[Array]] = {name: [] for name in changing}
-    quantizers: dict[str, Quantizer] = {}
-    for name in scene.columns:
-        quantizers[name] = _quantizer(name, column_of(first, name))
-    if moved:
-        ranges = _ranges(scene, frames, changing)
-        for name in changing:
-            quantizers[name] = _quantizer(name, np.concatenate([column_of(first, name), ranges[name]]))
-    for done, frame in enumerate(frames, 1):
-        if moved:
-            columns = scene.delta_at(scene.time_of(frame)).columns
-            for name in changing:
-                films[name].append(quantizers[name].quantize(_canonical(name, columns[name])))
-        if report is not None:
-            report(done)
-    parts: list[bytes] = []
-    described: list[JsonObject] = []
-    for name in scene.columns:
-        still = quantizers[name].quantize(_canonical(name, column_of(first, name)))
-        if name in films:
-            described.append(_add(parts, name, quantizers[name], _steady(name, np.stack(films[name])), film=True))
-            still = still[moved:]
-        if len(still):
-            described.append(_add(parts, name, quantizers[name], still[None], film=False))
-    description: JsonObject = {
-        "count": scene.count,
-        "dynamic": moved,
-        "sh_count": len(scene.columns) - 3,
-        "frames": len(frames),
-        "arrays": described,
-    }
-    return PageContent(description, b"".join(parts))
-
-
-def _refuse_too_large(scene: ScenePlayer, changing: Sequence[str], moved: int, frames: int) -> None:
-    needed = 4 * scene.count * sum(column_width(name) for name in scene.columns)
-    needed += 2 * frames * moved * sum(column_width(name) for name in changing)
+def _refuse_too_large(take: Take, count: int, names: Sequence[str]) -> None:
+    frames = len(take.numbers)
+    needed = 4 * count * sum(column_width(name) for name in names)
+    needed += 2 * frames * take.num_dynamic * sum(column_width(name) for name in take.changing)
     if needed > MOST_BYTES:
         raise FrogError(
             f"A page of {frames} frames would unpack to {needed / 1e6:,.0f} MB in the browser, expected at most "
@@ -143,20 +172,8 @@ def _refuse_too_large(scene: ScenePlayer, changing: Sequence[str], moved: int, f
         )
 
 
-def _ranges(scene: ScenePlayer, frames: Sequence[int], changing: Sequence[str]) -> dict[str, Array]:
-    """(2, width) the smallest and the largest numbers of each changing column over the frames."""
-    low: dict[str, Array] = {}
-    high: dict[str, Array] = {}
-    for frame in frames:
-        for name, column in scene.delta_at(scene.time_of(frame)).columns.items():
-            least, most = column.min(0), column.max(0)
-            low[name] = np.minimum(low.get(name, least), least)
-            high[name] = np.maximum(high.get(name, most), most)
-    return {name: np.stack([low[name], high[name]]) for name in changing}
-
-
 def _quantizer(name: str, column: Array) -> Quantizer:
-    """For a column (N, width) of a frame and its extremes at other times."""
+    """For numbers (N, width): a column of a frame, and its extremes at other times."""
     column = column.astype(np.float64)
     width = column.shape[1]
     if name == "quaternions":

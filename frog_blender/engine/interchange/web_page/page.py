@@ -1,12 +1,11 @@
-"""``frog export --html``: a scene and its player as one HTML file that needs no server and no network."""
+"""A take and its player as one HTML file that needs no server and no network."""
 
 from __future__ import annotations
 
 import base64
 import html
 import json
-import mimetypes
-from collections.abc import Callable, Sequence
+from collections.abc import Generator, Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -14,54 +13,53 @@ import numpy as np
 
 from ...arrays import Array
 from ...capture.camera import Camera
-from ...errors import FrogError, found_instead
+from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
-from ...playback.player import ScenePlayer
-from .content import page_content
+from ..take import Take
+from ..take_sound import encoded
+from .content import PagePacker, Survey
 
 SCRIPTS = ("scene.js", "view.js", "splat_renderer.js", "page.js")
 """The player's own code, in the order in which it is put into the page."""
 MOST_CAMERAS = 64
 """That a page offers to look through."""
-_MOST_SOUND = 2**26  # bytes
 _FIELD_OF_VIEW = 50.0  # degrees across, where a scene has no camera
 
 
-def export_page(
-    scene: ScenePlayer,
-    frames: Sequence[int],
-    path: Path,
-    *,
-    title: str = "",
-    sound: Path | None = None,
-    report: Callable[[int], None] | None = None,
-) -> int:
-    """Writes the page and returns its bytes; FrogError when it cannot, and then nothing is changed.
+def write_page(path: Path, take: Take) -> Generator[int, None, None]:
+    """Writes a take as a web page; yields how many frames are done. The file appears when all are.
 
-    Args:
-        scene: to play.
-        frames: counted from 0, evenly spaced and at least one.
-        path: of the page.
-        title: shown by the browser; the file's name by default.
-        sound: an audio file that begins with the first frame.
-        report: is told how many frames are done after each.
+    The capture is alone on its page, so that it does not matter where it was placed. The frames are gone through twice:
+    the steps in which numbers are stored are those of all of them.
+
+    Raises:
+        FrogError: for another ending, more than a browser holds, sound that cannot be read, or a file that cannot be
+            written.
     """
-    if not frames:
-        raise FrogError(f"{path}: found no frames to export, expected at least one.")
-    content = page_content(scene, frames, report)
-    header = scene.header
-    step = frames[1] - frames[0] if len(frames) > 1 else 1
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise FrogError(f"{path}: found the ending {path.suffix!r}, expected .html.")
+    survey = yield from Survey.of(take)
+    packer, done = PagePacker(take, survey), 0
+    for done, frame in enumerate(take.frames(), 1):
+        packer.add(frame.gaussians)
+        yield done
+    content = packer.packed()
+    cameras = _offered(take.header.cameras)
+    numbers = take.numbers
+    step = numbers[1] - numbers[0] if len(numbers) > 1 else 1.0
     description: JsonObject = {
         **content.description,
-        "frames_per_second": header.frames_per_second / step,
-        "background": list(header.background),
-        "cameras": [_camera(camera) for camera in _offered(scene)],
-        "view": _first_view(scene),
+        "frames_per_second": take.rate / step,
+        "background": list(take.header.background),
+        "cameras": [_camera(camera) for camera in cameras],
+        "view": _first_view(cameras, survey.columns["means"].astype(np.float64)),
     }
-    written = _filled(title or path.stem, description, content.data, _sound(sound)).encode()
-    write_atomically(path, written)
-    return len(written)
+    sound = ""
+    if take.sound is not None:
+        ogg = encoded(take.sound, len(numbers) * step / take.rate)
+        sound = f"data:audio/ogg;base64,{base64.b64encode(ogg).decode()}"
+    write_atomically(path, _filled(take.name, description, content.data, sound).encode())
 
 
 def _filled(title: str, description: JsonObject, data: bytes, sound: str) -> str:
@@ -84,25 +82,8 @@ def _filled(title: str, description: JsonObject, data: bytes, sound: str) -> str
     return "".join(filled)
 
 
-def _sound(path: Path | None) -> str:
-    """A data address, "" for none."""
-    if path is None:
-        return ""
-    kind = mimetypes.guess_type(path.name)[0] or ""
-    if not kind.startswith("audio/"):
-        raise found_instead(path, "no audio file by its ending", "one such as .mp3, .m4a, .ogg or .wav")
-    try:
-        if path.stat().st_size > _MOST_SOUND:
-            raise found_instead(path, f"{path.stat().st_size / 1e6:,.0f} MB", f"at most {_MOST_SOUND / 1e6:,.0f} MB")
-        content = path.read_bytes()
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", "an audio file") from error
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
-
-
-def _offered(scene: ScenePlayer) -> Sequence[Camera]:
-    """At most MOST_CAMERAS of the scene's cameras, evenly spread."""
-    cameras = scene.header.cameras
+def _offered(cameras: Sequence[Camera]) -> Sequence[Camera]:
+    """At most MOST_CAMERAS of them, evenly spread."""
     if len(cameras) <= MOST_CAMERAS:
         return cameras
     return [cameras[int(place)] for place in np.linspace(0, len(cameras) - 1, MOST_CAMERAS)]
@@ -118,10 +99,8 @@ def _camera(camera: Camera) -> JsonObject:
     }
 
 
-def _first_view(scene: ScenePlayer) -> JsonObject:
+def _first_view(cameras: Sequence[Camera], means: Array) -> JsonObject:
     """What the view turns about, which way is up, and where a scene without cameras is seen from."""
-    cameras = scene.header.cameras
-    means = scene.at_frame(0).means.astype(np.float64)
     middle = np.median(means, axis=0)
     reach = float(np.quantile(np.linalg.norm(means - middle, axis=1), 0.8)) or 1.0
     up = np.array([0.0, -1.0, 0.0])  # of most files without cameras

@@ -1,0 +1,239 @@
+"""Frames that another program made, and how they become a ``.frog`` that plays.
+
+No network is trained: the frames are stored (see scene.frame_rows). They are gone through twice, first to see what
+changes and then to write it, and one or two of them are held at a time, however many there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from ..arrays import Array, Bools, SceneArrays
+from ..capture.camera import Camera
+from ..capture.world import FILES_OWN, World
+from ..errors import FrogError
+from ..field.names import SEQUENCE
+from ..gaussians import GaussianArrays, NumpyGaussians
+from ..playback.frame_delta import column_names, column_of
+from ..scene.frame_rows import RowLayout, write_frames
+from ..scene.header import FORMAT_VERSION, MAX_FRAMES, SceneHeader
+from ..scene.morton_order import morton_order
+from ..scene.scene_file import SceneFile, packed_metadata, write_scene
+
+_NOWHERE = 1e-6  # size of the rows that fill a frame with fewer Gaussians than another has
+_MOST_CERTAIN, _THINNEST = 1 - 2.0**-26, 1e-30
+_SAMPLED = 4096  # Gaussians whose steps are looked at
+_STEP = 0.1  # of the distance between two of them: a Gaussian that goes farther in a frame is another one
+
+
+class FrameSource(Protocol):
+    """Frames that can be read in any order, any number of times.
+
+    Attributes:
+        frame_count: at least one.
+        rate: frames a second.
+        keeps_identity: whether the same row is the same Gaussian in all frames; None where the file does not say.
+        cameras: of the capture, where the file has any.
+        origin: the file's format, for the scene's header.
+        left_out: rows that could not be drawn and are in no frame, so far.
+    """
+
+    @property
+    def frame_count(self) -> int: ...
+    @property
+    def rate(self) -> float: ...
+    @property
+    def keeps_identity(self) -> bool | None: ...
+    @property
+    def cameras(self) -> tuple[Camera, ...]: ...
+    @property
+    def origin(self) -> str: ...
+    @property
+    def left_out(self) -> int: ...
+
+    def at(self, frame: int) -> NumpyGaussians:
+        """A frame, counted from 0: finite numbers, unit quaternions, at least one Gaussian; FrogError for others."""
+        ...
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Attributes:
+    path: of the ``.frog`` that was written.
+    gaussians: how many are in it; the most of any frame.
+    left_out: rows whose numbers are not finite or too large.
+    world: what was taken off its coordinates.
+    frames: how many there are.
+    keeps_identity: whether the same row is the same Gaussian in all frames.
+    """
+
+    path: Path
+    gaussians: int
+    left_out: int
+    world: World = FILES_OWN
+    frames: int = 1
+    keeps_identity: bool = True
+
+    @property
+    def warning(self) -> str:
+        """Sentences about what was left out, and taken off; "" for nothing."""
+        sentences = []
+        if self.left_out:
+            sentences.append(f"{self.left_out:,} Gaussians were left out: their numbers are not finite or too large.")
+        if not self.world.is_plain:
+            sentences.append(f"The file's coordinates need more than single precision; they are {self.world}.")
+        if not self.keeps_identity:
+            sentences.append(
+                "Its frames are not the same Gaussians in the same order: they play, without anything between two of "
+                "them, and can be edited by place alone."
+            )
+        return " ".join(sentences)
+
+
+def write_source(
+    source: FrameSource,
+    file: Path,
+    target: Path,
+    *,
+    compact: bool = False,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+) -> Imported:
+    """Writes a scene of a source's frames; FrogError when it cannot, and nothing is changed then.
+
+    Args:
+        file: what the source was read from, for the header.
+        compact: half floats but for places, and static Gaussians packed (see scene.quantization).
+        progress: told how many of how many steps are done.
+    """
+    if target.suffix != ".frog":
+        raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
+    if source.frame_count > MAX_FRAMES:
+        raise FrogError(f"{file}: found {source.frame_count:,} frames, expected at most {MAX_FRAMES:,}.")
+    steps = 2 * source.frame_count
+    seen = _survey(source, lambda done: progress(done, steps))
+    order = np.concatenate([np.flatnonzero(seen.moves), np.flatnonzero(~seen.moves)])
+    if compact:
+        rank = np.empty(seen.count, np.int64)
+        rank[morton_order(seen.first.means)] = np.arange(seen.count)
+        order = np.lexsort((rank, ~seen.moves))
+    dynamic = int(seen.moves.sum())
+    arrays = _canonical(_rows(seen.first, order))
+    columns = tuple(name for name in column_names(seen.first.sh.shape[1]) if name in seen.columns)
+    layout = RowLayout(columns, dynamic, compact, seen.keeps_identity)
+    moves = bool(dynamic and columns)
+    header = SceneHeader(
+        method=SEQUENCE if moves else "static",
+        recipe={"name": "imported"},
+        model=layout.model() if moves else {},
+        cameras=source.cameras,
+        camera_shots=tuple(tuple(range(source.frame_count)) for _ in source.cameras),
+        test_cameras=(),
+        test_frames=(),
+        frame_count=source.frame_count,
+        frames_per_second=source.rate,
+        background=(0.0, 0.0, 0.0),
+        capture_path=str(file.resolve()),
+        capture_format=source.origin,
+        scale=1.0,
+        format_version=FORMAT_VERSION,
+    )
+    if moves:
+        stored, metadata = packed_metadata(header, arrays, compact=compact)
+        rows = _moving_rows(source, seen, order[:dynamic], layout, lambda done: progress(done, steps))
+        write_frames(target, stored, metadata, rows, (source.frame_count, layout.size))
+    else:
+        write_scene(target, SceneFile(header, arrays), compact=compact)
+    return Imported(target, seen.count, source.left_out, frames=source.frame_count, keeps_identity=seen.keeps_identity)
+
+
+@dataclass
+class _Survey:
+    """What was seen of all frames: the most Gaussians, which of them change, and in which columns."""
+
+    first: NumpyGaussians
+    count: int
+    moves: Bools
+    columns: set[str]
+    keeps_identity: bool
+
+
+def _survey(source: FrameSource, done: Callable[[int], None]) -> _Survey:
+    first = source.at(0)
+    counts, degree = {len(first)}, first.sh.shape[1]
+    moves, columns = np.zeros(len(first), bool), set()
+    before, is_same = first, source.keeps_identity
+    done(1)
+    for frame in range(1, source.frame_count):
+        gaussians = source.at(frame)
+        counts.add(len(gaussians))
+        degree = max(degree, gaussians.sh.shape[1])
+        if len(counts) == 1 and is_same is not False:
+            if is_same is None and not _same_rows(before, gaussians):
+                is_same = False
+            for name in column_names(min(degree, gaussians.sh.shape[1], first.sh.shape[1])):
+                changed = (column_of(gaussians, name) != column_of(first, name)).any(axis=1)
+                if changed.any():
+                    moves |= changed
+                    columns.add(name)
+        before = gaussians
+        done(frame + 1)
+    count = max(counts)
+    if len(counts) > 1 or is_same is False or degree != first.sh.shape[1]:
+        return _Survey(_filled(first, count, degree), count, np.ones(count, bool), set(column_names(degree)), False)
+    return _Survey(first, count, moves, columns, True)
+
+
+def _same_rows(before: NumpyGaussians, after: NumpyGaussians) -> bool:
+    """Whether rows are likely the same Gaussians: they move little against the distance to another row."""
+    chance = np.random.default_rng(0)
+    rows = chance.permutation(len(before))[:_SAMPLED]
+    if len(rows) < 2:
+        return True
+    step = np.median(np.linalg.norm(after.means[rows] - before.means[rows], axis=1))
+    apart = np.median(np.linalg.norm(before.means[rows] - before.means[np.roll(rows, 1)], axis=1))
+    return bool(step <= _STEP * apart)
+
+
+def _filled(gaussians: NumpyGaussians, count: int, degree: int) -> NumpyGaussians:
+    """With rows that cannot be seen up to ``count``, and SH coefficients of zero up to ``degree``."""
+    more, g = count - len(gaussians), gaussians
+    if not more and g.sh.shape[1] == degree:
+        return g
+    sh = np.zeros((count, degree, 3), np.float32)
+    sh[: len(g), : g.sh.shape[1]] = g.sh
+    return GaussianArrays(
+        np.concatenate([g.means, np.repeat(g.means[:1], more, axis=0)]),
+        np.concatenate([g.quaternions, np.repeat(g.quaternions[:1], more, axis=0)]),
+        np.concatenate([g.scales, np.full((more, 3), _NOWHERE, np.float32)]),
+        np.concatenate([g.opacities, np.zeros(more, np.float32)]),
+        sh,
+    )
+
+
+def _rows(gaussians: NumpyGaussians, rows: Array) -> NumpyGaussians:
+    return GaussianArrays(*(array[rows] for array in vars(gaussians).values()))
+
+
+def _canonical(g: NumpyGaussians) -> SceneArrays:
+    opacities = np.clip(g.opacities.astype(np.float64), 1e-12, _MOST_CERTAIN)
+    return {
+        "means": np.ascontiguousarray(g.means, np.float32),
+        "quaternions": np.ascontiguousarray(g.quaternions, np.float32),
+        "log_scales": np.log(np.maximum(g.scales.astype(np.float64), _THINNEST)).astype(np.float32),
+        "opacity_logits": (np.log(opacities) - np.log1p(-opacities)).astype(np.float32),
+        "sh": np.ascontiguousarray(g.sh, np.float32),
+    }
+
+
+def _moving_rows(
+    source: FrameSource, seen: _Survey, rows: Array, layout: RowLayout, done: Callable[[int], None]
+) -> Iterator[bytes]:
+    for frame in range(source.frame_count):
+        gaussians = _rows(_filled(source.at(frame), seen.count, seen.first.sh.shape[1]), rows)
+        yield layout.packed({name: column_of(gaussians, name) for name in layout.columns})
+        done(source.frame_count + frame + 1)

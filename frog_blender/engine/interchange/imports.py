@@ -1,0 +1,60 @@
+"""Any other program's file as a scene: which reader takes it, and where the scene goes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ..errors import FrogError, found_instead
+from ..scene.scene_file import read_scene
+from . import import_process
+from .frame_source import Imported
+from .splats import FROM_PLY, import_splats
+
+SUFFIXES = (".ply", *import_process.SUFFIXES)
+"""Endings of the files that can be imported."""
+_ORIGINS = (FROM_PLY, "usd", "4dgs")
+
+
+def import_scene(
+    source: Path, target: Path, *, compact: bool = False, progress: Callable[[int, int], None] = lambda done, of: None
+) -> Imported:
+    """Writes what another program's file holds as a scene; FrogError when it cannot, and nothing is changed then.
+
+    Args:
+        compact: several times smaller, without a visible difference.
+        progress: told how many of how many steps are done, where there are several.
+    """
+    suffix = source.suffix.lower()
+    if suffix == ".ply":
+        return import_splats(source, target, compact=compact)
+    if suffix in import_process.SUFFIXES:
+        return import_process.import_foreign(source, target, compact=compact, progress=progress)
+    raise found_instead(source, f"the ending {source.suffix!r}", f"one of {', '.join(SUFFIXES)}")
+
+
+def says_what_is_up(source: Path) -> bool:
+    """Whether a format says which way is up, so that its scenes have z up whatever the file has."""
+    return source.suffix.lower() in import_process.SUFFIXES
+
+
+def free_scene_path(source: Path) -> Path:
+    """Where a file becomes a ``.frog`` when nobody says where: beside it, over nothing but an earlier import of it.
+
+    It often lies beside the trained scene that it was exported from.
+    """
+    kind = source.suffix.lower().lstrip(".") or "frames"
+    names = [source.stem, f"{source.stem}_{kind}", *(f"{source.stem}_{kind}{number}" for number in range(2, 1000))]
+    for name in names:
+        path = source.with_name(f"{name}.frog")
+        if not path.exists() or _was_imported_from(source, path):
+            return path
+    raise FrogError(f"{source}: there are a thousand .frog files of that name beside it; name one to write.")
+
+
+def _was_imported_from(source: Path, path: Path) -> bool:
+    try:
+        header = read_scene(path).header
+    except FrogError:
+        return False
+    return header.capture_format in _ORIGINS and header.capture_path == str(source.resolve())

@@ -1,0 +1,125 @@
+"""What is given to another program: Gaussians frame by frame, with the cameras, the rate and the sound around them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from ..arrays import Array
+from ..gaussians import NumpyGaussians
+from ..playback.player import ScenePlayer
+from ..scene.header import SceneHeader
+
+FIRST_NUMBER = 1
+"""Frame number that a capture's first frame has outside Blender: timelines begin at 1 there as here."""
+
+
+@dataclass(frozen=True)
+class Sound:
+    """What was heard.
+
+    Attributes:
+        path: a film with a track of sound, or a sound file.
+        start: second of it that a take's first frame shows.
+    """
+
+    path: Path
+    start: float = 0.0
+
+
+@dataclass(frozen=True)
+class TakeFrame:
+    """One frame of a take.
+
+    Attributes:
+        number: its frame number in the other program.
+        time: in the capture, frames counted from 0.
+        gaussians: in the capture's own space.
+        placement: (4, 4) from that space to the other program's world; None where they are the same.
+    """
+
+    number: float
+    time: float
+    gaussians: NumpyGaussians
+    placement: Array | None = None
+
+
+class Take(Protocol):
+    """Frames that can be gone through, more than once. The same Gaussian is the same row in each.
+
+    Attributes:
+        name: of the scene, for objects made of it.
+        header: the scene file's header.
+        num_dynamic: Gaussians that change over time, the first rows.
+        changing: names of their columns that do (see playback.frame_delta).
+        rate: frames a second.
+        numbers: frame numbers, ascending.
+        sound: what plays with it from frame ``numbers[0]`` on; None for silence.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def header(self) -> SceneHeader: ...
+    @property
+    def num_dynamic(self) -> int: ...
+    @property
+    def changing(self) -> Sequence[str]: ...
+    @property
+    def rate(self) -> float: ...
+    @property
+    def numbers(self) -> Sequence[float]: ...
+    @property
+    def sound(self) -> Sound | None: ...
+
+    def frames(self) -> Iterator[TakeFrame]:
+        """Each frame, in order; FrogError where one cannot be made."""
+        ...
+
+
+@dataclass(frozen=True)
+class SceneTake:
+    """Frames of a scene as it was captured: a ``Take``.
+
+    Attributes:
+        scene: the scene.
+        name: of the scene.
+        chosen: frames of the capture, counted from 0, ascending, at least one.
+        sound: see ``Take``.
+    """
+
+    scene: ScenePlayer
+    name: str
+    chosen: range
+    sound: Sound | None = None
+    numbers: Sequence[float] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "numbers", tuple(float(frame + FIRST_NUMBER) for frame in self.chosen))
+
+    @property
+    def header(self) -> SceneHeader:
+        """The scene file's header."""
+        return self.scene.header
+
+    @property
+    def num_dynamic(self) -> int:
+        """Gaussians that change over time."""
+        return self.scene.num_dynamic if self.changing else 0
+
+    @property
+    def changing(self) -> Sequence[str]:
+        """Columns that change; none in a single frame."""
+        return self.scene.changing if len(self.chosen) > 1 else ()
+
+    @property
+    def rate(self) -> float:
+        """Frames a second."""
+        return self.header.frames_per_second
+
+    def frames(self) -> Iterator[TakeFrame]:
+        """Each frame, in order."""
+        for frame in self.chosen:
+            yield TakeFrame(frame + FIRST_NUMBER, frame, self.scene.at_frame(frame))

@@ -1,0 +1,195 @@
+"""Frames of anybody's USD file with ``ParticleField3DGaussianSplat`` prims, time-sampled or not.
+
+USD's own library reads the file, and it trusts what it reads: a damaged file can end the process. So this runs in a
+process of its own (see import_process), with a limit to its memory.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..capture.camera import Camera
+from ..errors import FrogError, brief, found_instead
+from ..gaussians import GaussianArrays, NumpyGaussians
+from ..io.paths import is_network_path
+from ..io.regular_file import regular_file
+from ..playback.transform import Y_DOWN, transform
+from ..scene.header import MAX_FRAMES
+from .activated import usable
+from .usd_export import PRIM_TYPE
+
+if TYPE_CHECKING:
+    from pxr import Usd
+
+_EXPECTED = f"a USD file with {PRIM_TYPE} prims"
+_NAMES = ("positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients")
+_MOST_PRIMS = 4096
+_SPARSE = 4  # frames for a time sample, at most, where times lie on a grid
+_COEFFICIENTS = (1, 4, 9, 16)
+Y_UP = np.linalg.inv(Y_DOWN) @ np.diag([1.0, -1.0, -1.0, 1.0])
+"""(4, 4) from axes with y up to those with z up: a turn about the x axis."""
+
+
+class UsdSource:
+    """Frames of a USD file: a ``FrameSource``. Where counts are constant, USD takes a row for the same Gaussian.
+
+    Raises:
+        FrogError: for a file without Gaussians, or one that calls another computer.
+        ImportError: where there is no USD library.
+    """
+
+    origin = "usd"
+    cameras: tuple[Camera, ...] = ()
+
+    def __init__(self, path: Path) -> None:
+        from pxr import Tf, Usd, UsdGeom, UsdUtils
+
+        regular_file(path, _EXPECTED)
+        self._path = path
+        self._quiet = UsdUtils.CoalescingDiagnosticDelegate()  # its warnings are for nobody here
+        self.left_out = 0
+        try:
+            _check_references(path)
+            self._stage = Usd.Stage.Open(str(path))
+            self._prims = [prim for prim in self._stage.Traverse(Usd.TraverseInstanceProxies()) if _is_splats(prim)]
+            if not 1 <= len(self._prims) <= _MOST_PRIMS:
+                raise found_instead(path, f"{len(self._prims)} such prims", _EXPECTED)
+            self._is_y_up = UsdGeom.GetStageUpAxis(self._stage) == "Y"
+            self._times, self.rate = self._grid(float(self._stage.GetTimeCodesPerSecond()))
+        except Tf.ErrorException as error:
+            raise found_instead(path, f"a file that the USD library cannot read ({brief(error)})", _EXPECTED) from error
+        self.frame_count = len(self._times)
+        counts = {tuple(len(_value(prim, "positions", time)) for prim in self._prims) for time in self._times}
+        self.keeps_identity: bool | None = len(counts) == 1
+
+    def at(self, frame: int) -> NumpyGaussians:
+        """A frame, counted from 0, in the file's world with z up."""
+        from pxr import Tf, Usd, UsdGeom
+
+        time = self._times[frame]
+        try:
+            cache = UsdGeom.XformCache(Usd.TimeCode.Default() if time is None else Usd.TimeCode(time))
+            parts = []
+            for prim in self._prims:
+                gaussians = self._gaussians(prim, time)
+                matrix = np.array(cache.GetLocalToWorldTransform(prim), np.float64).T  # rows are vectors in USD
+                if self._is_y_up:
+                    matrix = Y_UP @ matrix
+                parts.append(self._placed(prim, gaussians, matrix))
+        except Tf.ErrorException as error:
+            raise found_instead(
+                self._path, f"a frame that the USD library cannot read ({brief(error)})", _EXPECTED
+            ) from error
+        return _joined(parts)
+
+    def _placed(self, prim: Usd.Prim, gaussians: NumpyGaussians, matrix: Array) -> NumpyGaussians:
+        if np.array_equal(matrix, np.eye(4)):
+            return gaussians
+        try:
+            return transform(gaussians, matrix)
+        except FrogError as error:
+            raise FrogError(f"{self._path}: {brief(prim.GetPath())}: {error}") from error
+
+    def _gaussians(self, prim: Usd.Prim, time: float | None) -> NumpyGaussians:
+        where = f"{self._path}: {brief(prim.GetPath())}"
+        means = _value(prim, "positions", time)
+        count = len(means)
+        found = {name: _value(prim, name, time) for name in _NAMES[1:]}
+        turns, scales, opacities, colors = found.values()
+        if not len(scales):
+            raise found_instead(where, "no scales", "a size of each Gaussian")
+        degree = len(colors) // count if count else 0
+        lengths = {"scales": len(scales), "orientations": len(turns) or count, "opacities": len(opacities) or count}
+        wrong = [f"{length:,} {name}" for name, length in lengths.items() if length != count]
+        if not count or wrong or (len(colors) and (len(colors) != count * degree or degree not in _COEFFICIENTS)):
+            wrong = wrong or [f"{len(colors):,} coefficients"]
+            raise found_instead(where, f"{count:,} positions and {', '.join(wrong)}", "as many of each")
+        sh = colors.reshape(count, degree, 3) if len(colors) else np.zeros((count, 1, 3), np.float32)
+        if not len(turns):
+            turns = np.tile(np.array([0, 0, 0, 1], np.float32), (count, 1))
+        if not len(opacities):
+            opacities = np.ones(count, np.float32)
+        made = GaussianArrays(means, np.roll(turns, 1, axis=1), scales, opacities, sh)
+        gaussians, left_out = usable(where, made, keep_rows=self.frame_count > 1)
+        self.left_out = max(self.left_out, left_out)
+        return gaussians
+
+    def _grid(self, codes_per_second: float) -> tuple[list[float | None], float]:
+        """Time codes of the frames, in equal steps, and frames a second. [None] for a file without time samples."""
+        if not 1e-6 < codes_per_second < 1e6:
+            raise found_instead(self._path, f"{codes_per_second:g} time codes a second", "up to a million")
+        codes: set[float] = set()
+        for prim in self._prims:
+            for each in (*_attributes(prim), *_moves(prim)):
+                codes.update(each.GetTimeSamples() if each.GetNumTimeSamples() <= MAX_FRAMES else ())
+        times = sorted(code for code in codes if abs(code) < 1e9)
+        if len(times) < 2:
+            return [times[0] if times else None], codes_per_second
+        step = float(np.diff(times).min())
+        places = (np.array(times) - times[0]) / step
+        count = round(places[-1]) + 1
+        if np.abs(places - np.rint(places)).max() > 1e-3 or count > _SPARSE * len(times) + 1:
+            step, count = 1.0, int(times[-1] - times[0]) + 1
+        if count > MAX_FRAMES or codes_per_second / step > 1e6:
+            raise found_instead(self._path, f"{count:,} frames", f"at most {MAX_FRAMES:,}")
+        return [times[0] + step * place for place in range(count)], codes_per_second / step
+
+
+def _is_splats(prim: Usd.Prim) -> bool:
+    return bool(prim.GetTypeName() == PRIM_TYPE)
+
+
+def _attributes(prim: Usd.Prim) -> list[Any]:  # of pxr, which has no types
+    """The attributes that hold the prim's Gaussians."""
+    names = [name + suffix for name in _NAMES for suffix in ("", "h")]
+    return [attribute for name in names if (attribute := prim.GetAttribute(name))]
+
+
+def _moves(prim: Usd.Prim) -> list[Any]:  # of pxr, which has no types
+    """What moves the prim and its parents."""
+    found = []
+    while prim and not prim.IsPseudoRoot():
+        found += [attribute for attribute in prim.GetAttributes() if attribute.GetName().startswith("xformOp:")]
+        prim = prim.GetParent()
+    return found
+
+
+def _value(prim: Usd.Prim, name: str, time: float | None) -> Array:
+    """(N, width) or (N,) of an attribute: of its single-precision form, or else of its half one; empty without any."""
+    for suffix in ("", "h"):
+        attribute = prim.GetAttribute(name + suffix)
+        if attribute and attribute.HasAuthoredValue():
+            value = attribute.Get() if time is None else attribute.Get(time)
+            array = np.array(value if value is not None else [])
+            width = {"orientations": 4, "opacities": 0}.get(name, 3)
+            shape = (len(array), width) if width else (len(array),)
+            if array.size and (array.shape != shape or array.dtype.kind != "f"):
+                raise found_instead(str(prim.GetPath()), f"{name} of another type", "the schema's")
+            if array.size:
+                return array
+    return np.empty(0, np.float32)
+
+
+def _joined(parts: list[NumpyGaussians]) -> NumpyGaussians:
+    if len(parts) == 1:
+        return parts[0]
+    most = max(part.sh.shape[1] for part in parts)
+    for part in parts:
+        sh = np.zeros((len(part), most, 3), np.float32)
+        sh[:, : part.sh.shape[1]] = part.sh
+        part.sh = sh
+    return GaussianArrays(*(np.concatenate(arrays) for arrays in zip(*(vars(p).values() for p in parts), strict=True)))
+
+
+def _check_references(path: Path) -> None:
+    """FrogError where the file names another that lies on another computer: nothing that it says may call one."""
+    from pxr import UsdUtils
+
+    for names in UsdUtils.ExtractExternalReferences(str(path)):
+        for name in names:
+            if is_network_path(name) or "://" in name:
+                raise found_instead(path, f"a reference to {brief(name)}", "files of this computer alone")

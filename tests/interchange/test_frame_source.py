@@ -1,0 +1,186 @@
+"""Frames of another program as a scene: stored one by one, played at any time, held where rows are others."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.builders import ATTRIBUTES
+from support.foreign_takes import assert_plays_alike, partly_static
+from support.played_scenes import TIMES
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.interchange.frame_source import write_source
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.playback.sequence import PlayableSequence
+from frog_blender.engine.scene.scene_file import read_scene
+
+
+class Frames:
+    """A scene's frames, as another program might have written them."""
+
+    cameras = ()
+    origin, rate, left_out = "test", 24.0, 0
+
+    def __init__(self, scene: ScenePlayer, keeps_identity: bool | None = True, counts: list[int] | None = None) -> None:
+        self._scene, self.keeps_identity, self._counts = scene, keeps_identity, counts
+        self.frame_count = scene.header.frame_count
+        self.asked: list[int] = []
+
+    def at(self, frame: int) -> GaussianArrays:
+        self.asked.append(frame)
+        gaussians = self._scene.at_frame(frame)
+        count = len(gaussians) if self._counts is None else self._counts[frame]
+        return GaussianArrays(*(array[:count].copy() for array in vars(gaussians).values()))
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> ScenePlayer:
+    return partly_static(tmp_path)
+
+
+@pytest.mark.parametrize("compact", [False, True])
+def test_it_plays_what_the_frames_were(scene: ScenePlayer, tmp_path: Path, compact: bool) -> None:
+    source = Frames(scene)
+    told: list[tuple[int, int]] = []
+    imported = write_source(
+        source, tmp_path / "x.src", tmp_path / "y.frog", compact=compact, progress=lambda *done: told.append(done)
+    )
+    assert (imported.gaussians, imported.frames, imported.keeps_identity, imported.warning) == (40, 7, True, "")
+    assert source.asked == [*range(7), *range(7)] and told[-1] == (14, 14)
+    back = ScenePlayer.load(imported.path)
+    assert (back.count, back.num_dynamic) == (40, 25) and set(back.changing) == set(scene.changing)
+    assert_plays_alike(back, scene.at_frame, [0, 2, 6], 0.02 if compact else 1e-6, 0.02 if compact else 1e-6)
+    before, after, between = (back.at_frame(frame).means for frame in (2, 3, 2.5))
+    np.testing.assert_allclose(between, (before + after) / 2, atol=1e-6)
+    assert np.abs(after - before).max() > 1e-2
+
+
+def test_parts_are_the_same_bits_as_the_whole(scene: ScenePlayer, tmp_path: Path) -> None:
+    write_source(Frames(scene), tmp_path / "x.src", tmp_path / "y.frog")
+    playing, other = (ScenePlayer.load(tmp_path / "y.frog") for _ in range(2))
+    for time in TIMES:
+        found, expected = playing.at(time, playing.delta_at(time)), other.at(time)
+        for name in ATTRIBUTES:
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+    kept = np.array([0, 3, 24, 25, 39])
+    fewer, whole = playing.subset(kept).at(0.4), playing.at(0.4)
+    again = playing.subset(kept).subset(np.array([1, 2, 4])).at(0.4)
+    for name in ATTRIBUTES:
+        np.testing.assert_array_equal(getattr(fewer, name), getattr(whole, name)[kept])
+        np.testing.assert_array_equal(getattr(again, name), getattr(whole, name)[[3, 24, 39]])
+
+
+def test_varying_counts_are_held_and_filled_with_nothing(scene: ScenePlayer, tmp_path: Path) -> None:
+    counts = [30, 40, 35, 1, 40, 20, 28]
+    imported = write_source(Frames(scene, None, counts), tmp_path / "x.src", tmp_path / "y.frog")
+    back = ScenePlayer.load(imported.path)
+    assert (back.count, imported.keeps_identity) == (40, False) and "by place alone" in imported.warning
+    for frame, count in enumerate(counts):
+        found, expected = back.at_frame(frame), scene.at_frame(frame)
+        np.testing.assert_array_equal(found.means[:count], expected.means[:count])
+        assert not found.opacities[count:].any()
+        if frame < 6:
+            np.testing.assert_array_equal(back.at_frame(frame + 0.9).means, found.means)
+
+
+def test_rows_that_change_places_are_no_identity(scene: ScenePlayer, tmp_path: Path) -> None:
+    """Nobody said that they do, but what moves as far as from one Gaussian to another is not the same one."""
+
+    class Shuffled(Frames):
+        def at(self, frame: int) -> GaussianArrays:
+            order = np.random.default_rng(frame).permutation(40)
+            return GaussianArrays(*(array[order] for array in vars(super().at(frame)).values()))
+
+    assert not write_source(Shuffled(scene, None), tmp_path / "x", tmp_path / "y.frog").keeps_identity
+
+
+def test_frames_that_do_not_change_are_a_static_scene(scene: ScenePlayer, tmp_path: Path) -> None:
+    class Still(Frames):
+        def at(self, frame: int) -> GaussianArrays:
+            return super().at(0)
+
+    back = read_scene(write_source(Still(scene), tmp_path / "x", tmp_path / "y.frog").path)
+    assert (back.header.method, back.rows, back.header.frame_count) == ("static", None, 7)
+
+
+def test_a_frame_is_all_that_is_held(scene: ScenePlayer, tmp_path: Path) -> None:
+    write_source(Frames(scene), tmp_path / "x", tmp_path / "y.frog")
+    found = read_scene(tmp_path / "y.frog")
+    assert "frames" not in found.arrays and isinstance(
+        ScenePlayer(found)._deformation,
+        PlayableSequence,
+    )
+
+
+def altered(path: Path, **model: object) -> None:
+    """The file, whose header says something else of its model."""
+    content = path.read_bytes()
+    length = int.from_bytes(content[:8], "little")
+    header = json.loads(content[8 : 8 + length])
+    own = json.loads(header["__metadata__"]["frog"])
+    own["model"] |= model
+    header["__metadata__"]["frog"] = json.dumps(own)
+    text = json.dumps(header).encode()
+    path.write_bytes(len(text).to_bytes(8, "little") + text + content[8 + length :])
+
+
+@pytest.mark.parametrize(
+    ("model", "sentence"),
+    [
+        ({"dynamic": 41}, "dynamic"),
+        ({"dynamic": 24}, "frames of shape"),
+        ({"columns": ["means", "means"]}, "the columns means, means"),
+        ({"columns": ["hue"]}, "the columns hue"),
+        ({"columns": 3}, "columns"),
+        ({"keeps_identity": 1}, "keeps_identity = 1"),
+        ({"half": True}, "frames of shape"),
+    ],
+)
+def test_a_header_that_lies_is_one_sentence(
+    scene: ScenePlayer, tmp_path: Path, model: dict[str, object], sentence: str
+) -> None:
+    write_source(Frames(scene), tmp_path / "x", tmp_path / "y.frog")
+    altered(tmp_path / "y.frog", **model)
+    with pytest.raises(FrogError, match=sentence):
+        ScenePlayer.load(tmp_path / "y.frog")
+
+
+def test_a_file_that_changes_while_it_plays_is_one_sentence(scene: ScenePlayer, tmp_path: Path) -> None:
+    write_source(Frames(scene), tmp_path / "x", tmp_path / "y.frog")
+    playing = ScenePlayer.load(tmp_path / "y.frog")
+    (tmp_path / "y.frog").write_bytes((tmp_path / "y.frog").read_bytes()[:-10])
+    with pytest.raises(FrogError, match="another version of it"):
+        playing.at(0.5)
+
+
+def test_numbers_that_are_none_are_drawn_as_nothing(scene: ScenePlayer, tmp_path: Path) -> None:
+    class Broken(Frames):
+        def at(self, frame: int) -> GaussianArrays:
+            gaussians = super().at(frame)
+            if frame == 3:
+                gaussians.means[0], gaussians.scales[1], gaussians.opacities[2] = np.nan, -1.0, 7.0
+            return gaussians
+
+    back = ScenePlayer.load(write_source(Broken(scene), tmp_path / "x", tmp_path / "y.frog").path)
+    for array in vars(back.at_frame(3)).values():
+        assert np.isfinite(array).all()
+    assert back.at_frame(3).scales.min() >= 0 and back.at_frame(3).opacities.max() <= 1
+
+
+def test_a_source_that_fails_changes_nothing(scene: ScenePlayer, tmp_path: Path) -> None:
+    class Fails(Frames):
+        def at(self, frame: int) -> GaussianArrays:
+            if len(self.asked) > 9:
+                raise FrogError("it failed.")
+            return super().at(frame)
+
+    (tmp_path / "y.frog").write_bytes(b"before")
+    with pytest.raises(FrogError, match="it failed"):
+        write_source(Fails(scene), tmp_path / "x", tmp_path / "y.frog")
+    with pytest.raises(FrogError, match=r"ends in \.frog"):
+        write_source(Fails(scene), tmp_path / "x", tmp_path / "y.blend")
+    assert (tmp_path / "y.frog").read_bytes() == b"before" and len(list(tmp_path.iterdir())) == 2

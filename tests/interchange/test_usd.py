@@ -1,0 +1,277 @@
+"""Animated USD: what usd-core reads is what playback plays, and anybody's file becomes a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.builders import odd_camera
+from support.foreign_takes import HALF, assert_equal_within, assert_plays_alike, partly_static
+
+from frog_blender.cli.main import main
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.interchange import usd_export
+from frog_blender.engine.interchange.imports import import_scene
+from frog_blender.engine.interchange.take import SceneTake, Sound
+from frog_blender.engine.interchange.usd_export import write_usd
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.playback.transform import transform
+
+pxr = pytest.importorskip("pxr", reason="needs usd-core")
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt  # noqa: E402
+
+try:
+    from pxr import UsdVol
+
+    SCHEMA = UsdVol.ParticleField3DGaussianSplat
+except (ImportError, AttributeError):  # a Blender's before 5.3
+    pytest.skip("this USD does not know the schema", allow_module_level=True)
+
+FRAMES = [0, 1, 3, 6]
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> ScenePlayer:
+    return partly_static(tmp_path)
+
+
+def written(scene: ScenePlayer, path: Path, **options: bool) -> Path:
+    assert list(write_usd(path, SceneTake(scene, "my scene", range(7)), **options)) == [1, 2, 3, 4, 5, 6, 7]
+    return path
+
+
+def read(prim: Usd.Prim, code: float) -> GaussianArrays:
+    """A prim's Gaussians, by the schema's own class."""
+    splats = SCHEMA(prim)
+
+    def value(name: str) -> np.ndarray:
+        single, half = (getattr(splats, f"Get{name}{suffix}Attr")() for suffix in ("", "h"))
+        return np.array((single if single.HasAuthoredValue() else half).Get(code), np.float32)
+
+    colors = value("RadianceSphericalHarmonicsCoefficients")
+    degree = splats.GetRadianceSphericalHarmonicsDegreeAttr().Get()
+    return GaussianArrays(
+        value("Positions"),
+        np.roll(value("Orientations"), 1, axis=1),
+        value("Scales"),
+        value("Opacities"),
+        colors.reshape(-1, (degree + 1) ** 2, 3),
+    )
+
+
+@pytest.mark.parametrize(("suffix", "full"), [(".usdc", False), (".usdc", True), (".usda", True)])
+def test_every_frame_is_what_plays(scene: ScenePlayer, tmp_path: Path, suffix: str, full: bool) -> None:
+    stage = Usd.Stage.Open(str(written(scene, tmp_path / f"out{suffix}", full_precision=full)))
+    dynamic, static = (stage.GetPrimAtPath(f"/my_scene/{name}") for name in ("Dynamic", "Static"))
+    assert not any(attribute.GetNumTimeSamples() for attribute in static.GetAttributes())
+    for frame in range(7):
+        expected = scene.at_frame(frame)
+        for prim, rows in ((dynamic, slice(0, 25)), (static, slice(25, 40))):
+            part = GaussianArrays(*(array[rows] for array in vars(expected).values()))
+            assert_equal_within(read(prim, frame + 1), part, 1e-6 if full else HALF, 1e-6 if full else 2.0**-14)
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetTimeCodesPerSecond()) == (1, 7, 24)
+    assert static.GetCustomDataByKey("frog:colorSpace") == "srgb-rec709-display"
+
+
+def test_turns_between_two_frames_are_the_short_way(scene: ScenePlayer, tmp_path: Path) -> None:
+    stage = Usd.Stage.Open(str(written(scene, tmp_path / "out.usdc")))
+    attribute = stage.GetPrimAtPath("/my_scene/Dynamic").GetAttribute("orientationsh")
+    turns = np.array([np.array(attribute.Get(code), np.float32) for code in range(1, 8)])
+    assert ((turns[1:] * turns[:-1]).sum(axis=-1) >= 0).all()
+
+
+def test_usds_own_validators_find_nothing(scene: ScenePlayer, tmp_path: Path) -> None:
+    validation = pytest.importorskip("pxr.UsdValidation")
+    stage = Usd.Stage.Open(str(written(scene, tmp_path / "out.usdc")))
+    validators = validation.ValidationRegistry().GetOrLoadAllValidators()
+    found = validation.ValidationContext(validators).Validate(stage)
+    assert len(validators) > 10 and not [error.GetName() for error in found]
+
+
+def test_cameras_see_what_they_saw(scene: ScenePlayer, tmp_path: Path) -> None:
+    """USD's own frustum projects points to the pixels that ours does, an off-centre principal point included."""
+    stage = Usd.Stage.Open(str(written(scene, tmp_path / "out.usdc")))
+    points = np.random.default_rng(0).uniform(-1, 1, (20, 3)) + odd_camera().center + 4 * odd_camera().forward
+    camera = odd_camera()
+    prim = next(p for p in stage.Traverse() if p.GetCustomDataByKey("frog:camera") == camera.name)
+    frustum = UsdGeom.Camera(prim).GetCamera(1.0).frustum
+    matrix = np.array(frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix())
+    clip = np.concatenate([points, np.ones((20, 1))], axis=1) @ matrix
+    found = (clip[:, :2] / clip[:, 3:] * (0.5, -0.5) + 0.5) * (camera.width, camera.height)
+    np.testing.assert_allclose(found, camera.project(points)[0], atol=1e-3)
+
+
+def test_a_moving_camera_and_a_moving_root_have_time_samples(tmp_path: Path) -> None:
+    from fuzzing.scenes import kinds
+
+    moving = ScenePlayer(kinds()["moving camera"])
+    list(write_usd(tmp_path / "x.usdc", SceneTake(moving, "x", range(7))))
+    stage = Usd.Stage.Open(str(tmp_path / "x.usdc"))
+    (prim,) = [prim for prim in stage.Traverse() if prim.GetTypeName() == "Camera"]
+    for frame in (0, 6):
+        to_world = np.array(UsdGeom.Camera(prim).GetLocalTransformation(frame + 1)).T
+        np.testing.assert_allclose(to_world[:3, 3], moving.header.cameras[frame].center, atol=1e-6)
+
+
+def test_sound_is_named_beside_the_file(scene: ScenePlayer, tmp_path: Path) -> None:
+    take = SceneTake(scene, "x", range(2, 5), Sound(tmp_path / "films" / "cam.mp4", 0.5))
+    list(write_usd(tmp_path / "x.usdc", take))
+    stage = Usd.Stage.Open(str(tmp_path / "x.usdc"))
+    prim = stage.GetPrimAtPath("/x/Sound")
+    assert prim.GetAttribute("filePath").Get().path == "films/cam.mp4"
+    assert (prim.GetAttribute("startTime").Get(), prim.GetAttribute("mediaOffset").Get()) == (3, 0.5)
+
+
+def test_long_takes_go_to_the_disk_in_between(
+    scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once = Usd.Stage.Open(str(written(scene, tmp_path / "a.usdc")))
+    monkeypatch.setattr(usd_export, "_FLUSHED", 100)
+    in_pieces = Usd.Stage.Open(str(written(scene, tmp_path / "b.usdc")))
+    whole, pieces = (read(stage.GetPrimAtPath("/my_scene/Dynamic"), 5) for stage in (at_once, in_pieces))
+    for name, array in vars(whole).items():
+        np.testing.assert_array_equal(getattr(pieces, name), array)
+
+
+def test_an_export_that_ends_early_leaves_nothing(scene: ScenePlayer, tmp_path: Path) -> None:
+    (tmp_path / "x.usdc").write_bytes(b"before")
+    steps = write_usd(tmp_path / "x.usdc", SceneTake(scene, "x", range(7)))
+    next(steps)
+    steps.close()
+    assert (tmp_path / "x.usdc").read_bytes() == b"before" and {p.name for p in tmp_path.iterdir()} == {
+        "x.frog",
+        "x.usdc",
+    }
+    with pytest.raises(FrogError, match=r"expected \.usdc"):
+        list(write_usd(tmp_path / "x.obj", SceneTake(scene, "x", range(7))))
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(FrogError, match="could not be written"):
+        list(write_usd(tmp_path / "file" / "x.usdc", SceneTake(scene, "x", range(7))))
+
+
+@pytest.mark.parametrize("options", [(), ("--float",)])
+def test_there_and_back_by_the_commands(
+    scene: ScenePlayer, tmp_path: Path, options: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out.usdc"
+    assert main(["export", str(tmp_path / "x.frog"), "--usd", "--out", str(out), *options]) == 0
+    assert main(["import", str(out), "--out", str(tmp_path / "back.frog")]) == 0
+    assert "40 Gaussians, 7 frames" in capsys.readouterr().out
+    back = ScenePlayer.load(tmp_path / "back.frog")
+    assert (back.num_dynamic, back.count, back.header.frames_per_second) == (25, 40, 24)
+    assert_plays_alike(back, scene.at_frame, FRAMES, 1e-5 if options else HALF)
+
+
+def authored(path: Path, *, y_up: bool = False, counts: tuple[int, ...] = (3, 3)) -> Usd.Stage:
+    """Another program's: two prims, one of them placed, with samples at 10 and 14 and half colours of degree 1."""
+    stage = Usd.Stage.CreateNew(str(path))
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y if y_up else UsdGeom.Tokens.z)
+    stage.SetTimeCodesPerSecond(48)
+    UsdGeom.Xform.Define(stage, "/a")
+    still = SCHEMA.Define(stage, "/a/still")
+    still.CreatePositionsAttr(Vt.Vec3fArray([Gf.Vec3f(1, 2, 3)]))
+    still.CreateScalesAttr(Vt.Vec3fArray([Gf.Vec3f(0.1, 0.2, 0.3)]))
+    moving = SCHEMA.Define(stage, "/a/moving")
+    UsdGeom.Xformable(moving).AddTranslateOp().Set(Gf.Vec3d(0, 0, 5))
+    UsdGeom.Xformable(moving).AddScaleOp().Set(Gf.Vec3f(2, 2, 2))
+    for code, count in zip((10, 14), counts, strict=True):
+        moving.CreatePositionsAttr().Set(Vt.Vec3fArray([Gf.Vec3f(code, i, 0) for i in range(count)]), code)
+        moving.CreateScaleshAttr().Set(Vt.Vec3hArray([Gf.Vec3h(0.5)] * count), code)
+        moving.CreateOpacitiesAttr().Set(Vt.FloatArray([0.5] * count), code)
+        colors = Vt.Vec3hArray([Gf.Vec3h(0.1 * i) for i in range(4 * count)])
+        moving.CreateRadianceSphericalHarmonicsCoefficientshAttr().Set(colors, code)
+    stage.GetRootLayer().Save()
+    return stage
+
+
+def test_anybodys_file_plays_between_its_samples(tmp_path: Path) -> None:
+    authored(tmp_path / "x.usda")
+    imported = import_scene(tmp_path / "x.usda", tmp_path / "x.frog")
+    assert (imported.gaussians, imported.frames, imported.keeps_identity, imported.warning) == (4, 2, True, "")
+    back = ScenePlayer.load(imported.path)
+    assert (back.header.frames_per_second, back.num_dynamic, back.sh_degree) == (12, 3, 1)
+    half_way = back.at_frame(0.5)
+    rows = np.argsort(half_way.means[:, 0])
+    np.testing.assert_allclose(half_way.means[rows], [[1, 2, 3], [24, 0, 5], [24, 2, 5], [24, 4, 5]], atol=1e-4)
+    np.testing.assert_allclose(half_way.scales[rows[1]], 1.0, atol=1e-3)  # doubled by its place
+    np.testing.assert_allclose(half_way.opacities[rows], [1, 0.5, 0.5, 0.5], atol=1e-6)
+    np.testing.assert_allclose(half_way.sh[rows[0]], 0, atol=1e-7)
+    np.testing.assert_allclose(np.sort(half_way.sh[:, 1, 0]), [0, 0.1, 0.5, 0.9], atol=1e-3)
+
+
+def test_y_up_is_turned(tmp_path: Path) -> None:
+    authored(tmp_path / "x.usda", y_up=True)
+    back = ScenePlayer.load(import_scene(tmp_path / "x.usda", tmp_path / "x.frog").path).at_frame(0)
+    still = back.means[np.argsort(back.means[:, 0])[0]]
+    np.testing.assert_allclose(still, [1, -3, 2], atol=1e-6)
+
+
+def test_varying_counts_play_without_anything_between(tmp_path: Path) -> None:
+    authored(tmp_path / "x.usda", counts=(3, 5))
+    imported = import_scene(tmp_path / "x.usda", tmp_path / "x.frog")
+    assert (imported.gaussians, imported.keeps_identity) == (6, False)
+    assert "edited by place alone" in imported.warning
+    back = ScenePlayer.load(imported.path)
+    seen = [int((back.at_frame(frame).opacities > 0).sum()) for frame in (0, 0.9, 1)]
+    assert seen == [4, 4, 6]
+
+
+def test_a_sheared_prim_is_refused(tmp_path: Path) -> None:
+    stage = authored(tmp_path / "x.usda")
+    UsdGeom.Xformable(stage.GetPrimAtPath("/a")).AddScaleOp().Set(Gf.Vec3f(1, 2, 1))
+    stage.GetRootLayer().Save()
+    with pytest.raises(FrogError, match=r"x\.usda: /a/(still|moving): .*scaled unevenly"):
+        import_scene(tmp_path / "x.usda", tmp_path / "x.frog")
+    assert not (tmp_path / "x.frog").exists()
+
+
+def test_files_that_cannot_be_used_are_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "text.usda").write_text("#usda 1.0\nnonsense")
+    (tmp_path / "none.usda").write_text("#usda 1.0\n")
+    layer = Sdf.Layer.CreateNew(str(tmp_path / "calls.usda"))
+    layer.subLayerPaths.append("//server/share/x.usda")
+    layer.Save()
+    stage = authored(tmp_path / "lengths.usda")
+    stage.GetPrimAtPath("/a/moving").GetAttribute("opacities").Set(Vt.FloatArray([1]), 10)
+    stage.GetRootLayer().Save()
+    for name, sentence in (
+        ("text", "cannot read"),
+        ("none", "found 0 such prims"),
+        ("calls", "a reference to //server/share"),
+        ("lengths", "3 positions and 1 opacities"),
+        ("missing", "found no file"),
+    ):
+        with pytest.raises(FrogError, match=sentence):
+            import_scene(tmp_path / f"{name}.usda", tmp_path / "x.frog")
+    assert not (tmp_path / "x.frog").exists()
+
+
+def test_a_process_that_ends_is_one_sentence(scene: ScenePlayer, tmp_path: Path) -> None:
+    """Lengths in the middle of a crate file are taken at their word by USD's library."""
+    content = bytearray(written(scene, tmp_path / "x.usdc").read_bytes())
+    refused = 0
+    for place in range(len(content) // 2, len(content) - 64, len(content) // 12):
+        damaged = content[:place] + b"\xff" * 48 + content[place + 48 :]
+        (tmp_path / "bad.usdc").write_bytes(damaged)
+        try:
+            import_scene(tmp_path / "bad.usdc", tmp_path / "bad.frog")
+        except FrogError as error:
+            refused += 1
+            assert "bad.usdc" in str(error) and "\n" not in str(error)
+    assert refused
+
+
+def test_what_was_placed_is_written_as_the_roots_transform(scene: ScenePlayer, tmp_path: Path) -> None:
+    matrix = np.array([[0, -2, 0, 1], [2, 0, 0, 2], [0, 0, 2, 3], [0, 0, 0, 1.0]])
+
+    class Placed(SceneTake):
+        def frames(self):  # type: ignore[no-untyped-def]
+            from dataclasses import replace
+
+            return (replace(frame, placement=matrix) for frame in super().frames())
+
+    list(write_usd(tmp_path / "x.usdc", Placed(scene, "x", range(7)), full_precision=True))
+    back = ScenePlayer.load(import_scene(tmp_path / "x.usdc", tmp_path / "back.frog").path)
+    assert_plays_alike(back, lambda frame: transform(scene.at_frame(frame), matrix), [0, 4], 2e-5)

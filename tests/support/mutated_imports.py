@@ -1,0 +1,151 @@
+"""Imports damaged and lying files of other programs, and plays what was made of them; run by test_mutated_imports.py in
+a process of its own.
+
+    python mutated_imports.py KIND FOLDER COUNT SEED
+
+Prints what mutated_files.py prints. What a library of others reads is read in a process of its own, as in use, only
+that it is forked from this one, which has loaded the library.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import struct
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+from fuzzing.mutating import cut, flipped, torn
+from support.builders import plain_camera
+from support.foreign_takes import partly_static
+from support.mutated_files import Kind, main
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.interchange import import_process
+from frog_blender.engine.interchange.imports import import_scene
+from frog_blender.engine.interchange.take import SceneTake
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.playback.render import draw
+
+LENGTHS = [0, 1, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**40, 2**63 - 1]
+
+
+def with_other_lengths(content: bytes, chance: random.Random) -> bytes:
+    """Some whole number near the beginning, or anywhere, is a hostile one."""
+    changed, size = bytearray(content), chance.choice([2, 4, 4, 8])
+    end = len(content) if chance.random() < 0.5 else min(len(content), 256)
+    place = chance.randrange(max(end - size, 1))
+    number = chance.choice(LENGTHS) & (2 ** (8 * size) - 1)
+    changed[place : place + size] = number.to_bytes(size, "little")
+    return bytes(changed)
+
+
+def with_odd_floats(content: bytes, chance: random.Random) -> bytes:
+    """Some floats are no numbers, or too large for anything."""
+    changed = bytearray(content)
+    for _ in range(chance.choice([1, 5, 100])):
+        place = chance.randrange(max(len(content) - 4, 1))
+        struct.pack_into("<f", changed, place, chance.choice([np.nan, np.inf, -np.inf, 3e38, -3e38, 1e20, -1.0]))
+    return bytes(changed[: len(content)])
+
+
+MUTATIONS = [flipped, cut, torn, with_other_lengths, with_other_lengths, with_odd_floats]
+
+
+class Imports(Kind):
+    """Files that become a scene, which plays.
+
+    Attributes:
+        suffix: of the files.
+    """
+
+    mutations = MUTATIONS
+    suffix: str
+
+    def __init__(self, folder: Path) -> None:
+        self.target, self.path = folder / "made.frog", folder / f"mutated{self.suffix}"
+        self._scene = partly_static(folder)
+        self.whole = self.made(folder)
+
+    def made(self, folder: Path) -> list[bytes]:
+        """The contents of undamaged files."""
+        raise NotImplementedError
+
+    def use(self) -> bool:
+        self.target.unlink(missing_ok=True)
+        self.imported()
+        scene = ScenePlayer.load(self.target)
+        for time in (0.0, 0.4, 1.0):
+            drawn = draw(scene.at(time), plain_camera(), (0.0, 0.0, 0.0))
+            assert np.isfinite(drawn.rgb).all()
+        return True
+
+    def imported(self) -> None:
+        import_scene(self.path, self.target)
+
+
+class InProcess(Imports):
+    """Read by a library that may end its process."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        import_process.preload(self.path)
+
+    def imported(self) -> None:
+        reader, writer = os.pipe()
+        child = os.fork()
+        if not child:
+            try:
+                devnull = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(devnull, 1)
+                os.dup2(devnull, 2)
+                answer = import_process.answered(self.path, self.target, compact=False)
+                os.write(writer, json.dumps(answer).encode())
+                os._exit(0)
+            finally:
+                os._exit(1)
+        os.close(writer)
+        with os.fdopen(reader, "rb") as pipe:
+            content = pipe.read()
+        _, status = os.waitpid(child, 0)
+        answer = json.loads(content) if content else {"error": f"it ended with status {status}"}
+        if "error" in answer:
+            raise FrogError(answer["error"])
+
+
+class BinaryUsd(InProcess):
+    suffix = ".usdc"
+
+    def made(self, folder: Path) -> list[bytes]:
+        from frog_blender.engine.interchange.usd_export import write_usd
+
+        path, contents = folder / f"whole{self.suffix}", []
+        for full in (False, True):
+            list(write_usd(path, SceneTake(self._scene, "x", range(3)), full_precision=full))
+            contents.append(path.read_bytes())
+        return contents
+
+
+class TextUsd(BinaryUsd):
+    suffix = ".usda"
+
+
+class Fourdgs(InProcess):
+    suffix = ".4dgs"
+
+    def made(self, folder: Path) -> list[bytes]:
+        from frog_blender.engine.interchange.fourdgs_export import write_fourdgs
+
+        path = folder / "whole.4dgs"
+        list(write_fourdgs(path, SceneTake(self._scene, "x", range(3))))
+        return [path.read_bytes()]
+
+
+KINDS: dict[str, type[Kind]] = {"usdc": BinaryUsd, "usda": TextUsd, "4dgs": Fourdgs}
+
+if __name__ == "__main__":
+    main(KINDS)
