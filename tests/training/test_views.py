@@ -58,6 +58,10 @@ def test_one_view_a_moment_fixes_what_things_look_like(capture: Capture) -> None
     single = fit_to(Recipe(), one_a_moment(capture))
     assert (single.deformed_sh, single.deformed_opacity) == (0, False)
     assert single.size_weight == Recipe().size_weight > 0
+    assert (single.sh_degree, single.alpha_weight) == (Recipe().sides_sh_degree, Recipe().sides_alpha_weight) == (2, 1)
+    more = Recipe(sh_degree=3, alpha_weight=2.0)
+    assert fit_to(more, one_a_moment(capture)).sh_degree == 3 and fit_to(more, one_a_moment(capture)).alpha_weight == 2
+    assert fit_to(Recipe(sh_growth=(0.1,)), one_a_moment(capture)).sh_degree == 1  # as many as may begin
     assert fit_to(single, one_a_moment(capture)) == single  # as a resumed training asks again
     never = Recipe(appearance_views=0.0)
     assert fit_to(never, one_a_moment(capture)) == as_filmed(never)

@@ -70,6 +70,8 @@ class Recipe:
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         alpha_weight: of the mean difference in alpha, where images or masks say what it is.
+        sides_sh_degree, sides_alpha_weight: ``sh_degree`` and ``alpha_weight`` at least, where ``appearance_views``
+            applies: images from ever other sides show more of how a surface shines, and many silhouettes.
         size_weight: of the Gaussians' mean standard deviation, over the scene's scale, where ``appearance_views``
             applies; elsewhere ``views.fit_to`` makes it 0.
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
@@ -146,6 +148,8 @@ class Recipe:
     dssim_burst: int = whole(5, 0, _MOST_STEPS)
     dssim_period: int = whole(50, 1, _MOST_STEPS)
     alpha_weight: float = number(0.1, 0, 10)
+    sides_sh_degree: int = whole(2, 0, 3)
+    sides_alpha_weight: float = number(1.0, 0, 10)
     size_weight: float = number(0.2, 0, 1e3)
     smoothness_weight: float = number(1e-3, 0, 1e3)
     smoothness_neighbours: int = whole(8, 1, 100)
@@ -239,6 +243,8 @@ _PAPER = Recipe(
     head_width=128,
     deformed_sh=16,
     appearance_views=0.0,
+    sides_sh_degree=0,
+    sides_alpha_weight=0.0,
     size_weight=0.0,
     modulation=False,
     frames_per_row=2.0,
@@ -311,6 +317,8 @@ _FORMER = {"frame_choice": "even"}
 BEFORE = {
     "appearance_views": 0.0,
     "alpha_weight": 0.0,
+    "sides_sh_degree": 0,
+    "sides_alpha_weight": 0.0,
     "size_weight": 0.0,
     "moment_seeds": False,
     "camera_clearance": 0.0,
