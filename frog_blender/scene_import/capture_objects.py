@@ -47,7 +47,7 @@ def find_by_uid(blocks: Any, uid: int) -> Any:
 
 def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Make an object the only selected one, and the active one."""
-    for other in list(context.view_layer.objects.selected):  # a timer's context lacks selected_objects
+    for other in context.selected_objects:
         other.select_set(False)
     obj.select_set(True)
     context.view_layer.objects.active = obj
