@@ -10,9 +10,11 @@ import numpy as np
 
 from . import shaders
 from .layout import Texels, texels_of
+from .look import SIDE
 
 if TYPE_CHECKING:
     from .clouds import Textures
+    from .look import Look
     from .projection import SplatView
 
 _FORMATS = {1: "R32F", 4: "RGBA32F"}
@@ -100,20 +102,17 @@ class GraphicsCard:
         shader.uniform_sampler("scene_depth", depth)
         self._quad.draw_instanced(shader, instance_count=layer.count)
 
-    def lay_over(self, canvas: Any, factor: float = 1.0, exponent: float = 1.0) -> None:
-        """Lays a drawn image over the whole of what is bound, at whatever size.
-
-        Args:
-            factor: of linear colours, for a scene's exposure.
-            exponent: of displayed colours, for its gamma.
-        """
+    def lay_over(self, canvas: Any, look: Look) -> None:
+        """Lays a drawn image over the whole of what is bound, at whatever size, as a scene shows colors."""
         import gpu
 
         gpu.state.blend_set("ALPHA_PREMULT")
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
         self._picture.bind()
-        self._picture.uniform_float("look", (factor, exponent))
+        side = 0 if look.table is None else SIDE
+        self._picture.uniform_float("look", (look.factor, look.exponent, float(side)))
         self._picture.uniform_sampler("picture", canvas.texture_color)
+        self._picture.uniform_sampler("colors", self._nothing if look.table is None else look.table)
         self._whole.draw(self._picture)
         gpu.state.blend_set("NONE")

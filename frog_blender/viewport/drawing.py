@@ -26,6 +26,7 @@ from ..timeline import playback
 from .card import GraphicsCard, Layer
 from .clouds import Clouds
 from .importance import Ranks
+from .look import Looks
 from .order import Order, OrderRequest, Sorter
 from .pace import STILL_AFTER, Pace
 from .projection import is_similarity, view_of
@@ -98,6 +99,7 @@ class ViewportSplats:
         self.clouds = Clouds()
         self.sorter = Sorter()
         self.ranks = Ranks()
+        self.colors = Looks(_later)
         self.changes = 0
         self.pictures: dict[int, Picture] = {}
         self.drawn = self.looks = 0
@@ -163,7 +165,7 @@ def draw_in(context: bpy.types.Context) -> None:
         return
     drawn = splats.drawn
     _update(splats, picture, context, depsgraph)
-    splats.card.lay_over(picture.canvas, *_look(context.scene))
+    splats.card.lay_over(picture.canvas, splats.colors.of(context.scene, splats.card))
     if splats.drawn > drawn:
         picture.pace.ended_at = time.perf_counter()  # laying over may wait for what was drawn
     if not splats.sorter.is_idle:
@@ -325,12 +327,6 @@ def _own(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 def _wants_points(obj: bpy.types.Object, has_splats: bool) -> bool:
     """Whether viewports are to draw a capture as an object."""
     return not has_splats or obj.frog.display != "POINTS"
-
-
-def _look(scene: bpy.types.Scene) -> tuple[float, float]:
-    """The factor and the exponent of a scene's exposure and gamma."""
-    settings = scene.view_settings
-    return 2.0**settings.exposure, 1.0 / max(settings.gamma, 1e-3)
 
 
 def _later(do: Callable[[], None], seconds: float = 0.0) -> None:
