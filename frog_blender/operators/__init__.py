@@ -18,6 +18,7 @@ from . import (
     open_capture,
     relink,
     set_up_scene,
+    timing,
     train,
 )
 
@@ -32,6 +33,7 @@ _FAMILIES = (
     clips,
     align,
     set_up_scene,
+    timing,
     compose,
     train,
     install_torch,
