@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -31,8 +32,8 @@ RATE = 20
 QUALITY = 27  # x264's constant rate factor
 LARGEST = 5_000_000  # bytes: what GitHub and a reader's patience allow
 _FADE = 0.35  # seconds from one part to the next
-_SWAY = (1.0, 0.55)  # of the rig's width and height, which the camera moves through
-_POSTER_AT = 0.5  # of the part that is an orbit
+_SWAY = (0.75, 0.45)  # of the rig's width and height, which the camera moves through
+_POSTER_AT = 0.5  # of the orbit
 
 
 def fitted(image: np.ndarray) -> np.ndarray:
@@ -132,35 +133,43 @@ def of_scene(path: Path, count: int) -> Iterator[np.ndarray]:
         yield (np.clip(drawing.rgb, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
-def parts(story: Path, scene: Path, capture: Path) -> Iterator[tuple[Iterator[np.ndarray], str, bool]]:
-    """Each part's frames without and its caption, and whether it is an orbit."""
+@dataclass(frozen=True)
+class Part:
+    """Frames without their caption, how many, and whether the camera moves around the scene in them."""
+
+    frames: Iterator[np.ndarray]
+    count: int
+    caption: str
+    is_orbit: bool = False
+
+
+def parts(story: Path, scene: Path, capture: Path) -> Iterator[Part]:
+    """What the story names."""
     for line in story.read_text(encoding="utf-8").splitlines():
         words = [word.strip() for word in line.split("|")]
         if len(words) != 3:
             raise SystemExit(f"{story}: found {line!r}, expected WHAT | SECONDS | CAPTION.")
-        what, count = words[0], round(float(words[1]) * RATE)
+        what, count, caption = words[0], round(float(words[1]) * RATE), words[2]
         if what == "films":
-            yield of_films(capture, count), words[2], False
+            yield Part(of_films(capture, count), count, caption)
         elif what == "orbit":
-            yield of_scene(scene, count), words[2], True
+            yield Part(of_scene(scene, count), count, caption, is_orbit=True)
         else:
             paths = sorted(story.parent.glob(what))
             if not paths:
                 raise SystemExit(f"{story.parent}: found nothing that matches {what}.")
-            yield of_images(paths, count), words[2], False
+            yield Part(of_images(paths, count), count, caption)
 
 
 def film(story: Path, scene: Path, capture: Path, poster: Path | None) -> Iterator[np.ndarray]:
-    """All frames, each part faded into the next."""
+    """All frames, each part faded into the next; writes the poster on its way."""
     before, fading = np.zeros((SIZE[1], SIZE[0], 3), np.uint8), round(_FADE * RATE)
-    for frames, caption, is_orbit in parts(story, scene, capture):
+    for part in parts(story, scene, capture):
         shown = before
-        kept = list(frames) if is_orbit else frames  # the poster is one of them
-        if isinstance(kept, list) and poster is not None:
-            cv2.imwrite(str(poster), kept[int(_POSTER_AT * len(kept))][..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
-            poster = None
-        for number, image in enumerate(kept):
-            shown = captioned(image, caption)
+        for number, image in enumerate(part.frames):
+            if poster is not None and part.is_orbit and number == int(_POSTER_AT * part.count):
+                cv2.imwrite(str(poster), image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
+            shown = captioned(image, part.caption)
             share = min(1.0, (number + 1) / (fading + 1))
             yield shown if share == 1.0 else cv2.addWeighted(shown, share, before, 1 - share, 0)
         before = shown

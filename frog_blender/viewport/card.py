@@ -31,6 +31,22 @@ class Layer:
     count: int
 
 
+class Canvas:
+    """An image to draw on. Making a GPUOffScreen would end the viewport's framebuffer: whatever is drawn after that,
+    the splats and Blender's texts and gizmos, would be lost until the next redraw.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        import gpu
+
+        self.texture_color = gpu.types.GPUTexture(size, format=_PICTURE)
+        self._framebuffer = gpu.types.GPUFrameBuffer(color_slots=(self.texture_color,))
+
+    def bind(self) -> Any:
+        """A context in which it is drawn on."""
+        return self._framebuffer.bind()
+
+
 class GraphicsCard:
     """Draws splats. For the main thread, while Blender's graphics context is current."""
 
@@ -60,16 +76,11 @@ class GraphicsCard:
         buffer = gpu.types.Buffer("FLOAT", values.size, values)
         return gpu.types.GPUTexture(depths.shape[::-1], format="R32F", data=buffer)
 
-    def canvas(self, size: tuple[int, int]) -> Any:
-        """An image to draw on (a GPUOffScreen), of that width and height."""
-        import gpu
+    def canvas(self, size: tuple[int, int]) -> Canvas:
+        """An image to draw on, of that width and height."""
+        return Canvas(size)
 
-        bound = gpu.state.active_framebuffer_get()
-        made = gpu.types.GPUOffScreen(*size, format=_PICTURE)
-        bound.bind()  # which making one ends
-        return made
-
-    def draw(self, canvas: Any, layers: Sequence[Layer], depth: Any = None) -> None:
+    def draw(self, canvas: Canvas, layers: Sequence[Layer], depth: Any = None) -> None:
         """Draws captures, the farthest first, on a cleared image: display-referred colours times alpha."""
         import gpu
 
@@ -102,7 +113,7 @@ class GraphicsCard:
         shader.uniform_sampler("scene_depth", depth)
         self._quad.draw_instanced(shader, instance_count=layer.count)
 
-    def lay_over(self, canvas: Any, look: Look) -> None:
+    def lay_over(self, canvas: Canvas, look: Look) -> None:
         """Lays a drawn image over the whole of what is bound, at whatever size, as a scene shows colors."""
         import gpu
 
