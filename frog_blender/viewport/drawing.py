@@ -99,7 +99,7 @@ class ViewportSplats:
         self.clouds = Clouds()
         self.sorter = Sorter()
         self.ranks = Ranks()
-        self.colors = Looks(_later)
+        self.colors = Looks(lambda: _later(_make_tables))
         self.changes = 0
         self.pictures: dict[int, Picture] = {}
         self.drawn = self.looks = 0
@@ -335,6 +335,12 @@ def _later(do: Callable[[], None], seconds: float = 0.0) -> None:
         bpy.app.timers.register(do, first_interval=seconds)
 
 
+def _make_tables() -> None:
+    """Makes the tables of colors that viewports lack, and draws these again."""
+    state().colors.make()
+    viewports()
+
+
 @persistent
 def _on_change(*_: Any) -> None:
     """What a viewport shows may have changed."""
@@ -372,7 +378,7 @@ def register() -> None:
 def unregister() -> None:
     splats = state()
     splats.sorter.stop()
-    for timer in (viewports, apply):
+    for timer in (viewports, apply, _make_tables):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
     if splats.handler is not None:

@@ -50,11 +50,12 @@ class Looks:
     """The looks of scenes.
 
     Args:
-        later: does something when Blender does not draw: a table is made by data-blocks, which drawing must not touch.
+        ask: has ``make`` called when Blender does not draw: a table is made by data-blocks, which drawing must not
+            touch.
     """
 
-    def __init__(self, later: Callable[[Callable[[], None]], None]) -> None:
-        self._later = later
+    def __init__(self, ask: Callable[[], None]) -> None:
+        self._ask = ask
         self._tables: OrderedDict[tuple[Any, ...], Any] = OrderedDict()
         self._wanted: dict[tuple[Any, ...], int] = {}
 
@@ -67,7 +68,7 @@ class Looks:
         key = _key(scene)
         if key not in self._tables:
             self._wanted[key] = scene.session_uid
-            self._later(self.make)
+            self._ask()
             return plain
         self._tables.move_to_end(key)
         if isinstance(self._tables[key], np.ndarray):  # made since
