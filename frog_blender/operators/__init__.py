@@ -19,6 +19,7 @@ from . import (
     open_capture,
     relink,
     set_up_scene,
+    timing,
     train,
 )
 
@@ -34,6 +35,7 @@ _FAMILIES = (
     clips,
     align,
     set_up_scene,
+    timing,
     compose,
     train,
     install_torch,

@@ -12,6 +12,7 @@ from ..engine.errors import FrogError
 from ..engine.source_media.undistorted_clips import Undistortion
 from ..scene_import.camera_clips import OPACITY, add_clips, begin_undistortion, hide_clip, refresh_drivers
 from ..scene_import.capture_objects import active_capture, cameras_of, find_by_uid
+from ..viewport import drawing
 from .modal_operator import ModalOperator
 
 
@@ -67,6 +68,8 @@ undistorted copies are first written next to the scene file"""
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """In a window: writes the clips in short slices, and asks for the capture's folder if it was not found."""
         self.is_interactive = True
+        if not self.properties.is_property_set("in_front"):
+            self.in_front = _is_covered(context)
         ended = self._show(context, None)
         if ended is None:
             context.window_manager.fileselect_add(self)
@@ -125,13 +128,22 @@ undistorted copies are first written next to the scene file"""
         self._shown = add_clips(obj, self._folder, **options)
 
     def finished_message(self) -> str:
-        return f"Showing the clips of {self._shown} camera{'s' * (self._shown != 1)}."
+        seen = " Look through one to see its clip." if self.is_interactive else ""
+        return f"Showing the clips of {self._shown} camera{'s' * (self._shown != 1)}.{seen}"
 
     def stopped_message(self) -> str:
         return f"No clips were written.{' The original clips are shown.' if self._shown else ''}"
 
     def failed_message(self, reason: str) -> str:
         return f"The original clips are shown: {reason}" if self._shown else reason
+
+
+def _is_covered(context: bpy.types.Context) -> bool:
+    """Whether splats cover what is behind the scene in the viewport of a context."""
+    space = context.space_data
+    if space is None or space.type != "VIEW_3D":
+        return False
+    return space.shading.type == "RENDERED" or drawing.is_wanted(context.scene)
 
 
 class FROG_OT_hide_clips(bpy.types.Operator):

@@ -198,6 +198,7 @@ def show_in_viewports(scene: bpy.types.Scene, *, through_camera: bool) -> None:
             space = area.spaces.active
             if area.type == "VIEW_3D" and space.shading.type in ("SOLID", "WIREFRAME"):
                 space.shading.type = "RENDERED"
+                space.overlay.show_relationship_lines = False  # one from each camera would cross the image
                 if through_camera and scene.camera is not None:
                     space.region_3d.view_perspective = "CAMERA"
 

@@ -7,6 +7,7 @@ A capture is an object whose ``frog.filepath`` is set; between frames only its p
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,22 +73,50 @@ def gaussians_at(
     return scene_time(obj, scene_frame, evaluated).gaussians()
 
 
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """What an object plays, found once for all the frames that are asked for.
+
+    Attributes:
+        fewer: what it displays of the scene, see level_of_detail; None for all.
+    """
+
+    obj: bpy.types.Object
+    scene: ScenePlayer
+    bake: Bake | None
+    fewer: level_of_detail.Fewer | None
+
+    def whole(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
+        """See ``scene_time``."""
+        frame = capture_frame(self.obj, scene_frame, self.scene.header.frame_count, evaluated)
+        return SceneTime(self.scene, self.scene.time_of(frame), self.bake)
+
+    def displayed(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
+        """See ``displayed``."""
+        shown = self.whole(scene_frame, evaluated)
+        return shown if self.fewer is None else SceneTime(self.fewer[0], shown.time, shown.bake, self.fewer[1])
+
+
+def opened(obj: bpy.types.Object, *, is_thinned: bool = True) -> Opened:
+    """What an object plays now; FrogError for an unusable file."""
+    file = file_of(obj)
+    scene = open_scene(file)
+    bake = open_scenes.bake(bake_path(obj), file, scene)
+    return Opened(obj, scene, bake, level_of_detail.thinned(obj, scene) if is_thinned else None)
+
+
 def scene_time(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
     """What an object shows at a frame of the timeline; FrogError for an unusable file.
 
     Args:
         evaluated: see ``capture_frame``.
     """
-    scene = open_scene(file_of(obj))
-    time = scene.time_of(capture_frame(obj, scene_frame, scene.header.frame_count, evaluated))
-    return SceneTime(scene, time, open_scenes.bake(bake_path(obj), file_of(obj), scene))
+    return opened(obj, is_thinned=False).whole(scene_frame, evaluated)
 
 
 def displayed(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
     """What an object's points show of ``scene_time``: see level_of_detail. FrogError for an unusable file."""
-    whole = scene_time(obj, scene_frame, evaluated)
-    fewer = level_of_detail.thinned(obj, whole.scene)
-    return whole if fewer is None else SceneTime(fewer[0], whole.time, whole.bake, fewer[1])
+    return opened(obj).displayed(scene_frame, evaluated)
 
 
 def shown_frame(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> float:

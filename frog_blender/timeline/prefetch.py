@@ -68,9 +68,9 @@ def times_after(scene: bpy.types.Scene, frame: float, step: float) -> list[Scene
     """What the scene's captures show next, up to half the size of the cache."""
     found: dict[Key, SceneTime] = {}
     room = playback_cache.frames().limit // 2
-    objects = playback.captures_in(scene)
+    playing = list(_opened(scene))
     for following in islice(frames_after(scene, frame, step), _frames_ahead()):
-        for each in _shown(scene, objects, stretched(scene, following)):
+        for each in _shown(scene, playing, stretched(scene, following)):
             if each.key in found or not each.scene.changing:
                 continue
             room -= each.scene.delta_bytes
@@ -84,15 +84,24 @@ def _frames_ahead() -> int:
     return AHEAD_WHILE_TRAINING if addon_state.get(Playing).is_training() else AHEAD
 
 
-def _shown(scene: bpy.types.Scene, objects: list[bpy.types.Object], frame: float) -> Iterator[SceneTime]:
-    """What the objects' points show at a frame, and what the FROG engine draws, which may be more."""
-    for obj in objects:
+def _opened(scene: bpy.types.Scene) -> Iterator[playback.Opened]:
+    """What the scene's captures play: files are looked at once, not for each of the frames ahead."""
+    for obj in playback.captures_in(scene):
         try:
-            yield playback.displayed(obj, frame)
-            if scene.render.engine == "FROG":
-                yield playback.scene_time(obj, frame)
+            yield playback.opened(obj)
         except FrogError:
             continue  # already reported when the current frame was shown
+
+
+def _shown(scene: bpy.types.Scene, playing: list[playback.Opened], frame: float) -> Iterator[SceneTime]:
+    """What the objects' points show at a frame, and what the FROG engine draws, which may be more."""
+    for each in playing:
+        try:
+            yield each.displayed(frame)
+            if scene.render.engine == "FROG" and each.fewer is not None:
+                yield each.whole(frame)
+        except FrogError:
+            continue
 
 
 def prefetch(scene: bpy.types.Scene) -> None:

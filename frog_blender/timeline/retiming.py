@@ -43,6 +43,24 @@ def capture_frame(
     return repeated(_finite(position, obj, "Start Frame or Speed"), settings.repeat, frame_count)
 
 
+def playing_frames(obj: bpy.types.Object, scene: bpy.types.Scene, frame_count: int) -> tuple[float, float] | None:
+    """The frames of a scene's timeline at which a capture's first and last frame are shown once, the earlier first;
+    None where no such frames are known: under a remapped time, without speed or for settings that are no numbers.
+    """
+    settings = obj.frog
+    if settings.use_remap or not settings.speed:
+        return None
+    ends = settings.start_frame, settings.start_frame + (frame_count - 1) / settings.speed
+    stretch = scene.render.frame_map_new / scene.render.frame_map_old
+    return (min(ends) * stretch, max(ends) * stretch) if all(map(math.isfinite, ends)) else None
+
+
+def real_time_speed(scene: bpy.types.Scene, frames_per_second: float) -> float:
+    """The speed with which a capture of that rate plays as fast as it was filmed."""
+    stretch = scene.render.frame_map_new / scene.render.frame_map_old
+    return frames_per_second * scene.render.fps_base / scene.render.fps * stretch
+
+
 def problem(obj: bpy.types.Object, scene_frame: float) -> str:
     """Why a capture has no frame to show at a frame of the timeline, or an empty string."""
     try:

@@ -46,6 +46,7 @@ class Installation:
         self._wanted = package_of(folder)
         self._arguments, self._packages = list(arguments), list(packages)
         self._pip, self._bytes_needed = pip, bytes_needed
+        self._free_before = self._fraction = 0.0
         self._run = PipRun()
         self._thread = threading.Thread(target=self._work, name="FRoG installation", daemon=True)
 
@@ -60,6 +61,7 @@ class Installation:
         if free < self._bytes_needed:
             needs = f"{self._wanted} needs {self._bytes_needed / 1e9:.1f} GB"
             raise FrogError(f"{self.folder.parent}: found {free / 1e9:.1f} GB free, {needs}.")
+        self._free_before = free
         # Wheels only: a source package would run its own build code.
         options = ["--disable-pip-version-check", "--no-input", "--progress-bar", "off", "--only-binary=:all:"]
         self._command = [*command, "install", *options]
@@ -71,6 +73,18 @@ class Installation:
     def line(self) -> str:
         """What pip said last."""
         return self._run.line
+
+    @property
+    def fraction(self) -> float:
+        """About how much is done, from 0 to 1, by how much of the disk space is taken: pip of Python 3.11 tells none,
+        and whoever else writes counts too.
+        """
+        try:
+            taken = self._free_before - shutil.disk_usage(self.folder.parent).free
+        except OSError:  # as it was
+            return self._fraction
+        self._fraction = min(max(self._fraction, taken / self._bytes_needed), 0.99)
+        return self._fraction
 
     def cancel(self) -> None:
         self._run.cancel()

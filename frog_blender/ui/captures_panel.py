@@ -14,6 +14,8 @@ from .capture_list import chosen_capture
 from .sidebar_panel import SidebarPanel, split
 from .text import wrapped_label
 
+_SAME_SPEED = 0.005  # of the speed: nobody sees less
+
 
 class FROG_PT_captures(SidebarPanel, bpy.types.Panel):
     """The captures of this scene."""
@@ -70,11 +72,20 @@ class FROG_PT_timing(_OfChosen, bpy.types.Panel):
         return super().poll(context) and _is_moving(chosen_capture(context))
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, settings = split(self.layout), chosen_capture(context).frog
+        chosen = chosen_capture(context)
+        layout, settings = split(self.layout), chosen.frog
         layout.prop(settings, "use_remap")
         names = ("shown_frame",) if settings.use_remap else ("start_frame", "speed", "repeat")
         for name in names:
             layout.prop(settings, name)
+        if settings.use_remap:
+            return
+        told = _told_of_frames(chosen, context.scene)
+        if told:
+            wrapped_label(layout, told, context, icon="INFO")
+        row = layout.row(align=True)
+        row.operator("frog.play_in_real_time")
+        row.operator("frog.fit_frame_range")
 
 
 class FROG_PT_display(_OfChosen, bpy.types.Panel):
@@ -91,8 +102,8 @@ class FROG_PT_display(_OfChosen, bpy.types.Panel):
         if not row.enabled:
             sentence = f"Ellipsoids are for at most {ellipsoid_nodes.MOST:,} Gaussians. Lower the density to see them."
             wrapped_label(layout, sentence, context, icon="INFO")
-        layout.prop(chosen.frog, "density", text="Viewport Density", slider=True)
-        layout.prop(chosen.frog, "render_density", text="Render Density", slider=True)
+        layout.prop(chosen.frog, "density", text="Density", slider=True)
+        layout.prop(chosen.frog, "render_density", text="In Renders", slider=True)
 
 
 class FROG_PT_bake(_OfChosen, bpy.types.Panel):
@@ -110,6 +121,19 @@ class FROG_PT_bake(_OfChosen, bpy.types.Panel):
         row = layout.row(align=True)
         row.label(text=playback_cache.summary(), icon="MEMORY")
         row.operator("frog.clear_cache", text="", icon="TRASH")
+
+
+def _told_of_frames(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
+    """When a capture plays, if that is not the scene's range of frames, and how fast, if not as it was filmed."""
+    header = playback.open_scene(playback.file_of(obj)).header
+    frames, said = retiming.playing_frames(obj, scene, header.frame_count), []
+    if frames is not None and (round(frames[0]), round(frames[1])) != (scene.frame_start, scene.frame_end):
+        said.append(f"Plays in frames {frames[0]:,.0f} to {frames[1]:,.0f}.")
+        said.append(f"The scene has {scene.frame_start:,} to {scene.frame_end:,}.")
+    ratio = obj.frog.speed / max(retiming.real_time_speed(scene, header.frames_per_second), 1e-9)
+    if abs(ratio - 1) > _SAME_SPEED:
+        said.append(f"{ratio:.2g} times as fast as filmed.")
+    return " ".join(said)
 
 
 def _is_moving(obj: bpy.types.Object) -> bool:

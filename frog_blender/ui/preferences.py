@@ -18,6 +18,7 @@ from ..engine.errors import FrogError
 from ..timeline import playback_cache
 from ..torch_install import task
 from ..torch_install.folders import CALIBRATION, TORCH, installed
+from ..torch_install.installer import Installation
 from ..torch_install.packages import CALIBRATION_SIZES, SIZES, has_nvidia_gpu, has_pycolmap_wheel, suitable_build
 from .text import wrapped_label
 
@@ -115,6 +116,8 @@ def _draw_running(layout: bpy.types.UILayout) -> bool:
     if current is None:
         return False
     if current.running:
+        if isinstance(current, Installation):
+            layout.progress(factor=current.fraction, text=f"{current.fraction:.0%}")
         layout.label(text=current.line[:100], icon="IMPORT")
         layout.operator("frog.cancel_installation", icon="CANCEL")
     elif current.error:

@@ -61,7 +61,12 @@ MASKS = (
 
 DRAWINGS = (
     ("AUTO", "Automatic", "Splats, or points where there is no graphics card or Blender draws splats itself"),
-    ("CARD", "Splats", "The splats themselves, drawn by the graphics card and hidden by what lies before them"),
+    (
+        "CARD",
+        "Splats",
+        "The splats themselves, drawn by the graphics card and hidden by what lies before them. Captures are drawn one "
+        "after the other, also where they overlap",
+    ),
     ("POINTS", "Points", "An object of points, which other engines render as well"),
 )
 

@@ -10,9 +10,11 @@ import numpy as np
 
 from . import shaders
 from .layout import Texels, texels_of
+from .look import SIDE
 
 if TYPE_CHECKING:
     from .clouds import Textures
+    from .look import Look
     from .projection import SplatView
 
 _FORMATS = {1: "R32F", 4: "RGBA32F"}
@@ -27,6 +29,22 @@ class Layer:
     view: SplatView
     order: Any  # a GPUTexture
     count: int
+
+
+class Canvas:
+    """An image to draw on. Making a GPUOffScreen would end the viewport's framebuffer: whatever is drawn after that,
+    the splats and Blender's texts and gizmos, would be lost until the next redraw.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        import gpu
+
+        self.texture_color = gpu.types.GPUTexture(size, format=_PICTURE)
+        self._framebuffer = gpu.types.GPUFrameBuffer(color_slots=(self.texture_color,))
+
+    def bind(self) -> Any:
+        """A context in which it is drawn on."""
+        return self._framebuffer.bind()
 
 
 class GraphicsCard:
@@ -58,16 +76,11 @@ class GraphicsCard:
         buffer = gpu.types.Buffer("FLOAT", values.size, values)
         return gpu.types.GPUTexture(depths.shape[::-1], format="R32F", data=buffer)
 
-    def canvas(self, size: tuple[int, int]) -> Any:
-        """An image to draw on (a GPUOffScreen), of that width and height."""
-        import gpu
+    def canvas(self, size: tuple[int, int]) -> Canvas:
+        """An image to draw on, of that width and height."""
+        return Canvas(size)
 
-        bound = gpu.state.active_framebuffer_get()
-        made = gpu.types.GPUOffScreen(*size, format=_PICTURE)
-        bound.bind()  # which making one ends
-        return made
-
-    def draw(self, canvas: Any, layers: Sequence[Layer], depth: Any = None) -> None:
+    def draw(self, canvas: Canvas, layers: Sequence[Layer], depth: Any = None) -> None:
         """Draws captures, the farthest first, on a cleared image: display-referred colours times alpha."""
         import gpu
 
@@ -100,20 +113,17 @@ class GraphicsCard:
         shader.uniform_sampler("scene_depth", depth)
         self._quad.draw_instanced(shader, instance_count=layer.count)
 
-    def lay_over(self, canvas: Any, factor: float = 1.0, exponent: float = 1.0) -> None:
-        """Lays a drawn image over the whole of what is bound, at whatever size.
-
-        Args:
-            factor: of linear colours, for a scene's exposure.
-            exponent: of displayed colours, for its gamma.
-        """
+    def lay_over(self, canvas: Canvas, look: Look) -> None:
+        """Lays a drawn image over the whole of what is bound, at whatever size, as a scene shows colors."""
         import gpu
 
         gpu.state.blend_set("ALPHA_PREMULT")
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
         self._picture.bind()
-        self._picture.uniform_float("look", (factor, exponent))
+        side = 0 if look.table is None else SIDE
+        self._picture.uniform_float("look", (look.factor, look.exponent, float(side)))
         self._picture.uniform_sampler("picture", canvas.texture_color)
+        self._picture.uniform_sampler("colors", self._nothing if look.table is None else look.table)
         self._whole.draw(self._picture)
         gpu.state.blend_set("NONE")

@@ -26,6 +26,7 @@ from ..timeline import playback
 from .card import GraphicsCard, Layer
 from .clouds import Clouds
 from .importance import Ranks
+from .look import Looks
 from .order import Order, OrderRequest, Sorter
 from .pace import STILL_AFTER, Pace
 from .projection import is_similarity, view_of
@@ -98,6 +99,7 @@ class ViewportSplats:
         self.clouds = Clouds()
         self.sorter = Sorter()
         self.ranks = Ranks()
+        self.colors = Looks(lambda: _later(_make_tables))
         self.changes = 0
         self.pictures: dict[int, Picture] = {}
         self.drawn = self.looks = 0
@@ -163,7 +165,7 @@ def draw_in(context: bpy.types.Context) -> None:
         return
     drawn = splats.drawn
     _update(splats, picture, context, depsgraph)
-    splats.card.lay_over(picture.canvas, *_look(context.scene))
+    splats.card.lay_over(picture.canvas, splats.colors.of(context.scene, splats.card))
     if splats.drawn > drawn:
         picture.pace.ended_at = time.perf_counter()  # laying over may wait for what was drawn
     if not splats.sorter.is_idle:
@@ -327,16 +329,16 @@ def _wants_points(obj: bpy.types.Object, has_splats: bool) -> bool:
     return not has_splats or obj.frog.display != "POINTS"
 
 
-def _look(scene: bpy.types.Scene) -> tuple[float, float]:
-    """The factor and the exponent of a scene's exposure and gamma."""
-    settings = scene.view_settings
-    return 2.0**settings.exposure, 1.0 / max(settings.gamma, 1e-3)
-
-
 def _later(do: Callable[[], None], seconds: float = 0.0) -> None:
     """Does something when Blender does not draw, once."""
     if not bpy.app.timers.is_registered(do):
         bpy.app.timers.register(do, first_interval=seconds)
+
+
+def _make_tables() -> None:
+    """Makes the tables of colors that viewports lack, and draws these again."""
+    state().colors.make()
+    viewports()
 
 
 @persistent
@@ -376,7 +378,7 @@ def register() -> None:
 def unregister() -> None:
     splats = state()
     splats.sorter.stop()
-    for timer in (viewports, apply):
+    for timer in (viewports, apply, _make_tables):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
     if splats.handler is not None:

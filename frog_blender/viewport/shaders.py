@@ -162,6 +162,21 @@ void main()
 """
 
 _PICTURE_FRAGMENT = """
+vec3 looked_up(vec3 c)
+{
+  int side = int(look.z + 0.5), width = textureSize(colors, 0).x;
+  vec3 at = c * float(side - 1);
+  ivec3 low = ivec3(min(at, vec3(float(side) - 1.5)));
+  vec3 part = at - vec3(low), found = vec3(0.0);
+  for (int k = 0; k < 8; k++) {
+    ivec3 off = ivec3(k & 1, (k >> 1) & 1, k >> 2), texel = low + off;
+    vec3 weight = mix(1.0 - part, part, vec3(off));
+    int i = texel.x + side * (texel.y + side * texel.z);
+    found += weight.x * weight.y * weight.z * texelFetch(colors, ivec2(i % width, i / width), 0).rgb;
+  }
+  return found;
+}
+
 vec3 decoded(vec3 c)
 {
   return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c));
@@ -176,7 +191,8 @@ void main()
 {
   vec4 found = texture(picture, place);
   float alpha = clamp(found.a, 0.0, 1.0);
-  vec3 linear = decoded(clamp(found.rgb / max(alpha, 1e-6), 0.0, 1.0));
+  vec3 shown = clamp(found.rgb / max(alpha, 1e-6), 0.0, 1.0);
+  vec3 linear = decoded(look.z > 0.0 ? looked_up(shown) : shown);
   if (look.x != 1.0 || look.y != 1.0) {
     linear = decoded(pow(clamp(encoded(linear * look.x), 0.0, 1.0), vec3(look.y)));
   }
@@ -214,8 +230,9 @@ def picture_shader() -> gpu.types.GPUShader:
     import gpu
 
     info = gpu.types.GPUShaderCreateInfo()
-    info.push_constant("VEC2", "look")
+    info.push_constant("VEC3", "look")  # a factor, an exponent, and the side of the table of colors; 0 for none
     info.sampler(0, "FLOAT_2D", "picture")
+    info.sampler(1, "FLOAT_2D", "colors")
     between = gpu.types.GPUStageInterfaceInfo("frog_picture")
     between.smooth("VEC2", "place")
     return _made(info, between, _PICTURE_VERTEX, _PICTURE_FRAGMENT)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -14,6 +15,7 @@ from support.small_scenes import moving_camera, rig_of_three, write_scene
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.source_media.undistorted_clips import clips_folder
+from frog_blender.operators import clips
 from frog_blender.operators.clips import FROG_OT_add_clips
 from frog_blender.scene_import.camera_clips import clip_of
 from frog_blender.scene_import.capture_objects import active_capture, cameras_of
@@ -175,6 +177,17 @@ def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
     assert clip_of(camera).alpha == pytest.approx(0.8) and clip_of(camera).display_depth == "FRONT"
     assert bpy.ops.frog.hide_clips() == {"FINISHED"}
     assert clip_of(camera) is None and not camera.data.animation_data.drivers
+
+
+def test_clips_come_before_splats_that_would_cover_them(empty):
+    def covered(kind, shading, choice):
+        empty.frog.viewport_drawing = choice
+        space = SimpleNamespace(type=kind, shading=SimpleNamespace(type=shading))
+        return clips._is_covered(SimpleNamespace(space_data=space, scene=empty))
+
+    assert covered("VIEW_3D", "RENDERED", "POINTS") and not covered("VIEW_3D", "SOLID", "POINTS")
+    assert not covered("PROPERTIES", "RENDERED", "POINTS")
+    assert not clips._is_covered(SimpleNamespace(space_data=None, scene=empty))
 
 
 def test_renamed_cameras_keep_their_clips_and_a_user_s_own_image_stays(mono):

@@ -81,6 +81,7 @@ def test_splats_are_drawn_in_every_shading_mode(display: str, tmp_path: Path) ->
     drawn = found["drawn"]
     assert all(drawn[mode] for mode in ("SOLID", "WIREFRAME", "MATERIAL", "another frame"))
     assert drawn["nothing new"] == 0
+    assert found["lost"] == 0, "what Blender draws after the splats goes where they went"
     assert found["free"]["psnr"] >= 38 and found["free"]["step"] == 1
     hidden, whole = found["behind a cube"]["alpha"]
     assert whole > 0.3 and hidden < 0.3 * whole, "the cube is before the splats"

@@ -52,6 +52,16 @@ def test_it_is_whole(tmp_path, index):
     assert threading.active_count() == before
 
 
+def test_a_bar_shows_how_much_of_the_space_is_taken(tmp_path, monkeypatch):
+    free = iter([10e9, 10e9, 9.5e9, 9.7e9, 5e9])
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=next(free)))
+    waiting = [sys.executable, "-c", "input()"]
+    running = Installation(tmp_path / "data" / "torch", pip=waiting, bytes_needed=2e9).start()
+    assert [running.fraction for _ in range(4)] == [0.0, 0.25, 0.25, 0.99], "it never goes back, nor ends too early"
+    running.cancel()
+    assert running.join(20.0)
+
+
 def test_what_cannot_be_found_is_one_sentence_and_leaves_nothing(tmp_path, index):
     for path in index.glob("torch*"):
         path.unlink()

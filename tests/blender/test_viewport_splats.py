@@ -88,7 +88,6 @@ def drawn(card, player, time, camera, matrix=None, depth=None):
         hidden = card.depth(window_depth[::-1])
     card.draw(canvas, [Layer(textures, view, card.order(order.indices), len(order.indices))], hidden)
     pixels = np.array(canvas.texture_color.read(), np.float32).reshape(camera.height, camera.width, 4)[::-1]
-    canvas.free()
     return pixels, transform(gaussians, matrix)
 
 

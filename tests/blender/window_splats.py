@@ -11,6 +11,7 @@ import traceback
 from pathlib import Path
 
 import bpy
+import gpu
 import numpy as np
 
 ROOT, SCENE, RESULT = map(Path, sys.argv[sys.argv.index("--") + 1 :])
@@ -25,7 +26,7 @@ from frog_blender.viewport import drawing  # noqa: E402
 
 frog_blender.register()
 bpy.context.preferences.view.show_splash = False
-found = {"errors": [], "drawn": {}, "points": {}}
+found = {"errors": [], "drawn": {}, "points": {}, "lost": 0}
 wanted = []  # what the handler below is to note
 
 
@@ -45,9 +46,12 @@ def capture():
 
 def note():
     """After the splats: their image, and what the engine draws of the same view."""
+    context = bpy.context
+    bound = gpu.state.active_framebuffer_get().viewport_get()[2:]
+    found["lost"] += tuple(bound) != (context.region.width, context.region.height)
     if not wanted:
         return
-    context, name = bpy.context, wanted.pop()
+    name = wanted.pop()
     picture = drawing.state().pictures[context.region.as_pointer()]
     width, height = picture.size
     pixels = np.array(picture.canvas.texture_color.read(), np.float32).reshape(height, width, 4)[::-1]

@@ -22,6 +22,14 @@ def test_the_farthest_comes_first(count: int) -> None:
     assert (np.diff(depths[chosen].astype(np.float64)) <= 1e-5).all()
 
 
+def test_far_and_near_are_told_apart_to_a_part_of_their_depth() -> None:
+    random = np.random.default_rng(5)
+    depths = np.exp(random.uniform(np.log(0.01), np.log(1e7), 300_000)).astype(np.float32)
+    points = np.stack([np.zeros_like(depths), np.zeros_like(depths), depths], axis=1)
+    shown = depths[depth_order(points, (0, 0, 1, 0), 0.01).astype(int)].astype(np.float64)
+    assert (shown[1:] <= shown[:-1] * (1 + 2.0**-17)).all()
+
+
 def test_equal_depths_keep_their_order_and_behind_the_camera_is_nothing() -> None:
     points = np.zeros((6, 3), np.float32)
     points[:, 2] = [1, 2, 1, -1, 2, np.nan]

@@ -6,40 +6,80 @@
 #include "raster/radix_sort.h"
 
 namespace frog {
+namespace {
+
+constexpr int DIGIT = 12, BUCKETS = 1 << DIGIT;  // two digits: a third would cost half as much again
+constexpr uint32_t UNSEEN = 0xffffffffu;         // the key of a depth that is no number
+constexpr size_t BLOCK = 4 * SORT_BLOCK;
+
+// A number that is the smaller the farther away a depth is.
+inline uint32_t key_of(float depth) {
+  uint32_t bits;
+  std::memcpy(&bits, &depth, 4);
+  // Floats of either sign order like these integers; the complement turns the order round.
+  return ~(bits & 0x80000000u ? ~bits : bits | 0x80000000u);
+}
+
+// By how many bits numbers up to `range` have to be shortened for two digits.
+inline int surplus(uint32_t range) {
+  int shift = 0;
+  while ((range >> shift) >> (2 * DIGIT)) ++shift;
+  return shift;
+}
+
+// Moves what each block has to its place: digit(k) of element k is counted, and move(k, place) called, in order.
+template <class Digit, class Move>
+size_t distribute(const Blocks &blocks, Buffer<uint32_t> &counts, Digit digit, Move move) {
+  uint32_t *all = counts.resize(static_cast<size_t>(blocks.number()) * (BUCKETS + 1));  // the last bucket: unseen ones
+  blocks.each([&](int block, size_t begin, size_t end) {
+    uint32_t *mine = all + static_cast<size_t>(block) * (BUCKETS + 1);
+    std::fill_n(mine, BUCKETS + 1, 0);
+    for (size_t k = begin; k < end; ++k) ++mine[digit(k)];
+  });
+  const size_t seen = offsets(all, blocks.number(), BUCKETS + 1)[BUCKETS];
+  blocks.each([&](int block, size_t begin, size_t end) {
+    uint32_t *mine = all + static_cast<size_t>(block) * (BUCKETS + 1);
+    for (size_t k = begin; k < end; ++k) move(k, mine[digit(k)]++);
+  });
+  return seen;
+}
+
+}  // namespace
 
 int32_t depth_order(const float *points, int32_t count, const float plane[4], float nearest, float *order) {
-  const Blocks all{static_cast<size_t>(count), SORT_BLOCK};
-  Buffer<uint32_t> counts, histogram;
-  Buffer<float> depths;
-  float *depth = depths.resize(count);
-  uint32_t *here = counts.resize(all.number());
+  const Blocks all{static_cast<size_t>(count), BLOCK};
+  Buffer<uint32_t> counts, keys, limits;
+  uint32_t *key = keys.resize(count), *limit = limits.resize(2 * static_cast<size_t>(all.number()));
   all.each([&](int block, size_t begin, size_t end) {
-    uint32_t seen = 0;
+    uint32_t low = UNSEEN, high = 0;
     for (size_t i = begin; i < end; ++i) {
       const float *p = points + 3 * i;
-      depth[i] = plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3];
-      seen += depth[i] >= nearest && depth[i] < 1e30f;  // NaN fails both
+      const float depth = plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] + plane[3];
+      const bool seen = depth >= nearest && depth < 1e30f;  // NaN fails both
+      key[i] = seen ? key_of(depth) : UNSEEN;
+      low = std::min(low, key[i]);
+      high = std::max(high, seen ? key[i] : 0);
     }
-    here[block] = seen;
+    limit[2 * block] = low;
+    limit[2 * block + 1] = high;
   });
-  const size_t seen = offsets(here, all.number(), 1).back();
-  Buffer<Keyed> pairs, spare;
-  Keyed *from = pairs.resize(seen), *to = spare.resize(seen);
-  all.each([&](int block, size_t begin, size_t end) {
-    uint32_t at = here[block];
-    for (size_t i = begin; i < end; ++i)
-      if (depth[i] >= nearest && depth[i] < 1e30f) {
-        uint32_t bits;
-        std::memcpy(&bits, &depth[i], 4);
-        // Floats of either sign order like these integers; the complement turns the order round.
-        bits = bits & 0x80000000u ? ~bits : bits | 0x80000000u;
-        from[at++] = {~bits, static_cast<uint32_t>(i)};
-      }
-  });
-  const Keyed *sorted = radix_sort(from, to, seen, histogram);
-  Blocks{seen, SORT_BLOCK}.each([&](int, size_t begin, size_t end) {
-    for (size_t i = begin; i < end; ++i) order[i] = static_cast<float>(sorted[i].splat);
-  });
+  uint32_t low = UNSEEN, high = 0;
+  for (int block = 0; block < all.number(); ++block) {
+    low = std::min(low, limit[2 * block]);
+    high = std::max(high, limit[2 * block + 1]);
+  }
+  if (low > high) return 0;  // nothing is seen
+  const int shift = surplus(high - low);
+  const auto shortened = [=](uint32_t of) { return (of - low) >> shift; };
+
+  Buffer<Keyed> halfway;
+  Keyed *pairs = halfway.resize(count);
+  const size_t seen = distribute(
+      all, counts, [=](size_t i) { return key[i] == UNSEEN ? BUCKETS : shortened(key[i]) & (BUCKETS - 1); },
+      [=](size_t i, uint32_t place) { pairs[place] = {shortened(key[i]) >> DIGIT, static_cast<uint32_t>(i)}; });
+  distribute(
+      Blocks{seen, BLOCK}, counts, [=](size_t k) { return pairs[k].key; },
+      [=](size_t k, uint32_t place) { order[place] = static_cast<float>(pairs[k].splat); });
   return static_cast<int32_t>(seen);
 }
 

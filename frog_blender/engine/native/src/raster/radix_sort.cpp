@@ -5,19 +5,22 @@
 namespace frog {
 
 std::vector<size_t> offsets(uint32_t *counts, int blocks, int buckets) {
+  // Block by block, as the counts lie in memory.
   std::vector<size_t> begin(buckets + 1, 0);
-  size_t total = 0;
-  for (int bucket = 0; bucket < buckets; ++bucket) {
-    begin[bucket] = total;
-    for (int block = 0; block < blocks; ++block) {
-      uint32_t &entry = counts[static_cast<size_t>(block) * buckets + bucket];
-      const uint32_t here = entry;
-      entry = static_cast<uint32_t>(total);
-      total += here;
+  for (int block = 0; block < blocks; ++block)
+    for (int bucket = 0; bucket < buckets; ++bucket)
+      begin[bucket + 1] += counts[static_cast<size_t>(block) * buckets + bucket];
+  for (int bucket = 0; bucket < buckets; ++bucket) begin[bucket + 1] += begin[bucket];
+  if (begin[buckets] > UINT32_MAX) throw std::bad_alloc();
+  std::vector<uint32_t> next(begin.begin(), begin.end() - 1);
+  for (int block = 0; block < blocks; ++block) {
+    uint32_t *mine = counts + static_cast<size_t>(block) * buckets;
+    for (int bucket = 0; bucket < buckets; ++bucket) {
+      const uint32_t here = mine[bucket];
+      mine[bucket] = next[bucket];
+      next[bucket] += here;
     }
   }
-  begin[buckets] = total;
-  if (total > UINT32_MAX) throw std::bad_alloc();
   return begin;
 }
 
