@@ -69,6 +69,19 @@ def plays(scene: bpy.types.Scene, path: Path) -> bool:
     return any(playback.file_of(obj) == wanted for obj in playback.captures(scene.objects))
 
 
+def of_same_capture(scene: bpy.types.Scene, capture: str) -> list[str]:
+    """Names of the files that a scene plays and that were trained from a capture, which headers call by this path."""
+    found = []
+    for obj in playback.captures(scene.objects) if capture else ():
+        try:
+            header = playback.open_scene(playback.file_of(obj)).header
+        except FrogError:  # shown by the Scene panel
+            continue
+        if header.capture_path == capture:
+            found.append(playback.file_of(obj).name)
+    return found
+
+
 def stored_path(path: Path) -> str:
     """The path as stored in the .blend: relative to its folder if the user prefers relative paths.
 

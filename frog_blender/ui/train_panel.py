@@ -150,6 +150,7 @@ def _draw_training(
         preview_image.draw(box, context)
     if state.running:
         box.prop(settings, "preview_camera")
+        box.prop(settings, "show_live")
 
 
 def _draw_progress(box: bpy.types.UILayout, task: runner.TrainingTask, context: bpy.types.Context) -> None:
