@@ -95,6 +95,14 @@ def _viewport_box(means: np.ndarray) -> np.ndarray:
     return np.array([low - room, high + room])
 
 
+def middle_of(means: np.ndarray) -> tuple[np.ndarray, float]:
+    """(3,) the middle of the box that holds most of (N, 3) points, and half its longest side."""
+    if len(means) == 0:
+        return np.zeros(3), 0.0
+    low, high = np.quantile(means, _MOST, axis=0)
+    return (low + high) / 2, float((high - low).max()) / 2
+
+
 def _limit_in_viewports(modifier: bpy.types.Modifier, means: np.ndarray) -> None:
     """Sets the points' largest radius in viewports and the box that they lie in, for points (N, 3)."""
     low, high = _viewport_box(means).tolist()

@@ -16,8 +16,10 @@ from . import (
     import_ply,
     install_torch,
     open_capture,
+    pick,
     relink,
     set_up_scene,
+    show_result,
     train,
 )
 
@@ -28,10 +30,12 @@ _FAMILIES = (
     open_capture,
     bake,
     relink,
+    pick,
     cameras,
     clips,
     align,
     set_up_scene,
+    show_result,
     compose,
     train,
     install_torch,

@@ -10,7 +10,7 @@ from mathutils import Matrix
 
 from ..engine.errors import FrogError
 from ..engine.playback.transform import Y_DOWN
-from ..scene_import.capture_objects import root_of, select_only
+from ..scene_import.capture_objects import root_of, select_capture
 from ..scene_import.create_objects import import_scene
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .set_up_scene import SetsUpScene
@@ -61,8 +61,9 @@ class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if self.turn_upright:
-            root_of(obj).matrix_world = Matrix(Y_DOWN.T.tolist())
-        select_only(context, root_of(obj))
+            root = root_of(obj)
+            root.matrix_basis = Matrix(Y_DOWN.T.tolist()) @ root.matrix_basis
+        select_capture(context, obj)
         if imported.warning:
             self.report({"WARNING"}, imported.warning)
         else:

@@ -9,14 +9,14 @@ import bpy
 
 from ..scene_import.capture_objects import find_by_uid, of_same_capture, plays
 from ..scene_import.create_objects import import_scene
-from ..scene_import.scene_setup import is_untouched
 from ..timeline import playback
 
 
 def importer(scene: bpy.types.Scene) -> Callable[[Path], str]:
     """A function that imports a finished file into ``scene`` once, as one undo step.
 
-    It returns what the panel is to say besides, "" where all went as one expects. Where the scene is gone or is being
+    It adds the capture and changes nothing else: no viewport, no selection, no setting, which the panel offers. It
+    returns what the panel is to say besides, "" where all went as one expects. Where the scene is gone or is being
     edited it leaves the file to the panel's *Import*. It may raise FrogError.
     """
     uid, name, file = scene.session_uid, scene.name, bpy.data.filepath
@@ -32,12 +32,12 @@ def importer(scene: bpy.types.Scene) -> Callable[[Path], str]:
             return ""
         if _is_being_edited(target):
             return "Not imported automatically: the scene was being edited when the training ended."
-        untouched, others = is_untouched(target), of_same_capture(target, playback.open_scene(path).header.capture_path)
-        import_scene(path, target, set_up_scene=untouched, use_frog_engine=untouched)
+        others = of_same_capture(target, playback.open_scene(path).header.capture_path)
+        import_scene(path, target, set_up_scene=False, use_frog_engine=False)
         _remember_step()
         if others:
             return f"Imported beside {', '.join(others)} of the same capture. Hide one of them."
-        return "" if untouched else "Imported. The scene's settings were not changed."
+        return ""
 
     return show
 
