@@ -6,6 +6,7 @@ import atexit
 import sys
 import traceback
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from ..background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_
 from ..engine import memory
 from ..engine.errors import FrogError, brief
 from ..engine.training.session.cancel_token import CancelToken
-from ..timeline import prefetch
+from ..timeline import open_scenes, prefetch
 from . import unsaved_changes
 from .live_view import LiveView
 from .state import TrainingState
@@ -91,6 +92,7 @@ class TrainingTask(BackgroundTask):
     def work(self) -> None:
         try:
             for event in self._source(self.control):
+                self._open_result(event)
                 self.put(event)
         except FrogError as error:
             self.put(Ended(str(error)))
@@ -101,6 +103,15 @@ class TrainingTask(BackgroundTask):
             self.put(Ended(""))
         finally:
             memory.trim_heap()
+
+    def _open_result(self, event: Event) -> None:
+        """Reads a finished scene here, so that the main thread, which imports it, does not stand still for it."""
+        from ..engine.training.session.events import Finished
+
+        if self.on_finished is None or not isinstance(event, Finished):
+            return
+        with suppress(FrogError):  # which the import tells
+            open_scenes.scene(Path(event.path)).at(0.0)
 
     def death(self) -> Ended:
         return Ended("The training stopped without an error message. It may have run out of memory.")
