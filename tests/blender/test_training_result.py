@@ -15,11 +15,12 @@ from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.output_paths import unused_output
+from frog_blender.operators import set_up_scene
 from frog_blender.operators.training_result import importer
 from frog_blender.scene_import.capture_objects import plays
 from frog_blender.scene_import.scene_setup import start_cube
 from frog_blender.scene_import.transaction import values
-from frog_blender.timeline import playback
+from frog_blender.timeline import open_scenes, playback
 from frog_blender.training_task import runner
 from frog_blender.ui import train_panel
 
@@ -56,6 +57,21 @@ def test_one_click_shows_it_and_one_question_sets_the_scene_up(addon, static_rig
     assert scene.view_settings.view_transform == "AgX"
     assert bpy.ops.frog.set_up_scene() == {"FINISHED"}
     assert (scene.frame_end, scene.render.engine, scene.view_settings.view_transform) == (10, "FROG", "Standard")
+
+
+def test_the_question_says_what_the_scene_becomes(addon, static_rig):
+    scene = start()
+    importer(scene)(static_rig)
+    said = set_up_scene._values(next(iter(playback.captures(scene.objects))))
+    assert said == {"frames": "1 to 10", "rate": "24 per second", "size": "96 x 64 pixels", "camera": "cam00"}
+
+
+def test_the_finished_scene_is_read_where_it_was_trained(empty, static_rig):
+    finished = events.Finished(str(static_rig), 9, 1.0, 20.0, 5)
+    task = runner.TrainingTask(lambda control: iter([finished]), importer(empty)).start()
+    assert task.join(20.0) and open_scenes.is_known(static_rig) and not files(empty)
+    task.pump_all()
+    assert files(empty) == ["figure.frog"]
 
 
 def test_a_camera_of_the_users_stays_the_scene_s(addon, static_rig):
