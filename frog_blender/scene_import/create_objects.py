@@ -73,9 +73,11 @@ def _add(path: Path, scene: bpy.types.Scene, start_frame: float) -> tuple[bpy.ty
     header = playable.header
     collection = bpy.data.collections.new(path.stem)
     scene.collection.children.link(collection)
-    gaussians = playable.at_frame(scene.frame_current_final - start_frame)
+    time = playable.time_of(scene.frame_current_final - start_frame)
+    gaussians = playable.at(time)
     root = _add_root(path.stem, gaussians.means, collection)
     obj = point_cloud.create(f"{path.stem} Gaussians", gaussians)
+    point_cloud.holds(obj, playable, time)
     _adopt(obj, root, collection)
     _move_with_root(obj)
     cameras = []

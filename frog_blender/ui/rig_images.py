@@ -10,7 +10,6 @@ import bpy
 import numpy as np
 
 from .. import addon_state, redrawing
-from ..color_spaces import to_linear
 from ..engine.capture.contact_sheet import first_shots, marked_image
 
 if TYPE_CHECKING:
@@ -91,14 +90,14 @@ def draw(corners: np.ndarray) -> None:
 
 
 def _texture(pixels: np.ndarray) -> Any:
-    """(H, W, 3) uint8, display-referred, as a texture in linear colours: viewports encode what is drawn into them."""
+    """(H, W, 3) uint8, display-referred, as a texture: Blender's own shaders expect such colours."""
     import gpu
 
     height, width = pixels.shape[:2]
     values = np.ones((height, width, 4), np.float32)
-    values[..., :3] = to_linear(pixels.astype(np.float32) / 255)
+    values[..., :3] = pixels.astype(np.float32) / 255
     buffer = gpu.types.Buffer("FLOAT", values.size, values.ravel())
-    return gpu.types.GPUTexture((width, height), format="RGBA16F", data=buffer)
+    return gpu.types.GPUTexture((width, height), format="RGBA8", data=buffer)
 
 
 def _decode(images: RigImages, capture: Capture, found: queue.SimpleQueue[tuple[int, np.ndarray]]) -> None:
