@@ -101,12 +101,13 @@ class FROG_OT_set_up_scene(ChoosesParts, bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self, title="Match the Scene to the Capture?")
 
     def draw(self, context: bpy.types.Context) -> None:
-        obj, layout = active_capture(context), self.layout
+        obj = active_capture(context)
         said = _values(obj) if obj is not None else {}
         for part in PARTS:
-            name = f"use_{part}"
-            text = self.bl_rna.properties[name].name
-            layout.prop(self, name, text=f"{text}: {said[part]}" if part in said else text)
+            row = self.layout.row()
+            row.prop(self, f"use_{part}")
+            if part in said:
+                row.label(text=said[part])
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         obj, scene = active_capture(context), context.scene

@@ -18,7 +18,7 @@ from frog_blender.engine.training.session.output_paths import unused_output
 from frog_blender.operators import set_up_scene
 from frog_blender.operators.training_result import importer
 from frog_blender.scene_import.capture_objects import plays
-from frog_blender.scene_import.scene_setup import start_cube
+from frog_blender.scene_import.scene_setup import PARTS, start_cube
 from frog_blender.scene_import.transaction import values
 from frog_blender.timeline import open_scenes, playback
 from frog_blender.training_task import runner
@@ -64,6 +64,13 @@ def test_the_question_says_what_the_scene_becomes(addon, static_rig):
     importer(scene)(static_rig)
     said = set_up_scene._values(next(iter(playback.captures(scene.objects))))
     assert said == {"frames": "1 to 10", "rate": "24 per second", "size": "96 x 64 pixels", "camera": "cam00"}
+    layout = Written()
+    layout.prop = lambda data, name: layout.said.append(name)
+    layout.row = lambda: layout
+    set_up_scene.FROG_OT_set_up_scene.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert [name for name in layout.said if name.startswith("use_")] == [f"use_{part}" for part in PARTS]
+    assert {f"use_{part}" for part in PARTS} <= set(bpy.ops.frog.set_up_scene.get_rna_type().properties.keys())
+    assert set(said.values()) <= set(layout.said)
 
 
 def test_the_finished_scene_is_read_where_it_was_trained(empty, static_rig):
