@@ -1,12 +1,17 @@
 """How late Blender's window answers while a training runs in it.
 
     blender --factory-startup --python benchmarks/ui_latency.py -- CAPTURE [--seconds 30] [--recipe draft] \\
-        [--play X.frog]
+        [--play X.frog | --steps 300]
 
 In a window (timers do not fire with -b) a timer asks to be called every 10 ms and notes how much later it is called:
 what a click would wait.  First without a training, then while one decodes and finds its seed points, then during its
 steps.  With --play a scene plays in the rendered viewport all the while; since software OpenGL may take most of a
 second to draw a window, what the add-on itself takes for a frame and for an image is measured then, not lateness.
+
+With --steps the button is pressed, and the training goes to its end and is imported; no viewport is drawn then, since
+software OpenGL and the training share the processor. What a call was late is told with the processor's time that
+Blender took meanwhile: where others use the machine, that is what was its own of the delay.
+
 Prints one line of JSON, milliseconds, and quits Blender.
 """
 
@@ -45,20 +50,29 @@ class Watch:
     def __init__(self, request: TrainingRequest, seconds: float) -> None:
         self.request = request
         self.seconds = seconds
-        self.late: dict[str, list[float]] = {"idle": [], "preparing": [], "training": []}
+        self.late: dict[str, list[tuple[float, float, float]]] = {
+            "idle": [],
+            "preparing": [],
+            "training": [],
+            "ending": [],
+        }
+        self.to_the_end = False
+        self.processor, self.main = time.process_time(), time.thread_time()
         self.own: dict[str, dict[str, list[float]]] = {}
         self.phase = "settling"
         self.since = self.due = time.perf_counter()
 
     def __call__(self) -> float | None:
-        now = time.perf_counter()
+        now, used, main = time.perf_counter(), time.process_time(), time.thread_time()
         if self.phase in self.late:
-            self.late[self.phase].append(1000.0 * max(now - self.due, 0.0))
+            late = max(now - self.due, 0.0), used - self.processor, main - self.main
+            self.late[self.phase].append((1000.0 * late[0], 1000.0 * late[1], 1000.0 * late[2]))
         if self.advance(now - self.since):
             self.since = now
         if self.phase == "done":
             self.report()
             return None
+        self.processor, self.main = time.process_time(), time.thread_time()
         self.due = time.perf_counter() + INTERVAL
         return INTERVAL
 
@@ -91,10 +105,19 @@ class Watch:
         if self.phase == "settling" and elapsed > SETTLE_SECONDS:
             self.phase = "idle"
         elif self.phase == "idle" and elapsed > IDLE_SECONDS:
-            runner.begin(self.request.events)
+            self.begin()
             self.phase = "preparing"
         elif self.phase == "preparing" and task is not None and task.state.step:
             self.phase = "training"
+        elif self.to_the_end:
+            if self.phase == "training" and task is not None and task.state.step >= task.state.steps:
+                self.phase = "ending"  # with its last measurement, its export and its import
+            elif self.phase == "ending" and task is not None and not (task.state.running or task.waiting):
+                self.phase = "imported"
+            elif self.phase == "imported" and elapsed > SETTLE_SECONDS:
+                self.phase = "done"
+            else:
+                return False
         elif (self.phase == "training" and elapsed > self.seconds) or (
             task is not None and (not task.state.running or elapsed > max(PATIENCE_SECONDS, self.seconds))
         ):
@@ -103,17 +126,34 @@ class Watch:
             return False
         return True
 
+    def begin(self) -> None:
+        """Press the button, or start the training without it."""
+        if not self.to_the_end:
+            runner.begin(self.request.events)
+            return
+        for window in bpy.context.window_manager.windows:
+            for area in window.screen.areas:
+                if area.type == "VIEW_3D":
+                    area.type = "TEXT_EDITOR"
+        settings = bpy.context.scene.frog
+        settings.capture_folder, settings.output_path = str(self.request.capture), str(self.request.output)
+        settings.recipe, settings.length, settings.steps = self.request.recipe, "STEPS", self.request.job["steps"]
+        if bpy.ops.frog.train() != {"FINISHED"}:
+            sys.exit("The training could not be started.")
+
     def report(self) -> None:
         """Print the figures and leave."""
         figures: dict[str, object] = {"interval_ms": 1000.0 * INTERVAL, "blender": bpy.app.version_string}
         for phase, late in self.late.items():
             if late and not self.own:
-                figures[phase] = summary(late)
+                figures[phase] = summary([wall for wall, *_ in late]) | worst(late)
             elif phase in self.own:
                 figures[phase] = {name: summary(taken) for name, taken in self.own[phase].items()}
         state = runner.current().state if runner.current() else None
         if state is not None:
             figures["steps"], figures["gaussians"], figures["error"] = state.step, state.gaussians, state.error
+            task = runner.current()
+            figures["snapshots"] = task.live.number if task is not None and task.live is not None else 0
         print(json.dumps(figures), flush=True)
         runner.stop()
         bpy.ops.wm.quit_blender()
@@ -125,19 +165,28 @@ def summary(milliseconds: list[float]) -> dict[str, float]:
     return {name: round(float(value), 2) for name, value in shown.items()}
 
 
+def worst(late: list[tuple[float, float, float]]) -> dict[str, float]:
+    """The longest delay in the processor's time: all that Blender's threads used, and what its main thread did."""
+    everything = max(min(wall, used) for wall, used, _ in late)
+    return {"max_processor": round(everything, 2), "max_main": round(max(main for *_, main in late), 2)}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="ui_latency.py", description="Latency of the window while a training runs.")
     parser.add_argument("capture", type=Path)
     parser.add_argument("--seconds", type=float, default=30.0, help="how long to measure during training")
     parser.add_argument("--recipe", default="draft")
     parser.add_argument("--play", type=Path, help="a scene that plays while it is measured")
+    parser.add_argument("--steps", type=int, help="press the button, train so many steps, and import")
     options = parser.parse_args(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else [])
     if bpy.app.background:
         sys.exit("This measures a window: start Blender without -b.")
     bpy.context.preferences.view.show_splash = False
     frog_blender.register()
     output = Path(tempfile.mkdtemp()) / "latency.frog"
-    watch = Watch(TrainingRequest(options.capture.resolve(), output, options.recipe), options.seconds)
+    request = TrainingRequest(options.capture.resolve(), output, options.recipe, steps=options.steps)
+    watch = Watch(request, options.seconds)
+    watch.to_the_end = options.steps is not None
     if options.play is not None:
         watch.play(options.play)
     bpy.app.timers.register(watch.__call__, first_interval=INTERVAL)

@@ -78,11 +78,21 @@ def create(name: str, gaussians: GaussianArrays, *, as_splats: bool | None = Non
     return obj
 
 
+def _quantiles(values: np.ndarray, shares: tuple[float, ...]) -> np.ndarray:
+    """(K, C) of (N, C) values; as ``np.quantile``, which first imports 30 milliseconds of numpy."""
+    ordered = np.sort(values, axis=0)
+    places = np.array(shares) * (len(values) - 1)
+    below = np.floor(places).astype(int)
+    above = np.minimum(below + 1, len(values) - 1)
+    found: np.ndarray = ordered[below] + (places - below)[:, None] * (ordered[above] - ordered[below])
+    return found
+
+
 def _viewport_radius(means: np.ndarray) -> float:
     """A radius with which (N, 3) points are told apart: they cover the box of most of them about once."""
     if len(means) == 0:
         return 0.0
-    low, high = np.quantile(means, _MOST, axis=0)
+    low, high = _quantiles(means, _MOST)
     return float(np.linalg.norm(high - low) / (2.0 * np.sqrt(len(means))))
 
 
@@ -90,9 +100,17 @@ def _viewport_box(means: np.ndarray) -> np.ndarray:
     """(2, 3) the corners of a box that holds nearly all of (N, 3) points, with room for what moves."""
     if len(means) == 0:
         return np.zeros((2, 3))
-    low, high = np.quantile(means, _NEARLY_ALL, axis=0)
+    low, high = _quantiles(means, _NEARLY_ALL)
     room = _ROOM * (high - low)
     return np.array([low - room, high + room])
+
+
+def middle_of(means: np.ndarray) -> tuple[np.ndarray, float]:
+    """(3,) the middle of the box that holds most of (N, 3) points, and half its longest side."""
+    if len(means) == 0:
+        return np.zeros(3), 0.0
+    low, high = _quantiles(means, _MOST)
+    return (low + high) / 2, float((high - low).max()) / 2
 
 
 def _limit_in_viewports(modifier: bpy.types.Modifier, means: np.ndarray) -> None:
@@ -174,7 +192,7 @@ def show(obj: bpy.types.Object, scene: ScenePlayer, time: float, part: Callable[
         invalidate(mesh)  # Edit Mode may change its vertices
         return
     further = len(scene.columns) - len(_COLUMNS)
-    shown, wanted = mesh.get(_SHOWN), f"{scene.token} {time!r}"
+    shown, wanted = mesh.get(_SHOWN), _name_of(scene, time)
     whole = _fit(mesh, scene.count, further) or not (isinstance(shown, str) and shown.startswith(scene.token))
     if not whole and shown == wanted:
         return
@@ -186,6 +204,15 @@ def show(obj: bpy.types.Object, scene: ScenePlayer, time: float, part: Callable[
             write_attribute(mesh, name, scene.column(column, moving))
     mesh[_SHOWN] = wanted
     mesh.update_tag()
+
+
+def holds(obj: bpy.types.Object, scene: ScenePlayer, time: float) -> None:
+    """Tells ``show`` that all of a scene's Gaussians at a time were written already."""
+    obj.data[_SHOWN] = _name_of(scene, time)
+
+
+def _name_of(scene: ScenePlayer, time: float) -> str:
+    return f"{scene.token} {time!r}"
 
 
 def invalidate(mesh: bpy.types.Mesh) -> None:

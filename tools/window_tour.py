@@ -99,6 +99,9 @@ class Tour:
             raise SystemExit(f"Training ended with: {task.state.error or 'no scene'}")
         yield 3 * SETTLE
         yield from self.shot("25_imported")
+        show(task.state.result)
+        yield 3 * SETTLE
+        yield from self.shot("25_shown")
 
     def scrub(self) -> Iterator[float]:
         scene = bpy.context.scene
@@ -172,6 +175,8 @@ class Tour:
         scroll(280)  # the settings out of sight, the report in their place
         yield SETTLE
         yield from self.shot("03_trained")
+        show(task.state.result)
+        yield SETTLE
 
     def look_around(self) -> Iterator[float]:
         """The imported scene from beside its cameras, in the rendered viewport, at two frames."""
@@ -315,6 +320,13 @@ def sidebar() -> None:
     for region in area.regions:
         if region.type == "UI" and region.active_panel_category != "UNSUPPORTED":
             region.active_panel_category = "FRoG"
+
+
+def show(result: Path) -> None:
+    """What the panel offers after a training: *Show*, and *Set Up Scene* with all of it."""
+    with override(view()):
+        expect(bpy.ops.frog.show_result(filepath=str(result)), "Show")
+        expect(bpy.ops.frog.set_up_scene(), "Set Up Scene")
 
 
 def scroll(lines: int) -> None:

@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, FloatProperty, StringProperty
 
 from ..engine.errors import FrogError
 from ..scene_import.camera_clips import clip_of
-from ..scene_import.capture_objects import cameras_of, root_of, select_only
+from ..scene_import.capture_objects import cameras_of, select_capture
 from ..scene_import.create_objects import import_scene
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .set_up_scene import SetsUpScene
@@ -51,7 +51,7 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        select_only(context, root_of(point_cloud))
+        select_capture(context, point_cloud)
         cameras = cameras_of(point_cloud)
         if self.show_clips and cameras and not any(clip_of(camera) for camera in cameras):
             self.report({"INFO"}, "The capture's videos were not found. Use Show Clips in the FRoG tab to locate them.")

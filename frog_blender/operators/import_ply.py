@@ -11,7 +11,7 @@ from mathutils import Matrix
 from ..engine.errors import FrogError
 from ..engine.interchange.imports import SUFFIXES, says_what_is_up
 from ..engine.playback.transform import Y_DOWN
-from ..scene_import.capture_objects import root_of, select_only
+from ..scene_import.capture_objects import root_of, select_capture
 from ..scene_import.create_objects import import_scene
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .foreign_formats import expose_usd, told_progress
@@ -69,8 +69,9 @@ to a .frog file"""
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if self.turn_upright and not says_what_is_up(source):
-            root_of(obj).matrix_world = Matrix(Y_DOWN.T.tolist())
-        select_only(context, root_of(obj))
+            root = root_of(obj)
+            root.matrix_basis = Matrix(Y_DOWN.T.tolist()) @ root.matrix_basis
+        select_capture(context, obj)
         if imported.warning:
             self.report({"WARNING"}, imported.warning)
         else:

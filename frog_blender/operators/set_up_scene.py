@@ -9,7 +9,14 @@ from bpy.props import BoolProperty
 
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture, cameras_of
-from ..scene_import.scene_setup import are_colors_unchanged, is_untouched, set_up, show_colors_unchanged
+from ..scene_import.scene_setup import (
+    PARTS,
+    are_colors_unchanged,
+    frame_range,
+    is_untouched,
+    set_up,
+    show_colors_unchanged,
+)
 from ..scene_import.transaction import all_or_nothing
 from ..timeline import playback
 
@@ -53,7 +60,32 @@ class SetsUpScene:
         return left_alone
 
 
-class FROG_OT_set_up_scene(bpy.types.Operator):
+class ChoosesParts:
+    """Base of an operator: which parts of the scene are matched to a capture, see ``scene_setup.PARTS``."""
+
+    use_frames: BoolProperty(name="Frame Range", description="Begin and end with the capture", default=True)
+    use_rate: BoolProperty(name="Frame Rate", description="Play as fast as it was filmed", default=True)
+    use_size: BoolProperty(name="Image Size", description="Render at the size of the capture's images", default=True)
+    use_camera: BoolProperty(name="Camera", description="Render through the capture's first camera", default=True)
+    use_colors: BoolProperty(
+        name="Colors as Filmed",
+        description="Show the colors of the videos unchanged: Standard view transform, no look and no dithering",
+        default=True,
+    )
+    use_background: BoolProperty(
+        name="Background", description="A world of the color behind the capture. The present one is kept", default=True
+    )
+    use_engine: BoolProperty(
+        name="Render with FRoG", description="Make FRoG the render engine, and show rendered viewports", default=True
+    )
+
+    @property
+    def parts(self) -> list[str]:
+        """The chosen ones."""
+        return [part for part in PARTS if getattr(self, f"use_{part}")]
+
+
+class FROG_OT_set_up_scene(ChoosesParts, bpy.types.Operator):
     """Match the scene to the capture: frame range, frame rate, image size, camera, background and colors"""
 
     bl_idname = "frog.set_up_scene"
@@ -65,16 +97,44 @@ class FROG_OT_set_up_scene(bpy.types.Operator):
         cls.poll_message_set("Select one of the scene's captures first.")
         return active_capture(context) is not None
 
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_props_dialog(self, title="Match the Scene to the Capture?")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        obj = active_capture(context)
+        said = _values(obj) if obj is not None else {}
+        for part in PARTS:
+            row = self.layout.row()
+            row.prop(self, f"use_{part}")
+            if part in said:
+                row.label(text=said[part])
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         obj, scene = active_capture(context), context.scene
         try:
             header = playback.open_scene(playback.file_of(obj)).header
             with all_or_nothing(scene):
-                set_up(scene, header, obj.frog.start_frame, cameras_of(obj), settings=True, engine=True)
+                set_up(scene, header, obj.frog.start_frame, cameras_of(obj), self.parts)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         return {"FINISHED"}
+
+
+def _values(obj: bpy.types.Object) -> dict[str, str]:
+    """What parts of a scene become, in words, where that can be said."""
+    try:
+        header = playback.open_scene(playback.file_of(obj)).header
+    except FrogError:
+        return {}
+    found: dict[str, str] = {}
+    if header.frame_count > 1:
+        first, last = frame_range(header, obj.frog.start_frame)
+        found |= {"frames": f"{first} to {last}", "rate": f"{header.frames_per_second:g} per second"}
+    if cameras := cameras_of(obj):
+        width, height = cameras[0].data.frog.size
+        found |= {"size": f"{width} x {height} pixels", "camera": cameras[0].name}
+    return found
 
 
 class FROG_OT_show_as_filmed(bpy.types.Operator):

@@ -13,6 +13,7 @@ from .. import app_handlers, redrawing
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import plays, stored_path
 from ..training_task import runner
+from ..training_task.live_view import LiveView
 from ..training_task.request import (
     TrainingRequest,
     can_train_longer,
@@ -53,7 +54,9 @@ class StartsTraining:
         """Starts it; the scene's output becomes that of the request. FrogError if it cannot be started."""
         preferences.make_torch_importable()
         after = importer(settings.id_data) if settings.import_when_done else None
-        runner.begin(request.events, after)
+        live = LiveView(settings.id_data)
+        request.job["live"] = live.source
+        runner.begin(request.events, after, live)
         if request.output == output_of(settings):
             return
         self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")

@@ -7,17 +7,16 @@ from pathlib import Path
 
 import bpy
 
-from ..engine.errors import FrogError
-from ..scene_import.capture_objects import find_by_uid, plays
+from ..scene_import.capture_objects import find_by_uid, of_same_capture, plays
 from ..scene_import.create_objects import import_scene
-from ..scene_import.scene_setup import is_untouched
 from ..timeline import playback
 
 
 def importer(scene: bpy.types.Scene) -> Callable[[Path], str]:
     """A function that imports a finished file into ``scene`` once, as one undo step.
 
-    It returns what the panel is to say besides, "" where all went as one expects. Where the scene is gone or is being
+    It adds the capture and changes nothing else: no viewport, no selection, no setting, which the panel offers. It
+    returns what the panel is to say besides, "" where all went as one expects. Where the scene is gone or is being
     edited it leaves the file to the panel's *Import*. It may raise FrogError.
     """
     uid, name, file = scene.session_uid, scene.name, bpy.data.filepath
@@ -33,12 +32,12 @@ def importer(scene: bpy.types.Scene) -> Callable[[Path], str]:
             return ""
         if _is_being_edited(target):
             return "Not imported automatically: the scene was being edited when the training ended."
-        untouched, others = is_untouched(target), _of_same_capture(target, path)
-        import_scene(path, target, set_up_scene=untouched, use_frog_engine=untouched)
+        others = of_same_capture(target, playback.open_scene(path).header.capture_path)
+        import_scene(path, target, set_up_scene=False, use_frog_engine=False)
         _remember_step()
         if others:
             return f"Imported beside {', '.join(others)} of the same capture. Hide one of them."
-        return "" if untouched else "Imported. The scene's settings were not changed."
+        return ""
 
     return show
 
@@ -47,20 +46,6 @@ def _is_being_edited(scene: bpy.types.Scene) -> bool:
     """Whether a mode other than Object Mode is active. An import would mix with its undo steps."""
     active = (layer.objects.active for layer in scene.view_layers)
     return any(obj is not None and obj.mode != "OBJECT" for obj in active)
-
-
-def _of_same_capture(scene: bpy.types.Scene, path: Path) -> list[str]:
-    """Names of the files that the scene plays and that were trained from the same capture."""
-    capture = playback.open_scene(path).header.capture_path
-    found = []
-    for obj in playback.captures(scene.objects):
-        try:
-            header = playback.open_scene(playback.file_of(obj)).header
-        except FrogError:  # shown by the Scene panel
-            continue
-        if capture and header.capture_path == capture:
-            found.append(playback.file_of(obj).name)
-    return found
 
 
 def _remember_step() -> None:

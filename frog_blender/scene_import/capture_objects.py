@@ -45,9 +45,18 @@ def find_by_uid(blocks: Any, uid: int) -> Any:
     return next((block for block in blocks if block.session_uid == uid), None)
 
 
-def select_only(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Make an object the only selected one, and the active one."""
-    for other in context.selected_objects:
+def select_capture(context: bpy.types.Context, obj: bpy.types.Object, *, extend: bool = False) -> None:
+    """Makes what moves a capture the active object, and selects its Gaussians with it: so duplicating and deleting
+    reach them. They stay where they are in it, as their own place is locked and their parent moves.
+    """
+    select_only(context, root_of(obj), extend=extend)
+    if obj.name in context.view_layer.objects:
+        obj.select_set(True)
+
+
+def select_only(context: bpy.types.Context, obj: bpy.types.Object, *, extend: bool = False) -> None:
+    """Makes an object the active one, and the only selected one unless the selection is extended."""
+    for other in () if extend else context.selected_objects:
         other.select_set(False)
     obj.select_set(True)
     context.view_layer.objects.active = obj
@@ -65,8 +74,26 @@ def cameras_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
 
 def plays(scene: bpy.types.Scene, path: Path) -> bool:
     """Whether a capture of the scene plays this file."""
+    return that_plays(scene, path) is not None
+
+
+def that_plays(scene: bpy.types.Scene, path: Path) -> bpy.types.Object | None:
+    """The first capture of the scene that plays this file; None for none."""
     wanted = Path(os.path.normpath(path))
-    return any(playback.file_of(obj) == wanted for obj in playback.captures(scene.objects))
+    return next((obj for obj in playback.captures(scene.objects) if playback.file_of(obj) == wanted), None)
+
+
+def of_same_capture(scene: bpy.types.Scene, capture: str) -> list[str]:
+    """Names of the files that a scene plays and that were trained from a capture, which headers call by this path."""
+    found = []
+    for obj in playback.captures(scene.objects) if capture else ():
+        try:
+            header = playback.open_scene(playback.file_of(obj)).header
+        except FrogError:  # shown by the Scene panel
+            continue
+        if header.capture_path == capture:
+            found.append(playback.file_of(obj).name)
+    return found
 
 
 def stored_path(path: Path) -> str:

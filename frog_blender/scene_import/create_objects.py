@@ -16,12 +16,16 @@ from ..engine.source_media.clips import camera_path
 from ..timeline import playback
 from .camera_clips import add_clips
 from .capture_objects import stored_path
-from .scene_setup import is_untouched, set_up
+from .scene_setup import SETTINGS, is_untouched, set_up
 from .transaction import all_or_nothing
 
 if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
     from ..engine.scene.header import SceneHeader
+
+
+_HANDLE = 0.25  # length of the root's axes, as a share of the capture's reach
+_CAMERA = 0.03  # size of a drawn camera, as a share of its distance from the capture's middle
 
 
 def import_scene(
@@ -35,11 +39,12 @@ def import_scene(
 ) -> bpy.types.Object:
     """Add a trained scene to ``scene`` and return the object that carries its Gaussians.
 
-    Everything hangs on an empty at the origin, so that the capture keeps its own coordinates and its cameras see what
-    they saw; move, turn or scale the empty to place it.
+    Everything hangs on an empty in its middle, and stands where the capture's own coordinates say; move, turn or scale
+    the empty to place it.
 
     Args:
-        set_up_scene, use_frog_engine: see ``set_up``; None does it where nothing of the user's is in the scene.
+        set_up_scene: match all of SETTINGS (see ``set_up``); None does it where nothing of the user's is in the scene.
+        use_frog_engine: render with FROG; None as for ``set_up_scene``.
 
     Raises:
         FrogError: if the file cannot be played. Nothing of it is left in the scene then, nor in Blender's data.
@@ -53,7 +58,8 @@ def import_scene(
             if show_clips:
                 add_clips(obj)
             header = playback.open_scene(path).header
-            set_up(scene, header, start_frame, cameras, settings=settings, engine=engine)
+            parts = (*(SETTINGS if settings else ()), *(("engine",) if engine else ()))
+            set_up(scene, header, start_frame, cameras, parts)
     except FrogError:
         raise
     except Exception as error:  # a header may contain anything
@@ -67,21 +73,38 @@ def _add(path: Path, scene: bpy.types.Scene, start_frame: float) -> tuple[bpy.ty
     header = playable.header
     collection = bpy.data.collections.new(path.stem)
     scene.collection.children.link(collection)
-    root = bpy.data.objects.new(path.stem, None)
-    collection.objects.link(root)
-
-    obj = point_cloud.create(f"{path.stem} Gaussians", playable.at_frame(scene.frame_current_final - start_frame))
+    time = playable.time_of(scene.frame_current_final - start_frame)
+    gaussians = playable.at(time)
+    root = _add_root(path.stem, gaussians.means, collection)
+    obj = point_cloud.create(f"{path.stem} Gaussians", gaussians)
+    point_cloud.holds(obj, playable, time)
     _adopt(obj, root, collection)
     _move_with_root(obj)
-    cameras = _add_cameras(header, start_frame, root, collection)
+    cameras = []
+    if header.cameras:
+        of_cameras = bpy.data.collections.new(f"{path.stem} Cameras")
+        collection.children.link(of_cameras)
+        cameras = _add_cameras(header, start_frame, root, of_cameras)
     # Last: setting these plays the capture, which requires the object to be in its scene.
     obj.frog.start_frame = start_frame
     obj.frog.filepath = stored_path(path)
     return obj, cameras
 
 
+def _add_root(name: str, means: np.ndarray, collection: bpy.types.Collection) -> bpy.types.Object:
+    """What moves a capture: an empty in the middle of its points (N, 3), about which it turns and grows."""
+    middle, reach = point_cloud.middle_of(means)
+    root = bpy.data.objects.new(name, None)
+    root.location = middle.tolist()
+    root.empty_display_size = max(_HANDLE * reach, 0.01)
+    collection.objects.link(root)
+    return root
+
+
 def _adopt(obj: bpy.types.Object, root: bpy.types.Object, collection: bpy.types.Collection) -> None:
+    """Lets the root move an object, which stays where it is."""
     obj.parent = root
+    obj.matrix_parent_inverse = root.matrix_basis.inverted()
     collection.objects.link(obj)
 
 
@@ -111,9 +134,8 @@ def _add_camera(
     obj = bpy.data.objects.new(name, data)
     obj.rotation_mode = "QUATERNION"
     obj.matrix_local = Matrix(pose_of(camera).tolist())
-    center_distance = np.linalg.norm(camera.center)
     data.clip_start, data.clip_end = 0.01, 10_000.0  # for other engines; FROG draws all that is in front
-    data.display_size = max(float(center_distance) * 0.05, 0.01)
+    data.display_size = max(_CAMERA * float(np.linalg.norm(camera.center - np.array(root.location))), 0.01)
     _adopt(obj, root, collection)
     return obj
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import bpy
@@ -15,6 +16,11 @@ from .transaction import values
 if TYPE_CHECKING:
     from ..engine.scene.header import SceneHeader
 
+SETTINGS = ("frames", "rate", "size", "camera", "colors", "background")
+PARTS = (*SETTINGS, "engine")
+"""What ``set_up`` can match: the frame range, the frame rate, the render size, the active camera, colours as they were
+filmed, the world's colour; and that FROG renders, which rendered viewports then show.
+"""
 _BACKGROUND_WORLD = "FRoG Background"
 _LAYERS = 1024  # transparent bounces of Cycles: its maximum
 _EEVEE = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT")  # 4.5 has the longer name
@@ -60,6 +66,18 @@ def is_untouched(scene: bpy.types.Scene) -> bool:
 def is_set_up(scene: bpy.types.Scene) -> bool:
     """Whether the scene was set up for a capture, regardless of later changes."""
     return bool(scene.frog.set_up_as) or scene.render.engine == "FROG"
+
+
+def start_cube(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The unchanged cube of a new file, where it is seen and may hide splats; None for none."""
+    cube = scene.objects.get("Cube")
+    seen = cube is not None and _is_of_start(cube) and not cube.hide_viewport and cube.visible_get()
+    return cube if seen else None
+
+
+def has_camera_of_its_own(scene: bpy.types.Scene) -> bool:
+    """Whether somebody chose the scene's camera: it has one, and not the unchanged one of a new file."""
+    return scene.camera is not None and not _is_of_start(scene.camera)
 
 
 def _of_captures(scene: bpy.types.Scene) -> set[bpy.types.Object]:
@@ -116,40 +134,47 @@ def set_up(
     header: SceneHeader,
     start_frame: float,
     cameras: list[bpy.types.Object],
-    *,
-    settings: bool,
-    engine: bool,
+    parts: Collection[str],
 ) -> None:
     """Match the scene to a capture.
 
     Args:
-        settings: its time, size, camera, background, and colours as they are.
-        engine: FROG renders it, and viewports show that.
+        parts: which of PARTS. A static capture has neither frames nor a rate.
     """
-    if settings:
-        # Before anything is set: a header may contain non-finite values.
-        background = into_working_space(to_linear(np.array(header.background, dtype=np.float64)))
-        _set_time(scene, header, start_frame)
-        if cameras:
-            look_through(scene, cameras[0])
+    parts = set(parts) - ({"frames", "rate"} if header.frame_count <= 1 else set())
+    # Before anything is set: a header may contain non-finite values.
+    background = into_working_space(to_linear(np.array(header.background, dtype=np.float64)))
+    if "frames" in parts:
+        scene.frame_start, scene.frame_end = frame_range(header, start_frame)
+    if "rate" in parts:
+        _set_rate(scene, header)
+    if cameras and "camera" in parts:
+        scene.camera = cameras[0]
+    if cameras and "size" in parts:
+        render_at_size_of(scene, cameras[0])
+    if "colors" in parts:
         show_colors_unchanged(scene)
         if hasattr(scene, "cycles"):  # the default of 8 bounces loses two thirds of the light
             scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, _LAYERS)
+    if parts:
         # A window draws while a render evaluates frames in its own thread; locked, they do not share the Gaussians.
         scene.render.use_lock_interface = True
+    if "background" in parts:
         set_background(scene, background)
-    if engine:
+    if "engine" in parts:
         scene.render.engine = "FROG"
-        show_in_viewports(scene, through_camera=settings and bool(cameras))
-    if settings:
+        show_in_viewports(scene, through_camera=bool(cameras) and "camera" in parts)
+    if parts >= {"camera", "size", "colors", "background"}:
         scene.frog.set_up_as = _fingerprint(scene)
 
 
-def _set_time(scene: bpy.types.Scene, header: SceneHeader, start_frame: float) -> None:
-    if header.frame_count <= 1:  # a static capture does not change the scene's time
-        return
-    scene.frame_start = round(start_frame)
-    scene.frame_end = max(round(start_frame) + header.frame_count - 1, scene.frame_start)
+def frame_range(header: SceneHeader, start_frame: float) -> tuple[int, int]:
+    """The frames of the timeline that show a capture."""
+    first = round(start_frame)
+    return first, max(first + header.frame_count - 1, first)
+
+
+def _set_rate(scene: bpy.types.Scene, header: SceneHeader) -> None:
     # Blender keeps a whole number of frames and a divisor: 29.97 is 30 over 1.001.
     whole = max(round(header.frames_per_second), 1)
     scene.render.fps, scene.render.fps_base = whole, whole / max(header.frames_per_second, 0.01)
@@ -206,6 +231,11 @@ def show_in_viewports(scene: bpy.types.Scene, *, through_camera: bool) -> None:
 def look_through(scene: bpy.types.Scene, camera: bpy.types.Object) -> None:
     """Make a camera active and set the render size to that of its captured images."""
     scene.camera = camera
+    render_at_size_of(scene, camera)
+
+
+def render_at_size_of(scene: bpy.types.Scene, camera: bpy.types.Object) -> None:
+    """Set the render size to that of a camera's captured images."""
     width, height = camera.data.frog.size
     if width and height:
         scene.render.resolution_x, scene.render.resolution_y = width, height

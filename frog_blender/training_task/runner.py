@@ -6,6 +6,7 @@ import atexit
 import sys
 import traceback
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,8 +18,9 @@ from ..background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_
 from ..engine import memory
 from ..engine.errors import FrogError, brief
 from ..engine.training.session.cancel_token import CancelToken
-from ..timeline import prefetch
+from ..timeline import open_scenes, prefetch
 from . import unsaved_changes
+from .live_view import LiveView
 from .state import TrainingState
 
 if TYPE_CHECKING:
@@ -51,6 +53,7 @@ class TrainingTask(BackgroundTask):
         source: gives the events; called on the worker thread.
         on_finished: is given the file of a finished scene.
         is_scene_in_use: while true, ``on_finished`` has to wait.
+        live: where viewports find its scene while it runs.
     """
 
     what = "training"
@@ -62,8 +65,10 @@ class TrainingTask(BackgroundTask):
         on_finished: OnFinished | None = None,
         *,
         is_scene_in_use: Callable[[], bool] | None = None,
+        live: LiveView | None = None,
     ) -> None:
         super().__init__()
+        self.live = live
         self.state = TrainingState()
         self.on_finished = on_finished
         self._is_scene_in_use = is_scene_in_use or _is_scene_in_use
@@ -87,6 +92,7 @@ class TrainingTask(BackgroundTask):
     def work(self) -> None:
         try:
             for event in self._source(self.control):
+                self._open_result(event)
                 self.put(event)
         except FrogError as error:
             self.put(Ended(str(error)))
@@ -97,6 +103,15 @@ class TrainingTask(BackgroundTask):
             self.put(Ended(""))
         finally:
             memory.trim_heap()
+
+    def _open_result(self, event: Event) -> None:
+        """Reads a finished scene here, so that the main thread, which imports it, does not stand still for it."""
+        from ..engine.training.session.events import Finished
+
+        if self.on_finished is None or not isinstance(event, Finished):
+            return
+        with suppress(FrogError):  # which the import tells
+            open_scenes.scene(Path(event.path)).at(0.0)
 
     def death(self) -> Ended:
         return Ended("The training stopped without an error message. It may have run out of memory.")
@@ -142,6 +157,7 @@ class BackgroundTraining:
     Attributes:
         current: what the panel shows: the training that is running, or the last one that ran.
         watchers: callbacks for its state.
+        live_watchers: callbacks for its scene.
         patience: seconds before ``stop`` prints a message.
         quit_seconds: seconds that ``stop`` waits altogether.
     """
@@ -150,6 +166,7 @@ class BackgroundTraining:
         self.patience, self.quit_seconds = patience, quit_seconds
         self.current: TrainingTask | None = None
         self.watchers: list[Watcher] = []
+        self.live_watchers: list[Callable[[], None]] = []
 
 
 def current() -> TrainingTask | None:
@@ -159,7 +176,11 @@ def current() -> TrainingTask | None:
 
 def set_current(task: TrainingTask | None) -> None:
     """Sets the training that the panel shows; None for none."""
-    addon_state.get(BackgroundTraining).current = task
+    state = addon_state.get(BackgroundTraining)
+    before, state.current = state.current, task
+    if before is not None and before is not task and before.live is not None:
+        before.live.forget()
+        _tell_live_watchers()
 
 
 def watch(watcher: Watcher) -> None:
@@ -167,14 +188,24 @@ def watch(watcher: Watcher) -> None:
     addon_state.get(BackgroundTraining).watchers.append(watcher)
 
 
-def begin(source: EventSource, on_finished: OnFinished | None = None) -> TrainingTask:
+def watch_live(watcher: Callable[[], None]) -> None:
+    """Calls ``watcher`` whenever there is another snapshot of the current training's scene, or none any more."""
+    addon_state.get(BackgroundTraining).live_watchers.append(watcher)
+
+
+def _tell_live_watchers() -> None:
+    for watcher in addon_state.get(BackgroundTraining).live_watchers:
+        watcher()
+
+
+def begin(source: EventSource, on_finished: OnFinished | None = None, live: LiveView | None = None) -> TrainingTask:
     """Start a training as the current one, pumped by a timer; FrogError if one is running already."""
     last = current()
     if is_running():
         raise FrogError("A training is already running. Wait for it or cancel it first.")
     if last is not None and last.waiting:
         raise FrogError("The last scene is still waiting to be imported. Finish the current render or operation first.")
-    task = TrainingTask(source, on_finished).start()
+    task = TrainingTask(source, on_finished, live=live).start()
     set_current(task)
     begin_ticking(tick)
     return task
@@ -229,6 +260,8 @@ def tick() -> float | None:
             for watcher in addon_state.get(BackgroundTraining).watchers:
                 watcher(task.state)
             redrawing.sidebars()
+        if task.live is not None and task.live.update():
+            _tell_live_watchers()
         if task.state.running:
             unsaved_changes.count_as_unsaved()
     except Exception:  # Blender drops a timer that fails, and with it the rest of the training

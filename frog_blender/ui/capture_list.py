@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from bpy.props import IntProperty
 
-from ..scene_import.capture_objects import active_capture, root_of, select_only
+from ..scene_import.capture_objects import active_capture, root_of, select_capture
 from ..timeline import open_scenes, playback, retiming
 
 
@@ -31,9 +31,9 @@ def _chosen_index(settings: Any) -> int:
 def _choose(settings: Any, index: int) -> None:
     objects = settings.id_data.objects
     if 0 <= index < len(objects):
-        root = root_of(objects[index])
-        if root.name in bpy.context.view_layer.objects:  # its collection may be excluded
-            select_only(bpy.context, root)
+        chosen = objects[index]
+        if root_of(chosen).name in bpy.context.view_layer.objects:  # its collection may be excluded
+            select_capture(bpy.context, chosen)
 
 
 class ChoosesCapture:

@@ -13,7 +13,7 @@ from ..cameras import pose_of
 from ..engine.capture.camera import Camera
 from ..engine.capture.capture import Capture
 from ..timeline import playback
-from . import capture_summary
+from . import capture_summary, rig_images
 
 DEPTH = 0.1  # of a drawn camera, in diameters of the rig
 _MOST_NAMES = 40
@@ -31,6 +31,7 @@ class RigOverlay:
         capture: whose cameras the batches show.
         batches: with a colour each; of the graphics card.
         names: of the cameras, with the points that they stand at.
+        planes: (N, 4, 3) corners of the image planes.
     """
 
     def __init__(self) -> None:
@@ -38,6 +39,7 @@ class RigOverlay:
         self.capture: Capture | None = None
         self.batches: list[tuple[Any, tuple[float, ...]]] = []
         self.names: list[tuple[str, np.ndarray]] = []
+        self.planes = np.empty((0, 4, 3))
 
 
 def shown_capture(scene: bpy.types.Scene) -> Capture | None:
@@ -51,8 +53,13 @@ def shown_capture(scene: bpy.types.Scene) -> Capture | None:
 
 def frusta(cameras: Sequence[Camera]) -> np.ndarray:
     """(N, 10, 2, 3) lines of N cameras: a pyramid from the centre to its image, with a roof that shows what is up."""
+    return _every_corner(cameras)[:, np.array(_EDGES)]
+
+
+def _every_corner(cameras: Sequence[Camera]) -> np.ndarray:
+    """(N, 6, 3) see ``_corners``."""
     depth = DEPTH * _diameter(cameras)
-    return np.array([_corners(camera, depth)[np.array(_EDGES)] for camera in cameras]).reshape(-1, len(_EDGES), 2, 3)
+    return np.array([_corners(camera, depth) for camera in cameras]).reshape(-1, 6, 3)
 
 
 def _corners(camera: Camera, depth: float) -> np.ndarray:
@@ -88,6 +95,7 @@ def _build(overlay: RigOverlay, capture: Capture) -> None:
         step = -(-len(capture.points) // _MOST_POINTS)
         points = capture.points[::step].astype(np.float32)
         overlay.batches.append((batch_for_shader(shader, "POINTS", {"pos": points}), _POINTS))
+    overlay.planes = _every_corner(cameras)[:, 1:5]
     few = cameras if len(cameras) <= _MOST_NAMES else []
     overlay.names = [(camera.name, pose_of(camera)[:3, 3]) for camera in few]
 
@@ -98,6 +106,7 @@ def _draw_lines() -> None:
     overlay, capture = addon_state.get(RigOverlay), shown_capture(bpy.context.scene)
     if capture is None:
         overlay.capture, overlay.batches, overlay.names = None, [], []
+        rig_images.follow(None)
         return
     if overlay.capture is not capture:
         _build(overlay, capture)
@@ -108,6 +117,8 @@ def _draw_lines() -> None:
     for batch, color in overlay.batches:
         shader.uniform_float("color", color)
         batch.draw(shader)
+    rig_images.follow(capture)
+    rig_images.draw(overlay.planes)
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
 

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 from ..scene_import.capture_objects import plays
-from ..scene_import.scene_setup import is_set_up
+from ..scene_import.scene_setup import is_set_up, start_cube
 from ..training_task import runner
 from ..training_task.request import can_resume, can_train_longer
 from ..training_task.state import TrainingState
@@ -150,6 +150,7 @@ def _draw_training(
         preview_image.draw(box, context)
     if state.running:
         box.prop(settings, "preview_camera")
+        box.prop(settings, "show_live")
 
 
 def _draw_progress(box: bpy.types.UILayout, task: runner.TrainingTask, context: bpy.types.Context) -> None:
@@ -191,8 +192,14 @@ def _draw_result(box: bpy.types.UILayout, state: TrainingState, result: Path, co
         row.operator_context = "EXEC_DEFAULT"  # the file is known: no file browser
         text = "Import What There Is" if state.cancelled else "Import"
         row.operator("import_scene.frog", text=text, icon="IMPORT").filepath = str(result)
-    elif not is_set_up(context.scene):
-        box.operator("frog.set_up_scene", icon="SCENE_DATA")
+        return
+    row = box.row(align=True)
+    row.operator("frog.show_result", icon="HIDE_OFF").filepath = str(result)
+    if not is_set_up(context.scene):
+        row.operator("frog.set_up_scene", icon="SCENE_DATA")
+    if start_cube(context.scene) is not None:
+        wrapped_label(box, "The default cube stands in the scene, and hides what is behind it.", context, icon="INFO")
+        box.operator("frog.hide_start_cube", icon="HIDE_ON")
 
 
 def _draw_figures(layout: bpy.types.UILayout, state: TrainingState, context: bpy.types.Context) -> None:

@@ -262,6 +262,12 @@ class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGr
         default=True,
         update=_on_show_rig,
     )
+    show_live: BoolProperty(
+        name="Show in Viewports",
+        description="Show the scene in the viewports while it is trained. It takes 2 % of the training's time",
+        default=True,
+        update=_on_show_rig,
+    )
     import_when_done: BoolProperty(
         name="Import When Done",
         description="Import the trained scene into this one as soon as it is finished. Settings of a scene that you "

@@ -51,6 +51,10 @@ class Shown:
     matrix: np.ndarray
 
 
+Source = Callable[[bpy.types.Scene], Shown | None]
+"""Gives what viewports show of a scene besides its captures, None for nothing; called at every redraw."""
+
+
 @dataclass(eq=False)
 class Picture:
     """The last image of one viewport.
@@ -90,6 +94,7 @@ class ViewportSplats:
         changes: counts what may have changed in a scene.
         pictures: by region.
         drawn: images that were drawn anew, of so many ``looks`` at viewports.
+        sources: of what is shown besides captures.
     """
 
     def __init__(self) -> None:
@@ -103,6 +108,7 @@ class ViewportSplats:
         self.changes = 0
         self.pictures: dict[int, Picture] = {}
         self.drawn = self.looks = 0
+        self.sources: list[Source] = []
 
 
 def state() -> ViewportSplats:
@@ -129,6 +135,31 @@ def is_software() -> bool:
     return any(word in name for word in _SOFTWARE)
 
 
+def shows_sources(scene: bpy.types.Scene) -> bool:
+    """Whether a scene's viewports show by the graphics card what they show besides captures: also where Blender draws
+    splats itself, which it does of objects alone.
+    """
+    choice = scene.frog.viewport_drawing
+    possible = not (bpy.app.background or state().has_failed)
+    return possible and (choice == "CARD" or (choice == "AUTO" and not is_software()))
+
+
+def add_source(source: Source) -> None:
+    """Shows what it gives, until the add-on is switched off."""
+    state().sources.append(source)
+
+
+def changed() -> None:
+    """Draws viewports again: what a source gives is another."""
+    _on_change()
+    viewports()
+
+
+def _from_sources(scene: bpy.types.Scene) -> list[Shown]:
+    found = (source(scene) for source in state().sources) if shows_sources(scene) else ()
+    return [shown for shown in found if shown is not None]
+
+
 def _draws(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
     """Whether splats are drawn in this viewport: the FROG engine's own image has them already."""
     return is_wanted(scene) and not (space.shading.type == "RENDERED" and scene.render.engine == "FROG")
@@ -138,7 +169,8 @@ def _draw() -> None:
     """Blender's handler."""
     context = bpy.context
     try:
-        if not (_draws(context.scene, context.space_data) and playback.captures_in(context.scene)):
+        scene = context.scene
+        if not (_from_sources(scene) or (_draws(scene, context.space_data) and playback.captures_in(scene))):
             return
         draw_in(context)
     except (FrogError, MemoryError) as error:
@@ -157,7 +189,8 @@ def draw_in(context: bpy.types.Context) -> None:
         splats.card = GraphicsCard()
     picture = splats.pictures.setdefault(region.as_pointer(), Picture())
     if picture.looked_at != (looked_at := _looked_at(splats, context)):
-        picture.looked_at, picture.shown = looked_at, _shown(depsgraph, context.space_data)
+        captures = _shown(depsgraph, context.space_data) if _draws(context.scene, context.space_data) else []
+        picture.looked_at, picture.shown = looked_at, [*captures, *_from_sources(context.scene)]
         if any(point_cloud.is_drawn_in_viewports(obj) != _wants_points(obj, True) for obj in _own(context.scene)):
             _later(apply)
     splats.looks += 1
@@ -178,7 +211,8 @@ def _looked_at(splats: ViewportSplats, context: bpy.types.Context) -> tuple[Any,
     """What determines which captures a viewport shows, and what they show."""
     space = context.space_data
     kinds = space.show_object_viewport_mesh, space.show_object_viewport_pointcloud, space.local_view is None
-    return splats.changes, context.scene.as_pointer(), context.scene.frame_current_final, kinds
+    draws = _draws(context.scene, space)
+    return splats.changes, context.scene.as_pointer(), context.scene.frame_current_final, draws, kinds
 
 
 def _update(
@@ -213,6 +247,7 @@ def _update(
     picture.depth, picture.checked_at = _scene_depth() if _has_others(context) else None, now
     if picture.canvas is None or picture.size != size:
         picture.canvas, picture.size = splats.card.canvas(size), size
+        _later(viewports, _SOON)  # while one is made, what else is drawn into the viewport may be lost
     splats.card.draw(picture.canvas, layers, None if picture.depth is None else splats.card.depth(picture.depth))
     picture.key, picture.step, picture.orders = key, step, orders
     picture.is_final = step == 1 and all(map(_is_of, orders, seen))

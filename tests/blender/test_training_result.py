@@ -15,10 +15,12 @@ from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.output_paths import unused_output
+from frog_blender.operators import set_up_scene
 from frog_blender.operators.training_result import importer
 from frog_blender.scene_import.capture_objects import plays
+from frog_blender.scene_import.scene_setup import PARTS, start_cube
 from frog_blender.scene_import.transaction import values
-from frog_blender.timeline import playback
+from frog_blender.timeline import open_scenes, playback
 from frog_blender.training_task import runner
 from frog_blender.ui import train_panel
 
@@ -27,9 +29,86 @@ def files(scene):
     return [playback.file_of(obj).name for obj in playback.captures(scene.objects)]
 
 
-def test_a_new_file_is_set_up_when_a_training_ends(empty, static_rig):
-    assert importer(empty)(static_rig) == ""
-    assert files(empty) == ["figure.frog"] and (empty.frame_end, empty.render.engine) == (10, "FROG")
+def start(use_empty=False):
+    """Blender's default scene, with its cube selected."""
+    bpy.ops.wm.read_homefile(use_empty=use_empty, use_factory_startup=True)
+    return bpy.context.scene
+
+
+def test_in_a_new_file_a_training_that_ends_changes_nothing_but_adds_its_scene(addon, static_rig):
+    scene = start()
+    before, shading, selected = values(scene), [view.shading.type for view in views()], bpy.context.selected_objects
+    assert importer(scene)(static_rig) == ""
+    assert files(scene) == ["figure.frog"] and values(scene) == before
+    assert [view.shading.type for view in views()] == shading
+    assert bpy.context.selected_objects == selected and bpy.context.object.name == "Cube"
+    assert [each.name for each in scene.collection.children] == ["Collection", "figure"], "cameras are a level below"
+
+
+def test_one_click_shows_it_and_one_question_sets_the_scene_up(addon, static_rig):
+    scene = start()
+    importer(scene)(static_rig)
+    assert bpy.ops.frog.show_result(filepath=str(static_rig)) == {"FINISHED"}
+    assert scene.camera.name == "cam00", "nobody chose the camera of the new file"
+    assert {obj.name for obj in bpy.context.selected_objects} == {"figure", "figure Gaussians"}
+    assert (scene.frame_end, scene.render.engine != "FROG") == (250, True)
+    assert bpy.ops.frog.set_up_scene(use_engine=False, use_colors=False, use_frames=False) == {"FINISHED"}
+    assert (scene.frame_end, scene.render.resolution_x) == (250, 96) and scene.render.engine != "FROG"
+    assert scene.view_settings.view_transform == "AgX"
+    assert bpy.ops.frog.set_up_scene() == {"FINISHED"}
+    assert (scene.frame_end, scene.render.engine, scene.view_settings.view_transform) == (10, "FROG", "Standard")
+
+
+def test_the_question_says_what_the_scene_becomes(addon, static_rig):
+    scene = start()
+    importer(scene)(static_rig)
+    said = set_up_scene._values(next(iter(playback.captures(scene.objects))))
+    assert said == {"frames": "1 to 10", "rate": "24 per second", "size": "96 x 64 pixels", "camera": "cam00"}
+    layout = Written()
+    layout.prop = lambda data, name: layout.said.append(name)
+    layout.row = lambda: layout
+    set_up_scene.FROG_OT_set_up_scene.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert [name for name in layout.said if name.startswith("use_")] == [f"use_{part}" for part in PARTS]
+    assert {f"use_{part}" for part in PARTS} <= set(bpy.ops.frog.set_up_scene.get_rna_type().properties.keys())
+    assert set(said.values()) <= set(layout.said)
+
+
+def test_the_finished_scene_is_read_where_it_was_trained(empty, static_rig):
+    finished = events.Finished(str(static_rig), 9, 1.0, 20.0, 5)
+    task = runner.TrainingTask(lambda control: iter([finished]), importer(empty)).start()
+    assert task.join(20.0) and open_scenes.is_known(static_rig) and not files(empty)
+    task.pump_all()
+    assert files(empty) == ["figure.frog"]
+
+
+def test_a_camera_of_the_users_stays_the_scene_s(addon, static_rig):
+    scene = start()
+    importer(scene)(static_rig)
+    scene.camera.location.x += 1.0
+    chosen = scene.camera
+    assert bpy.ops.frog.show_result(filepath=str(static_rig)) == {"FINISHED"} and scene.camera == chosen
+
+
+def test_only_what_the_scene_plays_is_shown(empty, static_rig):
+    with pytest.raises(RuntimeError, match="Import it first"):
+        bpy.ops.frog.show_result(filepath=str(static_rig))
+
+
+def test_the_default_cube_is_told_and_hidden(addon, static_rig, drawn):
+    scene = start()
+    importer(scene)(static_rig)
+    told(events.Finished(str(static_rig), 9, 1.0, 20.0, 5), runner.Ended(""))
+    said = drawn(scene)
+    assert {"frog.show_result", "frog.set_up_scene", "frog.hide_start_cube"} <= set(said)
+    assert bpy.ops.frog.hide_start_cube() == {"FINISHED"} and bpy.data.objects["Cube"].hide_render
+    assert "frog.hide_start_cube" not in drawn(scene) and not bpy.ops.frog.hide_start_cube.poll()
+
+
+def test_a_cube_that_was_changed_is_the_users(addon):
+    scene = start()
+    assert start_cube(scene) is not None
+    scene.objects["Cube"].location.z = 1.0
+    assert start_cube(scene) is None
 
 
 def test_a_scene_of_the_users_gets_the_capture_alone(empty, static_rig):
@@ -39,7 +118,7 @@ def test_a_scene_of_the_users_gets_the_capture_alone(empty, static_rig):
     mine.select_set(True)
     bpy.context.view_layer.objects.active = mine
     before, shading = values(empty), [view.shading.type for view in views()]
-    assert importer(empty)(static_rig) == "Imported. The scene's settings were not changed."
+    assert importer(empty)(static_rig) == ""
     assert files(empty) == ["figure.frog"] and values(empty) == before
     assert [view.shading.type for view in views()] == shading
     assert bpy.context.view_layer.objects.active == mine and mine.select_get()
@@ -107,10 +186,10 @@ def test_outputs_are_counted_on(tmp_path):
 def drawn(empty):
     """A function that draws the panel and gives what it says."""
 
-    def draw():
+    def draw(scene=None):
         panel = SimpleNamespace(layout=Written())
         preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-        context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=2800), preferences=preferences)
+        context = SimpleNamespace(scene=scene or empty, region=SimpleNamespace(width=2800), preferences=preferences)
         train_panel.FROG_PT_train.draw(panel, context)
         return panel.layout.said
 
@@ -136,5 +215,5 @@ def test_the_panel_offers_what_is_not_here(empty, drawn, static_rig, cancelled):
 def test_a_training_of_another_rig_in_the_same_scene(empty, static_rig, tmp_path):
     importer(empty)(static_rig)
     other = write_scene(tmp_path / "other.frog", rig_of_three(), frame_count=25)
-    assert importer(empty)(other) == "" and empty.frame_end == 25
+    assert importer(empty)(other) == "" and empty.frame_end == 250
     assert importer(empty)(other) == "" and files(empty).count("other.frog") == 1, "what plays it already shows it"

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import os
 
+from . import torch_libraries
+
 _SETTING = "OMP_WAIT_POLICY"
 
 if _SETTING not in os.environ:
     os.environ[_SETTING] = "PASSIVE"
     try:
+        torch_libraries.load()  # OpenMP is among them
         import torch
 
         torch.get_num_threads()  # some OpenMP libraries read their settings at the first call

@@ -80,6 +80,11 @@ def build_scene(session: Session, metrics: Metrics) -> BuiltScene:
         return replace(_plain(session, finite), warning=warning)
 
 
+def scene_as_it_stands(session: Session) -> SceneFile:
+    """The scene as training stands, without a report. On the CPU its arrays are the training's own: see ``_arrays``."""
+    return _scene(session, report=False)
+
+
 def check_readable(session: Session) -> None:
     """FrogError, before a training begins, for a capture whose scene could be written but not opened again."""
     try:
@@ -225,7 +230,7 @@ def _scene(session: Session, metrics: Metrics | None = None, *, report: bool = T
 
 
 def _arrays(session: Session) -> dict[str, NDArray[np.generic]]:
-    """What the file holds, by its names."""
+    """What the file holds, by its names; on the CPU not copied."""
     trainer, arrays = session.trainer, {}
     for name, value in trainer.model.state_dict().items():
         name = name.removeprefix("canonical.").replace("deformation.", "network.")

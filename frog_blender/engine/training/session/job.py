@@ -16,6 +16,7 @@ from ...scene.scene_file import settings_json
 from ..compression.settings import DEFAULT, CompressionSettings
 from ..recipe import Recipe, recipe
 from ..setting import Choice, Kind, Name, Number, OrNone
+from .live_scene import LiveScene
 
 LARGEST_SIDE = 1600
 """Pixels a side, to which images are shrunk where no scale is chosen."""
@@ -57,6 +58,7 @@ class TrainingJob:
         preview_size: pixels of a preview's longer side, at most: rendering 512 takes less than a step.
         preview_seconds: between previews, at most; there is one at every tenth of the training besides.
         compression: thresholds, with the recipe's capacity "auto".
+        live: takes snapshots of the scene while it is trained; None makes none.
     """
 
     capture: Path
@@ -86,6 +88,7 @@ class TrainingJob:
     preview_size: int = 512
     preview_seconds: float = 10.0
     compression: CompressionSettings = DEFAULT
+    live: LiveScene | None = None
 
     @property
     def mask_settings(self) -> MaskSettings:

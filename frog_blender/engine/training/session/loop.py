@@ -34,6 +34,7 @@ from .output_paths import beside, checkpoint_path
 from .preview import Previews, preview_shot
 from .recovery import Recovery
 from .session import Session
+from .snapshots import Snapshots
 from .time_estimate import TimeLeft, Workload
 
 _EVALUATIONS = 10  # over a training
@@ -89,7 +90,7 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
     job, trainer, cancel = session.job, session.trainer, session.cancel
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
-    previews, time_left = Previews(session), _time_left(session)
+    previews, snapshots, time_left = Previews(session), Snapshots(session), _time_left(session)
     while not trainer.finished and not cancel.ended:
         paused = cancel.paused  # asked once: a pause that comes later holds the next step
         # A pause may last for days: before it, what was learned goes to disk.
@@ -99,6 +100,8 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
             last_event = last_save = time.monotonic()
         if paused and cancel():
             break
+        if snapshots.due:
+            yield from snapshots.offer()
         trainer.step()
         yield from _compression_events(session)
         now = time.monotonic()

@@ -1,0 +1,179 @@
+"""A click on splats selects what moves their capture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
+from mathutils import Matrix
+
+from .. import addon_state, reported_once
+from ..cameras import view_camera
+from ..capture_files import is_capture
+from ..engine.errors import FrogError
+from ..engine.native.options import RasterizeOptions
+from ..render.collect_instances import placed, visible_captures
+from ..render.viewport_drawing import focal_ratio
+from ..scene_import.capture_objects import select_capture, select_only
+from ..timeline import playback
+
+_REACH = 2  # pixels on each side of the mouse
+_SEEN = 0.5  # alpha from which splats are what is seen there
+_SURFACES = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME")
+_SAME = 1e-4  # of matrices
+
+
+@dataclass(frozen=True, eq=False)
+class Hit:
+    """Splats under the mouse: of an object, standing where a matrix says, at a distance along the view."""
+
+    obj: bpy.types.Object
+    matrix: np.ndarray
+    depth: float
+
+
+def splats_at(context: bpy.types.Context, x: int, y: int) -> Hit | None:
+    """The nearest capture that is seen at a pixel of the context's region, from its lower left corner."""
+    region, view, space = context.region, context.region_data, context.space_data
+    if not (0 <= x < region.width and 0 <= y < region.height):
+        return None
+    depsgraph = context.evaluated_depsgraph_get()
+    ratio = focal_ratio(depsgraph, view, space)
+    camera = view_camera(view.view_matrix, view.window_matrix, region.width, region.height, ratio)
+    left, top = max(0, x - _REACH), max(0, region.height - 1 - y - _REACH)
+    right, bottom = min(region.width, x + _REACH + 1), min(region.height, region.height - y + _REACH)
+    options = replace(RasterizeOptions(), region=(left, top, right - left, bottom - top))
+    hits = []
+    for obj, evaluated, matrix in visible_captures(depsgraph, space):
+        try:
+            shown = playback.displayed(obj, depsgraph.scene.frame_current_final, evaluated)
+            found = _drawn(placed(shown.gaussians(), matrix, obj.name), camera, options)
+        except FrogError:  # which viewports and the panel tell
+            continue
+        if found.alpha.mean() >= _SEEN and np.isfinite(found.median_z).any():
+            hits.append(Hit(obj, matrix, float(np.nanmedian(found.median_z))))
+    return min(hits, key=lambda hit: hit.depth, default=None)
+
+
+def _drawn(gaussians: Any, camera: Any, options: RasterizeOptions) -> Any:
+    from ..engine.playback.render import draw
+
+    return draw(gaussians, camera, options=options)
+
+
+def is_hidden(context: bpy.types.Context, hit: Hit, x: int, y: int) -> bool:
+    """Whether a surface lies before the splats at a pixel."""
+    region, view = context.region, context.region_data
+    origin = region_2d_to_origin_3d(region, view, (x, y))
+    direction = region_2d_to_vector_3d(region, view, (x, y))
+    depsgraph = context.evaluated_depsgraph_get()
+    found, place, _, _, obj, _ = context.scene.ray_cast(depsgraph, origin, direction)
+    if not found or is_capture(obj.original):
+        return False
+    camera = view_camera(view.view_matrix, view.window_matrix, region.width, region.height)
+    return float((np.array(place) - camera.center) @ camera.forward) < hit.depth
+
+
+def select(context: bpy.types.Context, hit: Hit, *, extend: bool = False) -> None:
+    """Selects what moves the splats: the capture's root, or the object that instances it."""
+    instancer = _instancer(context, hit)
+    if instancer is None:
+        select_capture(context, hit.obj, extend=extend)
+    else:
+        select_only(context, instancer, extend=extend)
+
+
+def _instancer(context: bpy.types.Context, hit: Hit) -> bpy.types.Object | None:
+    """The object that shows a capture elsewhere by its collection; None for the capture itself."""
+    if hit.obj.name in context.view_layer.objects and np.allclose(hit.matrix, hit.obj.matrix_world, atol=_SAME):
+        return None
+    for obj in context.view_layer.objects:
+        collection = obj.instance_collection if obj.instance_type == "COLLECTION" else None
+        if collection is not None and hit.obj.name in collection.all_objects:
+            place = obj.matrix_world @ Matrix.Translation(-collection.instance_offset) @ hit.obj.matrix_world
+            if np.allclose(hit.matrix, place, atol=_SAME):
+                return obj
+    return None
+
+
+class FROG_OT_pick(bpy.types.Operator):
+    """Select the capture whose splats are under the mouse"""
+
+    bl_idname = "frog.pick"
+    bl_label = "Select Capture"
+    bl_options = {"UNDO", "INTERNAL"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return (
+            context.mode == "OBJECT"
+            and context.region_data is not None
+            and context.region.type == "WINDOW"
+            and bool(playback.captures_in(context.scene))
+        )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.type != f"{_select_button()}MOUSE":
+            return {"PASS_THROUGH"}
+        x, y = event.mouse_region_x, event.mouse_region_y
+        try:
+            hit = splats_at(context, x, y)
+            if hit is None or is_hidden(context, hit, x, y):
+                return {"PASS_THROUGH"}
+        except Exception as error:  # a click must select whatever Blender finds
+            reported_once.unexpected("selecting splats", error)
+            return {"PASS_THROUGH"}
+        if not _picks_a_handle(context, x, y, event.shift):
+            select(context, hit, extend=event.shift)
+        return {"FINISHED"}
+
+
+def _select_button() -> str:
+    """LEFT or RIGHT: the mouse button that selects."""
+    preferences = bpy.context.window_manager.keyconfigs.active.preferences
+    return getattr(preferences, "select_mouse", "LEFT")
+
+
+def _picks_a_handle(context: bpy.types.Context, x: int, y: int, extend: bool) -> bool:
+    """Lets Blender select what it draws over everything, such as a light; takes back what it selects besides."""
+    before, active = set(context.selected_objects), context.view_layer.objects.active
+    bpy.ops.view3d.select(location=(x, y), extend=extend, deselect_all=False)
+    chosen = context.view_layer.objects.active
+    changed = set(context.selected_objects) != before or chosen != active
+    if changed and chosen is not None and chosen.type not in _SURFACES:
+        return True
+    for obj in context.view_layer.objects:
+        if obj.select_get() != (obj in before):
+            obj.select_set(obj in before)
+    context.view_layer.objects.active = active
+    return False
+
+
+class PickKeys:
+    """The entries in Blender's keymap."""
+
+    def __init__(self) -> None:
+        self.items: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
+
+
+def register() -> None:
+    bpy.utils.register_class(FROG_OT_pick)
+    keys = bpy.context.window_manager.keyconfigs.addon
+    if keys is None:  # without a window
+        return
+    keymap = keys.keymaps.new(name="Object Mode", space_type="EMPTY")
+    items = addon_state.get(PickKeys).items
+    for button, value in (("LEFTMOUSE", "CLICK"), ("RIGHTMOUSE", "PRESS")):
+        for shift in (False, True):
+            items.append((keymap, keymap.keymap_items.new(FROG_OT_pick.bl_idname, button, value, shift=shift)))
+
+
+def unregister() -> None:
+    items = addon_state.get(PickKeys).items
+    for keymap, item in items:
+        keymap.keymap_items.remove(item)
+    items.clear()
+    bpy.utils.unregister_class(FROG_OT_pick)

@@ -1,0 +1,85 @@
+"""Show what a training made, at a click: it ends in the background, and changes no viewport and no selection."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy.props import StringProperty
+
+from .. import point_cloud
+from ..scene_import.capture_objects import cameras_of, root_of, select_capture, that_plays
+from ..scene_import.scene_setup import has_camera_of_its_own, start_cube
+
+_FIELD = 3.0  # reaches of a capture without cameras that a view is away from it
+
+
+class FROG_OT_show_result(bpy.types.Operator):
+    """Select the capture and look at it as its first camera did"""
+
+    bl_idname = "frog.show_result"
+    bl_label = "Show"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(name="Scene", description="The .frog file that is shown", options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        cls.poll_message_set("Leave the present mode first.")
+        return context.mode == "OBJECT"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        obj = that_plays(context.scene, Path(bpy.path.abspath(self.filepath)))
+        if obj is None:
+            self.report({"ERROR"}, f"{self.filepath}: found no capture of this scene that plays it. Import it first.")
+            return {"CANCELLED"}
+        select_capture(context, obj)
+        look_at(context, obj)
+        return {"FINISHED"}
+
+
+def look_at(context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """Looks at a capture in the context's viewport: through its first camera where the scene has none of the user's,
+    from there otherwise, or from the front where it has no cameras.
+    """
+    scene, space, cameras = context.scene, context.space_data, cameras_of(obj)
+    if cameras and not has_camera_of_its_own(scene):
+        scene.camera = cameras[0]
+    if not isinstance(space, bpy.types.SpaceView3D):
+        return
+    view = space.region_3d
+    if cameras and scene.camera == cameras[0]:
+        view.view_perspective = "CAMERA"
+        return
+    view.view_perspective = "PERSP"
+    if cameras:
+        view.view_matrix = cameras[0].matrix_world.inverted_safe()
+        return
+    _, reach = point_cloud.middle_of(point_cloud.read(obj)["position"])
+    view.view_location = root_of(obj).matrix_world.translation
+    view.view_distance = max(_FIELD * reach * obj.matrix_world.median_scale, 0.01)
+
+
+class FROG_OT_hide_start_cube(bpy.types.Operator):
+    """Hide the cube of a new file in viewports and renders"""
+
+    bl_idname = "frog.hide_start_cube"
+    bl_label = "Hide the Default Cube"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        cls.poll_message_set("There is no default cube in sight.")
+        return start_cube(context.scene) is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        cube = start_cube(context.scene)
+        if cube is not None:
+            cube.hide_viewport = cube.hide_render = True
+        return {"FINISHED"}
+
+
+_CLASSES = (FROG_OT_show_result, FROG_OT_hide_start_cube)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

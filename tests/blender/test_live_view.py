@@ -1,0 +1,118 @@
+"""A running training's scene in the viewports of the Blender scene that it was started from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from support.builders import scene_file
+
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.scene.scene_file import SceneFile, write_scene
+from frog_blender.engine.spherical_harmonics import SH_DC
+from frog_blender.timeline import playback_cache
+from frog_blender.timeline.playback_cache import SceneTime
+from frog_blender.training_task import runner
+from frog_blender.training_task.live_view import LiveView
+from frog_blender.viewport import drawing, live
+
+CAPTURE = "/films/room"
+
+
+def snapshot(seed=1):
+    file = scene_file(400, seed=seed, sh_count=4, moving=100)
+    return SceneFile(replace(file.header, capture_path=CAPTURE), file.arrays)
+
+
+@pytest.fixture
+def training(empty):
+    """A training that goes on, and its view."""
+    view = LiveView(empty)
+    task = runner.TrainingTask(lambda control: iter(()), live=view)
+    runner.set_current(task)
+    yield view
+    runner.set_current(None)
+
+
+def offer(view, seed=1):
+    player = ScenePlayer(snapshot(seed))
+    view.source.offer(player)
+    assert view.update()
+    return player
+
+
+def test_the_newest_snapshot_is_shown_at_the_frame_of_the_timeline(empty, training):
+    assert live.shown_in(empty) is None and not training.update()
+    player = offer(training)
+    frames = player.header.frame_count
+    for frame in (1, 3, frames):
+        empty.frame_set(frame)
+        shown = live.shown_in(empty)
+        assert shown.time.scene is player and shown.time.time == pytest.approx((frame - 1) / (frames - 1))
+    np.testing.assert_array_equal(shown.matrix, np.eye(4))
+    newer = offer(training, seed=2)
+    assert live.shown_in(empty).time.scene is newer and training.number == 2
+
+
+def test_another_scene_and_a_scene_that_says_no_show_nothing(empty, training):
+    offer(training)
+    other = bpy.data.scenes.new("Other")
+    assert live.shown_in(other) is None
+    empty.frog.show_live = False
+    assert live.shown_in(empty) is None
+    training.update()
+    assert not training.source.is_wanted, "the training makes no more of them"
+
+
+def test_without_a_window_no_snapshots_are_wanted(empty, training):
+    assert bpy.app.background and not training.source.is_wanted
+
+
+def test_what_was_imported_of_the_same_capture_takes_its_place(empty, training, tmp_path):
+    offer(training)
+    write_scene(tmp_path / "room.frog", snapshot())
+    assert live.shown_in(empty) is not None
+    bpy.ops.import_scene.frog(filepath=str(tmp_path / "room.frog"))
+    assert live.shown_in(empty) is None
+
+
+def test_nothing_of_an_earlier_snapshot_stays_in_memory(empty, training):
+    before = len(playback_cache.frames())
+    for seed in range(4):
+        offer(training, seed)
+        live.shown_in(empty).time.part()
+        assert len(playback_cache.frames()) == before + 1
+    runner.set_current(None)
+    assert len(playback_cache.frames()) == before and training.player is None
+
+
+def test_watchers_are_told_when_it_begins_and_ends(empty, training, monkeypatch):
+    told = []
+    runner.watch_live(lambda: told.append(training.number))
+    training.source.offer(ScenePlayer(snapshot()))
+    runner.tick()
+    runner.tick()
+    assert told == [1]
+    runner.set_current(None)
+    assert told == [1, 1]
+
+
+def test_points_are_the_seen_gaussians_in_their_colours(empty, training, monkeypatch):
+    player = offer(training)
+    shown = SceneTime(player, 0.5)
+    gaussians = player.at(0.5)
+    places, colors = live.points(player, shown)
+    seen = gaussians.opacities >= 0.1
+    assert 0 < seen.sum() < player.count
+    np.testing.assert_allclose(places, gaussians.means[seen], rtol=1e-6)
+    np.testing.assert_allclose(colors[:, :3], np.clip(0.5 + SH_DC * gaussians.sh[seen, 0], 0, 1), atol=1e-6)
+    monkeypatch.setattr(live, "_MOST_POINTS", 20)
+    assert 10 < len(live.points(player, shown)[0]) <= 20
+
+
+def test_sources_are_for_windows(empty):
+    for choice in ("AUTO", "CARD", "POINTS"):
+        empty.frog.viewport_drawing = choice
+        assert not drawing.shows_sources(empty)
