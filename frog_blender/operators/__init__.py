@@ -8,6 +8,7 @@ from . import (
     calibrate,
     cameras,
     capture_cameras,
+    capture_scene,
     click_points,
     clips,
     compose,
@@ -38,6 +39,7 @@ _FAMILIES = (
     calibrate,
     click_points,
     capture_cameras,
+    capture_scene,
 )
 
 

@@ -22,6 +22,7 @@ from ..engine.training.session.output_paths import free_output
 from ..render.frog_engine import SHUTTER_SAMPLES
 from .capture_list import ChoosesCapture
 from .path_options import PATH_OPTIONS
+from .rig_settings import FrogRigSettings
 from .training_choices import TrainingChoices
 
 RECIPES = (
@@ -146,6 +147,8 @@ class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGr
         options={"HIDDEN"},
     )
 
+    rig: PointerProperty(type=FrogRigSettings)
+
     capture_folder: StringProperty(
         name="Capture",
         description="Folder with the videos or images and their camera calibration",
@@ -266,6 +269,7 @@ class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGr
 
 
 def register() -> None:
+    bpy.utils.register_class(FrogRigSettings)
     bpy.utils.register_class(FrogTrainingSettings)
     bpy.types.Scene.frog = PointerProperty(type=FrogTrainingSettings)
 
@@ -273,3 +277,4 @@ def register() -> None:
 def unregister() -> None:
     del bpy.types.Scene.frog
     bpy.utils.unregister_class(FrogTrainingSettings)
+    bpy.utils.unregister_class(FrogRigSettings)
