@@ -48,18 +48,18 @@ def place(scene: bpy.types.Scene, settings: Any) -> list[bpy.types.Object]:
     Raises:
         FrogError: without a box, or for one without a size.
     """
-    middle, radius = _sphere_of(settings.box)
-    tangent = _SENSOR / 2 / settings.lens
-    away = rig.distance(radius, tangent)
+    middle, corners = _extent_of(settings.box)
+    looks = rig.directions(settings.shape, settings.count, settings.arc)
+    away = rig.distance(corners, looks, _SENSOR / 2 / settings.lens)
     collection = collection_of(scene, settings)
     remove_cameras(collection)
     cameras = []
-    for number, direction in enumerate(rig.directions(settings.shape, settings.count, settings.arc)):
+    for number, look in enumerate(looks):
         data = bpy.data.cameras.new(f"rig{number:02d}")
         data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", _SENSOR, settings.lens
         data.clip_start, data.clip_end, data.display_size = _NEAR * away, _FAR * away, _SMALL * away
         camera = bpy.data.objects.new(data.name, data)
-        camera.matrix_world = Matrix(rig.pose(direction, middle, away).tolist())
+        camera.matrix_world = Matrix(rig.pose(look, middle, away).tolist())
         collection.objects.link(camera)
         cameras.append(camera)
     return cameras
@@ -150,8 +150,8 @@ def _corners(graph: bpy.types.Depsgraph, objects: set[bpy.types.Object]) -> list
     return found
 
 
-def _sphere_of(box: bpy.types.Object | None) -> tuple[Float64s, float]:
-    """Middle (3,) and radius of the sphere around a box object."""
+def _extent_of(box: bpy.types.Object | None) -> tuple[Float64s, Float64s]:
+    """Middle (3,) of a box object, and its corners (8, 3) from there."""
     if box is None:
         raise FrogError("The rig has no box, expected an object to place cameras around. Press Fit to Selection.")
     if box.type == "EMPTY":
@@ -162,7 +162,6 @@ def _sphere_of(box: bpy.types.Object | None) -> tuple[Float64s, float]:
         corners, matrix = np.array([list(corner) for corner in box.bound_box]), np.array(box.matrix_world)
     corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
     middle: Float64s = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    radius = float(np.linalg.norm(corners - middle, axis=1).max())
-    if not np.isfinite(radius) or radius <= 0:
+    if not np.isfinite(corners).all() or not np.ptp(corners, axis=0).any():
         raise FrogError(f"{box.name}: found a box without a size, expected one to place cameras around.")
-    return middle, radius
+    return middle, corners - middle

@@ -19,7 +19,7 @@ _EACH = 8  # cameras of a ring before there is another one
 _ARC_ROWS = (5.0, 20.0)  # elevations in degrees between which an arc's cameras alternate: depth needs both directions
 _DOME = (5.0, 80.0)  # lowest and highest elevation in degrees
 _GOLDEN = math.pi * (3 - math.sqrt(5))  # the angle that spreads points on a sphere evenly
-_MARGIN = 1.08  # of the box's radius
+_MARGIN = 1.06  # of the image, beside the box
 
 
 def directions(shape: str, count: int, arc: float) -> Float64s:
@@ -60,14 +60,20 @@ def _rings(count: int) -> tuple[Float64s, Float64s]:
     return np.concatenate(azimuths), np.concatenate(elevations)
 
 
-def distance(radius: float, tangent: float) -> float:
-    """How far from the middle of a sphere a camera sees all of it.
+def distance(corners: Float64s, looks: Float64s, tangent: float) -> float:
+    """How far from the middle cameras must stand to see all of a box.
 
     Args:
-        radius: of the sphere, world units.
+        corners: (8, 3) of the box, from the middle.
+        looks: (N, 3) unit vectors from the middle to the cameras.
         tangent: of half the narrower angle of view.
     """
-    return _MARGIN * radius * math.sqrt(1 + 1 / tangent**2)
+    away = 0.0
+    for look in looks:
+        axes = pose(look, np.zeros(3), 0.0)[:3, :3]
+        local = corners @ axes
+        away = max(away, float((np.abs(local[:, :2]).max(axis=1) * _MARGIN / tangent + local[:, 2]).max()))
+    return away
 
 
 def pose(direction: Float64s, middle: Float64s, away: float) -> Float64s:

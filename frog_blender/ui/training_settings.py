@@ -19,7 +19,7 @@ from bpy.props import (
 
 from .. import redrawing, relative_paths
 from ..engine.training.session.output_paths import free_output
-from ..render.frog_engine import SHUTTER_SAMPLES
+from ..render.blur import LENS_SAMPLES, SHUTTER_SAMPLES
 from .capture_list import ChoosesCapture
 from .path_options import PATH_OPTIONS
 from .rig_settings import FrogRigSettings
@@ -124,6 +124,15 @@ class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGr
         min=1,
         soft_max=64,
         max=1024,
+    )
+    lens_samples: IntProperty(
+        name="Samples",
+        description="Points of the lens that depth of field averages, for cameras that have it. More of them make wide "
+        "blurs smoother and take longer",
+        default=LENS_SAMPLES,
+        min=1,
+        soft_max=128,
+        max=4096,
     )
     composed_with: PointerProperty(
         name="Composed With",
