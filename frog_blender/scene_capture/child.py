@@ -9,8 +9,10 @@ the user's file, so that nothing it sets is anybody's setting. It tells of each 
 import contextlib
 import json
 import os
+import shutil
 import sys
 import threading
+import traceback
 
 import bpy
 from mathutils import Matrix
@@ -27,7 +29,8 @@ def end_with_parent():
     """Ends this process when the parent's end of the pipe is closed."""
 
     def wait():
-        sys.stdin.read()
+        while os.read(0, 4096):  # not sys.stdin, whose lock would outlive the interpreter
+            pass
         os._exit(3)
 
     threading.Thread(target=wait, daemon=True).start()
@@ -93,19 +96,26 @@ def render_all(request):
 
 
 def main(arguments):
+    """The exit status."""
     end_with_parent()
     if hasattr(os, "nice"):
         os.nice(5)  # the user's own Blender comes first
-    with open(arguments[-1], encoding="utf-8") as file:
-        request = json.load(file)
     try:
+        with open(arguments[-1], encoding="utf-8") as file:
+            request = json.load(file)
         if getattr(bpy.app, "module", False):
             bpy.ops.wm.open_mainfile(filepath=request["blend"], load_ui=False, use_scripts=request["scripts"])
         render_all(request)
     except Exception as error:
+        traceback.print_exc()
         told(error=f"{error}".strip())
-        raise
+        return 1
+    return 0
 
 
 if __name__ == "__main__":
-    main(sys.argv)
+    status = main(sys.argv)
+    shutil.rmtree(bpy.app.tempdir, ignore_errors=True)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)  # Blender's own way out does not always end, and everything is written
