@@ -54,6 +54,18 @@ def pose_of(camera: Camera) -> np.ndarray:
     return np.linalg.inv(camera.world_to_camera) @ _FLIP
 
 
+def view_matrix_of(matrix_world: Any, name: str) -> np.ndarray:
+    """(4, 4) ``world_to_camera`` of what stands as a Blender camera of that matrix does, its scale left out.
+
+    FrogError, with the name, for a matrix that places nothing.
+    """
+    pose = np.array(matrix_world, dtype=np.float64)
+    pose[:3, :3] = nearest_rotation(pose[:3, :3], name)
+    _expect_numbers(pose, pose, name)
+    view: np.ndarray = np.linalg.inv(pose @ _FLIP)
+    return view
+
+
 def engine_camera(
     obj: bpy.types.Object,
     matrix_world: Any,

@@ -8,6 +8,7 @@ from . import (
     calibrate,
     cameras,
     capture_cameras,
+    capture_scene,
     click_points,
     clips,
     compose,
@@ -46,6 +47,7 @@ _FAMILIES = (
     calibrate,
     click_points,
     capture_cameras,
+    capture_scene,
 )
 
 

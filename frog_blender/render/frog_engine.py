@@ -7,34 +7,33 @@ display-referred colour, as they were trained, and the result is converted to Bl
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
 
 from .. import reported_once
-from ..cameras import distance_added, engine_camera
+from ..cameras import distance_added
 from ..color_spaces import into_working_space
 from ..engine.errors import FrogError
 from ..timeline.retiming import raw_frame
-from . import index_pass, vector_pass, viewport_drawing
+from . import blur, index_pass, vector_pass, viewport_drawing
 from .collect_instances import gather, pass_indices
 from .compositing import renders
-from .holdout import draw_before, limits_of_objects
 from .messages import error_message
 from .pixel_passes import combined_pass, depth_pass, pass_pixels, refusal_pattern
-from .region import rendered_part
+from .rendered_view import camera_of, eye_of, is_panoramic, options_of, settings_of, settings_scene
+from .view_drawing import Through, drawer_of
 from .world import background_of
 
 if TYPE_CHECKING:
-    from ..engine.capture.camera import Camera
-    from ..engine.native.options import RasterizeOptions
+    from ..engine.gaussians import GaussianArrays
     from ..engine.playback.render import Drawing
     from .viewport import Viewport
-
-SHUTTER_SAMPLES = 16  # frames that motion blur averages, unless the scene says otherwise
 
 
 class FrogRenderEngine(bpy.types.RenderEngine):
@@ -139,6 +138,8 @@ def drawn_passes(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph)
 
 
 Passes = tuple[np.ndarray, np.ndarray, np.ndarray | None]
+Gathered = tuple["GaussianArrays | None", np.ndarray]
+"""What ``gather`` gives."""
 
 
 def render_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Passes:
@@ -146,21 +147,32 @@ def render_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph)
     at each pixel's surface (H, W), -1 for none; None instead of the index without captures. Rows from the top, of the
     Render Region only if there is one.
 
-    With motion blur, Combined is averaged over frames spread over the shutter time; the rest is of the frame itself.
+    With motion blur or depth of field, Combined is averaged over their samples; the rest is of the frame itself, from
+    the middle of the lens.
     """
-    combined, depth, surface = render_instant(engine, depsgraph)
-    render, frame = _settings(depsgraph), raw_frame(depsgraph.scene)
-    if not render.use_motion_blur or render.motion_blur_shutter <= 0:
+    from ..engine.playback.lens import seen_from
+
+    lens = blur.lens_of(eye_of(engine, depsgraph), depsgraph)
+    samples = blur.samples(settings_scene(depsgraph), settings_of(depsgraph), raw_frame(depsgraph.scene), lens)
+    started = time.perf_counter()
+    gathered = _gathered(engine, depsgraph)
+    combined, depth, surface = render_instant(engine, depsgraph, gathered)
+    blur.note_seconds(time.perf_counter() - started, depth.size)
+    if not samples:
         return combined, depth, surface
-    number = _settings_scene(depsgraph).frog.motion_samples
-    samples = shutter_frames(frame, render.motion_blur_shutter, render.motion_blur_position, number)
     light = np.zeros_like(combined)
     with _restoring_frame(engine, depsgraph):
         for number, sample in enumerate(samples):
             if engine.test_break():
                 break
-            engine.frame_set(math.floor(sample), sample % 1.0)  # cameras and roots move as well
-            light += render_instant(engine, depsgraph)[0]
+            if sample.frame is not None:
+                engine.frame_set(math.floor(sample.frame), sample.frame % 1.0)  # cameras and roots move as well
+                gathered = _gathered(engine, depsgraph)
+                lens = blur.lens_of(eye_of(engine, depsgraph), depsgraph)
+            through = None
+            if sample.point is not None and lens is not None:
+                through = partial(seen_from, point=sample.point, focus=lens.focus)
+            light += render_instant(engine, depsgraph, gathered, through)[0]
             engine.update_progress((number + 1) / len(samples))
     return light / len(samples), depth, surface
 
@@ -176,34 +188,33 @@ def _restoring_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgr
             engine.frame_set(math.floor(frame), frame % 1.0)
 
 
-def shutter_frames(frame: float, shutter: float, position: str, samples: int = SHUTTER_SAMPLES) -> list[float]:
-    """The frames sampled while a shutter is open for ``shutter`` frames, placed by Blender's "START", "CENTER" or
-    "END" of the frame.
+def render_instant(
+    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, gathered: Gathered, through: Through | None = None
+) -> Passes:
+    """``render_frame`` at the scene's current frame, without blur.
+
+    Args:
+        gathered: the captures at that frame.
+        through: moves the camera to a point of its lens.
     """
-    first = frame + {"START": 0.0, "CENTER": -0.5, "END": -1.0}[position] * shutter
-    return [first + shutter * (number + 0.5) / samples for number in range(samples)]
-
-
-def render_instant(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Passes:
-    """``render_frame`` at the scene's current frame, without motion blur."""
-    scene = depsgraph.scene
-    width, height = engine.resolution_x, engine.resolution_y
-    eye = _eye(engine, depsgraph)
-    options = _options(depsgraph, eye, width, height)
-    camera = _camera(engine, depsgraph, eye)
-    engine.update_stats("", "Deforming Gaussians")
-    gaussians, captured_background = gather(depsgraph)
-    if gaussians is None or engine.test_break():
-        drawing = None
-    else:
+    gaussians, captured_background = gathered
+    drawer = drawer_of(engine, depsgraph, through)
+    drawing = None
+    if gaussians is not None and not engine.test_break():
         engine.update_stats("", f"Drawing {len(gaussians.means):,} Gaussians")
-        limits = limits_of_objects(depsgraph, camera, options) if scene.frog.hold_out else None
-        drawing = draw_before(limits, gaussians, camera, options)
+        drawing = drawer.draw(gaussians)
         _warn_if_slow(engine, drawing)
-    size = options.region_of(camera)[2:]
-    depth = depth_pass(drawing, *size, distance_added(eye.data))
-    combined = into_working_space(combined_pass(drawing, background_of(scene, captured_background), *size))
+    depth = depth_pass(drawing, *drawer.size, distance_added(eye_of(engine, depsgraph).data))
+    background = background_of(depsgraph.scene, captured_background)
+    combined = into_working_space(combined_pass(drawing, background, *drawer.size))
+    if drawer.blind is not None:
+        combined[drawer.blind] = 0.0
     return combined, depth, drawing.median_index if drawing is not None else None
+
+
+def _gathered(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Gathered:
+    engine.update_stats("", "Deforming Gaussians")
+    return gather(depsgraph)
 
 
 def _warn_if_slow(engine: bpy.types.RenderEngine, drawing: Drawing) -> None:
@@ -213,62 +224,18 @@ def _warn_if_slow(engine: bpy.types.RenderEngine, drawing: Drawing) -> None:
         engine.report({"WARNING"}, drawing.notice)
 
 
-def _options(depsgraph: bpy.types.Depsgraph, eye: bpy.types.Object, width: int, height: int) -> RasterizeOptions:
-    """Options for the Render Region, with the near plane at Blender's camera even if the engine's is further back."""
-    from ..engine.native.options import RasterizeOptions
-
-    region = rendered_part(renders.leading(depsgraph.scene.original).render, width, height)
-    return RasterizeOptions(region=region, near_plane=RasterizeOptions.near_plane + distance_added(eye.data))
-
-
-def _settings(depsgraph: bpy.types.Depsgraph) -> bpy.types.RenderSettings:
-    """The render settings in effect."""
-    return _settings_scene(depsgraph).render
-
-
-def _settings_scene(depsgraph: bpy.types.Depsgraph) -> bpy.types.Scene:
-    """The scene whose render settings are in effect: the followed one while that is rendered."""
-    scene = depsgraph.scene
-    first = renders.leading(scene.original)
-    return first if scene.original.frog.composed_with == first else scene
-
-
-def _eye(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> bpy.types.Object:
-    """The evaluated active camera: of the scene, of a sequencer strip or of a stereo eye; while the followed scene
-    is rendered, the camera of that scene.
-    """
-    scene = depsgraph.scene.original
-    camera = engine.camera_override or scene.camera
-    first = renders.leading(scene)
-    if scene.frog.composed_with == first != scene and first.camera != scene.camera:
-        camera = first.camera
-    if camera is None:
-        raise FrogError(f"Scene {scene.name}: found no active camera, expected one to render through.")
-    evaluated = camera.evaluated_get(depsgraph)
-    if not evaluated.is_evaluated:
-        raise FrogError(f"{camera.name} is not in any collection that {scene.name} renders.")
-    return evaluated
-
-
-def _camera(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, eye: bpy.types.Object) -> Camera:
-    """The engine camera of the rendered view."""
-    render, width, height = _settings(depsgraph), engine.resolution_x, engine.resolution_y
-    if not render.use_multiview:
-        return engine_camera(eye, eye.matrix_world, render, width, height)
-    matrix = engine.camera_model_matrix(eye)
-    return engine_camera(eye, matrix, render, width, height, shift_x=engine.camera_shift_x(eye))
-
-
 def render_vectors(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     """The Vector pass of the Render Region, (H, W, 4), rows from the top; see vector_pass."""
     frame, width, height = raw_frame(depsgraph.scene), engine.resolution_x, engine.resolution_y
+    if is_panoramic(eye_of(engine, depsgraph)):
+        raise FrogError("Found a panoramic camera and a Vector pass, expected one of them: vectors lie in a plane.")
 
     def snapshot_at(offset: int) -> vector_pass.Snapshot:
         other = frame + offset
         engine.frame_set(math.floor(other), other % 1.0)
-        return gather(depsgraph)[0], _camera(engine, depsgraph, _eye(engine, depsgraph))
+        return gather(depsgraph)[0], camera_of(engine, depsgraph, eye_of(engine, depsgraph))
 
-    options = _options(depsgraph, _eye(engine, depsgraph), width, height)
+    options = options_of(depsgraph, eye_of(engine, depsgraph), width, height)
     with _restoring_frame(engine, depsgraph):
         return vector_pass.vectors(snapshot_at, options)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import bpy
 
+from ..render import blur
 from ..render.world import background_node
 from ..timeline import playback
 from .render_panel import draw_colors, draw_with_objects
-from .text import wrapped_label
+from .text import duration, wrapped_label
 
 
 class _EnginePanel:
@@ -53,8 +54,49 @@ class FROG_PT_motion_blur(_EnginePanel, bpy.types.Panel):
         layout.prop(scene.render, "motion_blur_position", text="Position")
         layout.prop(scene.render, "motion_blur_shutter")
         layout.prop(scene.frog, "motion_samples")
-        sentence = f"Each image takes as long as {scene.frog.motion_samples:,} without motion blur."
-        wrapped_label(layout, sentence, context, icon="TIME")
+        _draw_cost(layout, context)
+
+
+class FROG_PT_depth_of_field(_EnginePanel, bpy.types.Panel):
+    """Depth of field: the settings of the scene's camera, and what they cost."""
+
+    bl_label = "Depth of Field"
+    bl_context = "render"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        camera = context.scene.camera if super().poll(context) else None
+        return camera is not None and camera.type == "CAMERA" and camera.data.type != "PANO"
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        self.layout.prop(context.scene.camera.data.dof, "use_dof", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, scene = self.layout, context.scene
+        dof = scene.camera.data.dof
+        layout.use_property_split = True
+        layout.active = dof.use_dof
+        layout.prop(dof, "focus_object")
+        if dof.focus_object is None:
+            layout.prop(dof, "focus_distance")
+        layout.prop(dof, "aperture_fstop")
+        layout.prop(scene.frog, "lens_samples")
+        _draw_cost(layout, context)
+        wrapped_label(layout, "Viewports show everything sharp.", context, icon="INFO")
+
+
+def _draw_cost(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Tells what blurs cost, which share their samples."""
+    scene = context.scene
+    moves, lens = blur.blurs_motion(scene.render), blur.has_lens(scene.camera)
+    count = blur.sample_count(scene, blurs_motion=moves, has_lens=lens)
+    if count == 1:
+        return
+    seconds = blur.seconds_of(scene.render, count)
+    about = f", about {duration(seconds)} as the last render went" if seconds >= 1 else ""
+    sentence = f"Each image takes as long as {count:,} without blur{about}."
+    wrapped_label(layout, sentence, context, icon="TIME")
 
 
 class FROG_PT_background(_EnginePanel, bpy.types.Panel):
@@ -113,5 +155,12 @@ class FROG_PT_with_objects(bpy.types.Panel):
         draw_colors(self.layout, context)
 
 
-_CLASSES = (FROG_PT_with_objects, FROG_PT_film, FROG_PT_motion_blur, FROG_PT_background, FROG_PT_passes)
+_CLASSES = (
+    FROG_PT_with_objects,
+    FROG_PT_film,
+    FROG_PT_depth_of_field,
+    FROG_PT_motion_blur,
+    FROG_PT_background,
+    FROG_PT_passes,
+)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

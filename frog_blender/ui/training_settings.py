@@ -19,9 +19,10 @@ from bpy.props import (
 
 from .. import redrawing, relative_paths
 from ..engine.training.session.output_paths import free_output
-from ..render.frog_engine import SHUTTER_SAMPLES
+from ..render.blur import LENS_SAMPLES, SHUTTER_SAMPLES
 from .capture_list import ChoosesCapture
 from .path_options import PATH_OPTIONS
+from .rig_settings import FrogRigSettings
 from .training_choices import TrainingChoices
 
 RECIPES = (
@@ -129,6 +130,15 @@ class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGr
         soft_max=64,
         max=1024,
     )
+    lens_samples: IntProperty(
+        name="Samples",
+        description="Points of the lens that depth of field averages, for cameras that have it. More of them make wide "
+        "blurs smoother and take longer",
+        default=LENS_SAMPLES,
+        min=1,
+        soft_max=128,
+        max=4096,
+    )
     composed_with: PointerProperty(
         name="Composed With",
         description="The scene of the user's objects that this scene of captures belongs to",
@@ -150,6 +160,8 @@ class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGr
         description="The scene's settings when FRoG last set them up, to tell whether they were changed since",
         options={"HIDDEN"},
     )
+
+    rig: PointerProperty(type=FrogRigSettings)
 
     capture_folder: StringProperty(
         name="Capture",
@@ -277,6 +289,7 @@ class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGr
 
 
 def register() -> None:
+    bpy.utils.register_class(FrogRigSettings)
     bpy.utils.register_class(FrogTrainingSettings)
     bpy.types.Scene.frog = PointerProperty(type=FrogTrainingSettings)
 
@@ -284,3 +297,4 @@ def register() -> None:
 def unregister() -> None:
     del bpy.types.Scene.frog
     bpy.utils.unregister_class(FrogTrainingSettings)
+    bpy.utils.unregister_class(FrogRigSettings)

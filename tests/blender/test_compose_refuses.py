@@ -33,8 +33,8 @@ def an_uneven_scale(scene):
 
 
 def a_fisheye(scene):
-    scene.camera.data.type = "PANO"
-    return "expected a perspective"
+    scene.camera.data.type, scene.camera.data.panorama_type = "PANO", "FISHEYE_LENS_POLYNOMIAL"
+    return "of the kind fisheye lens polynomial"
 
 
 def frog_for_both(scene):

@@ -73,13 +73,6 @@ def test_uneven_scale_is_refused_in_a_sentence(empty, static_rig, rendered):
         rendered(empty)
 
 
-def test_panoramic_camera_is_refused_in_a_sentence(empty, static_rig, rendered):
-    import_scene(static_rig)
-    empty.camera.data.type = "PANO"
-    with pytest.raises(RuntimeError, match="expected a perspective or an orthographic"):
-        rendered(empty)
-
-
 def without_memory_after(images):
     """Playing goes well for so many images, and then there is no memory left."""
     left = [images]
@@ -172,7 +165,7 @@ def test_motion_blur_is_the_light_of_the_open_shutter(empty, static_rig, tmp_pat
 
 
 def test_the_shutter_is_open_where_blender_says():
-    from frog_blender.render.frog_engine import SHUTTER_SAMPLES, shutter_frames
+    from frog_blender.render.blur import SHUTTER_SAMPLES, shutter_frames
 
     for position, first, last in (("START", 7.0, 7.5), ("CENTER", 6.75, 7.25), ("END", 6.5, 7.0)):
         frames = shutter_frames(7.0, 0.5, position)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.training_panel import Written
 
+from frog_blender.render import blur
 from frog_blender.render.world import background_of
 from frog_blender.ui import render_panels
 
@@ -45,11 +46,31 @@ def test_what_frog_does_not_draw_has_no_settings(addon):
 
 def test_motion_blur_is_set_where_one_looks_for_it(empty, said):
     panel = render_panels.FROG_PT_motion_blur
+    blur.note_seconds(0.0, 1)
     assert panel.bl_context == "render" and said(panel, "draw_header") == "use_motion_blur"
     assert "motion_blur_position motion_blur_shutter motion_samples" in said(panel)
     empty.frog.motion_samples = 40
-    assert "as long as 40 without" in said(panel)
+    assert "as long as" not in said(panel), "it is off"
+    empty.render.use_motion_blur = True
+    assert "as long as 40 without blur." in said(panel)
+    empty.render.resolution_x, empty.render.resolution_y, empty.render.resolution_percentage = 200, 100, 50
+    blur.note_seconds(0.5, 10_000)
+    assert "as long as 40 without blur, about 10 s" in said(panel)
     empty.render.engine = "CYCLES"
+    assert said(panel) is None
+
+
+def test_depth_of_field_is_the_cameras(empty, said):
+    panel = render_panels.FROG_PT_depth_of_field
+    assert said(panel) is None, "there is no camera"
+    data = bpy.data.cameras.new("eye")
+    empty.camera = bpy.data.objects.new("eye", data)
+    assert said(panel, "draw_header") == "use_dof" and "as long as" not in said(panel)
+    data.dof.use_dof, empty.frog.lens_samples = True, 24
+    assert "focus_distance aperture_fstop lens_samples" in said(panel) and "as long as 24 without" in said(panel)
+    empty.render.use_motion_blur, empty.frog.motion_samples = True, 30
+    assert "as long as 30 without" in said(panel), "they share their samples"
+    data.type = "PANO"
     assert said(panel) is None
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ...cameras import engine_camera
 from ...engine.errors import FrogError
 from ...timeline import playback
 from ...timeline.render_thread import in_main_thread
 from ..collect_instances import check_placement
+from ..panoramic_camera import check_lens
 from . import compositor, scenes
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def _check_settings(scene: bpy.types.Scene, splats: bpy.types.Scene) -> None:
     if cannot_follow and scenes.structural_changes(splats):
         raise FrogError(f"{splats.name} does not have the same objects as {scene.name}. Render again.")
     if scene.camera is not None:
-        engine_camera(scene.camera, scene.camera.matrix_world, scene.render, 64, 64)
+        check_lens(scene.camera, scene.render)
     world = scene.rigidbody_world
     if world is not None and world.enabled and world.collection is not None:
         for obj in world.collection.objects:

@@ -1,0 +1,167 @@
+"""The box that a rig stands around, and the rig's cameras, as objects of a collection of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+
+from ..engine.arrays import Float64s
+from ..engine.errors import FrogError
+from . import rig
+
+NAME = "FRoG Rig"
+_SHOWN = {"MESH", "CURVE", "SURFACE", "FONT", "META", "CURVES", "POINTCLOUD", "VOLUME"}
+_SENSOR = 36.0  # millimetres
+_MOMENTS = 16  # frames at which moving objects are looked at, at most
+_NEAR, _FAR = 0.01, 100.0  # clipping, in distances to the box's middle
+_SMALL = 0.06  # of a camera's drawn size, in distances
+
+
+def fit_box(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, settings: Any) -> bpy.types.Object:
+    """The settings' box, created if there is none, around the selected objects over the scene's frames; around all that
+    renders if none of them is selected.
+
+    Args:
+        settings: ``Scene.frog.rig``.
+
+    Raises:
+        FrogError: if nothing renders.
+    """
+    chosen = _subjects(layer.objects, only_selected=True) or _subjects(layer.objects, only_selected=False)
+    low, high = _bounds(scene, layer, chosen)
+    box = settings.box
+    if box is None or box.type != "EMPTY":
+        box = settings.box = bpy.data.objects.new(f"{NAME} Box", None)
+        collection_of(scene, settings).objects.link(box)
+    box.empty_display_type, box.empty_display_size = "CUBE", 1.0
+    box.matrix_world = Matrix.LocRotScale(Vector((low + high) / 2), None, Vector(np.maximum((high - low) / 2, 1e-6)))
+    return box
+
+
+def place(scene: bpy.types.Scene, settings: Any) -> list[bpy.types.Object]:
+    """The rig's cameras, placed anew around the settings' box.
+
+    Raises:
+        FrogError: without a box, or for one without a size.
+    """
+    middle, corners = _extent_of(settings.box)
+    looks = rig.directions(settings.shape, settings.count, settings.arc)
+    away = rig.distance(corners, looks, _SENSOR / 2 / settings.lens)
+    collection = collection_of(scene, settings)
+    remove_cameras(collection)
+    cameras = []
+    for number, look in enumerate(looks):
+        data = bpy.data.cameras.new(f"rig{number:02d}")
+        data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", _SENSOR, settings.lens
+        data.clip_start, data.clip_end, data.display_size = _NEAR * away, _FAR * away, _SMALL * away
+        camera = bpy.data.objects.new(data.name, data)
+        camera.matrix_world = Matrix(rig.pose(look, middle, away).tolist())
+        collection.objects.link(camera)
+        cameras.append(camera)
+    return cameras
+
+
+def collection_of(scene: bpy.types.Scene, settings: Any) -> bpy.types.Collection:
+    """The rig's collection, created and linked to the scene if there is none."""
+    collection = settings.collection
+    if collection is None:
+        collection = settings.collection = bpy.data.collections.new(NAME)
+    if collection not in scene.collection.children_recursive:
+        scene.collection.children.link(collection)
+    return collection
+
+
+def cameras_of(settings: Any) -> list[bpy.types.Object]:
+    """The cameras of the rig's collection, by name; a user may have moved, added or deleted some."""
+    if settings.collection is None:
+        return []
+    found = [obj for obj in settings.collection.all_objects if obj.type == "CAMERA"]
+    return sorted(found, key=lambda obj: obj.name)
+
+
+def remove_cameras(collection: bpy.types.Collection) -> None:
+    """Deletes the cameras of a collection with their data."""
+    for obj in [each for each in collection.objects if each.type == "CAMERA"]:
+        data = obj.data
+        bpy.data.objects.remove(obj)
+        if data.users == 0:
+            bpy.data.cameras.remove(data)
+
+
+def remove(settings: Any) -> None:
+    """Deletes the rig: its cameras, the box that was made for it, and the collection. Other objects in it stay in the
+    file.
+    """
+    collection, box = settings.collection, settings.box
+    if collection is None:
+        return
+    remove_cameras(collection)
+    if box is not None and box.type == "EMPTY" and collection.objects.get(box.name) == box:
+        bpy.data.objects.remove(box)
+    if not collection.all_objects:
+        bpy.data.collections.remove(collection)
+
+
+def _subjects(objects: Iterable[bpy.types.Object], *, only_selected: bool) -> list[bpy.types.Object]:
+    return [
+        obj
+        for obj in objects
+        if (obj.type in _SHOWN or obj.is_instancer) and not obj.hide_render and (obj.select_get() or not only_selected)
+    ]
+
+
+def _bounds(
+    scene: bpy.types.Scene, layer: bpy.types.ViewLayer, objects: list[bpy.types.Object]
+) -> tuple[Float64s, Float64s]:
+    """Lowest and highest corner (3,) of objects over the scene's frames. The scene's frame is what it was afterwards.
+
+    FrogError without any.
+    """
+    count = min(_MOMENTS, scene.frame_end - scene.frame_start + 1)
+    frames = sorted({round(frame) for frame in np.linspace(scene.frame_start, scene.frame_end, count)})
+    stood = scene.frame_current, scene.frame_subframe
+    corners: list[Float64s] = []
+    try:
+        for frame in frames:
+            scene.frame_set(frame)
+            corners += _corners(layer.depsgraph, set(objects))
+    finally:
+        scene.frame_set(stood[0], subframe=stood[1])
+    if not corners:
+        raise FrogError(f"Scene {scene.name}: found nothing that renders, expected an object to place cameras around.")
+    points = np.concatenate(corners)
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _corners(graph: bpy.types.Depsgraph, objects: set[bpy.types.Object]) -> list[Float64s]:
+    """The corners (8, 3) of the evaluated objects' boxes, and of what they instance."""
+    found = []
+    for instance in graph.object_instances:
+        obj = instance.object
+        owner = instance.parent.original if instance.is_instance and instance.parent else obj.original
+        if owner not in objects or obj.type not in _SHOWN:
+            continue
+        matrix, box = np.array(instance.matrix_world), np.array([list(corner) for corner in obj.bound_box])
+        found.append(box @ matrix[:3, :3].T + matrix[:3, 3])
+    return found
+
+
+def _extent_of(box: bpy.types.Object | None) -> tuple[Float64s, Float64s]:
+    """Middle (3,) of a box object, and its corners (8, 3) from there."""
+    if box is None:
+        raise FrogError("The rig has no box, expected an object to place cameras around. Press Fit to Selection.")
+    if box.type == "EMPTY":
+        size = box.empty_display_size
+        corners = np.array([[x, y, z] for x in (-size, size) for y in (-size, size) for z in (-size, size)])
+        matrix = np.array(box.matrix_basis if box.parent is None else box.matrix_world)
+    else:
+        corners, matrix = np.array([list(corner) for corner in box.bound_box]), np.array(box.matrix_world)
+    corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
+    middle: Float64s = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    if not np.isfinite(corners).all() or not np.ptp(corners, axis=0).any():
+        raise FrogError(f"{box.name}: found a box without a size, expected one to place cameras around.")
+    return middle, corners - middle

@@ -1,0 +1,243 @@
+"""A capture rendered from a Blender scene: the rig sees its box, the images fit their cameras, nothing of the user's
+scene changes, and it can be trained."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from support.small_scenes import read_png
+from support.training_panel import Written
+
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.scene_capture import rig, runner
+from frog_blender.ui import scene_capture_panel
+
+SIZE = 40
+
+
+@pytest.fixture
+def cube(empty, tmp_path):
+    """A scene of a cube that moves 1 to the right over its two frames, and settings of a small rig around it."""
+    bpy.ops.mesh.primitive_cube_add(size=1.0)
+    cube = bpy.context.object
+    cube.keyframe_insert("location", frame=1)
+    cube.location.x = 1.0
+    cube.keyframe_insert("location", frame=2)
+    empty.frame_start, empty.frame_end = 1, 2
+    empty.frame_set(1)
+    empty.render.engine, empty.cycles.samples, empty.cycles.use_denoising = "CYCLES", 1, False
+    settings = empty.frog.rig
+    settings.size, settings.count, settings.folder = SIZE, 3, str(tmp_path / "capture")
+    yield cube
+    runner.stop()
+
+
+def finished(seconds=300.0):
+    task, end = runner.current(), time.monotonic() + seconds
+    while task.is_running and time.monotonic() < end:
+        task.pump()
+        time.sleep(0.02)
+    assert not task.is_running
+    return task.state
+
+
+def rendered_capture():
+    assert bpy.ops.frog.place_rig() == {"FINISHED"}
+    assert bpy.ops.frog.capture_scene() == {"FINISHED"}
+    return finished()
+
+
+def corners(middle, half):
+    return np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half + middle
+
+
+def on_screen(camera, points):
+    local = points @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    pixels = local @ camera.intrinsics.T
+    return pixels[:, :2] / pixels[:, 2:]
+
+
+@pytest.mark.parametrize("shape", rig.SHAPES)
+@pytest.mark.parametrize("count", [1, 2, 9, 24, 50])
+def test_directions_are_as_many_and_apart(shape, count):
+    found = rig.directions(shape, count, math.radians(120))
+    assert found.shape == (count, 3)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0)
+    cosines = found @ found.T - 2 * np.eye(count)
+    assert count == 1 or cosines.max() < math.cos(math.radians(2.0))
+
+
+@pytest.mark.parametrize("shape", rig.SHAPES)
+def test_every_camera_sees_the_whole_box_at_every_frame(cube, shape):
+    from frog_blender.scene_capture.request import request_of
+
+    settings = bpy.context.scene.frog.rig
+    settings.shape, settings.count = shape, 9
+    assert bpy.ops.frog.place_rig() == {"FINISHED"}
+    np.testing.assert_allclose(settings.box.location, (0.5, 0.0, 0.0), atol=1e-6)
+    np.testing.assert_allclose(settings.box.scale, (1.0, 0.5, 0.5), atol=1e-6)
+    bpy.context.view_layer.update()
+    seen = corners(np.array([0.5, 0.0, 0.0]), np.array([1.0, 0.5, 0.5]))
+    cameras = request_of(bpy.context.scene, settings).plan.cameras
+    assert len(cameras) == 9
+    for camera in cameras:
+        pixels = on_screen(camera, seen)
+        assert pixels.min() > 0 and pixels.max() < SIZE
+        assert np.ptp(pixels, axis=0).max() > SIZE / 3, "the box is small in the image"
+
+
+def test_what_is_set_is_seen_at_once(cube):
+    settings = bpy.context.scene.frog.rig
+    settings.count = 5
+    assert settings.collection is None, "no rig yet"
+    bpy.ops.frog.place_rig()
+    settings.count, settings.lens = 7, 85.0
+    cameras = [obj for obj in settings.collection.objects if obj.type == "CAMERA"]
+    assert len(cameras) == 7 and {camera.data.lens for camera in cameras} == {85.0}
+    assert bpy.ops.frog.remove_rig() == {"FINISHED"}
+    assert settings.collection is None and not bpy.data.cameras and len(bpy.data.objects) == 1
+
+
+def test_images_fit_their_cameras_and_nothing_of_the_scene_changes(cube, tmp_path):
+    scene = bpy.context.scene
+    scene.timeline_markers.new("cut", frame=1).camera = cube
+    scene.frame_set(2, subframe=0.25)
+    scene.view_settings.exposure = 1.5
+    names = ("engine", "filepath", "film_transparent", "resolution_x", "use_motion_blur", "use_compositing")
+    before = [getattr(scene.render, name) for name in names], scene.view_settings.view_transform
+    state = rendered_capture()
+    assert not state.error and state.done == state.total == 6
+    assert ([getattr(scene.render, name) for name in names], scene.view_settings.view_transform) == before
+    assert scene.camera == cube and scene.timeline_markers[0].camera == cube and scene.frame_current_final == 2.25
+    assert bpy.data.filepath == "" and scene.view_settings.exposure == 1.5
+
+    assert Path(scene.frog.capture_folder) == tmp_path / "capture"
+    capture = open_capture(tmp_path / "capture")
+    assert capture.frame_count == 2 and capture.frames_per_second == 24.0 and len(capture.cameras) == 3
+    for shot in capture.shots:
+        assert shot.mask is not None and shot.mask.is_alpha
+        alpha = read_png(shot.path)[..., 3]
+        assert set(np.unique(alpha)) >= {0, 255}
+        rows, columns = np.nonzero(alpha > 127)
+        pixels = on_screen(capture.cameras[shot.camera], corners(np.array([float(shot.frame), 0.0, 0.0]), 0.5))
+        found = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
+        np.testing.assert_allclose(found, [*pixels.min(axis=0), *pixels.max(axis=0)], atol=1.0)
+
+
+def test_it_goes_on_where_it_was_stopped(cube, tmp_path):
+    assert not rendered_capture().error
+    folder = tmp_path / "capture"
+    gone = folder / "cam01" / "0001.png"
+    gone.unlink()
+    (folder / "cam01" / "0000.png").write_bytes(b"kept as it is")
+    assert bpy.ops.frog.capture_scene() == {"FINISHED"}
+    task = runner.current()
+    assert task.state.kept == 5
+    state = finished()
+    assert not state.error and gone.is_file() and state.done == 6
+    assert (folder / "cam01" / "0000.png").read_bytes() == b"kept as it is"
+
+
+def test_cancelled_it_leaves_whole_images_alone(cube, tmp_path):
+    bpy.context.scene.frame_end = 200
+    bpy.ops.frog.place_rig()
+    bpy.ops.frog.capture_scene()
+    task, end = runner.current(), time.monotonic() + 200
+    while task.state.done == 0 and time.monotonic() < end:
+        task.pump()
+        time.sleep(0.02)
+    assert bpy.ops.frog.cancel_scene_capture() == {"FINISHED"}
+    state = finished()
+    assert state.cancelled and not state.error and 0 < state.done < 600
+    images = list((tmp_path / "capture").glob("*/*"))
+    assert len(images) == state.done and {read_png(image).shape for image in images} == {(SIZE, SIZE, 4)}
+
+
+def test_images_of_another_rig_are_not_mixed_with_these(cube, tmp_path):
+    folder = tmp_path / "capture"
+    folder.mkdir()
+    (folder / "notes.txt").write_text("mine")
+    bpy.ops.frog.place_rig()
+    with pytest.raises(RuntimeError, match="found other files, expected an empty folder"):
+        bpy.ops.frog.capture_scene()
+    (folder / "notes.txt").unlink()
+    assert not rendered_capture().error
+    bpy.context.scene.frog.rig.count = 4
+    with pytest.raises(RuntimeError, match="found images of other cameras or frames"):
+        bpy.ops.frog.capture_scene()
+    assert len(json.loads((folder / "transforms.json").read_text())["frames"]) == 6
+
+
+def test_without_a_folder_or_anything_to_see_there_is_a_sentence(cube):
+    bpy.ops.frog.place_rig()
+    bpy.context.scene.frog.rig.folder = "//frog_capture"
+    with pytest.raises(RuntimeError, match="no folder yet"):
+        bpy.ops.frog.capture_scene()
+    bpy.ops.frog.remove_rig()
+    bpy.data.objects.remove(cube)
+    with pytest.raises(RuntimeError, match="found nothing that renders"):
+        bpy.ops.frog.place_rig()
+
+
+@pytest.mark.parametrize(
+    ("script", "said"),
+    [
+        ("import sys; sys.exit('no graphics card')", "ended with status 1 (no graphics card)"),
+        ('print(\'{"frog": {"error": "out of memory"}}\')', "out of memory"),
+    ],
+)
+def test_a_renderer_that_fails_is_told(cube, monkeypatch, script, said):
+    monkeypatch.setattr(runner, "command", lambda *_, **__: [sys.executable, "-c", script])
+    state = rendered_capture()
+    assert said in state.error and "done are kept" in state.error
+    assert bpy.context.scene.frog.capture_folder == ""
+
+
+def test_the_panel_leads_through_it(cube, monkeypatch):
+    scene = bpy.context.scene
+
+    def said():
+        layout = Written()
+        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+        context = SimpleNamespace(scene=scene, region=None, preferences=preferences)
+        scene_capture_panel.FROG_PT_scene_capture.draw(SimpleNamespace(layout=layout), context)
+        return " ".join(layout.said)
+
+    assert "frog.place_rig" in said() and "frog.capture_scene" not in said()
+    assert "arc" not in said().split()
+    scene.frog.rig.shape = "ARC"
+    assert "arc" in said().split()
+    bpy.ops.frog.place_rig()
+    assert "6 images: 2 frames of 3 cameras" in said() and "frog.capture_scene" in said()
+    monkeypatch.setattr(runner, "command", lambda *_, **__: [sys.executable, "-c", "input()"])
+    bpy.ops.frog.capture_scene()
+    assert "0 of 6 images" in said() and "frog.cancel_scene_capture" in said()
+    runner.current().cancel()
+    finished()
+    assert "Cancelled at 0 of 6" in said()
+
+
+def test_it_trains(cube, tmp_path, monkeypatch):
+    pytest.importorskip("torch")
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    from frog_blender.engine.scene.scene_file import read_scene
+    from frog_blender.engine.training.recipe import recipe
+    from frog_blender.engine.training.session.job import TrainingJob
+    from frog_blender.engine.training.session.run import run_training
+
+    bpy.context.scene.frog.rig.count = 6
+    assert not rendered_capture().error
+    output = tmp_path / "cube.frog"
+    list(run_training(TrainingJob(tmp_path / "capture", output, recipe=recipe("draft"), steps=30, device="cpu")))
+    scene = read_scene(output)
+    means = scene.arrays["means"]
+    assert len(means) > 50
+    assert np.abs(np.median(means, axis=0) - [0.5, 0.0, 0.0]).max() < 0.6, "it lies where the cube moves"
