@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def add_export_parser(commands: Any) -> None:
     """Adds the command."""
-    export = commands.add_parser("export", help="write a scene as .ply files, animated USD or .4dgs")
+    export = commands.add_parser("export", help="write a scene for other programs")
     export.add_argument("scene", type=Path)
     add_frames_argument(export)
     export.add_argument(
@@ -27,6 +27,8 @@ def add_export_parser(commands: Any) -> None:
         "--usd", action="store_true", help="one .usdc, .usda or .usd file that plays, with cameras and the sound's path"
     )
     kinds.add_argument("--4dgs", dest="fourdgs", action="store_true", help="one .4dgs file with cameras and sound")
+    kinds.add_argument("--spz", action="store_true", help="a compressed .spz file for each frame")
+    kinds.add_argument("--glb", action="store_true", help="a glTF file for each frame, with KHR_gaussian_splatting")
     export.add_argument(
         "--float", action="store_true", help="--usd in single precision; default: half, but for positions"
     )
@@ -45,9 +47,9 @@ def _export(options: argparse.Namespace) -> int:
 
     scene = ScenePlayer.load(options.scene)
     frames = frames_of(options.frames, scene.header.frame_count)
+    if options.y_down and (options.usd or options.fourdgs or options.spz or options.glb):
+        raise FrogError("--y-down: found a format that says itself which way is up, expected .ply files.")
     if options.usd or options.fourdgs:
-        if options.y_down:
-            raise FrogError("--y-down: found a format whose files say themselves that z is up.")
         _export_take(options, scene, frames)
     else:
         _export_frames(options, scene, frames)
@@ -81,8 +83,9 @@ def _export_frames(options: argparse.Namespace, scene: ScenePlayer, frames: rang
     from .progress import bar
 
     turn = Y_DOWN if options.y_down else None
+    suffix = ".spz" if options.spz else ".glb" if options.glb else ".ply"
     with bar("Exporting") as report:
         paths = export_frames(
-            scene, frames, options.out, options.scene.stem, lambda done: report(done, len(frames)), turn
+            scene, frames, options.out, options.scene.stem, lambda done: report(done, len(frames)), turn, suffix
         )
     say(f"{len(paths)} files in {options.out}")
