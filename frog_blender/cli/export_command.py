@@ -86,6 +86,6 @@ def _export_frames(options: argparse.Namespace, scene: ScenePlayer, frames: rang
     suffix = ".spz" if options.spz else ".glb" if options.glb else ".ply"
     with bar("Exporting") as report:
         paths = export_frames(
-            scene, frames, options.out, options.scene.stem, lambda done: report(done, len(frames)), turn, suffix
+            scene, frames, options.out, options.scene.stem, lambda done: report(done, len(frames)), turn, suffix=suffix
         )
     say(f"{len(paths)} files in {options.out}")

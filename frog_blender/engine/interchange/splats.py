@@ -89,6 +89,7 @@ def export_frames(
     stem: str,
     report: Callable[[int], None] | None = None,
     turn: Array | None = None,
+    *,
     suffix: str = ".ply",
 ) -> list[Path]:
     """Writes frames (counted from 0) of a scene as ``STEM_0000.ply`` and so on, each atomically; returns their paths.
