@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def add_export_parser(commands: Any) -> None:
     """Adds the command."""
-    export = commands.add_parser("export", help="write a scene as .ply files, animated USD, .4dgs or a web page")
+    export = commands.add_parser("export", help="write a scene for other programs")
     export.add_argument("scene", type=Path)
     add_frames_argument(export)
     export.add_argument(
@@ -28,6 +28,8 @@ def add_export_parser(commands: Any) -> None:
     )
     kinds.add_argument("--4dgs", dest="fourdgs", action="store_true", help="one .4dgs file with cameras and sound")
     kinds.add_argument("--html", action="store_true", help="one .html file that plays in a browser, with sound")
+    kinds.add_argument("--spz", action="store_true", help="a compressed .spz file for each frame")
+    kinds.add_argument("--glb", action="store_true", help="a glTF file for each frame, with KHR_gaussian_splatting")
     export.add_argument(
         "--float", action="store_true", help="--usd in single precision; default: half, but for positions"
     )
@@ -46,9 +48,10 @@ def _export(options: argparse.Namespace) -> int:
 
     scene = ScenePlayer.load(options.scene)
     frames = frames_of(options.frames, scene.header.frame_count)
-    if options.usd or options.fourdgs or options.html:
-        if options.y_down:
-            raise FrogError("--y-down: found a format whose files say themselves which way is up.")
+    plays = options.usd or options.fourdgs or options.html
+    if options.y_down and (plays or options.spz or options.glb):
+        raise FrogError("--y-down: found a format that says itself which way is up, expected .ply files.")
+    if plays:
         _export_take(options, scene, frames)
     else:
         _export_frames(options, scene, frames)
@@ -84,8 +87,9 @@ def _export_frames(options: argparse.Namespace, scene: ScenePlayer, frames: rang
     from .progress import bar
 
     turn = Y_DOWN if options.y_down else None
+    suffix = ".spz" if options.spz else ".glb" if options.glb else ".ply"
     with bar("Exporting") as report:
         paths = export_frames(
-            scene, frames, options.out, options.scene.stem, lambda done: report(done, len(frames)), turn
+            scene, frames, options.out, options.scene.stem, lambda done: report(done, len(frames)), turn, suffix=suffix
         )
     say(f"{len(paths)} files in {options.out}")

@@ -6,14 +6,19 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from .arguments import positive
 from .printing import say
 
 
 def add_import_parser(commands: Any) -> None:
     """Adds the command."""
-    imported = commands.add_parser("import", help="make a scene from another program's .ply, USD or .4dgs file")
-    imported.add_argument("splats", type=Path, metavar="FILE")
+    imported = commands.add_parser(
+        "import",
+        help="make a scene of other programs' Gaussians",
+    )
+    imported.add_argument("splats", type=Path, metavar="FILE", help="or a folder or .zip of .ply frames")
     imported.add_argument("--out", type=Path, metavar="X.frog", help="default: beside the file")
+    imported.add_argument("--fps", type=positive(float), default=30.0, help="of .ply frames; default: 30")
     imported.add_argument("--packed", action="store_true", help="several times smaller, without a visible difference")
     imported.set_defaults(run=_import)
 
@@ -24,7 +29,7 @@ def _import(options: argparse.Namespace) -> int:
 
     target = options.out or free_scene_path(options.splats)
     with bar("Importing") as report:
-        imported = import_scene(options.splats, target, compact=options.packed, progress=report)
+        imported = import_scene(options.splats, target, compact=options.packed, rate=options.fps, progress=report)
     frames = f", {imported.frames:,} frames" if imported.frames > 1 else ""
     say(f"{imported.gaussians:,} Gaussians{frames} in {imported.path}")
     if imported.warning:

@@ -20,6 +20,11 @@ from ..timeline.retiming import raw_frame
 from .frame_export import FrameExport
 from .modal_operator import ModalOperator
 
+FORMATS = (
+    (".ply", "3DGS (.ply)", "What every splat program opens"),
+    (".spz", "SPZ (.spz)", "Ten times smaller. Blender reads it from 5.3 on"),
+    (".glb", "glTF (.glb)", "glTF with KHR_gaussian_splatting"),
+)
 RANGES = (
     ("CURRENT", "Current Frame", "One file, of the current frame"),
     ("SCENE", "Scene Range", "One file for each frame of the scene's frame range"),
@@ -28,7 +33,7 @@ RANGES = (
 
 
 class FROG_OT_export_frames(ModalOperator, bpy.types.Operator, ExportHelper):
-    """Write the Gaussians of a capture, frame by frame, as 3DGS .ply files that other splat programs can open. Press \
+    """Write the Gaussians of a capture, frame by frame, as files that other splat programs can open. Press \
 Esc or the right mouse button to stop"""
 
     bl_idname = "export_scene.frog_frames"
@@ -36,7 +41,8 @@ Esc or the right mouse button to stop"""
     bl_options = {"REGISTER"}
 
     filename_ext = ".ply"
-    filter_glob: StringProperty(default="*.ply", options={"HIDDEN"})
+    filter_glob: StringProperty(default="*.ply;*.spz;*.glb", options={"HIDDEN"})
+    file_format: EnumProperty(name="Format", description="Kind of files to write", items=FORMATS, default=".ply")
     frames: EnumProperty(name="Frames", description="Frames of the timeline to write", items=RANGES, default="CURRENT")
     first: IntProperty(name="First", description="First frame of the timeline to write", default=1)
     last: IntProperty(name="Last", description="Last frame of the timeline to write", default=250)
@@ -71,13 +77,14 @@ Esc or the right mouse button to stop"""
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(self, "file_format")
         layout.prop(self, "frames")
         if self.frames == "CUSTOM":
             layout.prop(self, "first")
             layout.prop(self, "last")
         layout.prop(self, "apply_transform")
         row = layout.row()
-        row.enabled = self.apply_transform
+        row.enabled = self.apply_transform and self.file_format == ".ply"
         row.prop(self, "y_down")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -95,8 +102,11 @@ Esc or the right mouse button to stop"""
                 {"ERROR"}, f"The range is empty: it starts at frame {self.first} and ends at frame {self.last}."
             )
             return {"CANCELLED"}
+        if self.file_format != ".ply":
+            path = path.with_suffix(self.file_format)
         paths = [path if self.frames == "CURRENT" else numbered(path, int(frame)) for frame in frames]
-        turn = (Y_DOWN if self.y_down else np.eye(4)) if self.apply_transform else None
+        to_y_down = self.y_down and self.file_format == ".ply"  # the others say themselves which way is up
+        turn = (Y_DOWN if to_y_down else np.eye(4)) if self.apply_transform else None
         export = self._export = FrameExport.of(context, obj, frames, paths, turn)
         if in_steps and len(frames) > 1 and self.has_window(context):
             return self.run_in_window(context, export.steps(), len(frames))
@@ -182,7 +192,7 @@ def _suggest(operator: bpy.types.Operator, context: bpy.types.Context) -> None:
 
 
 def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator(FROG_OT_export_frames.bl_idname, text="FRoG Frames (.ply)")
+    self.layout.operator(FROG_OT_export_frames.bl_idname, text="FRoG Frames (.ply, .spz, .glb)")
     self.layout.operator(FROG_OT_export_scene.bl_idname, text="FRoG Scene (.frog)")
 
 

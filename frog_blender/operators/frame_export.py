@@ -1,4 +1,4 @@
-"""Exports frames of a capture to .ply files, one at a time."""
+"""Exports frames of a capture to files of other programs, one at a time."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ class FrameExport:
 
     def steps(self) -> Generator[int, None, None]:
         """Writes one file per step, atomically, and yields the number of files written; raises FrogError."""
-        from ..engine.interchange.ply import write_splats
+        from ..engine.interchange.splats import write_frame
 
         for done, (frame, path) in enumerate(zip(self.frames, self.paths, strict=True), 1):
-            write_splats(path, self._gaussians(frame))
+            write_frame(path, self._gaussians(frame), promise=len(self.paths) > 1)
             yield done
 
     def restore(self) -> None:

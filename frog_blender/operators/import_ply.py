@@ -19,7 +19,7 @@ from .set_up_scene import SetsUpScene
 
 
 class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
-    """Import another program's Gaussians as a capture: 3DGS .ply, USD or .4dgs, which may play. They are converted \
+    """Import another program's Gaussians as a capture: one time of them, or a sequence that plays. They are converted \
 to a .frog file"""
 
     bl_idname = "import_scene.frog_splats"
@@ -40,6 +40,12 @@ to a .frog file"""
         "each file under the same name, with a number if that name is taken",
         subtype="FILE_PATH",
     )
+    sequence: BoolProperty(
+        name="Sequence",
+        description="Import all .ply files of the folder as frames, in the order of the numbers in their names, at the "
+        "scene's frame rate",
+        default=False,
+    )
     compact: BoolProperty(
         name="Pack",
         description="Make the .frog file several times smaller. The changes are too small to see",
@@ -51,6 +57,9 @@ to a .frog file"""
         from ..engine.interchange.imports import import_scene as import_file
 
         source = Path(bpy.path.abspath(self.filepath))
+        if self.sequence and source.suffix.lower() == ".ply":
+            source = source.parent
+        rate = context.scene.render.fps / context.scene.render.fps_base
         self.decide(context.scene)
         try:
             is_alone = len(self.paths()) < 2
@@ -58,7 +67,7 @@ to a .frog file"""
             with told_progress(context) as progress:
                 expose_usd()
                 target = named or free_scene_path(source)
-                imported = import_file(source, target, compact=self.compact, progress=progress)
+                imported = import_file(source, target, compact=self.compact, rate=rate, progress=progress)
             obj = import_scene(
                 imported.path,
                 context.scene,
@@ -90,7 +99,7 @@ class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
 
 
 def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator(FROG_OT_import_splats.bl_idname, text="Splats (.ply, .usd, .4dgs)")
+    self.layout.operator(FROG_OT_import_splats.bl_idname, text="Splats (.ply, .spz, .glb, .splat, .usd, .4dgs)")
 
 
 _CLASSES = (FROG_OT_import_splats, FROG_FH_splats)

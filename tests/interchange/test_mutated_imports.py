@@ -10,7 +10,14 @@ from support.damaged_inputs import counted
 pytest.importorskip("resource")
 
 NEEDS = {"usdc": "pxr", "usda": "pxr", "4dgs": "fourdgs"}
-FEW = {"usdc": 60, "usda": 60, "4dgs": 60}
+FEW = {
+    "usdc": 60,
+    "usda": 60,
+    "4dgs": 60,
+    "sog": 60,
+    "plys": 150,
+    **dict.fromkeys(("spz", "glb", "splat", "ksplat"), 300),
+}
 ROOM = 64e6
 """Bytes that drawing what was imported may take, above what undamaged files need."""
 

@@ -9,20 +9,25 @@ that it is forked from this one, which has loaded the library.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import random
+import signal
 import struct
 import sys
+import zipfile
+import zlib
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from fuzzing.mutating import cut, flipped, torn
+from support import foreign_files
 from support.builders import plain_camera
 from support.foreign_takes import partly_static
-from support.mutated_files import Kind, main
+from support.mutated_files import SECONDS, Kind, main
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import import_process
@@ -53,7 +58,25 @@ def with_odd_floats(content: bytes, chance: random.Random) -> bytes:
     return bytes(changed[: len(content)])
 
 
+def flipped_at_the_start(content: bytes, chance: random.Random) -> bytes:
+    """Bytes of what describes the rest."""
+    return flipped(content, chance, min(2000, len(content)))
+
+
 MUTATIONS = [flipped, cut, torn, with_other_lengths, with_other_lengths, with_odd_floats]
+
+
+def repacked(content: bytes, chance: random.Random) -> bytes:
+    """A sound archive of unsound members."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    name = chance.choice(list(members))
+    members[name] = chance.choice(MUTATIONS)(members[name], chance)
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", chance.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])) as archive:
+        for each, member in members.items():
+            archive.writestr(each, member)
+    return file.getvalue()
 
 
 class Imports(Kind):
@@ -99,6 +122,7 @@ class InProcess(Imports):
         reader, writer = os.pipe()
         child = os.fork()
         if not child:
+            signal.alarm(SECONDS)  # its own: it must not outlive the file
             try:
                 devnull = os.open(os.devnull, os.O_WRONLY)
                 os.dup2(devnull, 1)
@@ -145,7 +169,73 @@ class Fourdgs(InProcess):
         return [path.read_bytes()]
 
 
-KINDS: dict[str, type[Kind]] = {"usdc": BinaryUsd, "usda": TextUsd, "4dgs": Fourdgs}
+class Spz(Imports):
+    suffix = ".spz"
+
+    def made(self, folder: Path) -> list[bytes]:
+        from frog_blender.engine.interchange.spz import write_spz
+
+        path = folder / "whole.spz"
+        write_spz(path, self._scene.at_frame(2))
+        packed = path.read_bytes()
+        return [packed, zlib.decompress(packed, 31)]
+
+
+class Gltf(Imports):
+    suffix = ".glb"
+    mutations = [*MUTATIONS, flipped_at_the_start]
+
+    def made(self, folder: Path) -> list[bytes]:
+        from frog_blender.engine.interchange.gltf import write_glb
+
+        path = folder / "whole.glb"
+        write_glb(path, self._scene.at_frame(2))
+        return [path.read_bytes()]
+
+
+class Splat(Imports):
+    suffix = ".splat"
+
+    def made(self, folder: Path) -> list[bytes]:
+        return [foreign_files.splat(self._scene.at_frame(2))]
+
+
+class Ksplat(Imports):
+    suffix = ".ksplat"
+
+    def made(self, folder: Path) -> list[bytes]:
+        return [foreign_files.ksplat(self._scene.at_frame(2), level) for level in (0, 1, 2)]
+
+
+class Sog(InProcess):
+    suffix = ".sog"
+    mutations = [*MUTATIONS, *[repacked] * 6]
+
+    def made(self, folder: Path) -> list[bytes]:
+        return [foreign_files.sog(self._scene.at_frame(2))]
+
+
+class Plys(Imports):
+    suffix = ".zip"
+    mutations = [*MUTATIONS, *[repacked] * 6]
+
+    def made(self, folder: Path) -> list[bytes]:
+        return [
+            foreign_files.zipped(self._scene, compression) for compression in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+        ]
+
+
+KINDS: dict[str, type[Kind]] = {
+    "usdc": BinaryUsd,
+    "usda": TextUsd,
+    "4dgs": Fourdgs,
+    "spz": Spz,
+    "glb": Gltf,
+    "splat": Splat,
+    "ksplat": Ksplat,
+    "sog": Sog,
+    "plys": Plys,
+}
 
 if __name__ == "__main__":
     main(KINDS)

@@ -61,6 +61,28 @@ class FrameSource(Protocol):
         ...
 
 
+@dataclass
+class StillSource:
+    """A source of one frame.
+
+    Attributes:
+        gaussians: the frame.
+        origin, left_out: see ``FrameSource``.
+    """
+
+    gaussians: NumpyGaussians
+    origin: str
+    left_out: int
+    frame_count: int = 1
+    rate: float = 24.0
+    keeps_identity: bool | None = True
+    cameras: tuple[Camera, ...] = ()
+
+    def at(self, _frame: int) -> NumpyGaussians:
+        """The frame."""
+        return self.gaussians
+
+
 @dataclass(frozen=True)
 class Imported:
     """Attributes:

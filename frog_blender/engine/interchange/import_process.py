@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from ..capture.video import load_opencv
 from ..errors import FrogError, brief
 from ..optional_imports import is_missing, not_loaded
 from .frame_source import FrameSource, Imported, write_source
@@ -21,7 +22,7 @@ from .frame_source import FrameSource, Imported, write_source
 ROOM = 512 << 20
 """Bytes that a reader may take besides twice the file."""
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
-SUFFIXES = (*USD_SUFFIXES, ".4dgs")
+SUFFIXES = (*USD_SUFFIXES, ".4dgs", ".sog")
 _PACKAGE = Path(__file__).parents[2]  # of frog_blender, or of an extension that holds it
 _LAST_LINES = 3
 
@@ -29,7 +30,7 @@ _LAST_LINES = 3
 def import_foreign(
     source: Path, target: Path, *, compact: bool = False, progress: Callable[[int, int], None] = lambda done, of: None
 ) -> Imported:
-    """Writes a scene of the frames of a USD or ``.4dgs`` file; FrogError when it cannot, and nothing is changed then.
+    """Writes a scene of a USD, ``.4dgs`` or ``.sog`` file; FrogError when it cannot, and nothing is changed then.
 
     Args:
         compact, progress: see ``write_source``.
@@ -89,11 +90,15 @@ def _followed(lines: Iterable[str], progress: Callable[[int, int], None]) -> dic
 
 
 def open_source(path: Path) -> FrameSource:
-    """The frames of a USD or ``.4dgs`` file, read in this process."""
+    """The frames of a USD, ``.4dgs`` or ``.sog`` file, read in this process."""
     if path.suffix.lower() in USD_SUFFIXES:
         from .usd_source import UsdSource
 
         return UsdSource(path)
+    if path.suffix.lower() == ".sog":
+        from .sog import open_sog
+
+        return open_sog(path)
     from .fourdgs_source import open_fourdgs
 
     return open_fourdgs(path)
@@ -126,6 +131,8 @@ def preload(source: Path) -> None:
     """Loads what reads the file, before the memory is limited."""
     if source.suffix.lower() in USD_SUFFIXES:
         from pxr import Usd, UsdGeom, UsdUtils  # noqa: F401
+    elif source.suffix.lower() == ".sog":
+        load_opencv()
     else:
         import fourdgs  # noqa: F401
 

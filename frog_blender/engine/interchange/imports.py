@@ -6,36 +6,63 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import FrogError, found_instead
+from ..gaussians import NumpyGaussians
 from ..scene.scene_file import read_scene
 from . import import_process
-from .frame_source import Imported
+from .frame_source import Imported, StillSource, write_source
+from .gltf import read_glb
+from .ksplat import read_ksplat
+from .ply_sequence import PlySequence
+from .splat_file import read_splat_file
 from .splats import FROM_PLY, import_splats
+from .spz import read_spz
 
-SUFFIXES = (".ply", *import_process.SUFFIXES)
-"""Endings of the files that can be imported."""
-_ORIGINS = (FROM_PLY, "usd", "4dgs")
+_STILLS: dict[str, Callable[[Path], tuple[NumpyGaussians, int]]] = {
+    ".spz": read_spz,
+    ".glb": read_glb,
+    ".splat": read_splat_file,
+    ".ksplat": read_ksplat,
+}
+SUFFIXES = (".ply", ".zip", *import_process.SUFFIXES, *_STILLS)
+"""Endings of the files that can be imported; folders of .ply files can be as well."""
+_ORIGINS = {FROM_PLY, "plys", *(suffix.lstrip(".") for suffix in (*_STILLS, *import_process.SUFFIXES))}
+RATE = 30.0
+"""Frames a second of a sequence that says nothing of it."""
 
 
 def import_scene(
-    source: Path, target: Path, *, compact: bool = False, progress: Callable[[int, int], None] = lambda done, of: None
+    source: Path,
+    target: Path,
+    *,
+    compact: bool = False,
+    rate: float = RATE,
+    progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> Imported:
     """Writes what another program's file holds as a scene; FrogError when it cannot, and nothing is changed then.
 
     Args:
+        source: a file, or a folder of ``.ply`` files.
         compact: several times smaller, without a visible difference.
+        rate: frames a second, of ``.ply`` files one a frame.
         progress: told how many of how many steps are done, where there are several.
     """
     suffix = source.suffix.lower()
+    if suffix == ".zip" or source.is_dir():
+        return write_source(PlySequence(source, rate), source, target, compact=compact, progress=progress)
     if suffix == ".ply":
         return import_splats(source, target, compact=compact)
     if suffix in import_process.SUFFIXES:
         return import_process.import_foreign(source, target, compact=compact, progress=progress)
+    if suffix in _STILLS:
+        gaussians, left_out = _STILLS[suffix](source)
+        still = StillSource(gaussians, suffix.lstrip("."), left_out)
+        return write_source(still, source, target, compact=compact, progress=progress)
     raise found_instead(source, f"the ending {source.suffix!r}", f"one of {', '.join(SUFFIXES)}")
 
 
 def says_what_is_up(source: Path) -> bool:
     """Whether a format says which way is up, so that its scenes have z up whatever the file has."""
-    return source.suffix.lower() in import_process.SUFFIXES
+    return source.suffix.lower() in (*import_process.USD_SUFFIXES, ".4dgs", ".spz", ".glb")
 
 
 def free_scene_path(source: Path) -> Path:

@@ -48,6 +48,10 @@ _TYPES = {name: code for code, names in _NAMES.items() for name in names}
 _RESTS = {0: 1, 9: 4, 24: 9, 45: 16}  # f_rest properties -> SH coefficients a channel
 
 
+PROMISE = "comment frog: the same row is the same Gaussian in every file of this sequence"
+"""Line of a header by which a sequence says that its count and order are constant: players interpolate such frames."""
+
+
 @dataclass(frozen=True)
 class Splats:
     """What a 3DGS ``.ply`` holds.
@@ -64,12 +68,22 @@ class Splats:
     world: World = FILES_OWN
 
 
-def write_splats(path: str | Path, gaussians: NumpyGaussians) -> None:
-    """Writes Gaussians as they are, atomically; FrogError when it cannot, and then an earlier file is untouched."""
-    write_atomically(path, splat_bytes(gaussians))
+def write_splats(path: str | Path, gaussians: NumpyGaussians, *, promise: bool = False) -> None:
+    """Writes Gaussians as they are, atomically; FrogError when it cannot, and then an earlier file is untouched.
+
+    Args:
+        promise: say that the file is one of a sequence whose count and order are constant.
+    """
+    write_atomically(path, splat_bytes(gaussians, promise=promise))
 
 
-def splat_bytes(gaussians: NumpyGaussians) -> bytes:
+def promises_order(file: BinaryIO) -> bool:
+    """Whether a file's header has ``PROMISE``."""
+    head = file.read(_LONGEST_HEADER).partition(b"\nend_header")[0]
+    return PROMISE.encode() in head.splitlines()
+
+
+def splat_bytes(gaussians: NumpyGaussians, *, promise: bool = False) -> bytes:
     """What ``write_splats`` writes."""
     g = gaussians.checked()
     rest = g.sh[:, 1:].transpose(0, 2, 1).reshape(len(g), -1)  # channel by channel
@@ -78,7 +92,8 @@ def splat_bytes(gaussians: NumpyGaussians) -> bytes:
     opacities = np.clip(g.opacities.astype(np.float64), 1e-12, 1 - 2.0**-26)[:, None]
     columns = [g.means, np.zeros_like(g.means), g.sh[:, 0], rest, np.log(opacities) - np.log1p(-opacities)]
     columns += [np.log(np.maximum(g.scales.astype(np.float64), 1e-30)), g.quaternions]
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(g)}"]
+    comments = [PROMISE] if promise else []
+    header = ["ply", "format binary_little_endian 1.0", *comments, f"element vertex {len(g)}"]
     header += [*(f"property float {name}" for name in names), "end_header\n"]
     result: bytes = "\n".join(header).encode() + np.concatenate(columns, axis=1).astype("<f4").tobytes()
     return result
@@ -88,15 +103,20 @@ def read_splats(path: str | Path) -> Splats:
     """FrogError in one sentence for anything but a whole 3DGS ``.ply``; no more memory than a few times its size."""
     try:
         with regular_file(path, _EXPECTED).open("rb") as file:
-            start, count, dtype = _layout(path, file)
-            size = count * dtype.itemsize
-            found = max(file.seek(0, 2) - start, 0)
-            if found < size:
-                raise found_instead(path, f"{found:,} bytes of Gaussians", f"the {size:,} that its header announces")
-            file.seek(start)
-            content = file.read(size)
+            return splats_in(path, file)
     except OSError as error:
         raise FrogError(f"{path}: could not be read ({error.strerror or error}).") from error
+
+
+def splats_in(path: str | Path, file: BinaryIO) -> Splats:
+    """As ``read_splats``, of an open file; ``path`` is what the sentence names."""
+    start, count, dtype = _layout(path, file)
+    size = count * dtype.itemsize
+    found = max(file.seek(0, 2) - start, 0)
+    if found < size:
+        raise found_instead(path, f"{found:,} bytes of Gaussians", f"the {size:,} that its header announces")
+    file.seek(start)
+    content = file.read(size)
     if len(content) != size:
         raise found_instead(path, f"{len(content):,} bytes of Gaussians", f"the {size:,} that its header announces")
     return _splats(path, np.frombuffer(content, dtype, count))

@@ -12,13 +12,16 @@ from pathlib import Path
 from ..arrays import Array
 from ..errors import FrogError
 from ..field.names import CANONICAL
+from ..gaussians import NumpyGaussians
 from ..playback.player import ScenePlayer
 from ..playback.transform import transform
 from ..scene.header import SceneHeader
 from ..scene.morton_order import morton_order
 from ..scene.scene_file import SceneFile, write_scene
 from .frame_source import Imported
+from .gltf import write_glb
 from .ply import read_splats, write_splats
+from .spz import write_spz
 
 FROM_PLY = "ply"
 """``capture_format`` of a scene that is a ``.ply`` of another program."""
@@ -63,6 +66,22 @@ def numbered(path: Path, frame: int) -> Path:
     return path.with_name(f"{path.stem}_{frame:04d}{path.suffix}")
 
 
+def write_frame(path: Path, gaussians: NumpyGaussians, *, promise: bool = False) -> None:
+    """Writes Gaussians in the format of the path's ending, atomically; FrogError when it cannot.
+
+    Args:
+        path: ends in .ply, which takes the axes as they are, or .spz or .glb, for which z is up.
+        promise: see ``write_splats``; of a .ply alone.
+    """
+    match path.suffix.lower():
+        case ".spz":
+            write_spz(path, gaussians)
+        case ".glb":
+            write_glb(path, gaussians)
+        case _:
+            write_splats(path, gaussians, promise=promise)
+
+
 def export_frames(
     scene: ScenePlayer,
     frames: Iterable[int],
@@ -70,18 +89,25 @@ def export_frames(
     stem: str,
     report: Callable[[int], None] | None = None,
     turn: Array | None = None,
+    *,
+    suffix: str = ".ply",
 ) -> list[Path]:
     """Writes frames (counted from 0) of a scene as ``STEM_0000.ply`` and so on, each atomically; returns their paths.
+
+    Count and order of the Gaussians are the same in all of them, which the headers of several say.
 
     Args:
         report: is told how many are done after each.
         turn: (4, 4) from the scene's own axes to those of the files, such as Y_DOWN; None to leave them.
+        suffix: see ``write_frame``.
     """
     paths: list[Path] = []
-    for frame in frames:
-        path = numbered(folder / f"{stem}.ply", frame)
+    chosen = list(frames)
+    for frame in chosen:
+        path = numbered(folder / f"{stem}{suffix}", frame)
         gaussians = scene.at_frame(frame)
-        write_splats(path, gaussians if turn is None else transform(gaussians, turn))
+        placed = gaussians if turn is None else transform(gaussians, turn)
+        write_frame(path, placed, promise=len(chosen) > 1)
         paths.append(path)
         if report is not None:
             report(len(paths))

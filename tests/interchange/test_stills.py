@@ -1,0 +1,194 @@
+"""One time's Gaussians in other formats: out and in again, and as other programs write them."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import foreign_files
+from support.foreign_takes import partly_static, sorted_like
+
+from frog_blender.cli.main import main
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.interchange.gltf import EXTENSION, read_glb, write_glb
+from frog_blender.engine.interchange.imports import import_scene
+from frog_blender.engine.interchange.spz import read_spz, write_spz
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.playback.transform import transform
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> ScenePlayer:
+    return partly_static(tmp_path)
+
+
+def turns_apart(found: GaussianArrays, expected: GaussianArrays) -> float:
+    """The largest difference of quaternions, whatever their signs."""
+    return float((1 - np.abs((found.quaternions * expected.quaternions).sum(axis=1))).max())
+
+
+@pytest.mark.parametrize("sh_count", [1, 4, 9, 16])
+def test_spz_there_and_back(tmp_path: Path, sh_count: int) -> None:
+    before = partly_static(tmp_path, sh_count=sh_count).at_frame(3)
+    before.sh = before.sh.clip(-0.9, 0.9)
+    write_spz(tmp_path / "x.spz", before)
+    after, left_out = read_spz(tmp_path / "x.spz")
+    assert left_out == 0 and after.sh.shape == before.sh.shape
+    np.testing.assert_allclose(after.means, before.means, atol=1e-5)
+    np.testing.assert_allclose(np.log(after.scales), np.log(before.scales), atol=0.5 / 16 + 1e-3)
+    np.testing.assert_allclose(after.opacities, before.opacities, atol=0.5 / 255 + 1e-6)
+    np.testing.assert_allclose(after.sh[:, 0], before.sh[:, 0], atol=0.5 / 255 / 0.15 + 1e-4)
+    assert turns_apart(after, before) < 1e-5
+
+
+def test_spz_says_where_up_is(scene: ScenePlayer, tmp_path: Path) -> None:
+    """In the file y is up: what has z = 3 here has y = 3 there, in 24-bit fixed point."""
+    before = scene.at_frame(0)
+    before.means = np.tile(np.array([[1, 2, 3]], np.float32), (40, 1))
+    write_spz(tmp_path / "x.spz", before)
+    content = zlib.decompress((tmp_path / "x.spz").read_bytes(), 31)
+    magic, version, count, _, bits, _, _ = struct.unpack_from("<IIIBBBB", content)
+    place = [int.from_bytes(content[16 + 3 * i : 19 + 3 * i], "little", signed=True) / 2**bits for i in range(3)]
+    assert (magic, version, count, place) == (0x5053474E, 3, 40, [1, 3, -2])
+
+
+def test_old_spz_is_read(tmp_path: Path) -> None:
+    """Version 2, whose turns are three bytes: made by hand, unpacked and packed."""
+    head = struct.pack("<IIIBBBB", 0x5053474E, 2, 1, 0, 8, 0, 0)
+    body = (256).to_bytes(3, "little") * 3 + bytes([230, 85, 128, 170, 123, 123, 123, 128, 128, 128])
+    for content in (head + body, zlib.compress(head + body, wbits=31)):
+        (tmp_path / "x.spz").write_bytes(content)
+        found, _ = read_spz(tmp_path / "x.spz")
+        np.testing.assert_allclose(found.means, [[1, -1, 1]], atol=1e-6)
+        np.testing.assert_allclose(found.scales, np.exp(123 / 16 - 10), rtol=1e-5)
+        np.testing.assert_allclose(found.opacities, 230 / 255, rtol=1e-6)
+
+
+@pytest.mark.parametrize("sh_count", [1, 16])
+def test_gltf_there_and_back(tmp_path: Path, sh_count: int) -> None:
+    before = partly_static(tmp_path, sh_count=sh_count).at_frame(3)
+    write_glb(tmp_path / "x.glb", before)
+    after, left_out = read_glb(tmp_path / "x.glb")
+    assert left_out == 0 and turns_apart(after, before) < 1e-6
+    for name in ("means", "scales", "opacities", "sh"):
+        np.testing.assert_allclose(getattr(after, name), getattr(before, name), atol=2e-6, err_msg=name)
+
+
+def test_another_program_reads_the_gltf(scene: ScenePlayer, tmp_path: Path) -> None:
+    fourdgs = pytest.importorskip("fourdgs", reason="reads KHR_gaussian_splatting")
+    before = scene.at_frame(3)
+    write_glb(tmp_path / "x.glb", before)
+    found = fourdgs.from_gltf(str(tmp_path / "x.glb"))
+    assert found.metadata["color_space"] == "srgb-rec709-display"
+    np.testing.assert_allclose(found.gaussians.positions, before.means[:, [0, 2, 1]] * (1, 1, -1), atol=1e-6)
+    np.testing.assert_allclose(found.gaussians.scales, before.scales, rtol=1e-5)
+    np.testing.assert_allclose(found.gaussians.colors[:, 3], before.opacities, atol=1e-6)
+
+
+def rewritten(path: Path, **changes: object) -> None:
+    """The file with another description."""
+    content = path.read_bytes()
+    length = struct.unpack_from("<I", content, 12)[0]
+    document = json.loads(content[20 : 20 + length]) | changes
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    rest = content[20 + length :]
+    size = struct.pack("<I", 20 + len(text) + len(rest))
+    path.write_bytes(content[:8] + size + struct.pack("<I", len(text)) + content[16:20] + text + rest)
+
+
+def test_gltf_nodes_place_it(scene: ScenePlayer, tmp_path: Path) -> None:
+    before = scene.at_frame(3)
+    write_glb(tmp_path / "x.glb", before)
+    parent = {"children": [1], "translation": [0, 5, 0], "scale": [2, 2, 2]}
+    rewritten(tmp_path / "x.glb", nodes=[parent, {"mesh": 0}])
+    after, _ = read_glb(tmp_path / "x.glb")
+    expected = transform(before, np.array([[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 5], [0, 0, 0, 1.0]]))
+    np.testing.assert_allclose(after.means, expected.means, atol=1e-5)
+    np.testing.assert_allclose(after.scales, expected.scales, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"nodes": [{"mesh": 0, "scale": [1, 2, 1]}]}, "scaled unevenly"),
+        ({"nodes": [{"children": [0], "mesh": 0}]}, "no Gaussians"),
+        ({"nodes": [{"mesh": 7}]}, "a mesh"),
+        ({"extensionsRequired": ["KHR_draco"]}, "the required extension KHR_draco"),
+        ({"accessors": []}, "accessor of POSITION"),
+        ({"bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 1}] * 4}, "view of"),
+        (
+            {"meshes": [{"primitives": [{"attributes": {}, "extensions": {EXTENSION: {"extensions": {"a": {}}}}}]}]},
+            "compr",
+        ),
+    ],
+)
+def test_gltf_that_cannot_be_used(
+    scene: ScenePlayer, tmp_path: Path, changes: dict[str, object], sentence: str
+) -> None:
+    write_glb(tmp_path / "x.glb", scene.at_frame(3))
+    rewritten(tmp_path / "x.glb", **changes)
+    with pytest.raises(FrogError, match=sentence):
+        read_glb(tmp_path / "x.glb")
+
+
+def imported(content: bytes, suffix: str, folder: Path) -> GaussianArrays:
+    (folder / f"foreign{suffix}").write_bytes(content)
+    return ScenePlayer.load(import_scene(folder / f"foreign{suffix}", folder / "back.frog").path).at_frame(0)
+
+
+def test_splat_is_read(scene: ScenePlayer, tmp_path: Path) -> None:
+    before = scene.at_frame(3)
+    after = imported(foreign_files.splat(before), ".splat", tmp_path)
+    np.testing.assert_array_equal(after.means, before.means)
+    np.testing.assert_allclose(after.scales, before.scales, rtol=1e-5)
+    np.testing.assert_allclose(after.opacities, before.opacities, atol=0.5 / 255 + 1e-5)
+    assert turns_apart(after, before) < 1e-3 and after.sh.shape == (40, 1, 3)
+
+
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_ksplat_is_read(scene: ScenePlayer, tmp_path: Path, level: int) -> None:
+    before = scene.at_frame(3)
+    before.sh = before.sh.clip(-1.4, 1.4)
+    after = imported(foreign_files.ksplat(before, level), ".ksplat", tmp_path)
+    np.testing.assert_allclose(after.means, before.means, atol=0 if level == 0 else 1e-3)
+    np.testing.assert_allclose(after.scales, before.scales, rtol=1e-5 if level == 0 else 1e-3)
+    np.testing.assert_allclose(after.sh[:, 1:], before.sh[:, 1:], atol={0: 1e-6, 1: 1e-3, 2: 0.01}[level])
+    assert turns_apart(after, before) < 1e-5
+
+
+def test_sog_is_read(scene: ScenePlayer, tmp_path: Path) -> None:
+    pytest.importorskip("cv2")
+    before = scene.at_frame(3)
+    after = imported(foreign_files.sog(before), ".sog", tmp_path)
+    np.testing.assert_allclose(after.means, before.means, atol=1e-3)
+    np.testing.assert_allclose(np.log(after.scales), np.log(before.scales), atol=0.02)
+    np.testing.assert_allclose(after.sh, before.sh, atol=0.02)
+    np.testing.assert_allclose(after.opacities, before.opacities, atol=0.5 / 255 + 1e-5)
+    assert turns_apart(after, before) < 1e-3
+
+
+def test_frames_by_the_command(scene: ScenePlayer, tmp_path: Path) -> None:
+    for kind in ("spz", "glb"):
+        arguments = ["export", str(tmp_path / "x.frog"), f"--{kind}", "--frames", "2:4", "--out", str(tmp_path / kind)]
+        assert main(arguments) == 0
+        assert sorted(path.name for path in (tmp_path / kind).iterdir()) == [f"x_0002.{kind}", f"x_0003.{kind}"]
+        assert main(["import", str(tmp_path / kind / f"x_0003.{kind}")]) == 0
+        back = ScenePlayer.load(tmp_path / kind / "x_0003.frog")
+        found = sorted_like(back.at_frame(0), scene.at_frame(3), back.at_frame(0))
+        np.testing.assert_allclose(found.means, scene.at_frame(3).means, atol=1e-4)
+        assert main([*arguments, "--y-down"]) == 1
+
+
+@pytest.mark.parametrize("suffix", [".spz", ".glb", ".splat", ".ksplat", ".sog", ".zip", ".xyz"])
+def test_what_is_none_is_one_sentence(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / f"x{suffix}").write_bytes(b"nothing of the kind")
+    for name in ("x", "missing"):
+        with pytest.raises(FrogError, match=rf"{name}\{suffix}: found"):
+            import_scene(tmp_path / f"{name}{suffix}", tmp_path / "y.frog")
+    assert not (tmp_path / "y.frog").exists()

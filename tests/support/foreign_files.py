@@ -1,0 +1,145 @@
+"""Files of other programs, written as those programs do, for the tests of what reads them."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import zipfile
+
+import numpy as np
+
+from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.interchange.ply import splat_bytes
+from frog_blender.engine.playback.player import ScenePlayer
+
+SH_DC = 0.28209479177387814
+
+
+def rgba(g: GaussianArrays) -> np.ndarray:
+    """(N, 4) uint8."""
+    color = np.concatenate([0.5 + SH_DC * g.sh[:, 0], g.opacities[:, None]], axis=1)
+    return np.rint(color * 255).clip(0, 255).astype(np.uint8)
+
+
+def splat(g: GaussianArrays) -> bytes:
+    """A ``.splat`` file."""
+    turns = np.rint(g.quaternions * 128 + 128).clip(0, 255).astype(np.uint8)
+    rows = [np.concatenate([g.means, g.scales], axis=1).astype("<f4").view(np.uint8), rgba(g), turns]
+    return np.concatenate(rows, axis=1).tobytes()
+
+
+def ksplat(g: GaussianArrays, level: int) -> bytes:
+    """A ``.ksplat`` file of degree 1 with one section; above level 0 of three buckets, the last half full."""
+    count, kind = len(g), "<f4" if level == 0 else "<f2"
+    capacity = 16
+    groups = [np.arange(start, min(start + capacity, count)) for start in range(0, count, capacity)]
+    full = [group for group in groups if len(group) == capacity]
+    partial = [group for group in groups if len(group) < capacity]
+    centres = np.array([g.means[group].mean(axis=0) for group in groups], np.float32)
+    block = 2 * float(max(np.abs(g.means[group] - centre).max() for group, centre in zip(groups, centres, strict=True)))
+    if level == 0:
+        means, full, partial, centres = g.means.astype("<f4"), [], [], centres[:0]
+    else:
+        bucket = np.concatenate([np.full(len(group), place) for place, group in enumerate(groups)])
+        means = np.rint((g.means - centres[bucket]) / (block / 2 / 32767) + 32767).clip(0, 65535).astype("<u2")
+    sh = g.sh[:, 1:4].transpose(0, 2, 1).reshape(count, 9)
+    stored = {0: sh.astype("<f4"), 1: sh.astype("<f2"), 2: np.rint((sh + 1.5) / 3 * 255).clip(0, 255).astype("u1")}[
+        level
+    ]
+    columns = [means, g.scales.astype(kind), g.quaternions.astype(kind), rgba(g), stored]
+    rows = np.concatenate([np.ascontiguousarray(c).view(np.uint8).reshape(count, -1) for c in columns], axis=1)
+    head = bytearray(4096)
+    head[1] = 1
+    struct.pack_into("<II", head, 4, 1, 1)
+    struct.pack_into("<IH", head, 16, count, level)
+    struct.pack_into("<2f", head, 36, -1.5, 1.5)
+    section = bytearray(1024)
+    struct.pack_into("<4I", section, 0, count, count, capacity, len(centres))
+    struct.pack_into("<fH", section, 16, block, 12)
+    struct.pack_into("<I", section, 24, 0)
+    struct.pack_into("<2I", section, 32, len(full), len(partial))
+    struct.pack_into("<H", section, 40, 1)
+    sizes = np.array([len(group) for group in partial], "<u4").tobytes()
+    return bytes(head) + bytes(section) + sizes + centres.astype("<f4").tobytes() + rows.tobytes()
+
+
+def sog(g: GaussianArrays) -> bytes:
+    """A ``.sog`` file with a palette of as many rows as there are Gaussians."""
+    import cv2
+
+    count = len(g)
+    height = -(-count // 8)
+
+    def image(values: np.ndarray, width: int = 8) -> bytes:
+        """Of (N, 4) uint8."""
+        rows = -(-len(values) // width)
+        pixels = np.zeros((rows * width, 4), np.uint8)
+        pixels[: len(values)] = values
+        bgra = pixels.reshape(rows, width, 4)[:, :, [2, 1, 0, 3]]
+        done, content = cv2.imencode(".webp", bgra, [cv2.IMWRITE_WEBP_QUALITY, 101])
+        assert done and rows >= min(height, 1)
+        return content.tobytes()
+
+    def opaque(values: np.ndarray) -> np.ndarray:
+        return np.concatenate([values, np.full((len(values), 1), 255)], axis=1).astype(np.uint8)
+
+    logarithms = np.sign(g.means) * np.log1p(np.abs(g.means))
+    low, high = logarithms.min(axis=0), logarithms.max(axis=0)
+    steps = np.rint((logarithms - low) / (high - low) * 65535).astype(np.int64)
+    sizes = np.linspace(np.log(g.scales).min(), np.log(g.scales).max(), 256)
+    colors = np.linspace(g.sh.min(), g.sh.max(), 256)
+
+    def codes(values: np.ndarray, table: np.ndarray) -> np.ndarray:
+        return np.abs(values[..., None] - table).argmin(axis=-1)
+
+    largest = np.abs(g.quaternions).argmax(axis=1)
+    turns = g.quaternions * np.sign(g.quaternions[np.arange(count), largest])[:, None]
+    others = np.array([[turns[row, axis] for axis in range(4) if axis != largest[row]] for row in range(count)])
+    stored = np.rint((others * np.sqrt(2) + 1) / 2 * 255).clip(0, 255)
+    width = g.sh.shape[1] - 1
+    palette = np.zeros((64 * width * -(-count // 64), 3), np.int64)
+    palette[: count * width] = codes(g.sh[:, 1:], colors).reshape(-1, 3)
+    labels = np.stack([np.arange(count) % 256, np.arange(count) // 256, np.zeros(count)], axis=1)
+    files = {
+        "means_l.webp": image(opaque(steps & 255)),
+        "means_u.webp": image(opaque(steps >> 8)),
+        "quats.webp": image(np.concatenate([stored, 252 + largest[:, None]], axis=1).astype(np.uint8)),
+        "scales.webp": image(opaque(codes(np.log(g.scales), sizes))),
+        "sh0.webp": image(np.concatenate([codes(g.sh[:, 0], colors), rgba(g)[:, 3:]], axis=1).astype(np.uint8)),
+        "centroids.webp": image(opaque(palette), 64 * width),
+        "labels.webp": image(opaque(labels)),
+    }
+    meta = {
+        "version": 2,
+        "count": count,
+        "means": {"mins": low.tolist(), "maxs": high.tolist(), "files": ["means_l.webp", "means_u.webp"]},
+        "scales": {"codebook": sizes.tolist(), "files": ["scales.webp"]},
+        "quats": {"files": ["quats.webp"]},
+        "sh0": {"codebook": colors.tolist(), "files": ["sh0.webp"]},
+        "shN": {
+            "count": count,
+            "bands": {3: 1, 8: 2, 15: 3}[width],
+            "codebook": colors.tolist(),
+            "files": ["centroids.webp", "labels.webp"],
+        },
+    }
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+        archive.writestr("meta.json", json.dumps(meta))
+    return file.getvalue()
+
+
+def zipped(scene: ScenePlayer, compression: int, counts: list[int] | None = None) -> bytes:
+    """A zip of a scene's frames as ``.ply`` files, some with fewer Gaussians."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", compression) as archive:
+        for frame in range(scene.header.frame_count):
+            gaussians = scene.at_frame(frame)
+            count = len(gaussians) if counts is None else counts[frame]
+            part = GaussianArrays(*(array[:count] for array in vars(gaussians).values()))
+            archive.writestr(f"take/time_{frame + 5}.ply", splat_bytes(part))
+        archive.writestr("__MACOSX/._time_5.ply", b"what a Mac puts there")
+    return file.getvalue()
