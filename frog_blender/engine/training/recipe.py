@@ -87,8 +87,6 @@ class Recipe:
             ``max_gaussians``; 0 for none, as in the papers.
         split_scale: above this size a Gaussian is split, below it is cloned.
         prune_opacity: canonical opacity below which a Gaussian is removed.
-        camera_clearance: standard deviations between a Gaussian's centre and the nearest training camera at least (see
-            optimize.camera_clearance); 0 for any: it clears fog, and costs tenths of a dB.
         sampling: "anchors" puts the points into the canonical field as they are (FRoG, section on canonical field
             sampling), "inverse" takes off the motion of the nearest Gaussian (the paper's inverse deformation), or
             "off".
@@ -167,7 +165,6 @@ class Recipe:
     replaced_below: float = number(0.2, 0, 1)
     split_scale: float = number(0.01, 0, 1e6)
     prune_opacity: float = number(5e-3, 0, 1)
-    camera_clearance: float = number(0.0, 0, 1e4)
     sampling: str = choice("anchors", SAMPLINGS)
     sampling_depth: str = choice("median", ("median", "mean"))
     sampling_from: float = number(0.1, 0, _NEVER)
@@ -311,7 +308,7 @@ RECIPES = {
     ),
 }
 
-_FORMER = {"frame_choice": "even"}
+_FORMER = {"frame_choice": "even", "camera_clearance": 0.0}
 """Settings of earlier versions, and the value that trainings have had ever since."""
 
 BEFORE = {
@@ -321,7 +318,6 @@ BEFORE = {
     "sides_alpha_weight": 0.0,
     "size_weight": 0.0,
     "moment_seeds": False,
-    "camera_clearance": 0.0,
 }
 """Settings that earlier versions did not have, and the value that their trainings go on with."""
 

@@ -221,6 +221,24 @@ def test_what_no_training_image_misses_is_taken_at_the_end_and_a_surface_of_one_
     assert trainer.count == step.after
 
 
+def test_of_what_no_image_misses_the_largest_goes_first_and_one_that_is_missed_stops_nothing(halfway: Make) -> None:
+    trainer = halfway()
+    context, canonical = changed(compression(trainer), unmissed_weight=1.1), trainer.model.canonical
+    names = torch.arange(trainer.count).float()
+    canonical.sh.data[:, 0, 2] = 1e-3 * names  # tells who is left
+    canonical.log_scales.data[20], canonical.log_scales.data[30] = 0.0, 0.5
+    drawn = context.gaussians_at(0.5)
+    hidden = drawn.opacities * drawn.scales.sort(1).values[:, 1:].prod(1)
+    missed, largest = hidden.argsort(descending=True)[:2].tolist()
+    energy = torch.full((trainer.count,), 1e-9)
+    energy[missed] = 1e6
+    found = replace(measured(trainer), energy=energy)
+    (proposal,) = passes.prune_unmissed(context, context.evaluator(), found)
+    proposal.apply(1)
+    left = (1e3 * canonical.sh.detach()[:, 0, 2]).round().long().tolist()
+    assert sorted(set(range(len(names))) - set(left)) == [largest]
+
+
 def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
     trainer = halfway()
     found = measured(trainer)

@@ -46,11 +46,19 @@ def prune_unmissed(
     context: CompressionContext, evaluator: ValidationEvaluator, measured: Sensitivity
 ) -> Iterator[Proposal]:
     """Gaussians that hardly make a part of any training image: from elsewhere they are fog. What a single camera sees
-    as a surface is most of what that camera sees there."""
+    as a surface is most of what that camera sees there.
+
+    Those go first that hide most for what images lose: a few large ones make up most of what is seen from outside.
+    What costs too much alone is left out, or nothing behind it would go.
+    """
     gaussians, capture, settings = context.training.gaussians, context.training.capture, context.settings
     shots = spread(capture.train_indices, settings.num_weight_views)
     faint = peak_weights(context.gaussians_at, capture, shots) < settings.unmissed_weight
-    order = torch.where(faint, measured.contribution, torch.inf).argsort()[: int(faint.sum())]
+    faint &= measured.energy < evaluator.energy_of(settings.max_unmissed_loss)
+    drawn = context.gaussians_at(0.5)
+    hidden = drawn.opacities * drawn.scales.sort(1).values[:, 1:].prod(1)
+    loss = measured.energy / hidden.clamp(min=torch.finfo(hidden.dtype).tiny)
+    order = torch.where(faint, loss, torch.inf).argsort()[: int(faint.sum())]
     if 0 < len(order) < gaussians.count:
         yield replace(
             _pruning(context, evaluator, order),

@@ -53,7 +53,7 @@ class CompressionSettings:
     max_fade_loss: float = 0.03
     max_shape_loss: float = 0.015
     max_packing_loss: float = 0.05
-    unmissed_weight: float = 0.05
+    unmissed_weight: float = 0.1
     freeze_score: float = 4.0
     freeze_all_score: float = 2.0
     static_deviation: float = 2 / 255

@@ -73,9 +73,17 @@ class ValidationEvaluator:
         Args:
             energies: (N,) by how much an image changes with each alone: sum of squares over pixels and channels.
         """
+        together = _TOGETHER * energies.double().cumsum(0).cpu().numpy()
+        return np.asarray(10 * np.log10(1 + together / self._squares()))
+
+    def energy_of(self, loss: float) -> float:
+        """See ``expected``: of a change that alone costs about ``loss`` dB."""
+        return float((10 ** (loss / 10) - 1) * self._squares() / _TOGETHER)
+
+    def _squares(self) -> float:
+        """The error of a mean image, summed over its pixels and channels."""
         cameras = [self._capture.cameras[self._capture.shots[index].camera] for index in self._shots]
-        squares = 10 ** (-self.now / 10) * 3 * np.mean([camera.width * camera.height for camera in cameras])
-        return np.asarray(10 * np.log10(1 + _TOGETHER * energies.double().cumsum(0).cpu().numpy() / squares))
+        return float(10 ** (-self.now / 10) * 3 * np.mean([camera.width * camera.height for camera in cameras]))
 
     def accept(self, loss: float) -> None:
         """The Gaussians have been changed, for ``loss`` dB."""

@@ -13,8 +13,10 @@ from .hooks import Hook, Training
 from .schedule import Every
 
 _FROM, _UNTIL, _EVERY = 0.1, 0.99, 0.08  # of the training
-_MOST_TIMES, _MOST_SINGLE = 12, 48  # frames that are looked at
-_ALL_BUT_FIRST, _STRICT_FROM = 0.5, 0.6  # of single views, before the share of the training at which motion is learned
+_MOST_TIMES = 48  # frames that are looked at: what shows for a few of them only must not be missed
+_STRICT_FROM = 0.6  # share of the training at which motion is learned
+_ALL_BUT_FIRST = 0.5  # of single views, before that
+_NEVER_INSIDE, _MOSTLY_OUTSIDE = 1 - 1e-6, 0.75  # of a time's several views, before and after
 _DENSER = 3.0  # times as many Gaussians a pixel has a subject as a whole image
 _FEWEST = 1000  # Gaussians for a subject, however small
 _SHARE_OF = 50  # images
@@ -23,8 +25,9 @@ _SEEN = 0.02  # opacity: what is fainter at a time is not there
 
 class HullPruning(Hook):
     """Removes what is outside the hull as it is deformed, at all times at which it can be seen: a Gaussian that is
-    inside at one time may yet learn to move, or to vanish at the others. Of single views, each of which leaves room
-    before and behind the subject, it removes what is outside in a share of them, weighted by opacity.
+    inside at one time may yet learn to move, or to vanish at the others; once motion is learned, what is outside for
+    the most part, weighted by opacity, is none of the subject's. Of single views, each of which leaves room before and
+    behind the subject, it removes what is outside in a share of them.
 
     Args:
         capture: with masks.
@@ -33,8 +36,7 @@ class HullPruning(Hook):
 
     def __init__(self, capture: Capture, store: FrameStore) -> None:
         frames = sorted({capture.shots[index].frame for index in capture.train_indices})
-        single = len(frames) == len(capture.train_indices)
-        chosen = set(spread(frames, _MOST_SINGLE if single else _MOST_TIMES))
+        chosen = set(spread(frames, _MOST_TIMES))
         shots = [index for index in capture.train_indices if capture.shots[index].frame in chosen]
         self._hull = VisualHull(capture, store, shots)
         self._due = Every(_FROM, _UNTIL, _EVERY)
@@ -48,13 +50,13 @@ class HullPruning(Hook):
         """Prunes where that is due in (before, now]."""
         if not self._due.due(before, now) or not self._hull.frames:
             return
-        keep = self.inside(training, ALL_BUT if now >= _STRICT_FROM else _ALL_BUT_FIRST)
+        keep = self.inside(training, strict=now >= _STRICT_FROM)
         if keep.any() and not keep.all():
             training.gaussians.keep(keep.nonzero().squeeze(1))
 
     @torch.no_grad()
-    def inside(self, training: Training, all_but: float = ALL_BUT) -> torch.Tensor:
-        """(N,) bool, on the Gaussians' device, which may stay; ``all_but`` is the share of single views."""
+    def inside(self, training: Training, *, strict: bool = True) -> torch.Tensor:
+        """(N,) bool, on the Gaussians' device, which may stay; ``strict`` where motion is learned."""
         count = training.gaussians.count
         outside, visible, ever = np.zeros(count), np.zeros(count), np.zeros(count, bool)
         for frame in self._hull.frames:
@@ -66,7 +68,8 @@ class HullPruning(Hook):
             outside += weight * (seen & ~inside)
             visible += weight * seen
             ever |= seen
-        some = all_but if self._hull.has_single_views else 1 - 1e-6
+        single, several = (ALL_BUT, _MOSTLY_OUTSIDE) if strict else (_ALL_BUT_FIRST, _NEVER_INSIDE)
+        some = single if self._hull.has_single_views else several
         keep = ever & (outside <= some * visible)
         return torch.from_numpy(keep).to(training.gaussians.device)
 

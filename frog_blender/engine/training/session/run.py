@@ -20,7 +20,6 @@ from ...io.atomic_files import check_writable, remove_partial_files
 from ...memory import gc_frozen
 from ..compression.schedule import compression_hooks
 from ..methods import method_named
-from ..optimize.camera_clearance import clearance_hooks
 from ..optimize.device import choose_device
 from ..optimize.hull_pruning import hull_hooks, room_for_subject
 from ..optimize.initialization import doubt_of_scale
@@ -131,7 +130,6 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
         hooks=[
             *compression_hooks(job.recipe, job.method, capture, job.seed, job.compression),
             *hull_hooks(capture, store),
-            *clearance_hooks(adapted, capture),
         ],
     )
     if job.resume:
