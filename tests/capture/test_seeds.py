@@ -153,8 +153,11 @@ def test_the_same_seed_gives_the_same_points() -> None:
     np.testing.assert_array_equal(first.colors, again.colors)
 
 
-def wide_scene(moving_ball: bool) -> tuple[Capture, list[np.ndarray]]:
-    """Four cameras 90 degrees apart around a red ball of radius 0.5 that hovers left, then right, in a grey room."""
+PASSING = (-1.2, -0.6, 0.0, 0.6, 1.2)
+
+
+def wide_scene(moving_ball: bool, heights: tuple[float, ...] = PASSING) -> tuple[Capture, list[np.ndarray]]:
+    """Four cameras 90 degrees apart around a red ball of radius 0.5 at one height a frame in a grey room."""
     cameras = []
     for index in range(4):
         angle = index * np.pi / 2
@@ -169,7 +172,7 @@ def wide_scene(moving_ball: bool) -> tuple[Capture, list[np.ndarray]]:
     images = []
     for shot in capture.shots:
         image = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
-        center = np.array([[0.0, (shot.frame - 2) * 0.6 if moving_ball else 0.0, 0.0]])
+        center = np.array([[0.0, heights[shot.frame] if moving_ball else 0.0, 0.0]])
         (pixel,), (depth,) = cameras[shot.camera].project(center)
         cv2.circle(image, (int(pixel[0]), int(pixel[1])), int(120 * 0.5 / depth), (230, 20, 20), -1)
         images.append(image)
@@ -217,6 +220,15 @@ def test_what_moves_has_points_at_times_of_its_own() -> None:
     assert np.median(distance[np.arange(len(there)), there]) < 0.7
     again = find_seeds(capture, Store(capture, images), count_limit=2000, num_moments=5)
     assert np.array_equal(seeds.points, again.points) and np.array_equal(seeds.frames, again.frames, equal_nan=True)
+
+
+def test_what_is_at_a_place_for_one_frame_has_more_points_than_what_stays_for_two() -> None:
+    capture, images = wide_scene(moving_ball=True, heights=(1.2, 1.2, 0.0, 0.0, -1.2))
+    seeds = find_seeds(capture, Store(capture, images), count_limit=2000, num_moments=5)
+    assert seeds.frames is not None
+    times = seeds.frames[np.isfinite(seeds.frames)]
+    counts = np.array([(times == frame).sum() for frame in range(5)])
+    assert counts[4] > 1.5 * counts[:4].max() and counts.min() > 0
 
 
 def test_where_nothing_moves_no_point_has_a_time() -> None:

@@ -8,18 +8,19 @@ import pytest
 import torch
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
+from frog_blender.engine.model.deformation import UNITS
 from frog_blender.engine.model.frog import Frog, FrogSettings
 from frog_blender.engine.model.interface import ScheduleState
-from frog_blender.engine.model.time_windows import can_open, open_windows
+from frog_blender.engine.model.time_windows import COLUMNS, can_open, has_windows, keep_apart, open_windows
 
-COUNT, FRAMES = 40, 30
-SETTINGS = FrogSettings(temporal_rows=FRAMES, coarse_rows=15, embedding_size=32, modulation=True)
+COUNT, FRAMES, SIZE = 40, 30, 32 + COLUMNS
+SETTINGS = FrogSettings(temporal_rows=FRAMES, coarse_rows=15, embedding_size=SIZE, modulation=True)
 
 
 def model_of(seed: int, settings: FrogSettings = SETTINGS) -> Frog:
     torch.manual_seed(seed)
     points, colors = torch.randn(COUNT, 3), torch.rand(COUNT, 3)
-    return Frog(CanonicalField(new_gaussians(points, colors, torch.full((COUNT,), 0.1), 4, 32)), settings)
+    return Frog(CanonicalField(new_gaussians(points, colors, torch.full((COUNT,), 0.1), 4, SIZE)), settings)
 
 
 def opacities(model: Frog) -> torch.Tensor:
@@ -62,6 +63,49 @@ def test_windows_can_be_learned() -> None:
     model.deform(0.5)[0].opacities.sum().backward()
     assert model.canonical.embeddings.grad is not None and model.canonical.embeddings.grad.abs().sum() > 0
     assert model.temporal_table.grad is not None and model.temporal_table.grad.abs().sum() > 0
+
+
+def test_learning_leaves_the_windows_apart() -> None:
+    """Whatever is learned, Gaussians without a time are what the other units make of the other columns."""
+    model = model_of(0)
+    times = torch.full((COUNT,), torch.nan)
+    times[30:] = torch.linspace(0, 1, 10)
+    open_windows(model, times)
+    assert has_windows(model) and not has_windows(model_of(0))
+    optimizer, field = torch.optim.Adam(model.parameters(), lr=0.02), model.deformation
+    rise = float(field.output_weight.detach()[model.output_rows("opacity_logits"), 0])
+    generator = torch.Generator().manual_seed(0)
+    for step in range(20):
+        optimizer.zero_grad()
+        gaussians = model.deform(step / 19)[0]
+        (
+            gaussians.means.square().sum() + (gaussians.opacities * torch.rand(COUNT, generator=generator)).sum()
+        ).backward()
+        optimizer.step()
+        keep_apart(model)
+        assert has_windows(model)
+    embeddings = model.canonical.embeddings.detach()
+    assert not embeddings[:30, -COLUMNS:].any() and embeddings[:30].any()
+    assert not field.embedding_weight[:, -COLUMNS:].any() and not field.modulation_weight[1:, -COLUMNS:].any()
+    assert not field.modulation_weight[0, :-COLUMNS].any() and not field.temporal_weight[0].any()
+    others = torch.ones(len(field.output_weight), dtype=torch.bool)
+    others[model.output_rows("opacity_logits")] = False
+    assert not field.output_weight[others, 0].any() and float(field.output_weight[~others, 0]) != rise
+    hidden = field.hidden(model.temporal_embedding(0.3), embeddings)
+    assert not hidden[:30, 0].any() and hidden[30:, 0].any()
+
+
+def test_a_network_that_is_narrowed_keeps_its_windows() -> None:
+    model = model_of(0)
+    open_windows(model, torch.linspace(0, 1, COUNT))
+    before = opacities(model)
+    units = torch.tensor([0, 3, 4, 9])
+    model.set_width(
+        {name: array.detach().index_select(UNITS[name], units) for name, array in model.deformation.unit_arrays.items()}
+    )
+    keep_apart(model)
+    assert has_windows(model)
+    torch.testing.assert_close(opacities(model), before)
 
 
 def test_nobody_with_a_time_changes_nothing() -> None:

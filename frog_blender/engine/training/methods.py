@@ -28,7 +28,8 @@ class ModelInit:
     """What a model is made of.
 
     Attributes:
-        canonical: the seeds' Gaussians, with embeddings (N, ``recipe.embedding_size``) of zeros.
+        canonical: the seeds' Gaussians, with embeddings (N, E) of zeros, of ``recipe.embedding_size`` and what is kept
+            for time windows (see model.time_windows).
         recipe: as the method adapted it.
         frame_count: frames of the capture.
         image_count: training images.
@@ -64,7 +65,7 @@ def _frog(begin: ModelInit) -> Frog:
         temporal_rows=rows,
         coarse_rows=recipe.coarse_rows_for(rows),
         temporal_size=recipe.temporal_size,
-        embedding_size=recipe.embedding_size,
+        embedding_size=begin.canonical.embeddings.shape[1],
         hidden_width=recipe.hidden_width,
         head_width=recipe.head_width,
         deformed_sh=min(recipe.deformed_sh, sh_count),

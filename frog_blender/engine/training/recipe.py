@@ -67,6 +67,7 @@ class Recipe:
             they are.
         exposure_from: fraction of training from which on training cameras' exposures are compared (see
             optimize.exposure_compensation); 1 for never, as in the papers.
+        square_weight: of the mean squared difference beside the mean absolute one.
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         alpha_weight: of the mean difference in alpha, where images or masks say what it is.
@@ -141,6 +142,7 @@ class Recipe:
     pose_reach: float = number(0.01, 0, 1)
     pose_from: float = number(0.05, 0, 1)
     exposure_from: float = number(0.2, 0, 1)
+    square_weight: float = number(10.0, 0, 1e4)
     dssim_weight: float = number(0.2, 0, 10)
     dssim_from: float = number(0.125, 0, _NEVER)
     dssim_burst: int = whole(5, 0, _MOST_STEPS)
@@ -258,6 +260,7 @@ _PAPER = Recipe(
     scale_rate=5e-3,
     pose_reach=0.0,
     exposure_from=1.0,
+    square_weight=0.0,
     dssim_weight=1.0,
     densify_from=0.0625,
     densify_until=0.95,
@@ -317,6 +320,7 @@ BEFORE = {
     "sides_sh_degree": 0,
     "sides_alpha_weight": 0.0,
     "size_weight": 0.0,
+    "square_weight": 0.0,
     "moment_seeds": False,
 }
 """Settings that earlier versions did not have, and the value that their trainings go on with."""

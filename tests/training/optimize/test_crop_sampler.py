@@ -202,10 +202,12 @@ def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], t
     gradients: dict[str, torch.Tensor] = {}
     trainer.density.gradient_sum.zero_()
 
-    def flattering(image: torch.Tensor, pixels: np.ndarray, *, weight: float, **_: float) -> PhotometricLoss:
+    def flattering(
+        image: torch.Tensor, pixels: np.ndarray, *, weight: float, square_weight: float, **_: float
+    ) -> PhotometricLoss:
         truth = image.detach().clone()
         cut(truth, REGION)[:] = cut(image_on(image.device, pixels), REGION)
-        return photometric_loss_reference(image, truth, weight=weight)
+        return photometric_loss_reference(image, truth, weight=weight, square_weight=square_weight)
 
     def read() -> None:
         gradients.update({n: p.grad.clone() for n, p in trainer.model.named_parameters() if p.grad is not None})

@@ -57,10 +57,15 @@ Make = Callable[..., Trainer]
 
 
 def photometric_loss_on_any_device(
-    image: torch.Tensor, pixels: np.ndarray, *, dssim_weight: float = 0.0, weight: float = 1.0
+    image: torch.Tensor,
+    pixels: np.ndarray,
+    *,
+    square_weight: float = 0.0,
+    dssim_weight: float = 0.0,
+    weight: float = 1.0,
 ) -> PhotometricLoss:
     """As a GPU has it: the library's differs in the last bits."""
-    return photometric_loss_reference(image, image_on(image.device, pixels), dssim_weight, weight)
+    return photometric_loss_reference(image, image_on(image.device, pixels), dssim_weight, weight, square_weight)
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ def timed_seeds() -> Seeds:
 
 def begun(capture: Capture, seeds: Seeds, method: str = "frog", **settings: bool) -> SceneModel:
     torch.manual_seed(0)
-    chosen = method_named(method).adapt(recipe("draft", **settings))
+    chosen = method_named(method).adapt(recipe("draft", **{"moment_seeds": True} | settings))
     return first_model(capture, seeds, chosen, method, 4.0, torch.device("cpu"))
 
 

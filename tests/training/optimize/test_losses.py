@@ -22,18 +22,22 @@ def images(height: int, width: int) -> tuple[torch.Tensor, np.ndarray]:
     return torch.from_numpy(drawn), truth
 
 
-def exactly(image: torch.Tensor, truth: np.ndarray, dssim_weight: float, weight: float) -> PhotometricLoss:
+def exactly(
+    image: torch.Tensor, truth: np.ndarray, dssim_weight: float, weight: float, square_weight: float
+) -> PhotometricLoss:
     """In float64, where what is equal in float32 must stay equal."""
     wanted = torch.from_numpy(truth.astype(np.float32) / 255).double()
-    return photometric_loss_reference(image.double(), wanted, dssim_weight, weight)
+    return photometric_loss_reference(image.double(), wanted, dssim_weight, weight, square_weight)
 
 
+@pytest.mark.parametrize("square_weight", [0.0, 3.0])
 @pytest.mark.parametrize("dssim_weight", [0.0, 0.4])
 @pytest.mark.parametrize("size", SIZES)
-def test_values_and_gradient(size: tuple[int, int], dssim_weight: float) -> None:
+def test_values_and_gradient(size: tuple[int, int], dssim_weight: float, square_weight: float) -> None:
     image, truth = images(*size)
-    found = photometric_loss(image.requires_grad_(), truth, dssim_weight=dssim_weight, weight=0.7)
-    expected = exactly(image, truth, dssim_weight, 0.7)
+    weights = {"dssim_weight": dssim_weight, "square_weight": square_weight, "weight": 0.7}
+    found = photometric_loss(image.requires_grad_(), truth, **weights)
+    expected = exactly(image, truth, dssim_weight, 0.7, square_weight)
     assert abs(float(found.loss) - float(expected.loss)) < 1e-6
     assert not any(
         value.requires_grad for each in (found, expected) for value in vars(each).values() if value is not None
@@ -53,6 +57,16 @@ def test_cells_hold_the_mean_square_of_their_pixels(size: tuple[int, int]) -> No
     for (row, column), found in np.ndenumerate(cells.numpy()):
         cell = square[16 * row : 16 * (row + 1), 16 * column : 16 * (column + 1)]
         np.testing.assert_allclose(found, cell.mean(), rtol=1e-5)
+
+
+def test_the_squares_are_their_weight_times_the_mean_square() -> None:
+    image, truth = images(40, 30)
+    plain, found = (photometric_loss(image, truth, square_weight=weight, weight=0.5) for weight in (0.0, 4.0))
+    difference = image.double() - torch.from_numpy(truth.astype(np.float32) / 255)
+    assert float(found.loss - plain.loss) == pytest.approx(0.5 * 4 * float(difference.square().mean()), rel=1e-5)
+    expected = 0.5 * 4 * 2 * difference / difference.numel()
+    np.testing.assert_allclose(found.gradient - plain.gradient, expected, atol=1e-8)
+    assert torch.equal(found.cell_errors, plain.cell_errors)
 
 
 def test_a_part_of_a_larger_image() -> None:

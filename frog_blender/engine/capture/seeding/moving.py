@@ -20,6 +20,7 @@ _LONGEST_SIDE = 320
 NUM_BACKGROUND_FRAMES = 9
 NUM_FRAMES = 12
 _CANDIDATES = 480_000  # points at all frames, near those that the coarse search found
+_OVERSAMPLED = 4  # times as many points as are wanted are compared between frames
 _CHANGE = 0.1  # of the display range: a larger difference from the median image is motion
 
 
@@ -45,21 +46,64 @@ def moving_points(
     frames = spread(sorted(by_frame), num_frames)
     points, colors, times = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
     for frame in frames:
-        # A camera without images at the background's frames has no median to compare with.
-        known = [shot for shot in by_frame[frame] if capture.shots[shot].camera in medians]
-        views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in known]
-        masks = [_moving_mask(view, medians[capture.shots[view.shot].camera]) for view in views]
-        inside, _, _ = _in_hull(views, masks, samples)
-        if inside.any():
-            near = _around(samples[inside], _CANDIDATES // len(frames), random)
-            inside, color, disagreement = _in_hull(views, masks, near)
-            chosen = np.flatnonzero(inside)
-            best = chosen[np.argsort(disagreement[chosen], kind="stable")[: (len(chosen) + 1) // 2]]
-            chosen = random.permutation(best)[: count // len(frames)]
-            points.append(near[chosen])
-            colors.append(color[chosen])
-            times.append(np.full(len(chosen), float(frame)))
+        silhouettes = _silhouettes(capture, store, by_frame[frame], medians)
+        near, color = _surface(silhouettes, samples, _CANDIDATES // len(frames), random)
+        chosen = random.permutation(len(near))[: count // len(frames)]
+        points.append(near[chosen])
+        colors.append(color[chosen])
+        times.append(np.full(len(chosen), float(frame)))
     return np.concatenate(points), np.concatenate(colors), np.concatenate(times)
+
+
+def passing_points(
+    capture: Capture,
+    store: Images,
+    by_frame: dict[int, list[int]],
+    samples: Float64s,
+    *,
+    count: int,
+    random: np.random.Generator,
+    num_frames: int,
+) -> tuple[Float64s, Float64s, Float64s]:
+    """``moving_points``, most of them where something is at few of the frames: a point is drawn with the inverse
+    square of the number of frames at which its place lies in the moving region. What stays, or comes back, is found
+    by matching; what flies past is not."""
+    wanted = _OVERSAMPLED * count
+    points, colors, times = moving_points(
+        capture, store, by_frame, samples, count=wanted, random=random, num_frames=num_frames
+    )
+    if not len(points):
+        return points, colors, times
+    medians, taken = _median_images(capture, store, by_frame), np.zeros(len(points))
+    for frame in np.unique(times):
+        taken += _in_hull(*_silhouettes(capture, store, by_frame[int(frame)], medians), points)[0]
+    weights = np.maximum(taken, 1) ** -2.0
+    chosen = random.choice(len(points), min(count, len(points)), replace=False, p=weights / weights.sum())
+    return points[chosen], colors[chosen], times[chosen]
+
+
+def _silhouettes(
+    capture: Capture, store: Images, shots: Sequence[int], medians: dict[int, Float32s]
+) -> tuple[list[View], list[NDArray[np.uint8]]]:
+    """The views of a frame, and for each the mask (H, W) of what differs from its camera's median image."""
+    # A camera without images at the background's frames has no median to compare with.
+    known = [shot for shot in shots if capture.shots[shot].camera in medians]
+    views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in known]
+    return views, [_moving_mask(view, medians[capture.shots[view.shot].camera]) for view in views]
+
+
+def _surface(
+    silhouettes: tuple[list[View], list[NDArray[np.uint8]]], samples: Float64s, count: int, random: np.random.Generator
+) -> tuple[Float64s, Float64s]:
+    """Points (N, 3) on what moves, of ``count`` around the ``samples`` (S, 3) that lie in it, and their colours."""
+    inside, _, _ = _in_hull(*silhouettes, samples)
+    if not inside.any():
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    near = _around(samples[inside], count, random)
+    inside, color, disagreement = _in_hull(*silhouettes, near)
+    chosen = np.flatnonzero(inside)
+    best = chosen[np.argsort(disagreement[chosen], kind="stable")[: (len(chosen) + 1) // 2]]
+    return near[best], color[best]
 
 
 def _around(points: Float64s, count: int, random: np.random.Generator) -> Float64s:

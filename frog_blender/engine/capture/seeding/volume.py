@@ -12,7 +12,7 @@ import numpy as np
 from ...arrays import Float64s
 from ..capture import Capture
 from ..video import load_opencv
-from .moving import moving_points
+from .moving import moving_points, passing_points
 from .views import Images, View, load_view, sample_view, spread
 
 _SAMPLES, _SPARSE_SAMPLES = 300_000, 60_000
@@ -55,7 +55,7 @@ def points_at_times(
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
     views = [load_view(capture, store, shot, _LONGEST_SIDE) for shot in _middle(by_frame)]
     samples = _sample_frustums(views, near, far, _SPARSE_SAMPLES, random)
-    return moving_points(capture, store, by_frame, samples, count=count, random=random, num_frames=num_frames)
+    return passing_points(capture, store, by_frame, samples, count=count, random=random, num_frames=num_frames)
 
 
 def _shots_by_frame(capture: Capture) -> dict[int, list[int]]:

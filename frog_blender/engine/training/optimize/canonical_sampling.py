@@ -161,7 +161,9 @@ def inject_anchors(
         deformed = drawn.gaussians.means[: gaussians.num_dynamic]
         points, embeddings = undeformed(points, deformed, changes["means"], canonical.embeddings)
     else:
-        embeddings = calmest_embedding(gaussians, changes).expand(len(points), -1)
+        calmest = calmest_embedding(gaussians, changes).clone()
+        calmest[recipe.embedding_size :] = 0  # without the time window that it may have
+        embeddings = calmest.expand(len(points), -1)
     new = new_anchors(points, colors, embeddings, canonical.means.detach(), canonical.sh.shape[1])
     replaced = replaced[: max(len(points) - room, 0)]  # fewer pixels than asked for may have a depth
     kept = mask_excluding(replaced, gaussians.count).nonzero().squeeze(1)

@@ -11,7 +11,7 @@ from ...capture.seeds import Seeds
 from ...model.canonical import CanonicalField, new_gaussians
 from ...model.frog import Frog
 from ...model.interface import SceneModel
-from ...model.time_windows import can_open, open_windows
+from ...model.time_windows import COLUMNS, can_open, open_windows
 from ...rasterizer import RasterizeOptions
 from ..methods import ModelInit, method_named
 from ..recipe import Recipe
@@ -43,10 +43,19 @@ def first_model(
     """The model before its first step, on ``device``; its random numbers are torch's own of the CPU on any device."""
     points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
     sh_count = (recipe.sh_degree + 1) ** 2
-    canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, recipe.embedding_size))
+    opens = _opens_windows(capture, seeds, recipe)
+    size = recipe.embedding_size + (COLUMNS if opens else 0)
+    canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, size))
     begin = ModelInit(canonical, recipe, capture.frame_count, len(capture.train_shots), scene_scale)
     model = method_named(method).build(begin).to(device)
-    if seeds.frames is not None and isinstance(model, Frog) and can_open(model):
+    if opens and seeds.frames is not None and isinstance(model, Frog) and can_open(model):
         times = torch.from_numpy(seeds.frames / max(capture.frame_count - 1, 1))
         open_windows(model, times.to(device))
     return model
+
+
+def _opens_windows(capture: Capture, seeds: Seeds, recipe: Recipe) -> bool:
+    """Whether seed points with times get windows in columns of their own, each of which follows one of the temporal
+    embedding's."""
+    timed = seeds.frames is not None and recipe.moments_for(capture.frame_count, len(capture.train_shots)) > 0
+    return timed and not recipe.head_width and recipe.temporal_size >= recipe.embedding_size + COLUMNS

@@ -37,7 +37,7 @@ class PhotometricLoss:
 
 
 def matte_loss(
-    image: Image, truth: Truth, alpha_weight: float, *, dssim_weight: float, weight: float
+    image: Image, truth: Truth, alpha_weight: float, *, dssim_weight: float, weight: float, square_weight: float = 0.0
 ) -> PhotometricLoss:
     """``photometric_loss`` of a drawing over the truth's background, plus ``weight`` ``alpha_weight`` mean |alpha -
     truth's|, without what is ignored: there drawing and truth are equal, to SSIM's windows too.
@@ -49,7 +49,7 @@ def matte_loss(
     if truth.ignored is not None and truth.ignored.any():
         ignored = torch.from_numpy(truth.ignored).to(rgb.device)
         rgb = rgb.masked_fill(ignored[..., None], 0)
-    found = photometric_loss(rgb, truth.pixels, dssim_weight=dssim_weight, weight=weight)
+    found = photometric_loss(rgb, truth.pixels, square_weight=square_weight, dssim_weight=dssim_weight, weight=weight)
     if ignored is not None:
         found.gradient[ignored] = 0
     if truth.alpha is None:
@@ -70,9 +70,17 @@ def matte_loss(
 
 
 def photometric_loss(
-    image: torch.Tensor, pixels: NDArray[np.uint8], *, dssim_weight: float = 0.0, weight: float = 1.0
+    image: torch.Tensor,
+    pixels: NDArray[np.uint8],
+    *,
+    square_weight: float = 0.0,
+    dssim_weight: float = 0.0,
+    weight: float = 1.0,
 ) -> PhotometricLoss:
-    """``weight`` (mean |image - truth| + ``dssim_weight`` (1 - SSIM) / 2).
+    """``weight`` (mean |image - truth| + ``square_weight`` mean (image - truth)^2 + ``dssim_weight`` (1 - SSIM) / 2).
+
+    The squares are for what is missing: a place that is wrong by half of the range pulls no more than one that is
+    wrong by a grey level in the first part.
 
     Float32 on the CPU goes through the native library: the first part in one pass over the image.
 
@@ -81,12 +89,16 @@ def photometric_loss(
         pixels: (H, W, 3) uint8 what it should be; its rows may be part of a larger image's.
     """
     if image.dtype != torch.float32 or image.device.type != "cpu":
-        return photometric_loss_reference(image, image_on(image.device, pixels), dssim_weight, weight)
+        return photometric_loss_reference(image, image_on(image.device, pixels), dssim_weight, weight, square_weight)
     image = image.detach().contiguous()
     gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
-    truth = torch.empty_like(image) if dssim_weight else None
+    truth = torch.empty_like(image) if square_weight or dssim_weight else None
     loss = l1_loss(image, pixels, weight, gradient, cells, truth)
-    if truth is not None:
+    if truth is not None and square_weight:
+        difference = image - truth
+        loss += square_weight * float(difference.square().mean())
+        gradient.add_(difference, alpha=2 * weight * square_weight / difference.numel())
+    if truth is not None and dssim_weight:
         slope = torch.empty_like(image)
         loss += dssim_weight * (1 - native_ssim(image, truth, slope)) / 2
         gradient.sub_(slope, alpha=weight * dssim_weight / 2)
@@ -94,13 +106,19 @@ def photometric_loss(
 
 
 def photometric_loss_reference(
-    image: torch.Tensor, truth: torch.Tensor, dssim_weight: float = 0.0, weight: float = 1.0
+    image: torch.Tensor,
+    truth: torch.Tensor,
+    dssim_weight: float = 0.0,
+    weight: float = 1.0,
+    square_weight: float = 0.0,
 ) -> PhotometricLoss:
     """``photometric_loss`` in plain torch, on any device and in any floating-point type; ``truth`` in [0, 1]."""
     with torch.enable_grad():
         image = image.detach().requires_grad_()
         difference = image - truth
         error = difference.abs().mean()
+        if square_weight:
+            error = error + square_weight * difference.square().mean()
         loss = weight * (error + dssim_weight * (1 - ssim(image, truth)) / 2 if dssim_weight else error)
         (gradient,) = torch.autograd.grad(loss, image)
     square = difference.detach().square().permute(2, 0, 1)

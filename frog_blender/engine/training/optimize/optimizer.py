@@ -12,6 +12,7 @@ from ...model.canonical import ATTRIBUTES
 from ...model.deformation import UNITS
 from ...model.frog import Frog
 from ...model.interface import SceneModel
+from ...model.time_windows import has_windows, keep_apart
 from ..recipe import Recipe
 from .adam import NativeAdam, ParameterGroup, adam_on
 from .stateful import Tensors, expect
@@ -33,6 +34,7 @@ class SceneOptimizer:
 
     def __init__(self, model: SceneModel, recipe: Recipe, scene_scale: float) -> None:
         self._canonical = model.canonical
+        self._with_windows = model if isinstance(model, Frog) and has_windows(model) else None
         decay, attribute_decay = recipe.rate_decay, recipe.attribute_decay
         rates = {
             "means": (recipe.mean_rate * scene_scale, decay),
@@ -65,6 +67,8 @@ class SceneOptimizer:
 
     def step(self) -> None:
         self.adam.step()
+        if self._with_windows is not None:
+            keep_apart(self._with_windows)
         for group in self.adam.param_groups:  # torch's own zero_grad takes ten times as long
             for parameter in group["params"]:
                 parameter.grad = None

@@ -52,12 +52,13 @@ class NeighbourGraph:
             NeighbourGraph(places[self.anchors[left]], neighbours.clamp(min=0), weights) if bool(left.any()) else None
         )
 
-    def add_gradient(self, embeddings: torch.Tensor, step: int, weight: float) -> None:
-        """Regularises ``embeddings`` (M, E) for SMOOTHED_EVERY steps at once; another part of the sample each time."""
+    def add_gradient(self, embeddings: torch.Tensor, step: int, weight: float, size: int | None = None) -> None:
+        """Regularises the first ``size`` columns of ``embeddings`` (M, E), or all, for SMOOTHED_EVERY steps at once;
+        another part of the sample each time."""
         start = (step // SMOOTHED_EVERY * _BATCH) % max(1, len(self.anchors))
         part = slice(start, start + _BATCH)
         sample = self.anchors[part], self.neighbours[part], self.weights[part]
-        add_embedding_smoothness(embeddings, *sample, SMOOTHED_EVERY * weight)
+        add_embedding_smoothness(embeddings, *sample, SMOOTHED_EVERY * weight, size=size)
 
 
 class EmbeddingSmoothness:
@@ -94,7 +95,8 @@ class EmbeddingSmoothness:
     def add_gradient(self, step: int) -> None:
         """Regularises the embeddings for SMOOTHED_EVERY steps at once."""
         if self.graph is not None and self._recipe.smoothness_weight:
-            self.graph.add_gradient(self._canonical.embeddings, step, self._recipe.smoothness_weight)
+            size = self._recipe.embedding_size  # what follows are time windows: neighbours may have others
+            self.graph.add_gradient(self._canonical.embeddings, step, self._recipe.smoothness_weight, size)
 
     def state(self) -> tuple[Tensors, Values]:
         """See Stateful."""
@@ -119,7 +121,13 @@ class EmbeddingSmoothness:
 
 @torch.no_grad()
 def add_embedding_smoothness(
-    embeddings: torch.Tensor, anchors: torch.Tensor, neighbours: torch.Tensor, weights: torch.Tensor, weight: float
+    embeddings: torch.Tensor,
+    anchors: torch.Tensor,
+    neighbours: torch.Tensor,
+    weights: torch.Tensor,
+    weight: float,
+    *,
+    size: int | None = None,
 ) -> None:
     """Adds to ``embeddings.grad`` the gradient of the mean over (i, j) of w_ij |e_i - e_j| (the paper's L_emb-reg).
 
@@ -132,13 +140,15 @@ def add_embedding_smoothness(
         neighbours: (A, k) indices j.
         weights: (A, k), see ``neighbour_weights``.
         weight: of the loss.
+        size: columns that are compared, from the first; None for all.
     """
     assert embeddings.grad is not None
-    differences = embeddings[anchors][:, None] - embeddings[neighbours]
+    compared, gradients = embeddings[:, :size], embeddings.grad[:, :size]
+    differences = compared[anchors][:, None] - compared[neighbours]
     lengths = (differences.square().sum(-1) + 1e-12).sqrt()
     gradient = differences * (weight / weights.numel() * weights / lengths)[..., None]
-    embeddings.grad.index_add_(0, anchors, gradient.sum(1))
-    embeddings.grad.index_add_(0, neighbours.flatten(), gradient.flatten(0, 1), alpha=-1)
+    gradients.index_add_(0, anchors, gradient.sum(1))
+    gradients.index_add_(0, neighbours.flatten(), gradient.flatten(0, 1), alpha=-1)
 
 
 def neighbour_weights(distances: torch.Tensor, falloff: float) -> torch.Tensor:

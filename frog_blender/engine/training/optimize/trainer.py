@@ -261,7 +261,8 @@ class Trainer:
         share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
         dssim_weight = self.recipe.dssim_weight if self._in_burst(progress) else 0.0
         weight = share ** (1 - self.recipe.region_emphasis)
-        found = matte_loss(image, truth, self.recipe.alpha_weight, dssim_weight=dssim_weight, weight=weight)
+        weights = {"square_weight": self.recipe.square_weight, "dssim_weight": dssim_weight, "weight": weight}
+        found = matte_loss(image, truth, self.recipe.alpha_weight, **weights)
         if full_size:
             self.crops.observe(index, options.region_of(camera), found.cell_errors)
         self._loss.add(found.loss, self.step_count)
