@@ -264,9 +264,11 @@ def _confirmed_points(capture: Capture, maps: dict[int, DepthMap], depth: float)
         textured.append(depth_map.is_textured.ravel()[chosen])
     if len({capture.shots[index].camera for index in maps}) <= _FEW_VIEWS and not capture.has_moving_cameras:
         for reference, confirmed in found.items():
-            parts = points_seen_once(confirmed, [other for index, other in found.items() if index != reference])
-            for all_of_them, part in zip((points, colors, textured), parts, strict=True):
-                all_of_them.append(part)
+            others = [other for index, other in found.items() if index != reference]
+            places, their_colors, on_structure = points_seen_once(confirmed, others)
+            points.append(places)
+            colors.append(their_colors)
+            textured.append(on_structure)
     return (np.concatenate(points), np.concatenate(colors)), np.concatenate(textured)
 
 
