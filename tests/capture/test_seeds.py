@@ -109,6 +109,22 @@ def test_seeds_of_many_cameras_lie_on_the_surfaces_in_their_colours() -> None:
     assert store.read
 
 
+def test_what_one_of_three_cameras_sees_alone_gets_points_on_its_surface_too() -> None:
+    capture, images = make_scene([(-1.3, 0.0), (0.0, 0.0), (1.3, 0.0)], 2, moving=False)
+    capture = replace(capture, near_far=(1.5, 12.0))
+    seeds = find_seeds(capture, Store(capture, images), count_limit=3000)
+    left, *others = capture.cameras
+    points = seeds.points.astype(np.float64)
+
+    def seen_by(camera: Camera) -> np.ndarray:
+        pixels, _ = camera.project(points)
+        return (pixels >= 0).all(axis=1) & (pixels < [WIDTH, HEIGHT]).all(axis=1)
+
+    alone = seen_by(left) & ~seen_by(others[0]) & ~seen_by(others[1])
+    assert alone.sum() > 100
+    assert (np.abs(points[alone, 2] - FAR_Z) < 0.6).mean() > 0.8
+
+
 def test_when_few_are_measured_the_rest_is_guessed() -> None:
     capture, images = make_scene(RING[:4], 1, moving=False)
     capture = replace(capture, near_far=(1.5, 12.0))
@@ -182,12 +198,16 @@ def wide_scene(moving_ball: bool, heights: tuple[float, ...] = PASSING) -> tuple
 def test_cameras_too_far_apart_get_points_in_their_common_volume_and_more_where_something_moves() -> None:
     capture, images = wide_scene(moving_ball=True)
     seeds = find_seeds(capture, Store(capture, images), count_limit=2000)
-    assert seeds.origin == "2000 drawn"
-    seen = sum(
-        ((d > 0) & (p >= 0).all(axis=1) & (p < [WIDTH, HEIGHT]).all(axis=1)).astype(int)
-        for p, d in (camera.project(seeds.points.astype(np.float64)) for camera in capture.cameras)
-    )
-    assert (seen >= 2).all()
+    assert seeds.origin == "800 behind, 1200 drawn"
+    projected = [camera.project(seeds.points.astype(np.float64)) for camera in capture.cameras]
+    seen = [(d > 0) & (p >= 0).all(axis=1) & (p < [WIDTH, HEIGHT]).all(axis=1) for p, d in projected]
+    assert (sum(each.astype(int) for each in seen)[800:] >= 2).all()
+    for (pixels, depths), sees, part in zip(projected, seen, np.arange(800).reshape(4, 200), strict=True):
+        assert sees[part].all(), "each camera's own background"
+        assert depths[part].min() > 5, "behind the ball, which hovers four units away"
+        grey = np.abs(seeds.colors[part] - 128 / 255).max(axis=1) < 0.01
+        assert grey.mean() > 0.8
+        assert np.ptp(pixels[part], axis=0).min() > 100, "all over the image"
     where_it_moves = (np.abs(seeds.points[:, [0, 2]]) < 0.75).all(axis=1)
     still = find_seeds(*_still(), count_limit=2000)
     where_it_would = (np.abs(still.points[:, [0, 2]]) < 0.75).all(axis=1)
@@ -233,7 +253,7 @@ def test_what_is_at_a_place_for_one_frame_has_more_points_than_what_stays_for_tw
 
 def test_where_nothing_moves_no_point_has_a_time() -> None:
     seeds = find_seeds(*_still(), count_limit=1000, num_moments=5)
-    assert seeds.frames is None and seeds.origin == "1000 drawn"
+    assert seeds.frames is None and seeds.origin == "400 behind, 600 drawn"
 
 
 def _still() -> tuple[Capture, Store]:

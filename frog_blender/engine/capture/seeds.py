@@ -11,9 +11,11 @@ from ..arrays import Bools, Float32s, Float64s, Floats, Ints
 from ..errors import FrogError
 from .capture import Capture
 from .hull import VisualHull
+from .seeding.completion import ConfirmedDepth, points_seen_once
 from .seeding.given import given_points
 from .seeding.matching import triangulate
 from .seeding.plane_sweep import DepthMap, consistent, sweep, world_points
+from .seeding.single_views import background_points
 from .seeding.subject import subject_points
 from .seeding.views import Images, View, load_view, neighbours, scene_depth, spread
 from .seeding.volume import fill_volume, points_at_times
@@ -24,6 +26,9 @@ _SWEEP_REFERENCES = 12
 _ENOUGH = 5000  # measured points: with fewer, further ones are drawn in the volume
 _UNTEXTURED_SHARE = 0.3
 _HULL_FRAMES = 24
+_FEW_VIEWS = 4  # cameras: of more, other pairs see most of what two do not
+_BACKGROUND_SHARE = 0.4  # of the points, where no two cameras match
+_BEHIND = 0.8  # of the farthest depth that is searched
 _MOVING_SHARE = 0.25  # of all seed points, those at moments of their own, at most
 
 
@@ -98,6 +103,7 @@ def find_seeds(
         count_limit -= len(moving[0])
     swept, textured = _sweep(capture, store, references, (near, far), lambda done: report(1 + done))
     measured = len(matched[0]) + len(swept[0])
+    views_match = measured > 0
     parts = []
     if measured:
         keep = _choose(textured, count_limit - min(len(matched[0]), count_limit // 3), random)
@@ -118,8 +124,13 @@ def find_seeds(
         wanted = count_limit - sum(len(part[0]) for part in parts)
         if hull is not None:
             parts.append(subject_points(capture, store, hull, (near, far), wanted, random))
-        else:
+        elif views_match or not _has_film_of_several(capture, train):
             parts.append(fill_volume(capture, store, near, far, count=wanted, random=random))
+        else:
+            most = int(_BACKGROUND_SHARE * wanted)
+            parts.append(background_points(capture, store, _BEHIND * far, count=most, random=random))
+            counts["behind"] = len(parts[-1][0])
+            parts.append(fill_volume(capture, store, near, far, count=wanted - counts["behind"], random=random))
         counts["drawn"] = len(parts[-1][0])
     report(steps)
     points = np.concatenate([*(part[0] for part in parts), moving[0]])
@@ -138,6 +149,12 @@ def find_seeds(
         origin,
         frames[finite] if counts["moving"] else None,
     )
+
+
+def _has_film_of_several(capture: Capture, train: list[int]) -> bool:
+    """Whether several static cameras have more than an image each."""
+    cameras = {capture.shots[index].camera for index in train}
+    return not capture.has_moving_cameras and 1 < len(cameras) < len(train)
 
 
 def _hull(capture: Capture, store: Images, train: list[int]) -> VisualHull | None:
@@ -226,6 +243,12 @@ def _sweep(
             others = [views[index] for index in around[reference]]
             maps[reference] = sweep(views[reference], others, *near_far)
         report(done)
+    return _confirmed_points(capture, maps, depth)
+
+
+def _confirmed_points(capture: Capture, maps: dict[int, DepthMap], depth: float) -> tuple[Cloud, Bools]:
+    """See ``_sweep``; of few views with what one of them sees alone."""
+    found: dict[int, ConfirmedDepth] = {}
     points, colors, textured = [np.zeros((0, 3))], [np.zeros((0, 3), np.float32)], [np.zeros(0, bool)]
     for reference, depth_map in maps.items():
         candidates = [index for index in maps if index != reference]
@@ -234,10 +257,18 @@ def _sweep(
         # Stripes fit at several depths and flat walls at any: there two other views must agree.
         good = consistent(depth_map, others_maps, needed=2)
         good |= consistent(depth_map, others_maps) & depth_map.is_unique & depth_map.is_textured
+        found[reference] = ConfirmedDepth(depth_map, good)
         chosen = np.flatnonzero(good)
         points.append(world_points(depth_map)[chosen])
         colors.append(depth_map.view.image.reshape(-1, 3)[chosen])
         textured.append(depth_map.is_textured.ravel()[chosen])
+    if len({capture.shots[index].camera for index in maps}) <= _FEW_VIEWS and not capture.has_moving_cameras:
+        for reference, confirmed in found.items():
+            others = [other for index, other in found.items() if index != reference]
+            places, their_colors, on_structure = points_seen_once(confirmed, others)
+            points.append(places)
+            colors.append(their_colors)
+            textured.append(on_structure)
     return (np.concatenate(points), np.concatenate(colors)), np.concatenate(textured)
 
 

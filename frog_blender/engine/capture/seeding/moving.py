@@ -42,7 +42,7 @@ def moving_points(
         samples: (S, 3) world points throughout the seen volume.
         num_frames: that are looked at, at most, evenly spread.
     """
-    medians = _median_images(capture, store, by_frame)
+    medians = median_images(capture, store, by_frame)
     frames = spread(sorted(by_frame), num_frames)
     points, colors, times = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
     for frame in frames:
@@ -116,7 +116,7 @@ def _around(points: Float64s, count: int, random: np.random.Generator) -> Float6
     return scattered
 
 
-def _median_images(capture: Capture, store: Images, by_frame: dict[int, list[int]]) -> dict[int, Float32s]:
+def median_images(capture: Capture, store: Images, by_frame: dict[int, list[int]]) -> dict[int, Float32s]:
     """For each camera the median (H, W, 3) of its images over some frames: the static background."""
     stacks: dict[int, list[Float32s]] = {}
     for frame in spread(sorted(by_frame), NUM_BACKGROUND_FRAMES):
