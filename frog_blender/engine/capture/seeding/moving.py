@@ -74,7 +74,7 @@ def passing_points(
     )
     if not len(points):
         return points, colors, times
-    medians, taken = _median_images(capture, store, by_frame), np.zeros(len(points))
+    medians, taken = median_images(capture, store, by_frame), np.zeros(len(points))
     for frame in np.unique(times):
         taken += _in_hull(*_silhouettes(capture, store, by_frame[int(frame)], medians), points)[0]
     weights = np.maximum(taken, 1) ** -2.0
