@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from .arguments import add_frames_argument, frames_of
+from .arguments import add_edits_argument, add_frames_argument, edited_scene, frames_of
 from .printing import say
 
 
@@ -22,6 +22,7 @@ def add_export_parser(commands: Any) -> None:
         help="rotate a scene whose z axis points up so that its y axis points down, as most viewers expect; "
         "default: the scene's own axes",
     )
+    add_edits_argument(export)
     export.set_defaults(run=_export)
 
 
@@ -31,7 +32,7 @@ def _export(options: argparse.Namespace) -> int:
     from ..engine.playback.transform import Y_DOWN
     from .progress import bar
 
-    scene = ScenePlayer.load(options.scene)
+    scene = edited_scene(ScenePlayer.load(options.scene), options.edits)
     frames = frames_of(options.frames, scene.header.frame_count)
     turn = Y_DOWN if options.y_down else None
     with bar("Exporting") as report:

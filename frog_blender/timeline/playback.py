@@ -12,15 +12,19 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from .. import capture_files, point_cloud, relative_paths, reported_once
+from .. import addon_state, capture_files, point_cloud, relative_paths, reported_once
 from ..capture_files import file_of
 from ..engine.errors import FrogError
+from . import edits as object_edits
 from . import level_of_detail, open_scenes
 from .playback_cache import SceneTime
 from .render_thread import in_main_thread
-from .retiming import BadTiming, capture_frame
+from .edited_scenes import EditedScenes, problems
+from .edits import edits_of, with_selection
+from .retiming import BadTiming, capture_frame, needs_evaluated_time
 
 if TYPE_CHECKING:
+    from ..engine.editing.edits import Edits
     from ..engine.gaussians import GaussianArrays
     from ..engine.playback.bake import Bake
     from ..engine.playback.player import ScenePlayer
@@ -78,16 +82,43 @@ def scene_time(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.O
     Args:
         evaluated: see ``capture_frame``.
     """
+    whole = _unedited(obj, scene_frame, evaluated)
+    return _edited(obj, whole, edits_of(obj, evaluated))
+
+
+def displayed(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
+    """What an object's points show of ``scene_time``: see level_of_detail; selected Gaussians stand out. FrogError for
+    an unusable file.
+    """
+    whole = _unedited(obj, scene_frame, evaluated)
+    fewer = level_of_detail.thinned(obj, whole.scene)
+    thinned = whole if fewer is None else SceneTime(fewer[0], whole.time, whole.bake, fewer[1])
+    edits = edits_of(obj, evaluated)
+    if not level_of_detail.is_for_render():
+        edits = with_selection(obj, edits)
+    return _edited(obj, thinned, edits)
+
+
+def _unedited(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None) -> SceneTime:
     scene = open_scene(file_of(obj))
     time = scene.time_of(capture_frame(obj, scene_frame, scene.header.frame_count, evaluated))
     return SceneTime(scene, time, open_scenes.bake(bake_path(obj), file_of(obj), scene))
 
 
-def displayed(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
-    """What an object's points show of ``scene_time``: see level_of_detail. FrogError for an unusable file."""
-    whole = scene_time(obj, scene_frame, evaluated)
-    fewer = level_of_detail.thinned(obj, whole.scene)
-    return whole if fewer is None else SceneTime(fewer[0], whole.time, whole.bake, fewer[1])
+def _edited(obj: bpy.types.Object, shown: SceneTime, edits: Edits | None) -> SceneTime:
+    """What is left of a scene, and which rows of the file's bake that has."""
+    if edits is None:
+        return shown
+    scene = addon_state.get(EditedScenes).of(shown.scene, edits)
+    for sentence in problems(shown.scene):
+        reported_once.message(f"{obj.name}: {sentence}")
+    rows = None if scene.rows is None else scene.rows[: scene.num_dynamic]
+    return SceneTime(scene, shown.time, shown.bake, rows)
+
+
+def needs_evaluation(obj: bpy.types.Object) -> bool:
+    """Whether what an object shows at a frame depends on Blender's evaluation of the frame: its time, or its edits."""
+    return needs_evaluated_time(obj) or object_edits.needs_evaluation(obj)
 
 
 def shown_frame(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> float:
@@ -156,5 +187,11 @@ def show_for_render(is_shown: bool) -> None:
         return
     level_of_detail.set_for_render(is_shown)
     for obj, scene in scenes_of_captures().items():
-        if obj.frog.density != obj.frog.render_density:
+        if obj.frog.density != obj.frog.render_density or object_edits.has_shown_selection(obj):
             show(obj, scene.frame_current_final)
+
+
+def show_cropped(objects: set[bpy.types.Object], scene: bpy.types.Scene) -> None:
+    """Makes the captures of a scene that any of the objects crops show their current frame again."""
+    for obj in object_edits.cropped_by(objects, captures_in(scene)):
+        show(obj, scene.frame_current_final)
