@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from .. import addon_state
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..engine.editing.closed_mesh import ClosedMesh
     from ..engine.editing.edited_scene import EditedScene
     from ..engine.editing.edits import Edits
@@ -30,6 +32,7 @@ class EditedScenes:
         self._scenes: OrderedDict[tuple[str, Edits], EditedScene] = OrderedDict()
         self._marks: OrderedDict[tuple[int, str, str], Marks | None] = OrderedDict()
         self._meshes: OrderedDict[tuple[bytes, bytes], ClosedMesh | str] = OrderedDict()
+        self._weights: tuple[str, np.ndarray] | None = None
         self._lock = threading.Lock()
 
     def of(self, scene: ScenePlayer, edits: Edits) -> ScenePlayer:
@@ -77,7 +80,15 @@ class EditedScenes:
                 self._keep(self._meshes, key, str(error))
         return self._meshes[key]
 
-    def _keep(self, kept: OrderedDict, key: tuple, value: object) -> None:  # type: ignore[type-arg]
+    def weights(self, scene: ScenePlayer) -> np.ndarray:
+        """(C, N) ``importance.camera_weights`` of a scene, found once."""
+        from ..engine.playback.importance import camera_weights
+
+        if self._weights is None or self._weights[0] != scene.token:
+            self._weights = scene.token, camera_weights(scene)
+        return self._weights[1]
+
+    def _keep(self, kept: OrderedDict, key: tuple, value: object) -> None:
         with self._lock:
             kept[key] = value
             while len(kept) > _VALUES_KEPT:

@@ -44,9 +44,7 @@ def edits_of(obj: bpy.types.Object, evaluated: bpy.types.Object | None = None) -
 
     marks = marks_of(settings.hidden)
     moves = needs_evaluation(obj)
-    crops = [
-        _crop(obj, evaluated, crop, not moves) for crop in settings.crops if crop.use and crop.object is not None
-    ]
+    crops = [_crop(obj, evaluated, crop, not moves) for crop in settings.crops if crop.use and crop.object is not None]
     return Edits(marks, tuple(crops), grades_of(settings))
 
 
@@ -100,7 +98,9 @@ def _crop(obj: bpy.types.Object, evaluated: bpy.types.Object | None, settings: A
 
     target = settings.object
     if not is_crop_object(target):
-        raise FrogError(f"{target.name}: found no empty shown as a cube or a sphere, and no mesh, expected one to crop.")
+        raise FrogError(
+            f"{target.name}: found no empty shown as a cube or a sphere, and no mesh, expected one to crop."
+        )
     matrix = _in_capture(obj, evaluated, target)
     mesh = None
     if target.type == "EMPTY":
@@ -108,9 +108,10 @@ def _crop(obj: bpy.types.Object, evaluated: bpy.types.Object | None, settings: A
         matrix = matrix @ np.diag([*[target.empty_display_size] * 3, 1.0])
     else:
         shape = "mesh"
-        mesh = addon_state.get(EditedScenes).mesh(*_triangles(target))
-        if isinstance(mesh, str):
-            raise FrogError(f"{target.name}: found {mesh}, expected a closed mesh to crop with.")
+        found = addon_state.get(EditedScenes).mesh(*_triangles(target))
+        if isinstance(found, str):
+            raise FrogError(f"{target.name}: found {found}, expected a closed mesh to crop with.")
+        mesh = found
     try:
         return Crop(
             shape,
@@ -170,9 +171,8 @@ def needs_evaluation(obj: bpy.types.Object) -> bool:
         return True
     for crop in settings.crops:
         target = crop.object
-        if target is not None and crop.use:
-            if _is_animated(target) or not _hangs_on_capture(target):
-                return True
+        if target is not None and crop.use and (_is_animated(target) or not _hangs_on_capture(target)):
+            return True
     return False
 
 

@@ -17,10 +17,10 @@ from ..capture_files import file_of
 from ..engine.errors import FrogError
 from . import edits as object_edits
 from . import level_of_detail, open_scenes
-from .playback_cache import SceneTime
-from .render_thread import in_main_thread
 from .edited_scenes import EditedScenes, problems
 from .edits import edits_of, with_selection
+from .playback_cache import SceneTime
+from .render_thread import in_main_thread
 from .retiming import BadTiming, capture_frame, needs_evaluated_time
 
 if TYPE_CHECKING:

@@ -25,9 +25,10 @@ DEFAULT_STRENGTH = 0.5
 _LEAST_SHARE = 0.004  # of a scene's Gaussians, at full strength, that a cluster must have
 _MOST_LOSS = 0.02  # dB, at full strength
 _UNKNOWN_PSNR = 30.0  # of a scene that does not say how well it was trained
-_MOST_VIEWS = 16
-_LONGEST_SIDE = 320  # pixels
-_TRIALS = 8  # halvings of the number that is hidden
+_MOST_VIEWS = 12
+_LONGEST_SIDE = 240  # pixels
+_GROUPS = 16
+_TRIALS = 32  # images without some are drawn so many times
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def clean_up(scene: ScenePlayer, strength: float = DEFAULT_STRENGTH, weights: Ar
     cover = peaks[candidates] ** 2 * _areas(scene)[candidates]
     order = candidates[np.argsort(cover, kind="stable")]
     hidden = np.zeros(scene.count, bool)
-    hidden[order[: views.most_hidden(order, allowed * _squared_error(scene))]] = True
+    hidden[views.unmissed(order, allowed * _squared_error(scene))] = True
     return CleanUp(hidden, int((hidden & unmissed).sum()), int((hidden & floating).sum()))
 
 
@@ -86,19 +87,21 @@ def floaters(scene: ScenePlayer, least_share: float = _LEAST_SHARE * DEFAULT_STR
 
 def _areas(scene: ScenePlayer) -> Array:
     """(N,) how large each Gaussian is to the cameras: its two largest standard deviations by its squared distance from
-    where these are on average, at most the whole image."""
-    center = np.mean([camera.center for camera in scene.header.cameras], axis=0)
+    the nearest, at most the whole image."""
     gaussians = scene.at(0.5)
     largest = np.sort(gaussians.scales.astype(np.float64), axis=1)[:, 1:].prod(axis=1)
-    distance = np.square(gaussians.means - center).sum(axis=1)
-    return np.minimum(largest / np.maximum(distance, 1e-12), 1.0)
+    distance = np.full(scene.count, np.inf)
+    for camera in scene.header.cameras:
+        np.minimum(distance, np.square(gaussians.means - camera.center).sum(axis=1), out=distance)
+    result: Array = np.minimum(largest / np.maximum(distance, 1e-12), 1.0)
+    return result
 
 
 def _squared_error(scene: ScenePlayer) -> float:
     """The scene's mean squared error, as measured at the end of its training."""
     psnr = scene.header.metrics.get("psnr")
-    known = isinstance(psnr, int | float) and 0 < psnr < 100
-    return float(10 ** (-(psnr if known else _UNKNOWN_PSNR) / 10))
+    known = float(psnr) if isinstance(psnr, int | float) and 0 < psnr < 100 else _UNKNOWN_PSNR
+    return float(10 ** (-known / 10))
 
 
 class _Views:
@@ -114,17 +117,26 @@ class _Views:
                 gaussians = scene.at_frame(frame)
                 self._seen.append((gaussians, small, self._image(gaussians, small)))
 
-    def most_hidden(self, order: Array, allowed: float) -> int:
-        """How many of the first of ``order`` may be hidden for a mean squared change of at most ``allowed``."""
-        if self._change(order) <= allowed:
-            return len(order)
-        good, bad = 0, len(order)
+    def unmissed(self, order: Array, allowed: float) -> Array:
+        """Those of ``order`` that may be hidden together for a mean squared change of at most ``allowed``.
+
+        Groups that change images the least for their number come first. One that may not be hidden is halved, so that
+        a few that matter are found among many that do not.
+        """
+        hidden = order[:0]
+        groups = [group for group in np.array_split(order, _GROUPS) if len(group)]
+        costs = [self._change(group) / len(group) for group in groups]
+        waiting = [groups[index] for index in np.argsort(costs)[::-1]]
         for _ in range(_TRIALS):
-            middle = (good + bad) // 2
-            if middle == good:
+            if not waiting:
                 break
-            good, bad = (middle, bad) if self._change(order[:middle]) <= allowed else (good, middle)
-        return good
+            group = waiting.pop()
+            if self._change(np.concatenate([hidden, group])) <= allowed:
+                hidden = np.concatenate([hidden, group])
+            elif len(group) > 1:
+                middle = len(group) // 2
+                waiting += [group[middle:], group[:middle]]
+        return hidden
 
     def _change(self, hidden: Array) -> float:
         """The mean over the images of the mean squared change."""

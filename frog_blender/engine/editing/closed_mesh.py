@@ -72,7 +72,7 @@ class ClosedMesh:
         candidates = points[near].astype(np.float64)
         per_cell = _CELLS / (high[:2] - low[:2])
         cell = np.clip(((candidates[:, :2] - low[:2]) * per_cell).astype(np.int64), 0, _CELLS - 1)
-        row, order = cell[:, 1] * _CELLS + cell[:, 0], None
+        row = cell[:, 1] * _CELLS + cell[:, 0]
         order = np.argsort(row, kind="stable")
         row = row[order]
         first = np.clip(((corners.min(1)[:, :2] - low[:2]) * per_cell).astype(np.int64), 0, _CELLS - 1)
@@ -99,7 +99,8 @@ class ClosedMesh:
 def _counted(lengths: Array) -> Array:
     """0, 1, ... of each length, one after the other."""
     ends = np.cumsum(lengths)
-    return np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - lengths, lengths)
+    result: Array = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - lengths, lengths)
+    return result
 
 
 def _lies_above(points: Array, corners: Array) -> Array:
@@ -109,7 +110,8 @@ def _lies_above(points: Array, corners: Array) -> Array:
         inside ^= _passes(points, corners[:, a], corners[:, b])
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     offset = np.einsum("pi,pi->p", normal, corners[:, 0] - points)  # along z: offset / normal z
-    return inside & (np.where(normal[:, 2] < 0, -offset, offset) > 0)
+    result: Array = inside & (np.where(normal[:, 2] < 0, -offset, offset) > 0)
+    return result
 
 
 def _passes(points: Array, start: Array, end: Array) -> Array:
@@ -118,4 +120,5 @@ def _passes(points: Array, start: Array, end: Array) -> Array:
     low, high = np.where(swap[:, None], end, start), np.where(swap[:, None], start, end)
     spans = (low[:, 1] <= points[:, 1]) & (points[:, 1] < high[:, 1])
     side = (high[:, 0] - low[:, 0]) * (points[:, 1] - low[:, 1]) - (points[:, 0] - low[:, 0]) * (high[:, 1] - low[:, 1])
-    return spans & (side > 0)
+    result: Array = spans & (side > 0)
+    return result

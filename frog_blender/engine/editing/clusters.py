@@ -71,4 +71,5 @@ def _components(starts: Array, ends: Array, count: int) -> Array:
         while not np.array_equal(shorter := label[label], label):
             label = shorter
         if np.array_equal(label, before):
-            return np.unique(label, return_inverse=True)[1]
+            numbered: Array = np.unique(label, return_inverse=True)[1]
+            return numbered

@@ -14,7 +14,8 @@ _MOST = 0.01, 0.99  # quantiles of their places; single ones lie kilometres away
 
 def seen_by(weights: Array) -> Array:
     """(N,) how many cameras see each Gaussian, of weights (C, N)."""
-    return np.count_nonzero(weights > SEEN, axis=0)
+    result: Array = np.count_nonzero(weights > SEEN, axis=0)
+    return result
 
 
 def common_view(scene: ScenePlayer, weights: Array) -> Array:

@@ -59,16 +59,16 @@ class Crop:
         """(N,) float32 in [0, 1]: the share of the opacity of Gaussians at (N, 3) that is kept."""
         inverse = np.linalg.inv(np.array(self.matrix).reshape(4, 4))
         # (3, N): numpy adds to short rows, and looks for their largest numbers, ten times as slowly.
-        local = inverse[:3, :3].astype(np.float32) @ points.T
+        local: Array = inverse[:3, :3].astype(np.float32) @ points.T
         local += inverse[:3, 3:].astype(np.float32)
         if self.mesh is not None:
-            return (self.mesh.contains(local.T) == self.keep_inside).astype(np.float32)
+            return _as_shares(self.mesh.contains(local.T) == self.keep_inside)
         if self.feather:
             outside = self._distance(local, inverse[:3, :3])
             beyond = outside if self.keep_inside else -outside
-            return np.clip(1 - beyond / np.float32(self.feather), 0, 1).astype(np.float32)
+            return _as_shares(np.clip(1 - beyond / np.float32(self.feather), 0, 1))
         inside = (np.abs(local).max(0) if self.shape == BOX else np.einsum("in,in->n", local, local)) <= 1
-        return (inside == self.keep_inside).astype(np.float32)
+        return _as_shares(inside == self.keep_inside)
 
     def _distance(self, local: Array, to_shape: Array) -> Array:
         """(N,) signed distance in world units from the surface, negative inside: of a box exact unless it is sheared,
@@ -76,10 +76,17 @@ class Crop:
         if self.shape == BOX:
             sides = np.linalg.norm(np.linalg.inv(to_shape), axis=0).astype(np.float32)
             offsets = (np.abs(local) - 1) * sides[:, None]
-            return np.linalg.norm(np.maximum(offsets, 0), axis=0) + np.minimum(offsets.max(axis=0), 0)
+            beyond: Array = np.linalg.norm(np.maximum(offsets, 0), axis=0)
+            return beyond + np.minimum(offsets.max(axis=0), 0)
         length = np.maximum(np.linalg.norm(local, axis=0), 1e-9)
         slope = np.linalg.norm(to_shape.T.astype(np.float32) @ local, axis=0) / length
-        return (length - 1) / np.maximum(slope, 1e-9)
+        distance: Array = (length - 1) / np.maximum(slope, 1e-9)
+        return distance
+
+
+def _as_shares(kept: Array) -> Array:
+    result: Array = kept.astype(np.float32)
+    return result
 
 
 def kept_of_all(crops: Sequence[Crop], kept: Sequence[Array], count: int) -> Array:

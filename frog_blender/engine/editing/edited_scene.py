@@ -55,7 +55,7 @@ class _Graded:
     def _replaced(self, column: Array, matrix: Array | None) -> Array:
         part = column if self.rows is None else column[self.rows]
         new = part * np.float32(self.size) if matrix is None else part @ matrix
-        if matrix is self.base and self.base is not None:
+        if matrix is self.base and self.shift is not None:
             new += self.shift
             np.minimum(new[:, 3], 1, out=new[:, 3])
         if self.rows is None:

@@ -12,18 +12,21 @@ from .common_view import seen_by
 
 def by_opacity(scene: ScenePlayer, most: float) -> Array:
     """(N,) bool: those whose opacity is at most so large at the beginning, the middle and the end."""
-    return np.max([scene.at(time).opacities for time in _times(scene)], axis=0) <= most
+    result: Array = np.max([scene.at(time).opacities for time in _times(scene)], axis=0) <= most
+    return result
 
 
 def by_size(scene: ScenePlayer, least: float) -> Array:
     """(N,) bool: those whose largest standard deviation is at least so long, in world units, at one of these times."""
-    return np.max([scene.at(time).scales.max(axis=1) for time in _times(scene)], axis=0) >= least
+    result: Array = np.max([scene.at(time).scales.max(axis=1) for time in _times(scene)], axis=0) >= least
+    return result
 
 
 def by_distance(scene: ScenePlayer, center: Array, least: float, time: float = 0.0) -> Array:
     """(N,) bool: those that lie at least so far, in world units, from a point (3,) at a time."""
-    offsets = scene.at(time).means - np.asarray(center, np.float32)
-    return np.einsum("ni,ni->n", offsets, offsets) >= least**2
+    offsets: Array = scene.at(time).means - np.asarray(center, np.float32)
+    result: Array = np.einsum("ni,ni->n", offsets, offsets) >= least**2
+    return result
 
 
 def by_cameras(weights: Array, fewer_than: int) -> Array:
@@ -76,9 +79,7 @@ def grown(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0)
     return result
 
 
-def _any_within(
-    points: Array, asking: Array, own: Array, begin: Array, lengths: Array, distance: float
-) -> Array:
+def _any_within(points: Array, asking: Array, own: Array, begin: Array, lengths: Array, distance: float) -> Array:
     """(K,) bool: whether one of a run of ``own`` lies within a distance of each point that asks."""
     found = np.zeros(len(asking), bool)
     for step in range(int(lengths.max(initial=0))):

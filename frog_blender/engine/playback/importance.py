@@ -53,7 +53,7 @@ def peak_weights(scene: ScenePlayer, most_views: int = _MOST_TRAINING_VIEWS) -> 
     return peaks
 
 
-def camera_weights(scene: ScenePlayer, most_views: int = 48) -> Array:
+def camera_weights(scene: ScenePlayer, most_views: int = 192) -> Array:
     """(C, N) each Gaussian's largest blending weight in small images of each camera, spread over the times it saw.
 
     A moving camera counts as the poses that are looked from. Held-out images are left out.
