@@ -27,8 +27,8 @@ _MOST_LOSS = 0.02  # dB, at full strength
 _UNKNOWN_PSNR = 30.0  # of a scene that does not say how well it was trained
 _MOST_VIEWS = 12
 _LONGEST_SIDE = 240  # pixels
-_GROUPS = 16
-_TRIALS = 32  # images without some are drawn so many times
+_GROUPS = 12
+_TRIALS = 24  # images without some are drawn so many times
 
 
 @dataclass(frozen=True)
@@ -63,11 +63,13 @@ def clean_up(scene: ScenePlayer, strength: float = DEFAULT_STRENGTH, weights: Ar
     unmissed = (peaks < 2 * SEEN * strength) & ~floating
     allowed = 10 ** (_MOST_LOSS * strength / 10) - 1
     views = _Views(scene)
-    candidates = np.flatnonzero(floating | unmissed)
-    cover = peaks[candidates] ** 2 * _areas(scene)[candidates]
-    order = candidates[np.argsort(cover, kind="stable")]
-    hidden = np.zeros(scene.count, bool)
-    hidden[views.unmissed(order, allowed * _squared_error(scene))] = True
+    cover = peaks**2 * _areas(scene)
+    change = allowed * _squared_error(scene)
+    hidden, chosen = np.zeros(scene.count, bool), np.zeros(0, np.int64)
+    for candidates, share in ((floating, 0.5), (unmissed, 1.0)):
+        order = np.flatnonzero(candidates)
+        chosen = views.unmissed(order[np.argsort(cover[order], kind="stable")], share * change, chosen)
+    hidden[chosen] = True
     return CleanUp(hidden, int((hidden & unmissed).sum()), int((hidden & floating).sum()))
 
 
@@ -117,13 +119,13 @@ class _Views:
                 gaussians = scene.at_frame(frame)
                 self._seen.append((gaussians, small, self._image(gaussians, small)))
 
-    def unmissed(self, order: Array, allowed: float) -> Array:
-        """Those of ``order`` that may be hidden together for a mean squared change of at most ``allowed``.
+    def unmissed(self, order: Array, allowed: float, hidden: Array) -> Array:
+        """``hidden`` and those of ``order`` that may be hidden with them for a mean squared change of at most
+        ``allowed``.
 
         Groups that change images the least for their number come first. One that may not be hidden is halved, so that
         a few that matter are found among many that do not.
         """
-        hidden = order[:0]
         groups = [group for group in np.array_split(order, _GROUPS) if len(group)]
         costs = [self._change(group) / len(group) for group in groups]
         waiting = [groups[index] for index in np.argsort(costs)[::-1]]

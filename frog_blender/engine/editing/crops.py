@@ -76,8 +76,9 @@ class Crop:
         if self.shape == BOX:
             sides = np.linalg.norm(np.linalg.inv(to_shape), axis=0).astype(np.float32)
             offsets = (np.abs(local) - 1) * sides[:, None]
-            beyond: Array = np.linalg.norm(np.maximum(offsets, 0), axis=0)
-            return beyond + np.minimum(offsets.max(axis=0), 0)
+            far: Array = np.linalg.norm(np.maximum(offsets, 0), axis=0)
+            far += np.minimum(offsets.max(axis=0), 0)
+            return far
         length = np.maximum(np.linalg.norm(local, axis=0), 1e-9)
         slope = np.linalg.norm(to_shape.T.astype(np.float32) @ local, axis=0) / length
         distance: Array = (length - 1) / np.maximum(slope, 1e-9)

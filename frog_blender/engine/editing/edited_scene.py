@@ -149,7 +149,7 @@ class EditedScene(ScenePlayer):
                 column = column_of(self.source._still, name, count)
             for grade in self._moving_grades:
                 column = grade.changed(name, column)
-            if name == "base" and self._crops:
+            if name == "base" and self._fades:
                 column = column.copy() if column is part.columns.get(name) else column
                 column[:, 3] *= self._kept_moving(part)
             columns[name] = column
@@ -182,6 +182,11 @@ class EditedScene(ScenePlayer):
     def _kept_by_crop(self) -> list[Array]:
         """(N,) of each crop: what it keeps at its chosen time; for those without, of Gaussians that stay, at any."""
         return [crop.kept(_places(self.source, crop)) for crop in self._crops]
+
+    @cached_property
+    def _fades(self) -> bool:
+        """Whether crops take something of the Gaussians that change."""
+        return self._follows or bool((self._kept[: self.num_dynamic] != 1).any())
 
     @cached_property
     def _kept(self) -> Array:
