@@ -74,7 +74,8 @@ def parts_of(room):
 def test_fog_and_floaters_go_and_what_one_camera_sees_stays(room):
     found = clean_up(room, 0.5)
     wall, beside, behind, alone = parts_of(room)
-    assert found.hidden[wall & ~alone].mean() < 0.02 and found.hidden[beside].mean() < 0.02
+    assert not found.hidden[wall & ~alone].any()
+    assert found.hidden[beside].mean() < 0.1  # the edge that its neighbours hide
     assert found.hidden[behind].mean() > 0.9 and found.hidden[alone].sum() >= 2
     assert found.floaters + found.unmissed == found.hidden.sum()
     assert not clean_up(room, 0.0).hidden.any()
@@ -84,7 +85,7 @@ def test_what_single_cameras_see_is_counted(room):
     weights = camera_weights(room)
     assert weights.shape == (3, room.count)
     few, (wall, beside, behind, _) = selections.by_cameras(weights, 2), parts_of(room)
-    assert (seen_by(weights)[beside] == 1).all() and few[behind].all() and few[wall].mean() < 0.4
+    assert (seen_by(weights)[beside] == 1).mean() > 0.9 and few[behind].all() and few[wall].mean() < 0.4
     low, high = common_view(room, weights)
     assert low[0] > -2.1 and high[0] < 2.1 and high[1] < 0.1
 

@@ -4,9 +4,10 @@ An object with ``"frog_edits": 1`` and, each where there is something of it:
 
 - ``"hidden"``: marks: ``{"count": Gaussians, "scene": identity of the scene file, "bits": zlib and base64}``, a bit for
   each Gaussian, the first in the highest bit of the first byte.
-- ``"crops"``: a list of ``{"shape": "box" | "sphere" | "mesh", "matrix": 16 numbers row by row, from the cube from -1
-  to 1, the unit sphere or the mesh to the scene's own coordinates, "keep": "inside" | "outside", "feather": world
-  units, "time": in [0, 1], left out for the shown time, "vertices": numbers, "triangles": indices}``, the last two of a mesh.
+- ``"crops"``: a list of ``{"shape": "box" | "sphere" | "mesh", "matrix": 16 numbers, "keep": "inside" | "outside",
+  "feather": world units, "time": in [0, 1], "vertices": numbers, "triangles": indices}``. The matrix, row by row, goes
+  from the cube from -1 to 1, the unit sphere or the mesh to the scene's own coordinates. Without a time the place at
+  the shown time counts. Vertices and triangles are a mesh's.
 - ``"grades"``: a list of ``{"exposure", "contrast", "saturation", "temperature", "tint", "opacity", "size": numbers as
   in ``grades.Grade``, "gains", "offsets": 3 numbers, "only": marks}``; what is left out changes nothing.
 
