@@ -188,12 +188,14 @@ def _is_animated(obj: bpy.types.Object, matters: Callable[[str], bool] = lambda 
 
 
 def cropped_by(objects: set[bpy.types.Object], captures: list[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Those captures that any of the objects crops."""
-    return [
-        obj
-        for obj in captures
-        if any(crop.object is not None and crop.object.original in objects for crop in getattr(obj, SETTINGS).crops)
-    ]
+    """Those captures that any of the objects crops, or that are among the objects and so moved within their crops."""
+    found = []
+    for obj in captures:
+        targets = [crop.object for crop in getattr(obj, SETTINGS).crops if crop.object is not None]
+        is_moved = obj in objects and not all(map(_hangs_on_capture, targets))
+        if is_moved or any(target in objects for target in targets):
+            found.append(obj)
+    return found
 
 
 def has_shown_selection(obj: bpy.types.Object) -> bool:

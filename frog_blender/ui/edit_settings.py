@@ -157,6 +157,11 @@ class FrogEdits(bpy.types.PropertyGroup):
     )
     crops: CollectionProperty(name="Crops", description="The crops of the capture", type=FrogCrop)
     grade: PointerProperty(name="Grade", description="The grade of the whole capture", type=FrogGrade)
+    match_image: PointerProperty(
+        name="Image",
+        description="The image whose colours to match. Empty for the other selected capture",
+        type=bpy.types.Image,
+    )
     grades: CollectionProperty(name="Grades", description="Grades of selections, one after the other", type=FrogGrade)
 
 

@@ -1,4 +1,4 @@
-"""Crop, clean and grade in Blender: the same in points, renders, exports and files; undo, saving and copying keep it."""
+"""Crop, clean and grade in Blender: the same in points, renders, exports and files; copying and undo keep it."""
 
 from __future__ import annotations
 
@@ -101,6 +101,12 @@ def test_crops_beside_the_capture_crop_where_they_stand(empty, capture):
     crop.location.x += 3.0
     bpy.context.view_layer.update()
     assert np.count_nonzero(playback.gaussians_at(capture, 3).opacities) > 10
+    assert_points_are_what_is_rendered(capture, 3)
+    before = shown(capture)["radiance:base"]
+    capture.parent.location.x += 0.3
+    bpy.context.view_layer.update()
+    assert_points_are_what_is_rendered(capture, 3)
+    assert not np.array_equal(before, shown(capture)["radiance:base"])
 
 
 def test_an_object_that_cannot_crop_is_said_and_stops_a_render(capture):
