@@ -37,8 +37,10 @@ other selected capture without one"""
             wanted, name = Colors.of_scene(theirs), other.name
         edits = edits_of(obj) or Edits()
         # As it is without the gain and the offset that are set here.
-        grades = [replace(edits.grades[0], gains=(1.0,) * 3, offsets=(0.0,) * 3), *edits.grades[1:]] if edits.grades else []
-        own = Colors.of_scene(edited(scene, replace(edits, grades=tuple(grades)))[0])
+        grades = tuple(
+            grade if grade.only else replace(grade, gains=(1.0,) * 3, offsets=(0.0,) * 3) for grade in edits.grades
+        )
+        own = Colors.of_scene(edited(scene, replace(edits, grades=grades))[0])
         gains, offsets = matched(own, wanted)
         grade = obj.frog_edits.grade
         grade.gains, grade.offsets = gains.tolist(), offsets.tolist()
@@ -59,7 +61,7 @@ def _other_capture(context: bpy.types.Context, obj: bpy.types.Object) -> bpy.typ
 
 def _pixels(image: bpy.types.Image) -> np.ndarray:
     """(P, 3) display-referred colours of an image, of at most about a million of its pixels."""
-    from ..engine.srgb import to_srgb
+    from ..engine.srgb import linear_to_srgb
 
     if not (image.size[0] and image.size[1]) or not image.channels:
         raise FrogError(f"{image.name}: found no pixels, expected an image that can be read.")
@@ -68,7 +70,7 @@ def _pixels(image: bpy.types.Image) -> np.ndarray:
     pixels = values.reshape(-1, image.channels)
     pixels = pixels[:: -(-len(pixels) // _MOST_PIXELS)]
     colors = pixels[:, :3] if image.channels >= 3 else np.repeat(pixels[:, :1], 3, axis=1)
-    return np.clip(to_srgb(np.maximum(colors, 0)) if image.is_float else colors, 0, 1)
+    return np.clip(linear_to_srgb(np.maximum(colors, 0)) if image.is_float else colors, 0, 1)
 
 
 register, unregister = bpy.utils.register_classes_factory((FROG_OT_match_grade,))
