@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..engine.capture.pixel_offsets import parse_pixel_offsets
 from ..engine.errors import FrogError
+
+if TYPE_CHECKING:
+    from ..engine.playback.player import ScenePlayer
 
 
 def positive(kind: Callable[[str], float]) -> Callable[[str], float]:
@@ -79,3 +85,27 @@ def frames_of(text: str | None, count: int) -> range:
     if not frames or frames[0] < 0 or frames[-1] >= count:
         raise FrogError(f"--frames {text}: expected frames between 0:{count}.")
     return frames
+
+
+def add_edits_argument(parser: argparse.ArgumentParser) -> None:
+    """Adds ``--edits``; see ``edited_scene``."""
+    parser.add_argument(
+        "--edits", type=Path, default=None, metavar="FILE", help="crops, hidden Gaussians and grades saved in Blender"
+    )
+
+
+def edited_scene(scene: ScenePlayer, path: Path | None) -> ScenePlayer:
+    """A scene with the edits in a file, the scene itself without one; warns of what was made for another scene.
+
+    Raises:
+        FrogError: for a file that holds no edits.
+    """
+    if path is None:
+        return scene
+    from ..engine.editing.edited_scene import edited
+    from ..engine.editing.edits_file import load_edits
+
+    played, dropped = edited(scene, load_edits(path))
+    for sentence in dropped:
+        print(f"warning: {path}: {sentence}", file=sys.stderr)
+    return played

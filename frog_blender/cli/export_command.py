@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FrogError
-from .arguments import add_frames_argument, frames_of
+from .arguments import add_edits_argument, add_frames_argument, edited_scene, frames_of
 from .printing import say
 
 if TYPE_CHECKING:
@@ -40,13 +40,14 @@ def add_export_parser(commands: Any) -> None:
         help="rotate .ply files of a scene whose z axis points up so that its y axis points down, as most viewers "
         "expect; default: the scene's own axes",
     )
+    add_edits_argument(export)
     export.set_defaults(run=_export)
 
 
 def _export(options: argparse.Namespace) -> int:
     from ..engine.playback.player import ScenePlayer
 
-    scene = ScenePlayer.load(options.scene)
+    scene = edited_scene(ScenePlayer.load(options.scene), options.edits)
     frames = frames_of(options.frames, scene.header.frame_count)
     plays = options.usd or options.fourdgs or options.html
     if options.y_down and (plays or options.spz or options.glb):

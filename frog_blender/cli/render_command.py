@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .arguments import add_frames_argument, frames_of
+from ..engine.errors import FrogError
+from .arguments import add_edits_argument, add_frames_argument, edited_scene, frames_of
 from .printing import say
 
 if TYPE_CHECKING:
@@ -28,16 +29,23 @@ def add_render_parser(commands: Any) -> None:
         default="cpu",
         help="cuda and auto need torch; default: cpu",
     )
+    add_edits_argument(render)
     render.set_defaults(run=_render)
 
 
 def _render(options: argparse.Namespace) -> int:
-    from ..engine.playback.render_files import render_frames
+    from ..engine.playback.player import ScenePlayer
+    from ..engine.playback.render_files import cpu_renderer, render_frames
     from ..engine.scene.scene_file import read_scene
     from .progress import bar
 
     scene = read_scene(options.scene)
-    renderer = frame_renderer(scene, options.device)
+    if options.edits is not None:
+        if options.device == "cuda":
+            raise FrogError("--edits: found --device cuda, expected cpu, which alone makes edits.")
+        renderer = cpu_renderer(edited_scene(ScenePlayer(scene), options.edits))
+    else:
+        renderer = frame_renderer(scene, options.device)
     frames = frames_of(options.frames, scene.header.frame_count)
     with bar("Rendering") as report:
         paths = render_frames(scene, options.camera, frames, options.out, renderer=renderer, progress=report)

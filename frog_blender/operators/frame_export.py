@@ -13,7 +13,7 @@ import numpy as np
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import find_by_uid
 from ..timeline import playback
-from ..timeline.retiming import needs_evaluated_time, raw_frame, stretched
+from ..timeline.retiming import raw_frame, stretched
 
 if TYPE_CHECKING:
     from ..engine.gaussians import GaussianArrays
@@ -79,7 +79,7 @@ class FrameExport:
         scene = find_by_uid(bpy.data.scenes, self.scene)
         if scene is None:
             raise FrogError(f"{self.name}: its scene was deleted during the export.")
-        if self.turn is None and not needs_evaluated_time(obj):
+        if self.turn is None and not playback.needs_evaluation(obj):
             return playback.gaussians_at(obj, stretched(scene, frame))
         if frame != raw_frame(scene):
             scene.frame_set(int(frame))  # the empty may be animated

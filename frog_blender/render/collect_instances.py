@@ -74,8 +74,9 @@ def is_seen(instance: bpy.types.DepsgraphObjectInstance, layer: bpy.types.ViewLa
 
 def pass_indices(depsgraph: bpy.types.Depsgraph) -> list[tuple[int, int]]:
     """Number of Gaussians and Pass Index of each visible capture, in the order of ``gather``."""
-    found = [obj for obj, *_ in visible_captures(depsgraph)]
-    return [(playback.open_scene(playback.file_of(obj)).count, obj.pass_index) for obj in found]
+    frame = depsgraph.scene.frame_current_final
+    found = [(obj, shown) for obj, shown, _ in visible_captures(depsgraph)]
+    return [(playback.scene_time(obj, frame, shown).scene.count, obj.pass_index) for obj, shown in found]
 
 
 def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> GaussianArrays:

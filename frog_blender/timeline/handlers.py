@@ -10,9 +10,8 @@ from bpy.app.handlers import persistent
 
 from .. import app_handlers, capture_files, point_cloud, relative_paths, reported_once
 from ..capture_files import file_of
-from . import open_scenes, playback, playback_cache, prefetch, render_thread
+from . import edited_scenes, open_scenes, playback, playback_cache, prefetch, render_thread
 from .render_thread import in_main_thread, is_never_drawn_meanwhile, may_write_points
-from .retiming import needs_evaluated_time
 
 
 @persistent
@@ -25,19 +24,21 @@ def on_frame(scene: bpy.types.Scene, *_: Any) -> None:
             )
         return
     for obj in playback.captures_in(scene):
-        if not needs_evaluated_time(obj):
+        if not playback.needs_evaluation(obj):
             playback.show(obj, scene.frame_current_final)
 
 
 @persistent
 def on_frame_evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Writes the points of the other captures, whose time is driven or in the NLA, once it is evaluated."""
+    """Writes the points of the other captures, whose time is driven or in the NLA, or whose edits are animated, once
+    that is evaluated.
+    """
     if depsgraph.mode == "RENDER" and scene.render.engine == "FROG":
         return  # it draws no points, and writing them makes Blender evaluate again, without the NLA
     if not may_write_points(scene):
         return
     for obj in playback.captures_in(scene):
-        if needs_evaluated_time(obj):
+        if playback.needs_evaluation(obj):
             playback.show(obj, scene.frame_current_final, obj.evaluated_get(depsgraph))
 
 
@@ -45,6 +46,7 @@ def on_frame_evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -
 def on_load(*_: Any) -> None:
     """Forgets everything about the previous file."""
     open_scenes.forget()
+    edited_scenes.forget()
     capture_files.forget()
     reported_once.forget()
     prefetch.forget()
@@ -60,10 +62,17 @@ def take_over(*_: Any) -> None:
 
 @persistent
 def on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """If geometry was changed by anything else, writes all of it again at the next frame."""
+    """If geometry was changed by anything else, writes all of it again at the next frame; shows captures again whose
+    crop objects were moved.
+    """
+    changed = set()
     for update in depsgraph.updates:
         if update.is_updated_geometry and isinstance(update.id, point_cloud.DATA_TYPES):
             point_cloud.invalidate(update.id.original)
+        elif isinstance(update.id, bpy.types.Object):
+            changed.add(update.id.original)
+    if changed and depsgraph.mode == "VIEWPORT":
+        playback.show_cropped(changed, depsgraph.scene.original)
 
 
 @persistent

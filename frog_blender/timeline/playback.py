@@ -13,15 +13,19 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from .. import capture_files, point_cloud, relative_paths, reported_once
+from .. import addon_state, capture_files, point_cloud, relative_paths, reported_once
 from ..capture_files import file_of
 from ..engine.errors import FrogError
+from . import edits as object_edits
 from . import level_of_detail, open_scenes
+from .edited_scenes import EditedScenes, problems
+from .edits import edits_of, with_selection
 from .playback_cache import SceneTime
 from .render_thread import in_main_thread
-from .retiming import BadTiming, capture_frame
+from .retiming import BadTiming, capture_frame, needs_evaluated_time
 
 if TYPE_CHECKING:
+    from ..engine.editing.edits import Edits
     from ..engine.gaussians import GaussianArrays
     from ..engine.playback.bake import Bake
     from ..engine.playback.player import ScenePlayer
@@ -88,13 +92,21 @@ class Opened:
 
     def whole(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """See ``scene_time``."""
-        frame = capture_frame(self.obj, scene_frame, self.scene.header.frame_count, evaluated)
-        return SceneTime(self.scene, self.scene.time_of(frame), self.bake)
+        return _edited(self.obj, self._unedited(scene_frame, evaluated), edits_of(self.obj, evaluated))
 
     def displayed(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """See ``displayed``."""
-        shown = self.whole(scene_frame, evaluated)
-        return shown if self.fewer is None else SceneTime(self.fewer[0], shown.time, shown.bake, self.fewer[1])
+        shown = self._unedited(scene_frame, evaluated)
+        if self.fewer is not None:
+            shown = SceneTime(self.fewer[0], shown.time, shown.bake, self.fewer[1])
+        edits = edits_of(self.obj, evaluated)
+        if not level_of_detail.is_for_render():
+            edits = with_selection(self.obj, edits)
+        return _edited(self.obj, shown, edits)
+
+    def _unedited(self, scene_frame: float, evaluated: bpy.types.Object | None) -> SceneTime:
+        frame = capture_frame(self.obj, scene_frame, self.scene.header.frame_count, evaluated)
+        return SceneTime(self.scene, self.scene.time_of(frame), self.bake)
 
 
 def opened(obj: bpy.types.Object, *, is_thinned: bool = True) -> Opened:
@@ -115,8 +127,26 @@ def scene_time(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.O
 
 
 def displayed(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
-    """What an object's points show of ``scene_time``: see level_of_detail. FrogError for an unusable file."""
+    """What an object's points show of ``scene_time``: see level_of_detail; selected Gaussians stand out. FrogError for
+    an unusable file.
+    """
     return opened(obj).displayed(scene_frame, evaluated)
+
+
+def _edited(obj: bpy.types.Object, shown: SceneTime, edits: Edits | None) -> SceneTime:
+    """What is left of a scene, and which rows of the file's bake that has."""
+    if edits is None:
+        return shown
+    scene = addon_state.get(EditedScenes).of(shown.scene, edits)
+    for sentence in problems(shown.scene):
+        reported_once.message(f"{obj.name}: {sentence}")
+    rows = None if scene.rows is None else scene.rows[: scene.num_dynamic]
+    return SceneTime(scene, shown.time, shown.bake, rows)
+
+
+def needs_evaluation(obj: bpy.types.Object) -> bool:
+    """Whether what an object shows at a frame depends on Blender's evaluation of the frame: its time, or its edits."""
+    return needs_evaluated_time(obj) or object_edits.needs_evaluation(obj)
 
 
 def shown_frame(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Object | None = None) -> float:
@@ -185,5 +215,11 @@ def show_for_render(is_shown: bool) -> None:
         return
     level_of_detail.set_for_render(is_shown)
     for obj, scene in scenes_of_captures().items():
-        if obj.frog.density != obj.frog.render_density:
+        if obj.frog.density != obj.frog.render_density or object_edits.has_shown_selection(obj):
             show(obj, scene.frame_current_final)
+
+
+def show_cropped(objects: set[bpy.types.Object], scene: bpy.types.Scene) -> None:
+    """Makes the captures of a scene that any of the objects crops show their current frame again."""
+    for obj in object_edits.cropped_by(objects, captures_in(scene)):
+        show(obj, scene.frame_current_final)

@@ -33,8 +33,10 @@ class SceneTime:
     """What an object shows at a frame: a scene at a time in [0, 1].
 
     Attributes:
-        bake: it may be in, which can be one of a scene with more Gaussians.
+        bake: what its source may be in, which can be one of a scene with more Gaussians.
         rows: (K,) which of the Gaussians that move in the bake are those that move in ``scene``; None for all.
+
+    What is cached and baked is the source's: edits are made to it each time, in less time than a frame is read.
     """
 
     scene: ScenePlayer
@@ -46,20 +48,30 @@ class SceneTime:
     def key(self) -> Key:
         return self.scene.token, self.time
 
-    def part(self) -> FrameDelta:
-        """The time-dependent part at this time: cached, baked or computed, and cached from now on."""
-        found = frames().find(self.key)
+    @property
+    def source_key(self) -> Key:
+        """Of what is cached."""
+        return self.scene.source.token, self.time
+
+    def compute(self) -> FrameDelta:
+        """The time-dependent part of the source at this time: cached, baked or computed, and cached from now on."""
+        found = frames().find(self.source_key)
         if found is None:
-            found = self._baked() or self.scene.delta_at(self.time)
-            frames().keep(self.key, found)
+            found = self._baked() or self.scene.source.delta_at(self.time)
+            frames().keep(self.source_key, found)
         return found
+
+    def part(self) -> FrameDelta:
+        """The time-dependent part at this time."""
+        return self.scene.edited(self.compute())
 
     def gaussians(self) -> GaussianArrays:
         """All Gaussians. Not cached, as renders visit many times only once."""
-        return self.scene.at(self.time, frames().find(self.key) or self._baked())
+        found = frames().find(self.source_key) or self._baked()
+        return self.scene.at(self.time, None if found is None else self.scene.edited(found))
 
     def _baked(self) -> FrameDelta | None:
-        if self.bake is None or not self.scene.changing:
+        if self.bake is None or not self.scene.source.changing:
             return None
         return self.bake.find(self.time, self.rows)
 
@@ -76,7 +88,7 @@ class PrefetchWorker:
 
     def ask(self, times: Iterable[SceneTime]) -> None:
         """Compute these in order, and drop all earlier requests."""
-        wanted = deque(each for each in times if self._frames.find(each.key) is None)  # skips what is cached
+        wanted = deque(each for each in times if self._frames.find(each.source_key) is None)  # skips what is cached
         with self._changed:
             self._wanted = wanted
             if wanted and self._thread is None:
@@ -115,7 +127,7 @@ class PrefetchWorker:
                 following = self._wanted.popleft()
                 self._busy = True
             try:
-                following.part()
+                following.compute()
             except Exception as error:  # showing the frame raises it again; the thread goes on
                 print(f"FRoG: a frame could not be computed ahead ({type(error).__name__}: {error}).", file=sys.stderr)
 

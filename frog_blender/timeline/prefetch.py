@@ -71,12 +71,12 @@ def times_after(scene: bpy.types.Scene, frame: float, step: float) -> list[Scene
     playing = list(_opened(scene))
     for following in islice(frames_after(scene, frame, step), _frames_ahead()):
         for each in _shown(scene, playing, stretched(scene, following)):
-            if each.key in found or not each.scene.changing:
+            if each.source_key in found or not each.scene.source.changing:
                 continue
-            room -= each.scene.delta_bytes
+            room -= each.scene.source.delta_bytes
             if room < 0:
                 return list(found.values())
-            found[each.key] = each
+            found[each.source_key] = each
     return list(found.values())
 
 

@@ -251,7 +251,8 @@ def _update(
     splats.card.draw(picture.canvas, layers, None if picture.depth is None else splats.card.depth(picture.depth))
     picture.key, picture.step, picture.orders = key, step, orders
     picture.is_final = step == 1 and all(map(_is_of, orders, seen))
-    tokens = {other.time.scene.token for each in splats.pictures.values() for other in each.shown}
+    scenes = [other.time.scene for each in splats.pictures.values() for other in each.shown]
+    tokens = {token for scene in scenes for token in (scene.token, scene.source.token)}
     splats.clouds.keep_only(tokens)
     splats.ranks.keep_only(tokens)
     splats.drawn += 1
@@ -277,7 +278,7 @@ def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list
 def _order(splats: ViewportSplats, place: tuple[int, int], shown: Shown, view: SplatView, share: float) -> Order:
     """The order of a capture's splats, or of a share of them, for a place in a viewport's list of captures."""
     scene = shown.time.scene
-    points, kept = scene.column("means", shown.time.part()), splats.ranks.most_important(scene, share)
+    points, kept = scene.column("means", shown.time.part()), splats.ranks.most_important(scene.source, share)
     key = _order_key(shown, view, None if kept is None else len(kept))
     return splats.sorter.order(OrderRequest(place, key, points, view.plane, kept))
 

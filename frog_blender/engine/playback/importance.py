@@ -26,7 +26,7 @@ _MOST_TRAINING_VIEWS = 240  # images that are looked for something that is seen 
 def ranking(scene: ScenePlayer) -> Array:
     """(N,) every Gaussian's index, the most important first; the same for the same scene on any day."""
     score = np.zeros(scene.count)
-    for camera, frame in _sampled_views(scene.header, _MAX_VIEWS):
+    for camera, frame in sampled_views(scene.header, _MAX_VIEWS):
         gaussians = scene.at_frame(frame)
         largest = np.sort(gaussians.scales, axis=1)[:, 1:].astype(np.float64)
         seen = _visible_weights(gaussians, camera) if camera is not None else 1.0
@@ -45,7 +45,7 @@ def peak_weights(scene: ScenePlayer, most_views: int = _MOST_TRAINING_VIEWS) -> 
     Returns:
         float32 in [0, 1]; ones for a scene that does not say what it was filmed with.
     """
-    views = _sampled_views(scene.header, most_views, trained=True)
+    views = sampled_views(scene.header, most_views, trained=True)
     peaks = np.full(scene.count, 0.0 if views and views[0][0] is not None else 1.0, np.float32)
     for camera, frame in views:
         if camera is not None:
@@ -53,12 +53,28 @@ def peak_weights(scene: ScenePlayer, most_views: int = _MOST_TRAINING_VIEWS) -> 
     return peaks
 
 
+def camera_weights(scene: ScenePlayer, most_views: int = 192) -> Array:
+    """(C, N) each Gaussian's largest blending weight in small images of each camera, spread over the times it saw.
+
+    A moving camera counts as the poses that are looked from. Held-out images are left out.
+
+    Returns:
+        float32 in [0, 1]; C is 0 for a scene that does not say what it was filmed with.
+    """
+    found: dict[str, Array] = {}
+    for camera, frame in sampled_views(scene.header, most_views, trained=True):
+        if camera is not None:
+            weights = _visible_weights(scene.at_frame(frame), camera)
+            found[camera.name] = np.maximum(found.get(camera.name, 0), weights)
+    return np.array(list(found.values()), np.float32).reshape(len(found), scene.count)
+
+
 def most_important(order: Array, count: int) -> Array:
     """(count,) the first of a ranking as ascending indices; at least one."""
     return np.sort(order[: max(1, count)])
 
 
-def _sampled_views(header: SceneHeader, most: int, *, trained: bool = False) -> list[tuple[Camera | None, int]]:
+def sampled_views(header: SceneHeader, most: int, *, trained: bool = False) -> list[tuple[Camera | None, int]]:
     """At most so many cameras and frames that they saw (``trained``: for training), spread over both; frames alone for
     a scene without cameras."""
     shots: list[tuple[Camera | None, int]] = [

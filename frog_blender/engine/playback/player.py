@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import threading
 import uuid
@@ -11,6 +12,8 @@ from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
+
+import numpy as np
 
 from ..arrays import Array, SceneArrays
 from ..capture.time import frame_to_time
@@ -102,9 +105,11 @@ class ScenePlayer:
         columns: names of a frame's columns, see frame_delta; ``changing`` are those of them that change in
             time.
         token: of this object alone, in this and any other process: what is kept of it elsewhere can name it.
+        source: what computes its frames; another scene where this one is edited.
+        rows: (N,) which of its file's Gaussians it has, ascending; None for all ``file_count`` of them.
     """
 
-    def __init__(self, scene: SceneFile) -> None:
+    def __init__(self, scene: SceneFile, part_of: tuple[ScenePlayer, Array] | None = None) -> None:
         self.header: SceneHeader = scene.header
         self._arrays = scene.arrays
         self.count = len(scene.arrays["means"])
@@ -116,6 +121,13 @@ class ScenePlayer:
         changing = self._deformation.changing if self._deformation is not None else frozenset[str]()
         self.changing = tuple(name for name in self.columns if name in changing)
         self.token = uuid.uuid4().hex
+        self.source: ScenePlayer = self
+        self.rows: Array | None = None
+        self.file_count = self.count
+        if part_of is not None:
+            whole, kept = part_of
+            self.rows = kept if whole.rows is None else whole.rows[kept]
+            self.file_count, self.identity = whole.file_count, whole.identity
         self._recent: OrderedDict[float, NumpyGaussians] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -130,7 +142,19 @@ class ScenePlayer:
         Args:
             kept: (M,) their indices, ascending, at least one.
         """
-        return ScenePlayer(select_gaussians(SceneFile(self.header, self._arrays, self._rows), kept))
+        return ScenePlayer(select_gaussians(SceneFile(self.header, self._arrays, self._rows), kept), (self, kept))
+
+    @cached_property
+    def identity(self) -> str:
+        """Of the Gaussians in its file: another training has another one."""
+        digest = hashlib.blake2b(digest_size=16)
+        for name in ("means", "opacity_logits"):
+            digest.update(np.ascontiguousarray(self._arrays[name], "<f4").data)
+        return digest.hexdigest()
+
+    def edited(self, part: FrameDelta) -> FrameDelta:
+        """What ``delta_at`` returns, from what that of ``source`` did."""
+        return part
 
     def at_frame(self, frame: float) -> NumpyGaussians:
         """Gaussians at a frame counted from 0; fractions are legal, frames outside are held."""

@@ -1,0 +1,1 @@
+"""Crop, selections, grade: edits by Gaussian, which everyone who plays the edited scene gets. No torch."""

@@ -1,0 +1,75 @@
+"""Clusters: Gaussians that touch each other, and what hangs alone.
+
+Two Gaussians touch when one's centre lies within the reach of the other, a few of its standard deviations. Which do is
+found by grids, one for each power of two of the reach, so that small ones among large ones cost nothing.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from ..arrays import Array
+from ..gaussians import NumpyGaussians
+
+REACH = 3.0
+"""Standard deviations (the geometric mean of the two largest) within which a Gaussian touches others."""
+_LARGEST_REACH = 0.05  # of the scene's size: a larger one is fog, which would touch everything
+_LEVELS = 12  # powers of two below that
+
+
+def clusters(gaussians: NumpyGaussians) -> Array:
+    """(N,) the cluster of each Gaussian, numbered from 0."""
+    count = len(gaussians)
+    if count == 0:
+        return np.zeros(0, np.int64)
+    points = gaussians.means.astype(np.float64)
+    low, high = np.quantile(points, (0.01, 0.99), axis=0)
+    most = _LARGEST_REACH * max(float(np.linalg.norm(high - low)), 1e-9)
+    largest = np.sort(gaussians.scales.astype(np.float64), axis=1)[:, 1:]
+    reach = np.clip(REACH * np.sqrt(largest.prod(axis=1)), most / 2**_LEVELS, most)
+    level = np.clip(np.floor(np.log2(most / reach)), 0, _LEVELS).astype(int)
+    starts, ends = [], []
+    for each in np.unique(level):
+        own = np.flatnonzero(level == each)
+        start, end = _touching(points, own, most / 2.0**each)
+        starts.append(start)
+        ends.append(end)
+    return _components(np.concatenate(starts), np.concatenate(ends), count)
+
+
+def _touching(points: Array, own: Array, size: float) -> tuple[Array, Array]:
+    """Pairs of Gaussians that together link those ``own`` with all that lie in their cells of a grid, or beside."""
+    cells = np.floor((points - points[own].min(0)) / size).astype(np.int64) + 1
+    span = cells[own].max(0) + 2  # with a border, where neighbours are nobody's
+    inside = ((cells >= 0) & (cells < span)).all(1)
+    keys = np.where(inside, (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2], -1)
+    occupied, first = np.unique(keys[own], return_index=True)
+    starts, ends = [], []
+    everyone = np.flatnonzero(inside)
+    for step in product((-1, 0, 1), repeat=3):
+        wanted = keys[everyone] + (step[0] * span[1] + step[1]) * span[2] + step[2]
+        place = np.clip(np.searchsorted(occupied, wanted), 0, len(occupied) - 1)
+        there = occupied[place] == wanted
+        starts.append(everyone[there])
+        ends.append(own[first[place[there]]])
+    return np.concatenate(starts), np.concatenate(ends)
+
+
+def _components(starts: Array, ends: Array, count: int) -> Array:
+    """(count,) numbers of the connected components of a graph: each takes the least of its neighbours' until none
+    changes, with shortcuts (Shiloach and Vishkin, 1982)."""
+    label = np.arange(count)
+    while True:
+        least = np.minimum(label[starts], label[ends])
+        before = label.copy()
+        np.minimum.at(label, label[starts], least)
+        np.minimum.at(label, label[ends], least)
+        np.minimum.at(label, starts, least)
+        np.minimum.at(label, ends, least)
+        while not np.array_equal(shorter := label[label], label):
+            label = shorter
+        if np.array_equal(label, before):
+            numbered: Array = np.unique(label, return_inverse=True)[1]
+            return numbered

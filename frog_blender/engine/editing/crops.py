@@ -1,0 +1,109 @@
+"""Crops: a box, a sphere or a closed mesh, and how much of a Gaussian at a place is kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array
+from .closed_mesh import ClosedMesh
+
+BOX, SPHERE, MESH = "box", "sphere", "mesh"
+SHAPES = (BOX, SPHERE, MESH)
+
+
+@dataclass(frozen=True)
+class Crop:
+    """One crop.
+
+    Attributes:
+        shape: one of SHAPES: the cube from -1 to 1, the unit sphere, or ``mesh``.
+        matrix: (16,) row by row, from the shape's space to the scene's; can be inverted.
+        keep_inside: keep what is inside; else what is outside.
+        feather: world units from the surface, away from what is kept, over which opacity falls to zero; 0 for a mesh.
+        time: in [0, 1], at which a Gaussian's place decides; None for the time that is shown.
+        mesh: for MESH.
+        is_still: it will be at the same place at the next frame, so that what it hides need not be played.
+
+    Raises:
+        ValueError: for what cannot be.
+    """
+
+    shape: str
+    matrix: tuple[float, ...]
+    keep_inside: bool = True
+    feather: float = 0.0
+    time: float | None = None
+    mesh: ClosedMesh | None = None
+    is_still: bool = True
+
+    def __post_init__(self) -> None:
+        if self.shape not in SHAPES:
+            raise ValueError(f"a crop of the shape {self.shape!r}")
+        if (self.mesh is not None) != (self.shape == MESH):
+            raise ValueError("a mesh crop without a mesh, or another with one")
+        if len(self.matrix) != 16 or not all(map(math.isfinite, self.matrix)):
+            raise ValueError("a crop whose matrix is not 16 finite numbers")
+        matrix = np.array(self.matrix).reshape(4, 4)
+        if not np.array_equal(matrix[3], (0, 0, 0, 1)) or np.linalg.cond(matrix[:3, :3]) > 1e9:
+            raise ValueError("a crop that is flattened, or whose matrix is none of a placed object")
+        if not 0 <= self.feather < math.inf or (self.feather and self.shape == MESH):
+            raise ValueError(f"a feather of {self.feather}; a mesh has none")
+        if self.time is not None and not 0 <= self.time <= 1:
+            raise ValueError(f"a crop at the time {self.time}")
+
+    def kept(self, points: Array) -> Array:
+        """(N,) float32 in [0, 1]: the share of the opacity of Gaussians at (N, 3) that is kept."""
+        inverse = np.linalg.inv(np.array(self.matrix).reshape(4, 4))
+        # (3, N): numpy adds to short rows, and looks for their largest numbers, ten times as slowly.
+        local: Array = inverse[:3, :3].astype(np.float32) @ points.T
+        local += inverse[:3, 3:].astype(np.float32)
+        if self.mesh is not None:
+            return _as_shares(self.mesh.contains(local.T) == self.keep_inside)
+        if self.feather:
+            outside = self._distance(local, inverse[:3, :3])
+            beyond = outside if self.keep_inside else -outside
+            return _as_shares(np.clip(1 - beyond / np.float32(self.feather), 0, 1))
+        inside = (np.abs(local).max(0) if self.shape == BOX else np.einsum("in,in->n", local, local)) <= 1
+        return _as_shares(inside == self.keep_inside)
+
+    def _distance(self, local: Array, to_shape: Array) -> Array:
+        """(N,) signed distance in world units from the surface, negative inside: of a box exact unless it is sheared,
+        of an ellipsoid to first order. ``local`` is (3, N), in the shape's space."""
+        if self.shape == BOX:
+            sides = np.linalg.norm(np.linalg.inv(to_shape), axis=0).astype(np.float32)
+            offsets = (np.abs(local) - 1) * sides[:, None]
+            far: Array = np.linalg.norm(np.maximum(offsets, 0), axis=0)
+            far += np.minimum(offsets.max(axis=0), 0)
+            return far
+        length = np.maximum(np.linalg.norm(local, axis=0), 1e-9)
+        slope = np.linalg.norm(to_shape.T.astype(np.float32) @ local, axis=0) / length
+        distance: Array = (length - 1) / np.maximum(slope, 1e-9)
+        return distance
+
+
+def _as_shares(kept: Array) -> Array:
+    result: Array = kept.astype(np.float32)
+    return result
+
+
+def kept_of_all(crops: Sequence[Crop], kept: Sequence[Array], count: int) -> Array:
+    """(count,) float32 in [0, 1] what several crops keep together: what is in any of those that keep their inside, and
+    out of all that keep their outside.
+
+    Args:
+        kept: (count,) what each keeps alone.
+    """
+    result = np.ones(count, np.float32)
+    inner = [each for crop, each in zip(crops, kept, strict=True) if crop.keep_inside]
+    if inner:
+        result = inner[0]
+        for each in inner[1:]:
+            result = np.maximum(result, each)
+    for crop, each in zip(crops, kept, strict=True):
+        if not crop.keep_inside:
+            result = result * each
+    return result

@@ -1,0 +1,174 @@
+"""Edits as a small JSON file, which the panel saves and ``frog render --edits`` reads.
+
+An object with ``"frog_edits": 1`` and, each where there is something of it:
+
+- ``"hidden"``: marks: ``{"count": Gaussians, "scene": identity of the scene file, "bits": zlib and base64}``, a bit for
+  each Gaussian, the first in the highest bit of the first byte.
+- ``"crops"``: a list of ``{"shape": "box" | "sphere" | "mesh", "matrix": 16 numbers, "keep": "inside" | "outside",
+  "feather": world units, "time": in [0, 1], "vertices": numbers, "triangles": indices}``. The matrix, row by row, goes
+  from the cube from -1 to 1, the unit sphere or the mesh to the scene's own coordinates. Without a time the place at
+  the shown time counts. Vertices and triangles are a mesh's.
+- ``"grades"``: a list of ``{"exposure", "contrast", "saturation", "temperature", "tint", "opacity", "size": numbers as
+  in ``grades.Grade``, "gains", "offsets": 3 numbers, "only": marks}``; what is left out changes nothing.
+
+Unknown names are refused: edits that are silently not made would be a lie.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Set
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import found_instead
+from ..io.atomic_files import write_atomically
+from ..io.plain_values import JsonObject, UnfitValue, entries, items, number, numbers, plain_json, text, whole
+from ..io.regular_file import regular_file
+from .closed_mesh import MOST_TRIANGLES, MOST_VERTICES, ClosedMesh
+from .crops import MESH, SHAPES, Crop
+from .edits import MOST_CROPS, MOST_GRADES, Edits
+from .grades import RANGES, Grade
+from .marks import MOST, Marks
+
+KIND = "edits of a FRoG scene"
+_VERSION = 1
+_LARGEST_FILE = 1 << 26  # bytes
+_LARGEST = 1e9  # of a coordinate
+
+
+def save_edits(path: Path, edits: Edits) -> None:
+    """Writes edits, whole or not at all; FrogError when they cannot be written."""
+    write_atomically(path, (json.dumps(to_json(edits), indent=1, allow_nan=False) + "\n").encode())
+
+
+def load_edits(path: Path) -> Edits:
+    """What ``save_edits`` wrote; FrogError in one sentence for anything else."""
+    try:
+        file = regular_file(path, KIND)
+        size = file.stat().st_size
+        if size > _LARGEST_FILE:
+            raise found_instead(path, f"a file of {size:,} bytes", f"{KIND}, at most {_LARGEST_FILE:,} bytes")
+        content = file.read_bytes()
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", KIND) from error
+    try:
+        return from_json(plain_json(content.decode("utf-8"), "a text"))
+    except UnfitValue as error:
+        raise found_instead(path, error.found, error.expected) from error
+    except (ValueError, OverflowError) as error:  # of text that is no UTF-8, and of values that do not fit together
+        raise found_instead(path, error, KIND) from error
+
+
+def to_json(edits: Edits) -> JsonObject:
+    """Plain values for ``from_json``."""
+    found: JsonObject = {"frog_edits": _VERSION}
+    if edits.hidden is not None:
+        found["hidden"] = _marks_json(edits.hidden)
+    if edits.crops:
+        found["crops"] = [_crop_json(crop) for crop in edits.crops]
+    grades = [_grade_json(grade) for grade in edits.grades if not grade.is_neutral]
+    if grades:
+        found["grades"] = grades
+    return found
+
+
+def from_json(value: object) -> Edits:
+    """Edits from plain values; ValueError (UnfitValue mostly) for what they cannot be."""
+    found = entries(value, "the content")
+    _only(found, {"frog_edits", "hidden", "crops", "grades"}, "edits")
+    whole(found.get("frog_edits"), "frog_edits", _VERSION, _VERSION)
+    return Edits(
+        _marks(found["hidden"], "hidden") if "hidden" in found else None,
+        tuple(_crop(each) for each in items(found.get("crops", []), "crops", MOST_CROPS)),
+        tuple(_grade(each) for each in items(found.get("grades", []), "grades", MOST_GRADES)),
+    )
+
+
+def _marks_json(marks: Marks) -> JsonObject:
+    return {"count": marks.count, "scene": marks.scene, "bits": marks.to_text()}
+
+
+def _crop_json(crop: Crop) -> JsonObject:
+    found: JsonObject = {"shape": crop.shape, "matrix": list(crop.matrix)}
+    found["keep"] = "inside" if crop.keep_inside else "outside"
+    if crop.feather:
+        found["feather"] = crop.feather
+    if crop.time is not None:
+        found["time"] = crop.time
+    if crop.mesh is not None:
+        found["vertices"] = np.frombuffer(crop.mesh.vertices, "<f4").astype(np.float64).tolist()
+        found["triangles"] = np.frombuffer(crop.mesh.triangles, "<i4").tolist()
+    return found
+
+
+def _grade_json(grade: Grade) -> JsonObject:
+    plain = Grade()
+    found: JsonObject = {name: getattr(grade, name) for name in RANGES if getattr(grade, name) != getattr(plain, name)}
+    found |= {
+        name: list(getattr(grade, name))
+        for name in ("gains", "offsets")
+        if getattr(grade, name) != getattr(plain, name)
+    }
+    if grade.only is not None:
+        found["only"] = _marks_json(grade.only)
+    return found
+
+
+def _only(found: JsonObject, known: Set[str], what: str) -> None:
+    unknown = sorted(found.keys() - known)
+    if unknown:
+        raise UnfitValue(f"{what} with {unknown[0]!r}", f"only {', '.join(sorted(known))}")
+
+
+def _marks(value: object, what: str) -> Marks:
+    found = entries(value, what)
+    _only(found, {"count", "scene", "bits"}, what)
+    count = whole(found.get("count"), f"{what}: count", 1, MOST)
+    scene = text(found.get("scene"), f"{what}: scene", 64)
+    return Marks.from_text(count, scene, text(found.get("bits"), f"{what}: bits", _LARGEST_FILE))
+
+
+def _crop(value: object) -> Crop:
+    found = entries(value, "a crop")
+    _only(found, {"shape", "matrix", "keep", "feather", "time", "vertices", "triangles"}, "a crop")
+    shape = _one_of(found.get("shape"), "a crop's shape", SHAPES)
+    keep = _one_of(found.get("keep", "inside"), "what a crop keeps", ("inside", "outside"))
+    matrix = numbers(found.get("matrix"), "a crop's matrix", (16,), _LARGEST)
+    time = number(found["time"], "a crop's time", 0, 1) if "time" in found else None
+    feather = number(found.get("feather", 0), "a crop's feather", 0, _LARGEST)
+    mesh = _mesh(found) if shape == MESH or "vertices" in found or "triangles" in found else None
+    return Crop(shape, tuple(matrix.tolist()), keep == "inside", feather, time, mesh)
+
+
+def _mesh(found: JsonObject) -> ClosedMesh:
+    vertices = items(found.get("vertices"), "vertices", 3 * MOST_VERTICES)
+    triangles = items(found.get("triangles"), "triangles", 3 * MOST_TRIANGLES)
+    points = numbers(vertices, "vertices", (len(vertices),), _LARGEST)
+    corners = [whole(each, "a triangle's vertex", 0, MOST_VERTICES) for each in triangles]
+    if len(points) % 3 or len(corners) % 3:
+        raise UnfitValue(f"{len(points)} coordinates and {len(corners)} corners", "multiples of three")
+    return ClosedMesh.of(points, np.array(corners, np.int64))
+
+
+def _grade(value: object) -> Grade:
+    found = entries(value, "a grade")
+    _only(found, {*RANGES, "gains", "offsets", "only"}, "a grade")
+    # Any: keyword arguments of different types.
+    settings: dict[str, Any] = {
+        name: number(found[name], f"a grade's {name}", *RANGES[name]) for name in RANGES if name in found
+    }
+    for name in ("gains", "offsets"):
+        if name in found:
+            settings[name] = tuple(numbers(found[name], f"a grade's {name}", (3,), 100).tolist())
+    if "only" in found:
+        settings["only"] = _marks(found["only"], "a grade's selection")
+    return Grade(**settings)
+
+
+def _one_of(value: object, what: str, known: tuple[str, ...]) -> str:
+    if value not in known:
+        raise UnfitValue(f"{what} = {value!r}"[:200], f"one of {', '.join(known)}")
+    return str(value)

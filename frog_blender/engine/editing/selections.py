@@ -1,0 +1,95 @@
+"""Gaussians chosen by what they are: opacity, size, place, who sees them, what they hang on, whether they move."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import Array
+from ..playback.player import ScenePlayer
+from .clusters import clusters
+from .common_view import seen_by
+
+
+def by_opacity(scene: ScenePlayer, most: float) -> Array:
+    """(N,) bool: those whose opacity is at most so large at the beginning, the middle and the end."""
+    result: Array = np.max([scene.at(time).opacities for time in _times(scene)], axis=0) <= most
+    return result
+
+
+def by_size(scene: ScenePlayer, least: float) -> Array:
+    """(N,) bool: those whose largest standard deviation is at least so long, in world units, at one of these times."""
+    result: Array = np.max([scene.at(time).scales.max(axis=1) for time in _times(scene)], axis=0) >= least
+    return result
+
+
+def by_distance(scene: ScenePlayer, center: Array, least: float, time: float = 0.0) -> Array:
+    """(N,) bool: those that lie at least so far, in world units, from a point (3,) at a time."""
+    offsets: Array = scene.at(time).means - np.asarray(center, np.float32)
+    result: Array = np.einsum("ni,ni->n", offsets, offsets) >= least**2
+    return result
+
+
+def by_cameras(weights: Array, fewer_than: int) -> Array:
+    """(N,) bool: those that fewer cameras see, of ``importance.camera_weights``."""
+    return seen_by(weights) < fewer_than
+
+
+def by_cluster(scene: ScenePlayer, fewer_than: int) -> Array:
+    """(N,) bool: those in clusters of fewer Gaussians, at the beginning, the middle and the end."""
+    alone = np.ones(scene.count, bool)
+    for time in _times(scene):
+        cluster = clusters(scene.at(time))
+        alone &= np.bincount(cluster)[cluster] < fewer_than
+    return alone
+
+
+def dynamic(scene: ScenePlayer) -> Array:
+    """(N,) bool: those that change in time."""
+    return np.arange(scene.count) < scene.num_dynamic
+
+
+def grown(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0) -> Array:
+    """(N,) bool: the chosen, and all within a distance of one of them, in world units, at a time.
+
+    Args:
+        chosen: (N,) bool.
+    """
+    result: Array = chosen.copy()
+    if distance <= 0 or not chosen.any():
+        return result
+    points = scene.at(time).means.astype(np.float64)
+    cells = np.floor((points - points.min(0)) / distance)
+    if cells.max() >= 2**20:  # so far beside the distance that keys would not fit; those lie alone
+        cells = np.minimum(cells, 2**20)
+    cells = cells.astype(np.int64) + 1
+    keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
+    own = np.flatnonzero(chosen)
+    own = own[np.argsort(keys[own], kind="stable")]
+    others = np.flatnonzero(~chosen)
+    near = np.zeros(len(others), bool)
+    for x in (-1, 0, 1):
+        for y in (-1, 0, 1):
+            for z in (-1, 0, 1):
+                waiting = np.flatnonzero(~near)
+                wanted = keys[others[waiting]] + (x << 42) + (y << 21) + z
+                begin = np.searchsorted(keys[own], wanted, "left")
+                lengths = np.searchsorted(keys[own], wanted, "right") - begin
+                near[waiting[_any_within(points, others[waiting], own, begin, lengths, distance)]] = True
+    result[others[near]] = True
+    return result
+
+
+def _any_within(points: Array, asking: Array, own: Array, begin: Array, lengths: Array, distance: float) -> Array:
+    """(K,) bool: whether one of a run of ``own`` lies within a distance of each point that asks."""
+    found = np.zeros(len(asking), bool)
+    for step in range(int(lengths.max(initial=0))):
+        left = np.flatnonzero((lengths > step) & ~found)
+        if not len(left):
+            break
+        offsets = points[own[begin[left] + step]] - points[asking[left]]
+        found[left] = np.einsum("ni,ni->n", offsets, offsets) <= distance**2
+    return found
+
+
+def _times(scene: ScenePlayer) -> tuple[float, ...]:
+    return (0.0, 0.5, 1.0) if scene.num_dynamic else (0.0,)

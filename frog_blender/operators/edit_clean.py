@@ -1,0 +1,246 @@
+"""Selecting, hiding and cleaning up the Gaussians of a capture."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
+
+from .. import addon_state
+from ..engine.errors import FrogError
+from ..timeline import playback
+from ..timeline.edited_scenes import EditedScenes
+from .edit_operator import EditOperator, chosen_in, mark, scene_of
+
+CRITERIA = (
+    ("OPACITY", "Faint", "Whose opacity is small at all times"),
+    ("SIZE", "Large", "Whose largest standard deviation is large"),
+    ("DISTANCE", "Far Away", "That are far from the 3D cursor"),
+    ("CAMERAS", "Seen by Few Cameras", "That few of the capture's cameras see"),
+    ("CLUSTER", "Floaters", "In small clusters that touch nothing else"),
+    ("DYNAMIC", "Dynamic", "That change in time"),
+    ("STATIC", "Static", "That do not change in time"),
+    ("HIDDEN", "Hidden", "That are hidden now"),
+    ("POINTS", "Selected Points", "Whose points are selected in Edit Mode"),
+)
+MODES = (
+    ("SET", "Set", "Select these alone"),
+    ("EXTEND", "Extend", "Select these as well"),
+    ("SUBTRACT", "Subtract", "Deselect these"),
+    ("INTERSECT", "Intersect", "Keep those of the selected that are among these"),
+)
+
+
+class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
+    """Select Gaussians of the capture by what they are"""
+
+    bl_idname = "frog.select_gaussians"
+    bl_label = "Select Gaussians"
+
+    by: EnumProperty(name="By", description="Which to select", items=CRITERIA, default="CLUSTER")
+    mode: EnumProperty(name="Mode", description="What to do with those selected before", items=MODES, default="SET")
+    opacity: FloatProperty(
+        name="Opacity", description="The largest opacity", default=0.1, min=0.0, max=1.0, subtype="FACTOR"
+    )
+    size: FloatProperty(
+        name="Size", description="The least standard deviation, in the capture's units", default=0.5, min=0.0
+    )
+    distance: FloatProperty(
+        name="Distance", description="The least distance, in the capture's units", default=5.0, min=0.0
+    )
+    cameras: IntProperty(name="Fewer Than", description="Cameras that see one", default=2, min=1, soft_max=20)
+    members: IntProperty(name="Fewer Than", description="Gaussians in a cluster", default=50, min=2, soft_max=1000)
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.prop(self, "by")
+        layout.prop(self, "mode")
+        of = {"OPACITY": "opacity", "SIZE": "size", "DISTANCE": "distance", "CAMERAS": "cameras", "CLUSTER": "members"}
+        if self.by in of:
+            layout.prop(self, of[self.by])
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        scene = scene_of(obj)
+        before, these = chosen_in(obj.frog_edits.selection, scene), self._found(context, obj)
+        chosen = {
+            "SET": these,
+            "EXTEND": before | these,
+            "SUBTRACT": before & ~these,
+            "INTERSECT": before & these,
+        }[self.mode]
+        mark(obj.frog_edits.selection, scene, chosen)
+        return f"{np.count_nonzero(chosen):,} of {scene.count:,} Gaussians are selected."
+
+    def _found(self, context: bpy.types.Context, obj: bpy.types.Object) -> np.ndarray:
+        from ..engine.editing import selections
+
+        scene = scene_of(obj)
+        match self.by:
+            case "OPACITY":
+                return selections.by_opacity(scene, self.opacity)
+            case "SIZE":
+                return selections.by_size(scene, self.size)
+            case "DISTANCE":
+                center = obj.matrix_world.inverted_safe() @ context.scene.cursor.location
+                return selections.by_distance(scene, np.array(center), self.distance, _time(context, obj))
+            case "CAMERAS":
+                return selections.by_cameras(_weights(obj), self.cameras)
+            case "CLUSTER":
+                return selections.by_cluster(scene, self.members)
+            case "DYNAMIC":
+                return selections.dynamic(scene)
+            case "STATIC":
+                return ~selections.dynamic(scene)
+            case "HIDDEN":
+                return chosen_in(obj.frog_edits.hidden, scene)
+            case _:
+                return _selected_points(context, obj)
+
+
+class FROG_OT_select_gaussians_all(EditOperator, bpy.types.Operator):
+    """Select all Gaussians of the capture, none, or those that are not selected"""
+
+    bl_idname = "frog.select_gaussians_all"
+    bl_label = "Select All Gaussians"
+
+    action: EnumProperty(
+        name="Action",
+        items=(
+            ("ALL", "All", "Select all"),
+            ("NONE", "None", "Select none"),
+            ("INVERT", "Invert", "Select the others"),
+        ),
+        default="ALL",
+    )
+
+    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        scene = scene_of(obj)
+        if self.action == "INVERT":
+            chosen = ~chosen_in(obj.frog_edits.selection, scene)
+        else:
+            chosen = np.full(scene.count, self.action == "ALL")
+        mark(obj.frog_edits.selection, scene, chosen)
+        return ""
+
+
+class FROG_OT_grow_selection(EditOperator, bpy.types.Operator):
+    """Select the Gaussians near selected ones as well"""
+
+    bl_idname = "frog.grow_selection"
+    bl_label = "Grow Selection"
+
+    distance: FloatProperty(
+        name="Distance", description="How near, in the capture's units", default=0.05, min=0.0, soft_max=1.0
+    )
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        from ..engine.editing.selections import grown
+
+        scene = scene_of(obj)
+        chosen = chosen_in(obj.frog_edits.selection, scene)
+        mark(obj.frog_edits.selection, scene, grown(scene, chosen, self.distance, _time(context, obj)))
+        return ""
+
+
+class FROG_OT_hide_gaussians(EditOperator, bpy.types.Operator):
+    """Hide the selected Gaussians at all times, in viewports, renders and exports. The .frog file keeps them"""
+
+    bl_idname = "frog.hide_gaussians"
+    bl_label = "Hide Gaussians"
+
+    unselected: BoolProperty(name="Unselected", description="Hide those that are not selected", default=False)
+
+    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        scene, settings = scene_of(obj), obj.frog_edits
+        chosen = chosen_in(settings.selection, scene)
+        chosen = ~chosen if self.unselected else chosen
+        if not chosen.any():
+            raise FrogError(f"{obj.name}: found no Gaussian to hide, expected a selection.")
+        mark(settings.hidden, scene, chosen_in(settings.hidden, scene) | chosen)
+        if not self.unselected:
+            mark(settings.selection, scene, np.zeros(scene.count, bool))
+        return f"{np.count_nonzero(chosen_in(settings.hidden, scene)):,} of {scene.count:,} Gaussians are hidden."
+
+
+class FROG_OT_restore_gaussians(EditOperator, bpy.types.Operator):
+    """Show the hidden Gaussians that are selected, or all if none of them is selected"""
+
+    bl_idname = "frog.restore_gaussians"
+    bl_label = "Restore Gaussians"
+
+    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        scene, settings = scene_of(obj), obj.frog_edits
+        hidden, chosen = chosen_in(settings.hidden, scene), chosen_in(settings.selection, scene)
+        left = hidden & ~chosen if (hidden & chosen).any() else np.zeros(scene.count, bool)
+        mark(settings.hidden, scene, left)
+        return f"{np.count_nonzero(hidden & ~left):,} Gaussians are shown again."
+
+
+class FROG_OT_clean_up(EditOperator, bpy.types.Operator):
+    """Hide what no training image misses, and what hangs alone. Surfaces that only one camera sees stay"""
+
+    bl_idname = "frog.clean_up"
+    bl_label = "Clean Up"
+
+    strength: FloatProperty(
+        name="Strength",
+        description="How much may be hidden. At 1 images may lose 0.02 dB",
+        default=0.5,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+    )
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        from ..engine.editing.clean_up import clean_up
+
+        scene, settings = scene_of(obj), obj.frog_edits
+        context.window_manager.progress_begin(0, 1)  # a busy cursor
+        try:
+            found = clean_up(scene, self.strength, _weights(obj))
+        finally:
+            context.window_manager.progress_end()
+        mark(settings.hidden, scene, chosen_in(settings.hidden, scene) | found.hidden)
+        return f"Hid {found.unmissed:,} Gaussians that no image misses, and {found.floaters:,} that hang alone."
+
+
+def _weights(obj: bpy.types.Object) -> np.ndarray:
+    """(C, N) how much the cameras see of the Gaussians, found once for each scene."""
+    return addon_state.get(EditedScenes).weights(scene_of(obj))
+
+
+def _time(context: bpy.types.Context, obj: bpy.types.Object) -> float:
+    return playback.scene_time(obj, context.scene.frame_current_final).time
+
+
+def _selected_points(context: bpy.types.Context, obj: bpy.types.Object) -> np.ndarray:
+    """(N,) bool of Blender's own selection, in Edit Mode or as it was left there."""
+    shown = playback.displayed(obj, context.scene.frame_current_final).scene
+    if obj.mode == "EDIT":
+        obj.update_from_editmode()
+    data = obj.data
+    size = len(data.vertices) if isinstance(data, bpy.types.Mesh) else len(data.points)
+    if size != shown.count:
+        raise FrogError(f"{obj.name}: found {size:,} points, expected the {shown.count:,} that are shown.")
+    selected = np.zeros(size, bool)
+    if isinstance(data, bpy.types.Mesh):
+        data.vertices.foreach_get("select", selected)
+    elif (attribute := data.attributes.get(".selection")) is not None and attribute.data_type == "BOOLEAN":
+        attribute.data.foreach_get("value", selected)
+    chosen = np.zeros(shown.file_count, bool)
+    chosen[np.flatnonzero(selected) if shown.rows is None else shown.rows[selected]] = True
+    return chosen
+
+
+_CLASSES = (
+    FROG_OT_select_gaussians,
+    FROG_OT_select_gaussians_all,
+    FROG_OT_grow_selection,
+    FROG_OT_hide_gaussians,
+    FROG_OT_restore_gaussians,
+    FROG_OT_clean_up,
+)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -1,0 +1,135 @@
+"""Save Edits and Load Edits: the edits of a capture as a small JSON file."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+from bpy.props import StringProperty
+from bpy_extras.io_utils import ExportHelper, ImportHelper
+from mathutils import Matrix
+
+from ..capture_files import named_file
+from ..engine.errors import FrogError
+from ..scene_import.capture_objects import active_capture
+from ..timeline.edits import GRADE, SETTINGS, edits_of, needs_evaluation, store_marks
+from .edit_operator import EditOperator, scene_of
+
+if TYPE_CHECKING:
+    from ..engine.editing.crops import Crop
+    from ..engine.editing.edits import Edits
+    from ..engine.editing.grades import Grade
+
+_SUFFIX = ".edits.json"
+
+
+def _suggest(operator: Any, context: bpy.types.Context) -> None:
+    if not operator.filepath:
+        path = named_file(active_capture(context))
+        operator.filepath = str(path.with_name(f"{path.stem}{_SUFFIX}"))
+
+
+class FROG_OT_save_edits(EditOperator, bpy.types.Operator, ExportHelper):
+    """Write the edits of the capture as they are at the current frame, for ``frog render --edits`` and other files"""
+
+    bl_idname = "frog.save_edits"
+    bl_label = "Save Edits"
+    bl_options = {"REGISTER"}
+
+    filename_ext = ".json"
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        _suggest(self, context)
+        return super().invoke(context, event)
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        from ..engine.editing.edits import Edits
+        from ..engine.editing.edits_file import save_edits
+
+        path = Path(bpy.path.abspath(self.filepath))
+        evaluated = obj.evaluated_get(context.evaluated_depsgraph_get()) if needs_evaluation(obj) else None
+        save_edits(path, edits_of(obj, evaluated) or Edits())
+        animated = " as they are at this frame" if evaluated is not None else ""
+        return f"The edits{animated} were written to {path}."
+
+
+class FROG_OT_load_edits(EditOperator, bpy.types.Operator, ImportHelper):
+    """Replace the edits of the capture by those of a file"""
+
+    bl_idname = "frog.load_edits"
+    bl_label = "Load Edits"
+
+    filename_ext = ".json"
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        _suggest(self, context)
+        return super().invoke(context, event)
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        from ..engine.editing.edits_file import load_edits
+
+        path = Path(bpy.path.abspath(self.filepath))
+        found = load_edits(path)
+        _, dropped = found.fitted(scene_of(obj))
+        write_edits(obj, found, context.scene)
+        return " ".join([f"The edits of {path.name} were loaded.", *dropped])
+
+
+def write_edits(obj: bpy.types.Object, edits: Edits, scene: bpy.types.Scene) -> None:
+    """Makes edits those of a capture; crops become empties and meshes that hang on it."""
+    settings = getattr(obj, SETTINGS)
+    store_marks(settings.hidden, edits.hidden)
+    for crop in list(settings.crops):
+        target = crop.object
+        if target is not None and target.parent == obj and target.users_collection:
+            bpy.data.objects.remove(target)
+    settings.crops.clear()
+    settings.grades.clear()
+    for crop in edits.crops:
+        _add_crop(obj, crop, scene)
+    whole = [grade for grade in edits.grades if grade.only is None]
+    if len(whole) > 1:
+        raise FrogError(f"{obj.name}: found {len(whole)} grades of the whole capture, expected one.")
+    for name in (*GRADE, "gains", "offsets"):
+        settings.grade.property_unset(name)
+    for grade in edits.grades:
+        _write_grade(settings.grade if grade.only is None else settings.grades.add(), grade)
+    settings.use = True
+
+
+def _write_grade(settings: Any, grade: Grade) -> None:
+    for name in (*GRADE, "gains", "offsets"):
+        setattr(settings, name, getattr(grade, name))
+    if grade.only is not None:
+        store_marks(settings.only, grade.only)
+
+
+def _add_crop(obj: bpy.types.Object, crop: Crop, scene: bpy.types.Scene) -> None:
+    name, data = f"{obj.name} Crop", None
+    if crop.mesh is not None:
+        data = bpy.data.meshes.new(name)
+        vertices = np.frombuffer(crop.mesh.vertices, "<f4").reshape(-1, 3)
+        data.from_pydata(vertices.tolist(), [], np.frombuffer(crop.mesh.triangles, "<i4").reshape(-1, 3).tolist())
+    target = bpy.data.objects.new(name, data)
+    if data is None:
+        target.empty_display_type, target.empty_display_size = crop.shape.replace("box", "cube").upper(), 1.0
+    else:
+        target.display_type = "WIRE"
+    for collection in obj.users_collection or [scene.collection]:
+        collection.objects.link(target)
+    target.hide_render = True
+    target.parent = obj
+    # Into the inverse of the parent, which holds any matrix; location, rotation and scale hold none that is sheared.
+    target.matrix_parent_inverse = Matrix(np.array(crop.matrix).reshape(4, 4).tolist())
+    settings = getattr(obj, SETTINGS).crops.add()
+    settings.object, settings.keep = target, ("INSIDE" if crop.keep_inside else "OUTSIDE")
+    settings.feather, settings.use_time, settings.time = crop.feather, crop.time is not None, crop.time or 0.0
+
+
+register, unregister = bpy.utils.register_classes_factory((FROG_OT_save_edits, FROG_OT_load_edits))

@@ -1,0 +1,63 @@
+"""What operators that edit a capture share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from ..engine.errors import FrogError
+from ..scene_import.capture_objects import active_capture
+from ..timeline import playback
+from ..timeline.edits import marks_of, store_marks
+
+if TYPE_CHECKING:
+    from ..engine.playback.player import ScenePlayer
+
+
+class EditOperator:
+    """Base, next to ``bpy.types.Operator``, of operators that edit the active capture."""
+
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        cls.poll_message_set("Select a capture of this file first.")  # type: ignore[attr-defined]  # of the Operator
+        obj = active_capture(context)
+        return obj is not None and obj.library is None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            said = self.edit(context, active_capture(context))
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
+            return {"CANCELLED"}
+        playback.refresh(context.scene)
+        if said:
+            self.report({"INFO"}, said)  # type: ignore[attr-defined]
+        return {"FINISHED"}
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        """Edits a capture and says what was done; raises FrogError for what cannot be."""
+        raise NotImplementedError
+
+
+def scene_of(obj: bpy.types.Object) -> ScenePlayer:
+    """The scene that a capture plays, without edits."""
+    return playback.open_scene(playback.file_of(obj))
+
+
+def chosen_in(settings: Any, scene: ScenePlayer) -> np.ndarray:
+    """(N,) bool which Gaussians of a scene a group of properties marks; none, if the marks are of another scene."""
+    marks = marks_of(settings)
+    if marks is None or not marks.fits(scene):
+        return np.zeros(scene.file_count, bool)
+    return marks.chosen()
+
+
+def mark(settings: Any, scene: ScenePlayer, chosen: np.ndarray) -> None:
+    """Marks Gaussians of a scene in a group of properties."""
+    from ..engine.editing.marks import Marks
+
+    store_marks(settings, Marks.of(scene, chosen) if chosen.any() else None)

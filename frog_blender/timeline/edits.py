@@ -1,0 +1,218 @@
+"""The edits of a capture's object as they are at a frame: its settings, and its crop objects, as plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from .. import addon_state
+from ..capture_files import is_capture
+from ..engine.errors import FrogError
+from .edited_scenes import EditedScenes
+from .retiming import curves
+
+if TYPE_CHECKING:
+    from ..engine.editing.crops import Crop
+    from ..engine.editing.edits import Edits
+    from ..engine.editing.grades import Grade
+    from ..engine.editing.marks import Marks
+
+SETTINGS = "frog_edits"
+"""The name of the edits on objects."""
+GRADE = ("exposure", "contrast", "saturation", "temperature", "tint", "opacity", "size")
+_SHADE, _SELECTED = 0.35, (0.65, 0.35, 0.0)  # what is left of a selected Gaussian's colour, and orange added
+_EMPTIES = {"CUBE": "box", "SPHERE": "sphere"}
+
+
+def edits_of(obj: bpy.types.Object, evaluated: bpy.types.Object | None = None) -> Edits | None:
+    """What is edited of a capture; None for nothing.
+
+    Args:
+        evaluated: the object as a depsgraph has it at a frame, where one was evaluated.
+
+    Raises:
+        FrogError: for a crop object that cannot crop.
+    """
+    settings = getattr(obj if evaluated is None else evaluated, SETTINGS)
+    if not settings.use or not has_any(settings):
+        return None
+    from ..engine.editing.edits import Edits
+
+    marks = marks_of(settings.hidden)
+    moves = needs_evaluation(obj)
+    crops = [_crop(obj, evaluated, crop, not moves) for crop in settings.crops if crop.use and crop.object is not None]
+    return Edits(marks, tuple(crops), grades_of(settings))
+
+
+def has_any(settings: Any) -> bool:
+    """Whether there is any edit, in use or not."""
+    return bool(settings.hidden.bits or len(settings.crops) or len(settings.grades) or _is_graded(settings.grade))
+
+
+def _is_graded(grade: Any) -> bool:
+    return any(grade.is_property_set(name) for name in (*GRADE, "gains", "offsets"))
+
+
+def grades_of(settings: Any) -> tuple[Grade, ...]:
+    """The grade of the whole capture, and those of selections after it."""
+    only = [(grade, marks_of(grade.only)) for grade in settings.grades if grade.use]
+    return tuple(_grade(each, marks) for each, marks in [(settings.grade, None), *only])
+
+
+def _grade(settings: Any, only: Marks | None) -> Grade:
+    from ..engine.editing.grades import RANGES, Grade
+
+    # A driver may set anything.
+    values = {name: min(max(getattr(settings, name), RANGES[name][0]), RANGES[name][1]) for name in GRADE}
+    values = {name: value if value == value else getattr(Grade(), name) for name, value in values.items()}
+    gains, offsets = (tuple(getattr(settings, name)) for name in ("gains", "offsets"))
+    return Grade(**values, gains=gains, offsets=offsets, only=only)
+
+
+def marks_of(settings: Any) -> Marks | None:
+    """The marks that a group of properties holds; None for none, and for damaged ones, which a script may have made."""
+    if not settings.bits:
+        return None
+    return addon_state.get(EditedScenes).marks(settings.count, settings.scene, settings.bits)
+
+
+def store_marks(settings: Any, marks: Marks | None) -> None:
+    """Writes marks to a group of properties; None and marks of nothing empty it."""
+    if marks is None or not marks.number():
+        settings.count, settings.scene, settings.bits = 0, "", ""
+    else:
+        settings.count, settings.scene, settings.bits = marks.count, marks.scene, marks.to_text()
+
+
+def is_crop_object(obj: bpy.types.Object) -> bool:
+    """Whether an object can crop: an empty shown as a cube or a sphere, or a mesh."""
+    return (obj.type == "EMPTY" and obj.empty_display_type in _EMPTIES) or (obj.type == "MESH" and not is_capture(obj))
+
+
+def _crop(obj: bpy.types.Object, evaluated: bpy.types.Object | None, settings: Any, is_still: bool) -> Crop:
+    from ..engine.editing.crops import Crop
+
+    target = settings.object
+    if not is_crop_object(target):
+        raise FrogError(
+            f"{target.name}: found no empty shown as a cube or a sphere, and no mesh, expected one to crop."
+        )
+    matrix = _in_capture(obj, evaluated, target)
+    mesh = None
+    if target.type == "EMPTY":
+        shape = _EMPTIES[target.empty_display_type]
+        matrix = matrix @ np.diag([*[target.empty_display_size] * 3, 1.0])
+    else:
+        shape = "mesh"
+        found = addon_state.get(EditedScenes).mesh(*_triangles(target))
+        if isinstance(found, str):
+            raise FrogError(f"{target.name}: found {found}, expected a closed mesh to crop with.")
+        mesh = found
+    try:
+        return Crop(
+            shape,
+            tuple(matrix.ravel().tolist()),
+            settings.keep == "INSIDE",
+            0.0 if mesh is not None else max(settings.feather, 0.0),
+            min(max(settings.time, 0.0), 1.0) if settings.use_time else None,
+            mesh,
+            is_still,
+        )
+    except ValueError as error:
+        raise FrogError(f"{target.name}: found {error}, expected an object to crop with.") from error
+
+
+def _triangles(target: bpy.types.Object) -> tuple[bytes, bytes]:
+    """The vertices and triangles of a mesh object, without its modifiers."""
+    mesh = target.data
+    mesh.calc_loop_triangles()
+    vertices = np.empty(3 * len(mesh.vertices), np.float32)
+    triangles = np.empty(3 * len(mesh.loop_triangles), np.int32)
+    mesh.vertices.foreach_get("co", vertices)
+    mesh.loop_triangles.foreach_get("vertices", triangles)
+    return vertices.astype("<f4").tobytes(), triangles.astype("<i4").tobytes()
+
+
+def _in_capture(obj: bpy.types.Object, evaluated: bpy.types.Object | None, target: bpy.types.Object) -> np.ndarray:
+    """(4, 4) from a crop object's space to the capture's own.
+
+    A child of a capture stays where it is among its Gaussians, and so does that of a duplicate's original.
+    """
+    if _hangs_on_capture(target):
+        return np.array(target.matrix_parent_inverse, np.float64) @ np.array(target.matrix_basis, np.float64)
+    if evaluated is not None:
+        depsgraph_owned = target if target.is_evaluated else None
+        world = np.array((depsgraph_owned or target).matrix_world, np.float64)
+        own = np.array(evaluated.matrix_world, np.float64)
+    else:
+        world, own = np.array(target.matrix_world, np.float64), np.array(obj.matrix_world, np.float64)
+    if not own[:3, :3].any():
+        return np.eye(4)
+    result: np.ndarray = np.linalg.solve(own, world)
+    result[3] = 0, 0, 0, 1
+    return result
+
+
+def _hangs_on_capture(target: bpy.types.Object) -> bool:
+    parent = target.parent
+    return parent is not None and target.parent_type == "OBJECT" and not target.constraints and is_capture(parent)
+
+
+def needs_evaluation(obj: bpy.types.Object) -> bool:
+    """Whether a capture's edits at a frame depend on Blender's evaluation of it: something of them is animated."""
+    settings = getattr(obj, SETTINGS)
+    if not settings.use or not has_any(settings):
+        return False
+    if _is_animated(obj, lambda path: path.startswith(f"{SETTINGS}.")):
+        return True
+    for crop in settings.crops:
+        target = crop.object
+        if target is not None and crop.use and (_is_animated(target) or not _hangs_on_capture(target)):
+            return True
+    return False
+
+
+def _is_animated(obj: bpy.types.Object, matters: Callable[[str], bool] = lambda _path: True) -> bool:
+    animation = obj.animation_data
+    if animation is None:
+        return False
+    if any(matters(driver.data_path) for driver in animation.drivers):
+        return True
+    if any(matters(curve.data_path) for curve in curves(animation)):
+        return True
+    return animation.use_nla and any(len(track.strips) for track in animation.nla_tracks)
+
+
+def cropped_by(objects: set[bpy.types.Object], captures: list[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Those captures that any of the objects crops, or that are among the objects and so moved within their crops."""
+    found = []
+    for obj in captures:
+        targets = [crop.object for crop in getattr(obj, SETTINGS).crops if crop.object is not None]
+        is_moved = obj in objects and not all(map(_hangs_on_capture, targets))
+        if is_moved or any(target in objects for target in targets):
+            found.append(obj)
+    return found
+
+
+def has_shown_selection(obj: bpy.types.Object) -> bool:
+    """Whether selected Gaussians of a capture stand out in viewports."""
+    settings = getattr(obj, SETTINGS)
+    return settings.show_selection and bool(settings.selection.bits)
+
+
+def with_selection(obj: bpy.types.Object, edits: Edits | None) -> Edits | None:
+    """Edits after which selected Gaussians stand out in Blender's own colour of what is selected."""
+    if not has_shown_selection(obj) or bpy.app.background:
+        return edits
+    from ..engine.editing.edits import Edits
+    from ..engine.editing.grades import Grade
+
+    selection = marks_of(getattr(obj, SETTINGS).selection)
+    if selection is None:
+        return edits
+    shown = Grade(gains=(_SHADE,) * 3, offsets=_SELECTED, only=selection)
+    return Edits(grades=(shown,)) if edits is None else replace(edits, grades=(*edits.grades, shown))

@@ -1,0 +1,145 @@
+"""The Edit panel of the FRoG tab: Crop, Clean and Grade of the chosen capture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..engine.errors import FrogError
+from ..timeline import edited_scenes, open_scenes, playback
+from ..timeline.edits import GRADE, edits_of, marks_of
+from .capture_list import chosen_capture
+from .sidebar_panel import SidebarPanel, split
+from .text import wrapped_label
+
+
+class _OfChosen(SidebarPanel):
+    """Base of panels about the chosen capture."""
+
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        chosen = chosen_capture(context)
+        return chosen is not None and not open_scenes.problem(playback.file_of(chosen))
+
+
+class FROG_PT_edit(_OfChosen, bpy.types.Panel):
+    """What is edited of the chosen capture."""
+
+    bl_label = "Edit"
+    bl_parent_id = "FROG_PT_captures"
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        self.layout.prop(chosen_capture(context).frog_edits, "use", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, chosen_capture(context)
+        row = layout.row(align=True)
+        row.operator("frog.load_edits", icon="FILE_FOLDER")
+        row.operator("frog.save_edits", icon="FILE_TICK")
+        for sentence in _problems(obj):
+            wrapped_label(layout, sentence, context, icon="ERROR")
+
+
+class FROG_PT_crop(_OfChosen, bpy.types.Panel):
+    """The crops of the chosen capture."""
+
+    bl_label = "Crop"
+    bl_parent_id = "FROG_PT_edit"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, chosen_capture(context)
+        row = layout.row(align=True)
+        for shape, icon in (("BOX", "MESH_CUBE"), ("SPHERE", "MESH_UVSPHERE"), ("OBJECT", "MESH_MONKEY")):
+            row.operator("frog.add_crop", text=shape.title(), icon=icon).shape = shape
+        for index, crop in enumerate(obj.frog_edits.crops):
+            box = split(layout.box())
+            row = box.row(align=True)
+            row.use_property_split = False
+            row.prop(crop, "use", text="")
+            row.prop(crop, "object", text="")
+            row.operator("frog.remove_crop", text="", icon="X").index = index
+            column = box.column()
+            column.active = crop.use
+            column.use_property_decorate = True
+            column.row().prop(crop, "keep", expand=True)
+            if crop.object is None or crop.object.type == "EMPTY":
+                column.prop(crop, "feather")
+            column.prop(crop, "use_time")
+            if crop.use_time:
+                column.prop(crop, "time")
+
+
+class FROG_PT_clean(_OfChosen, bpy.types.Panel):
+    """Which Gaussians of the chosen capture are selected, and which are hidden."""
+
+    bl_label = "Clean"
+    bl_parent_id = "FROG_PT_edit"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = self.layout, chosen_capture(context).frog_edits
+        layout.operator("frog.clean_up", icon="BRUSH_DATA")
+        layout.operator_menu_enum("frog.select_gaussians", "by", text="Select", icon="RESTRICT_SELECT_OFF")
+        row = layout.row(align=True)
+        row.operator("frog.select_gaussians_all", text="All").action = "ALL"
+        row.operator("frog.select_gaussians_all", text="None").action = "NONE"
+        row.operator("frog.select_gaussians_all", text="Invert").action = "INVERT"
+        row.operator("frog.grow_selection", text="Grow")
+        row = layout.row(align=True)
+        row.operator("frog.hide_gaussians", text="Hide", icon="HIDE_ON").unselected = False
+        row.operator("frog.hide_gaussians", text="Hide Others").unselected = True
+        row.operator("frog.restore_gaussians", text="Restore", icon="HIDE_OFF")
+        selected, hidden = (_number(marks) for marks in (settings.selection, settings.hidden))
+        layout.label(text=f"{selected:,} selected, {hidden:,} hidden")
+        layout.prop(settings, "show_selection")
+
+
+class FROG_PT_grade(_OfChosen, bpy.types.Panel):
+    """The colours, opacities and sizes of the chosen capture."""
+
+    bl_label = "Grade"
+    bl_parent_id = "FROG_PT_edit"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = self.layout, chosen_capture(context).frog_edits
+        _draw_grade(layout, settings.grade)
+        row = layout.row(align=True)
+        row.operator("frog.match_grade", text="Match", icon="EYEDROPPER")
+        row.prop(settings, "match_image", text="")
+        for index, grade in enumerate(settings.grades):
+            box = layout.box()
+            row = box.row(align=True)
+            row.prop(grade, "use", text=f"{_number(grade.only):,} Gaussians")
+            row.operator("frog.remove_grade", text="", icon="X").index = index
+            _draw_grade(box, grade)
+        row = layout.row(align=True)
+        row.operator("frog.add_grade", icon="ADD")
+        row.operator("frog.reset_grade", icon="LOOP_BACK")
+
+
+def _draw_grade(layout: bpy.types.UILayout, grade: Any) -> None:
+    column = split(layout.column())
+    column.use_property_decorate = True
+    column.active = grade.use
+    for name in (*GRADE, "gains", "offsets"):
+        column.prop(grade, name)
+
+
+def _number(settings: Any) -> int:
+    marks = marks_of(settings)
+    return marks.number() if marks is not None else 0
+
+
+def _problems(obj: bpy.types.Object) -> list[str]:
+    """Sentences about what of the edits does not crop, or does not fit the scene."""
+    try:
+        edits_of(obj)
+        return edited_scenes.problems(playback.open_scene(playback.file_of(obj)))
+    except FrogError as error:
+        return [str(error)]
+
+
+_CLASSES = (FROG_PT_edit, FROG_PT_crop, FROG_PT_clean, FROG_PT_grade)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -1,0 +1,328 @@
+"""Crop, clean and grade in Blender: the same in points, renders, exports and files; copying and undo keep it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from support.small_scenes import read_png, rig_of_three, write_scene
+from support.training_panel import Written
+
+from frog_blender import point_cloud
+from frog_blender.cli.main import main
+from frog_blender.engine.editing.marks import Marks
+from frog_blender.engine.editing.matching import Colors
+from frog_blender.engine.interchange.ply import read_splats
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.scene_import.capture_objects import active_capture
+from frog_blender.timeline import edits, playback
+from frog_blender.ui import edit_panel
+
+
+@pytest.fixture
+def path(tmp_path):
+    return write_scene(tmp_path / "scene.frog", rig_of_three(), count=200)
+
+
+@pytest.fixture
+def capture(empty, path):
+    bpy.ops.import_scene.frog(filepath=str(path))
+    return active_capture(bpy.context)
+
+
+def shown(obj):
+    """What the object's points are."""
+    return {name: values.copy() for name, values in point_cloud.read(obj).items()}
+
+
+def assert_points_are_what_is_rendered(obj, frame):
+    gaussians, points = playback.gaussians_at(obj, frame), shown(obj)
+    np.testing.assert_array_equal(points["position"], gaussians.means)
+    np.testing.assert_array_equal(points["radiance:base"][:, 3], gaussians.opacities)
+    np.testing.assert_array_equal(points["radiance:base"][:, :3], gaussians.sh[:, 0])
+    np.testing.assert_array_equal(points["scale"], gaussians.scales)
+
+
+def edit_everything(obj):
+    assert bpy.ops.frog.add_crop(shape="SPHERE") == {"FINISHED"}
+    obj.frog_edits.crops[0].feather = 0.3
+    obj.frog_edits.grade.exposure, obj.frog_edits.grade.saturation = 0.6, 0.4
+    bpy.ops.frog.select_gaussians(by="OPACITY", opacity=0.6)
+    bpy.ops.frog.add_grade()
+    obj.frog_edits.grades[0].temperature = 1.0
+    bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
+    bpy.ops.frog.hide_gaussians()
+
+
+def test_points_follow_every_edit_at_every_frame(empty, capture):
+    plain = playback.gaussians_at(capture, 1)
+    edit_everything(capture)
+    assert point_cloud.count(capture) < 200
+    for frame in (1, 4, 10, 2.5):
+        empty.frame_set(int(frame), subframe=frame % 1)
+        assert_points_are_what_is_rendered(capture, frame)
+    capture.frog_edits.use = False
+    empty.frame_set(1)
+    np.testing.assert_array_equal(shown(capture)["position"], plain.means)
+    np.testing.assert_array_equal(playback.gaussians_at(capture, 1).sh, plain.sh)
+
+
+def test_a_crop_that_is_moved_or_animated_is_followed(empty, capture):
+    bpy.ops.frog.add_crop(shape="BOX")
+    crop = capture.frog_edits.crops[0].object
+    before = np.count_nonzero(playback.gaussians_at(capture, 1).opacities)
+    crop.scale *= 0.5
+    bpy.context.view_layer.update()
+    smaller = np.count_nonzero(shown(capture)["radiance:base"][:, 3])
+    assert 0 < smaller < before
+    assert not edits.needs_evaluation(capture)
+    crop.keyframe_insert("location", frame=1)
+    crop.location.x += 100
+    crop.keyframe_insert("location", frame=10)
+    capture.frog_edits.grade.keyframe_insert("exposure", frame=1)
+    assert edits.needs_evaluation(capture)
+    for frame in (1, 10, 5):
+        empty.frame_set(frame)
+        assert_points_are_what_is_rendered(capture, frame)
+    empty.frame_set(10)
+    assert not playback.gaussians_at(capture, 10).opacities.any()
+
+
+def test_crops_beside_the_capture_crop_where_they_stand(empty, capture):
+    bpy.ops.object.empty_add(type="CUBE", location=(0.4, 0.0, 0.0))
+    crop = bpy.context.object
+    crop.empty_display_size = 0.5
+    capture.parent.location = (3.0, 0.0, 0.0)
+    capture.parent.rotation_euler = (0.0, 0.0, 0.7)
+    capture.frog_edits.crops.add().object = crop
+    bpy.context.view_layer.update()
+    empty.frame_set(3)
+    gaussians = playback.gaussians_at(capture, 3)
+    world = gaussians.means @ np.array(capture.matrix_world)[:3, :3].T + np.array(capture.matrix_world)[:3, 3]
+    inside = (np.abs(world - (0.4, 0.0, 0.0)) <= 0.5).all(1)
+    np.testing.assert_array_equal(gaussians.opacities > 0, inside & (gaussians.opacities > 0))
+    crop.location.x += 3.0
+    bpy.context.view_layer.update()
+    assert np.count_nonzero(playback.gaussians_at(capture, 3).opacities) > 10
+    assert_points_are_what_is_rendered(capture, 3)
+    before = shown(capture)["radiance:base"]
+    capture.parent.location.x += 0.3
+    bpy.context.view_layer.update()
+    assert_points_are_what_is_rendered(capture, 3)
+    assert not np.array_equal(before, shown(capture)["radiance:base"])
+
+
+def test_an_object_that_cannot_crop_is_said_and_stops_a_render(capture):
+    mesh = bpy.data.meshes.new("open")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [], [(0, 1, 2), (0, 1, 3)])
+    capture.frog_edits.crops.add().object = bpy.data.objects.new("open", mesh)
+    with pytest.raises(Exception, match="open"):
+        playback.gaussians_at(capture, 1)
+
+
+def test_edits_are_saved_loaded_copied_and_appended(empty, capture, tmp_path):
+    edit_everything(capture)
+    wanted = playback.gaussians_at(capture, 4)
+
+    def same(obj):
+        return all(
+            np.array_equal(ours, theirs)
+            for ours, theirs in zip(vars(wanted).values(), vars(playback.gaussians_at(obj, 4)).values(), strict=True)
+        )
+
+    copy = capture.copy()
+    empty.collection.objects.link(copy)
+    copy.location.x += 5.0
+    bpy.context.view_layer.update()
+    assert same(copy)
+    bpy.data.objects.remove(copy)
+    blend = tmp_path / "edited.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    bpy.ops.wm.open_mainfile(filepath=str(blend))
+    loaded = active_capture(bpy.context)
+    assert same(loaded)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(str(blend)) as (there, here):
+        here.objects = [name for name in there.objects if name.endswith("Gaussians")]
+    assert same(here.objects[0])
+
+
+def test_undo_and_redo_are_exact(empty, capture):
+    bpy.ops.ed.undo_push(message="imported")
+    name, states = capture.name, []
+
+    def state():
+        obj = bpy.data.objects[name]
+        return [array.tobytes() for array in vars(playback.gaussians_at(obj, 2)).values()], shown(obj)["position"].shape
+
+    states.append(state())
+    for step in (
+        lambda: bpy.ops.frog.select_gaussians(by="SIZE", size=0.4),
+        lambda: bpy.ops.frog.hide_gaussians(),
+        lambda: bpy.ops.frog.add_crop(shape="BOX"),
+        lambda: bpy.ops.frog.restore_gaussians(),
+    ):
+        assert step() == {"FINISHED"}
+        bpy.ops.ed.undo_push(message="step")
+        states.append(state())
+    for before in reversed(states[:-1]):
+        bpy.ops.ed.undo()
+        assert state() == before
+    for after in states[1:]:
+        bpy.ops.ed.redo()
+        assert state() == after
+
+
+def test_a_file_of_edits_gives_the_same_images_as_f12(empty, capture, path, tmp_path):
+    pytest.importorskip("cv2")
+    edit_everything(capture)
+    plain = playback.gaussians_at(capture, 5)
+    saved, out = tmp_path / "scene.edits.json", tmp_path / "out"
+    assert bpy.ops.frog.save_edits(filepath=str(saved)) == {"FINISHED"}
+    camera = next(obj for obj in bpy.data.objects if obj.type == "CAMERA" and obj.data.frog.capture_camera == "cam00")
+    empty.camera, empty.render.engine = camera, "FROG"
+    empty.frame_set(5)
+    render = empty.render
+    render.resolution_x, render.resolution_y, render.resolution_percentage = 96, 64, 100
+    render.film_transparent, render.dither_intensity, render.filepath = False, 0.0, str(tmp_path / "f12.png")
+    bpy.ops.render.render(write_still=True)
+    assert (
+        main(["render", str(path), "--camera", "cam00", "--edits", str(saved), "--frames", "4:5", "--out", str(out)])
+        == 0
+    )
+    ours, theirs = read_png(tmp_path / "f12.png"), read_png(next(out.glob("*.png")))
+    assert np.abs(ours[..., :3] - theirs[..., :3]).max() <= 1.01 / 255 and ours[..., :3].std() > 0.05
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "f.ply"), apply_transform=False)
+    exported = read_splats(tmp_path / "f.ply").arrays
+    np.testing.assert_array_equal(exported["means"], plain.means)
+    np.testing.assert_allclose(exported["sh"], plain.sh, atol=1e-6)
+    for name in ("grade", "hidden"):
+        capture.frog_edits.property_unset(name)
+    assert bpy.ops.frog.load_edits(filepath=str(saved)) == {"FINISHED"}
+    again = playback.gaussians_at(capture, 5)
+    for ours, theirs in zip(vars(plain).values(), vars(again).values(), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-5)
+
+
+def test_a_bake_serves_edited_captures(empty, capture, path):
+    empty.frame_start, empty.frame_end = 1, 5
+    edit_everything(capture)
+    plain = playback.gaussians_at(capture, 3)
+    assert bpy.ops.frog.bake() == {"FINISHED"}
+    found = playback.scene_time(capture, 3)
+    assert found.bake is not None and found._baked() is not None
+    for ours, theirs in zip(vars(plain).values(), vars(found.gaussians()).values(), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_density_keeps_the_most_important_and_edits_them(empty, capture):
+    edit_everything(capture)
+    capture.frog.density = 50
+    whole = playback.scene_time(capture, 1).scene
+    fewer = playback.displayed(capture, 1).scene
+    assert 0 < fewer.count < whole.count and set(fewer.rows) <= set(whole.rows)
+    assert point_cloud.count(capture) == fewer.count
+
+
+def test_marks_of_an_earlier_training_are_said_and_dropped(empty, capture, path, capsys):
+    bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
+    bpy.ops.frog.hide_gaussians()
+    assert point_cloud.count(capture) < 200
+    write_scene(path, rig_of_three(), count=200, seed=3)
+    empty.frame_set(2)
+    assert point_cloud.count(capture) == 200
+    assert "another training" in capsys.readouterr().err
+
+
+def test_every_criterion_selects_what_it_says(capture, path):
+    scene = ScenePlayer.load(path)
+    for by in ("OPACITY", "SIZE", "DISTANCE", "CAMERAS", "CLUSTER", "DYNAMIC", "STATIC", "HIDDEN", "POINTS"):
+        assert bpy.ops.frog.select_gaussians(by=by) == {"FINISHED"}
+    bpy.ops.frog.select_gaussians(by="DYNAMIC")
+    assert edits.marks_of(capture.frog_edits.selection).number() == scene.num_dynamic
+    bpy.ops.frog.select_gaussians_all(action="INVERT")
+    assert edits.marks_of(capture.frog_edits.selection) is None
+    some = np.arange(200) < 30
+    edits.store_marks(capture.frog_edits.selection, Marks.of(scene, some))
+    bpy.ops.frog.select_gaussians(by="SIZE", size=0.3, mode="INTERSECT")
+    inside = edits.marks_of(capture.frog_edits.selection).chosen()
+    assert 0 < inside.sum() < 30 and not inside[30:].any()
+    bpy.ops.frog.hide_gaussians(unselected=True)
+    assert point_cloud.count(capture) == inside.sum()
+    bpy.ops.frog.select_gaussians_all(action="NONE")
+    bpy.ops.frog.restore_gaussians()
+    assert point_cloud.count(capture) == 200
+
+
+def test_selected_points_are_those_of_the_file(empty, capture):
+    if capture.type != "MESH":
+        pytest.skip("Blender's point clouds keep their selection in Edit Mode alone")
+    bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
+    bpy.ops.frog.hide_gaussians()
+    rows = playback.displayed(capture, 1).scene.rows
+    chosen = np.zeros(len(rows), bool)
+    chosen[[2, 7]] = True
+    capture.data.vertices.foreach_set("select", chosen)
+    bpy.ops.frog.select_gaussians(by="POINTS")
+    np.testing.assert_array_equal(np.flatnonzero(edits.marks_of(capture.frog_edits.selection).chosen()), rows[[2, 7]])
+
+
+def test_removing_a_crop_removes_what_was_made_for_it(capture):
+    before = len(bpy.data.objects)
+    bpy.ops.frog.add_crop(shape="BOX")
+    assert len(bpy.data.objects) == before + 1
+    bpy.ops.frog.remove_crop(index=0)
+    assert len(bpy.data.objects) == before and not capture.frog_edits.crops
+
+
+def test_colours_are_matched_to_an_image_and_to_another_capture(empty, capture, tmp_path):
+    image = bpy.data.images.new("wanted", 32, 32)
+    pixels = np.random.default_rng(0).uniform((0.5, 0.3, 0.1), (0.8, 0.5, 0.2), (1024, 3)).astype(np.float32)
+    image.pixels.foreach_set(np.concatenate([pixels, np.ones((1024, 1), np.float32)], 1).ravel())
+    capture.frog_edits.match_image = image
+    assert bpy.ops.frog.match_grade() == {"FINISHED"}
+    found = Colors.of_scene(playback.scene_time(capture, 1).scene)
+    np.testing.assert_allclose(found.mean, pixels.mean(0), atol=0.02)
+    np.testing.assert_allclose(found.spread, pixels.std(0), atol=0.02)
+    before = tuple(capture.frog_edits.grade.gains)
+    assert bpy.ops.frog.match_grade() == {"FINISHED"}
+    np.testing.assert_allclose(capture.frog_edits.grade.gains, before, rtol=1e-5)
+    bpy.ops.import_scene.frog(filepath=str(write_scene(tmp_path / "o.frog", rig_of_three(), count=150, seed=9)))
+    other = next(obj for obj in playback.captures(empty.objects) if obj != capture)
+    capture.frog_edits.match_image = None
+    other.parent.select_set(True)
+    bpy.context.view_layer.objects.active = capture
+    assert bpy.ops.frog.match_grade() == {"FINISHED"}
+    theirs, ours = (Colors.of_scene(playback.scene_time(each, 1).scene) for each in (other, capture))
+    # Noise like this is cut off at black and white, which no grade undoes.
+    assert np.linalg.norm(ours.mean - theirs.mean) < 0.4 * np.linalg.norm(found.mean - theirs.mean)
+
+
+def test_panels_draw_every_edit_and_say_what_does_not_fit(empty, capture, path):
+    edit_everything(capture)
+    bpy.ops.frog.select_gaussians(by="SIZE", size=0.3)
+
+    def said(panel):
+        layout = Written()
+        context = SimpleNamespace(
+            scene=empty,
+            object=bpy.context.object,
+            region=None,
+            preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
+        )
+        assert panel.poll(context)
+        for draw in (getattr(panel, "draw_header", None), panel.draw):
+            if draw is not None:
+                draw(SimpleNamespace(layout=layout), context)
+        return " ".join(layout.said)
+
+    assert "frog.save_edits" in said(edit_panel.FROG_PT_edit)
+    assert "feather" in said(edit_panel.FROG_PT_crop)
+    number = edits.marks_of(capture.frog_edits.selection).number()
+    assert f"{number} selected" in said(edit_panel.FROG_PT_clean)
+    assert "temperature" in said(edit_panel.FROG_PT_grade)
+    write_scene(path, rig_of_three(), count=200, seed=3)
+    empty.frame_set(2)
+    assert "another training" in said(edit_panel.FROG_PT_edit)

@@ -1,0 +1,138 @@
+"""Clean Up and selections: what hangs alone and what no image shows goes, and surfaces that one camera sees stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.builders import scene_file
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.editing import selections
+from frog_blender.engine.editing.clean_up import clean_up, floaters
+from frog_blender.engine.editing.clusters import clusters
+from frog_blender.engine.editing.common_view import common_view, seen_by
+from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.playback.importance import camera_weights
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.scene.scene_file import SceneFile
+
+LENS = np.array([[60.0, 0, 32], [0, 60.0, 24], [0, 0, 1]])
+
+
+def camera(name, x, turn=0.0):
+    """Looks along y from y = -4, turned about z."""
+    rotation = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    c, s = np.cos(turn), np.sin(turn)
+    rotation = rotation @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ (x, -4.0, 0.0)
+    return Camera(name, 64, 48, LENS, pose)
+
+
+def wall(low, high, y, step):
+    """Gaussians side by side."""
+    points = np.mgrid[low[0] : high[0] : step, y : y + 1e-3, low[1] : high[1] : step].reshape(3, -1).T
+    return points, np.full((len(points), 3), step / 2), np.full(len(points), 3.0)
+
+
+@pytest.fixture(scope="module")
+def room():
+    """A wall that three cameras see, one beside it that the last alone sees, fog behind, and floaters."""
+    random = np.random.default_rng(0)
+    parts = [
+        wall((-2, -1.5), (2, 1.5), 0.0, 0.08),
+        wall((6, -1), (8, 1), 3.0, 0.08),  # far beside, seen by the turned camera alone
+        wall((-1, -1), (1, 1), 5.0, 0.1),  # behind the wall: no camera sees it
+        (np.array([[0.2, -2.0, 1.6], [30.0, 40.0, 20.0], [-9.0, 14.0, 9.0]]), np.full((3, 3), 0.02), np.full(3, -1.0)),
+    ]
+    means, scales, logits = (np.concatenate(each) for each in zip(*parts, strict=True))
+    count = len(means)
+    file = scene_file(4)
+    arrays = {
+        "means": means,
+        "quaternions": np.tile([1.0, 0, 0, 0], (count, 1)),
+        "log_scales": np.log(scales),
+        "opacity_logits": logits,
+        "sh": random.uniform(-1, 1, (count, 1, 3)),
+    }
+    cameras = (camera("a", -0.4), camera("b", 0.4), camera("c", 0.0, 0.75))
+    header = replace(
+        file.header, model={}, cameras=cameras, camera_shots=((0,),) * 3, test_cameras=(), frame_count=1, metrics={}
+    )
+    return ScenePlayer(SceneFile(header, {name: np.ascontiguousarray(a, np.float32) for name, a in arrays.items()}))
+
+
+def parts_of(room):
+    """Which Gaussians are the shared wall, the wall beside, the one behind, and alone."""
+    means = room.at(0.0).means
+    alone = np.arange(room.count) >= room.count - 3
+    return means[:, 1] < 0.1, (means[:, 0] > 5) & ~alone, np.isclose(means[:, 1], 5.0) & ~alone, alone
+
+
+def test_fog_and_floaters_go_and_what_one_camera_sees_stays(room):
+    found = clean_up(room, 0.5)
+    wall, beside, behind, alone = parts_of(room)
+    assert not found.hidden[wall & ~alone].any()
+    assert found.hidden[beside].mean() < 0.1  # the edge that its neighbours hide
+    assert found.hidden[behind].mean() > 0.9 and found.hidden[alone].sum() >= 2
+    assert found.floaters + found.unmissed == found.hidden.sum()
+    assert not clean_up(room, 0.0).hidden.any()
+
+
+def test_what_single_cameras_see_is_counted(room):
+    weights = camera_weights(room)
+    assert weights.shape == (3, room.count)
+    few, (wall, beside, behind, _) = selections.by_cameras(weights, 2), parts_of(room)
+    assert (seen_by(weights)[beside] == 1).mean() > 0.9 and few[behind].all() and few[wall].mean() < 0.4
+    low, high = common_view(room, weights)
+    assert low[0] > -2.1 and high[0] < 2.1 and high[1] < 0.1
+
+
+def test_clusters_are_what_touches():
+    means = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [5.0, 0, 0], [5.1, 0, 0], [9.0, 9, 9]], np.float32)
+    many = GaussianArrays(
+        means,
+        np.tile([1.0, 0, 0, 0], (6, 1)).astype(np.float32),
+        np.full((6, 3), 0.05, np.float32),
+        np.ones(6, np.float32),
+        np.zeros((6, 1, 3), np.float32),
+    )
+    found = clusters(many)
+    assert found[0] == found[1] == found[2] and found[3] == found[4]
+    assert len(set(found)) == 3
+    order = np.random.default_rng(0).permutation(6)
+    other = clusters(GaussianArrays(*(array[order] for array in vars(many).values())))
+    np.testing.assert_array_equal(other[:, None] == other, (found[:, None] == found)[order][:, order])
+
+
+def test_floaters_of_a_scene_without_cameras_are_found(room):
+    bare = ScenePlayer(SceneFile(replace(room.header, cameras=(), camera_shots=()), room._arrays))
+    found = clean_up(bare, 0.5)
+    np.testing.assert_array_equal(found.hidden, floaters(bare))
+    assert found.hidden[parts_of(room)[3]].all() and found.unmissed == 0
+
+
+def test_selections_are_what_they_say():
+    scene = ScenePlayer(scene_file(300, moving=100))
+    states = [scene.at(time) for time in (0.0, 0.5, 1.0)]
+    np.testing.assert_array_equal(
+        selections.by_opacity(scene, 0.5), np.max([state.opacities for state in states], 0) <= 0.5
+    )
+    np.testing.assert_array_equal(
+        selections.by_size(scene, 0.2), np.max([state.scales.max(1) for state in states], 0) >= 0.2
+    )
+    assert selections.dynamic(scene).sum() == 100
+    far = selections.by_distance(scene, np.zeros(3), 3.0, 0.5)
+    np.testing.assert_array_equal(far, np.linalg.norm(states[1].means, axis=1) >= 3.0)
+
+
+def test_a_selection_grows_by_what_is_near():
+    scene = ScenePlayer(scene_file(300))
+    chosen = np.zeros(300, bool)
+    chosen[[3, 60]] = True
+    means = scene.at(0.5).means.astype(np.float64)
+    distance = np.linalg.norm(means[:, None] - means[[3, 60]], axis=2).min(1)
+    for reach in (1e-9, 0.2, 0.7, 100.0):
+        np.testing.assert_array_equal(selections.grown(scene, chosen, reach, 0.5), distance <= reach)

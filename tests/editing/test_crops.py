@@ -1,0 +1,103 @@
+"""Crops: what is inside a box, a sphere and a closed mesh, and how they fade."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.solids import CORNERS, FACES
+
+from frog_blender.engine.editing.closed_mesh import ClosedMesh
+from frog_blender.engine.editing.crops import Crop
+
+
+def ring(count=24, tube=12):
+    """A torus around the z axis: radii 2 and 0.7."""
+    u, v = (np.arange(n) * 2 * np.pi / n for n in (count, tube))
+    u, v = np.meshgrid(u, v, indexing="ij")
+    points = np.stack([(2 + 0.7 * np.cos(v)) * np.cos(u), (2 + 0.7 * np.cos(v)) * np.sin(u), 0.7 * np.sin(v)], -1)
+    index = np.arange(count * tube).reshape(count, tube)
+    a, b = index, np.roll(index, -1, 0)
+    c, d = np.roll(index, -1, 1), np.roll(np.roll(index, -1, 0), -1, 1)
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([b, d, c], -1).reshape(-1, 3)])
+    return points.reshape(-1, 3), faces
+
+
+def turned(seed=0):
+    random = np.random.default_rng(seed)
+    rotation, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation * (0.5, 1.5, 0.8), (0.3, -0.2, 0.6)
+    return matrix
+
+
+def test_a_mesh_contains_what_its_solid_does():
+    points = np.random.default_rng(0).uniform(-3, 3, (20_000, 3))
+    mesh = ClosedMesh.of(*ring())
+    flat = np.hypot(points[:, 0], points[:, 1])
+    distance = np.hypot(flat - 2, points[:, 2])
+    inside = mesh.contains(points)
+    assert inside[distance < 0.6].all() and not inside[distance > 0.7].any() and inside.sum() > 500
+
+
+def test_rays_through_edges_and_vertices_count_right():
+    cube = ClosedMesh.of(CORNERS, FACES)
+    points = np.stack(np.meshgrid(*[np.linspace(-1.5, 1.5, 13)] * 3), -1).reshape(-1, 3)
+    strictly, outside = (np.abs(points) < 1).all(1), (np.abs(points) > 1).any(1)
+    inside = cube.contains(points)
+    assert inside[strictly].all() and not inside[outside].any()
+
+
+@pytest.mark.parametrize(
+    ("vertices", "triangles", "said"),
+    [
+        (CORNERS, FACES[:-1], "open borders"),
+        (CORNERS, np.where(FACES == 7, 9, FACES), "not there"),
+        (np.where(CORNERS == 1, np.nan, CORNERS), FACES, "not finite"),
+        (CORNERS[:3], FACES[:2], "possible"),
+    ],
+)
+def test_meshes_that_are_none_are_refused(vertices, triangles, said):
+    with pytest.raises(ValueError, match=said):
+        ClosedMesh.of(vertices, triangles)
+
+
+def test_boxes_and_meshes_of_boxes_keep_the_same():
+    points = np.random.default_rng(1).normal(size=(5000, 3)).astype(np.float32)
+    matrix = tuple(turned().ravel().tolist())
+    for inside in (True, False):
+        box = Crop("box", matrix, inside).kept(points)
+        mesh = Crop("mesh", matrix, inside, mesh=ClosedMesh.of(CORNERS, FACES)).kept(points)
+        np.testing.assert_array_equal(box, mesh)
+        assert 0 < box.sum() < 5000
+
+
+def test_feather_fades_over_that_distance_away_from_what_is_kept():
+    matrix = turned()
+    normal = matrix[:3, 0] / np.linalg.norm(matrix[:3, 0])
+    surface = matrix[:3, 3] + matrix[:3, 0]
+    points = (surface + np.outer((-0.1, 0.0, 0.1, 0.2, 0.4), normal)).astype(np.float32)
+    flat = tuple(matrix.ravel().tolist())
+    np.testing.assert_allclose(Crop("box", flat, True, 0.2).kept(points), (1, 1, 0.5, 0, 0), atol=1e-5)
+    np.testing.assert_allclose(Crop("box", flat, False, 0.2).kept(points), (0.5, 1, 1, 1, 1), atol=1e-5)
+    ball = tuple(np.diag([2.0, 2, 2, 1]).ravel().tolist())
+    along = np.outer((1.9, 2.0, 2.1, 2.3), (0.6, 0.8, 0.0)).astype(np.float32)
+    np.testing.assert_allclose(Crop("sphere", ball, True, 0.2).kept(along), (1, 1, 0.5, 0), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"shape": "cone"},
+        {"matrix": (1.0,) * 16},
+        {"matrix": (float("nan"),) * 16},
+        {"feather": -1.0},
+        {"feather": float("inf")},
+        {"time": 1.5},
+        {"shape": "mesh"},
+    ],
+)
+def test_crops_that_cannot_be_are_refused(wrong):
+    plain = {"shape": "box", "matrix": tuple(np.eye(4).ravel().tolist())}
+    Crop(**plain)
+    with pytest.raises(ValueError):
+        Crop(**{**plain, **wrong})

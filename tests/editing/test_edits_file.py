@@ -1,0 +1,133 @@
+"""The file of edits: what is written is read, and what is damaged is said in a sentence."""
+
+from __future__ import annotations
+
+import json
+import random
+
+import numpy as np
+import pytest
+from support.builders import scene_file
+from support.solids import CORNERS, FACES
+
+from frog_blender.cli.main import main
+from frog_blender.engine.editing.closed_mesh import ClosedMesh
+from frog_blender.engine.editing.crops import Crop
+from frog_blender.engine.editing.edited_scene import EditedScene
+from frog_blender.engine.editing.edits import Edits
+from frog_blender.engine.editing.edits_file import load_edits, save_edits
+from frog_blender.engine.editing.grades import Grade
+from frog_blender.engine.editing.marks import Marks
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.interchange.ply import read_splats
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.playback.render import render_image
+from frog_blender.engine.scene.scene_file import write_scene
+
+NO_MESH = {"vertices": [0] * 12, "triangles": [0, 1, 9] * 4}
+PLACE = tuple(np.diag([0.8, 0.9, 1.1, 1.0]).ravel().tolist())
+
+
+@pytest.fixture
+def scene():
+    return ScenePlayer(scene_file(100))
+
+
+@pytest.fixture
+def edits(scene):
+    some = np.arange(100) % 4 == 0
+    return Edits(
+        Marks.of(scene, some),
+        (
+            Crop("box", PLACE, feather=0.25),
+            Crop("sphere", PLACE, False, time=0.5),
+            Crop("mesh", PLACE, mesh=ClosedMesh.of(CORNERS * 3, FACES)),
+        ),
+        (Grade(exposure=0.7, offsets=(0.1, 0.0, -0.1)), Grade(saturation=0.1, only=Marks.of(scene, ~some))),
+    )
+
+
+def test_what_is_written_is_read(tmp_path, edits):
+    save_edits(tmp_path / "e.json", edits)
+    assert load_edits(tmp_path / "e.json") == edits
+    save_edits(tmp_path / "none.json", Edits())
+    assert load_edits(tmp_path / "none.json") == Edits()
+
+
+@pytest.mark.parametrize(
+    ("where", "value", "said"),
+    [
+        ("frog_edits", 2, "frog_edits"),
+        ("surprise", 1, "surprise"),
+        ("crops", [{"shape": "box"}], "matrix"),
+        ("crops", [{"shape": "cone", "matrix": list(PLACE)}], "shape"),
+        ("crops", [{"shape": "box", "matrix": list(PLACE), "feather": -1}], "feather"),
+        ("crops", [{"shape": "box", "matrix": [0] * 16}], "flattened"),
+        (
+            "crops",
+            [{"shape": "mesh", "matrix": list(PLACE), "vertices": [0] * 12, "triangles": [0, 1, 9] * 4}],
+            "not there",
+        ),
+        ("crops", {}, "crops"),
+        ("grades", [{"exposure": "bright"}], "exposure"),
+        ("grades", [{"gains": [1, 2]}], "gains"),
+        ("hidden", {"count": 10, "scene": "x", "bits": "!"}, "damaged"),
+        ("hidden", {"count": 2**60, "scene": "x", "bits": ""}, "count"),
+    ],
+)
+def test_what_cannot_be_is_said(tmp_path, where, value, said):
+    path = tmp_path / "e.json"
+    path.write_text(json.dumps({"frog_edits": 1, where: value}))
+    with pytest.raises(FrogError, match=said) as error:
+        load_edits(path)
+    assert str(path) in str(error.value)
+
+
+def test_damaged_files_are_said_in_a_sentence(tmp_path, edits):
+    path = tmp_path / "e.json"
+    save_edits(path, edits)
+    content, chance = path.read_bytes(), random.Random(0)
+    unread = 0
+    for _ in range(600):
+        damaged = bytearray(content)
+        for _ in range(chance.randrange(1, 6)):
+            place = chance.randrange(len(damaged))
+            if chance.random() < 0.3:
+                del damaged[place : place + chance.randrange(1, 40)]
+            else:
+                damaged[place % len(damaged)] = chance.randrange(256)
+        path.write_bytes(damaged)
+        try:
+            load_edits(path)
+        except FrogError as error:
+            assert "\n" not in str(error)
+            unread += 1
+    assert unread > 300
+
+
+def test_packed_marks_take_no_more_memory_than_they_say(scene):
+    bomb = Marks(8 * 10**7, "x", bytes(10**7)).to_text()
+    with pytest.raises(ValueError, match="another length"):
+        Marks.from_text(64, "x", bomb)
+
+
+def test_render_and_export_make_the_edits(tmp_path, scene, edits, capsys):
+    cv2 = pytest.importorskip("cv2")
+    file = scene_file(100)
+    write_scene(tmp_path / "s.frog", file)
+    played = ScenePlayer.load(tmp_path / "s.frog")
+    save_edits(tmp_path / "e.json", edits)
+    camera = file.header.cameras[1]
+    command = ["--edits", str(tmp_path / "e.json"), "--frames", "3:4", "--out", str(tmp_path / "out")]
+    assert main(["render", str(tmp_path / "s.frog"), "--camera", camera.name, *command]) == 0
+    written = cv2.imread(str(next((tmp_path / "out").glob("*.png"))))[..., ::-1]
+    expected = render_image(EditedScene(played, edits).at_frame(3), camera, file.header.background)
+    plain = render_image(played.at_frame(3), camera, file.header.background)
+    np.testing.assert_array_equal(written, expected)
+    assert np.abs(written.astype(int) - plain).max() > 10
+    assert main(["export", str(tmp_path / "s.frog"), *command]) == 0
+    splats = read_splats(next((tmp_path / "out").glob("*.ply")))
+    assert len(splats.arrays["means"]) == EditedScene(played, edits).count
+    write_scene(tmp_path / "s.frog", scene_file(100, seed=5))
+    assert main(["render", str(tmp_path / "s.frog"), "--camera", camera.name, *command]) == 0
+    assert "another training" in capsys.readouterr().err
