@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
-from ..capture_files import file_of
 from ..engine.errors import FrogError
 from ..engine.interchange.take import Sound, TakeFrame
 from ..scene_import.capture_objects import find_by_uid
 from ..timeline import playback
+from ..timeline.edits import needs_evaluation
 from ..timeline.retiming import raw_frame
 
 if TYPE_CHECKING:
@@ -53,8 +53,8 @@ class TimelineTake:
         cls, context: bpy.types.Context, obj: bpy.types.Object, numbers: Sequence[float], *, placed: bool
     ) -> TimelineTake:
         """What ``obj`` shows in the current scene; FrogError if its file cannot be played."""
-        scene, playing = context.scene, playback.open_scene(file_of(obj))
-        several = len(numbers) > 1
+        scene, playing = context.scene, playback.scene_time(obj, numbers[0]).scene
+        several, all_change = len(numbers) > 1, needs_evaluation(obj)  # as edits that are animated change them
         return cls(
             capture=obj.session_uid,
             name=obj.parent.name if obj.parent is not None else obj.name,
@@ -64,8 +64,8 @@ class TimelineTake:
             numbers=numbers,
             rate=scene.render.fps / scene.render.fps_base,
             header=playing.header,
-            num_dynamic=playing.num_dynamic if several else 0,
-            changing=playing.changing if several else (),
+            num_dynamic=(playing.count if all_change else playing.num_dynamic) if several else 0,
+            changing=(playing.columns if all_change else playing.changing) if several else (),
             placed=placed,
         )
 
