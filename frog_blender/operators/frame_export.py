@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
+from ..capture_files import file_of
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import find_by_uid
 from ..timeline import playback
@@ -61,8 +62,12 @@ class FrameExport:
         from ..engine.interchange.splats import write_frame
 
         for done, (frame, path) in enumerate(zip(self.frames, self.paths, strict=True), 1):
-            write_frame(path, self._gaussians(frame), promise=len(self.paths) > 1)
+            gaussians = self._gaussians(frame)
+            write_frame(path, gaussians, promise=len(self.paths) > 1 and self._keeps_identity())
             yield done
+
+    def _keeps_identity(self) -> bool:
+        return playback.open_scene(file_of(find_by_uid(bpy.data.objects, self.capture))).keeps_identity
 
     def restore(self) -> None:
         """Restores the scene's current frame, if the scene still exists."""

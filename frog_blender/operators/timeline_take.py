@@ -31,6 +31,7 @@ class TimelineTake:
         numbers: frames of the timeline.
         rate: frames a second.
         header, num_dynamic, changing: of the capture (see ``Take``).
+        keeps_identity: see ``Take``.
         placed: whether the Gaussians stand where the capture has been placed; else in the capture's own space.
         sound: what plays with it.
     """
@@ -45,6 +46,7 @@ class TimelineTake:
     header: SceneHeader
     num_dynamic: int
     changing: Sequence[str]
+    keeps_identity: bool
     placed: bool
     sound: Sound | None = None
 
@@ -66,6 +68,7 @@ class TimelineTake:
             header=playing.header,
             num_dynamic=(playing.count if all_change else playing.num_dynamic) if several else 0,
             changing=(playing.columns if all_change else playing.changing) if several else (),
+            keeps_identity=playing.keeps_identity,
             placed=placed,
         )
 

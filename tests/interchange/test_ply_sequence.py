@@ -14,6 +14,7 @@ from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.imports import import_scene
 from frog_blender.engine.interchange.ply import PROMISE, write_splats
+from frog_blender.engine.interchange.splats import export_frames
 from frog_blender.engine.playback.player import ScenePlayer
 
 
@@ -54,6 +55,9 @@ def test_varying_counts_of_a_zip(scene: ScenePlayer, tmp_path: Path, compression
         found, expected = back.at_frame(frame), scene.at_frame(frame)
         np.testing.assert_allclose(found.means[:count], expected.means[:count], atol=1e-6)
         assert not found.opacities[count:].any()
+    assert not back.keeps_identity and scene.keeps_identity
+    for path in export_frames(back, [0, 1], tmp_path / "again", "x"):
+        assert PROMISE.encode() not in path.read_bytes(), "its rows are other Gaussians in each frame"
 
 
 def test_a_frame_that_is_bad_is_named(scene: ScenePlayer, tmp_path: Path) -> None:

@@ -156,6 +156,25 @@ def test_a_page_asks_for_nothing_and_names_nothing(scene: ScenePlayer, tmp_path:
     assert [path.name for path in tmp_path.iterdir()] == ["x.html"]
 
 
+def test_what_brightens_later_is_as_bright_then(tmp_path: Path) -> None:
+    """The steps are those of all frames: the first may be black."""
+    file = scene_file(count=4000, sh_count=1)
+    file.arrays["network.output_weight"][11:] = 0
+    file.arrays["network.output_weight"][11:, 0] = 40.0  # colours follow one hidden unit
+    scene = ScenePlayer(file)
+    brightness = [scene.at_frame(frame).sh.mean() for frame in FRAMES]
+    assert np.ptp(brightness) > 1
+    export(scene, tmp_path / "x.html")
+    description, data = parts(tmp_path / "x.html")
+    begin = 0
+    for described in description["arrays"]:
+        if described["name"] == "base":
+            numbers = unpacked(described, data[begin : begin + described["bytes"]])
+        begin += described["bytes"]
+    found = [numbers[frame][:, :3].mean() for frame in FRAMES]
+    np.testing.assert_allclose(found, brightness, atol=0.02 * np.ptp(brightness))
+
+
 def test_fewer_frames_play_as_slowly(scene: ScenePlayer, tmp_path: Path) -> None:
     export(scene, tmp_path / "x.html", FRAMES[::2])
     description, _ = parts(tmp_path / "x.html")

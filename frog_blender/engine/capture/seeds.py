@@ -262,7 +262,8 @@ def _confirmed_points(capture: Capture, maps: dict[int, DepthMap], depth: float)
         points.append(world_points(depth_map)[chosen])
         colors.append(depth_map.view.image.reshape(-1, 3)[chosen])
         textured.append(depth_map.is_textured.ravel()[chosen])
-    if len({capture.shots[index].camera for index in maps}) <= _FEW_VIEWS and not capture.has_moving_cameras:
+    is_few = len({capture.shots[index].camera for index in maps}) <= _FEW_VIEWS
+    if is_few and not capture.has_moving_cameras and not capture.has_masks:  # depth would be carried off the subject
         for reference, confirmed in found.items():
             others = [other for index, other in found.items() if index != reference]
             places, their_colors, on_structure = points_seen_once(confirmed, others)

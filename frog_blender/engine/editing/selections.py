@@ -58,14 +58,14 @@ def grown(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0)
     if distance <= 0 or not chosen.any():
         return result
     points = scene.at(time).means.astype(np.float64)
-    cells = np.floor((points - points.min(0)) / distance)
-    if cells.max() >= 2**20:  # so far beside the distance that keys would not fit; those lie alone
-        cells = np.minimum(cells, 2**20)
-    cells = cells.astype(np.int64) + 1
+    low, high = points[chosen].min(0) - distance, points[chosen].max(0) + distance
+    inside = np.flatnonzero(((points >= low) & (points <= high)).all(1))  # nobody else is near
+    cells = np.full(points.shape, -1, np.int64)
+    cells[inside] = _numbered(np.floor((points[inside] - low) / distance))
     keys = (cells[:, 0] << 42) + (cells[:, 1] << 21) + cells[:, 2]
     own = np.flatnonzero(chosen)
     own = own[np.argsort(keys[own], kind="stable")]
-    others = np.flatnonzero(~chosen)
+    others = inside[~chosen[inside]]
     near = np.zeros(len(others), bool)
     for x in (-1, 0, 1):
         for y in (-1, 0, 1):
@@ -77,6 +77,16 @@ def grown(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0)
                 near[waiting[_any_within(points, others[waiting], own, begin, lengths, distance)]] = True
     result[others[near]] = True
     return result
+
+
+def _numbered(cells: Array) -> Array:
+    """(N, 3) int64 from 1: the same cells, by numbers that fit 21 bits, next to each other where the cells are."""
+    numbers = np.empty(cells.shape, np.int64)
+    for axis in range(3):
+        known, place = np.unique(cells[:, axis], return_inverse=True)
+        steps = np.minimum(np.diff(known, prepend=known[0]), 2)  # an empty cell between them is enough to part them
+        numbers[:, axis] = np.cumsum(steps).astype(np.int64)[place] + 1
+    return numbers
 
 
 def _any_within(points: Array, asking: Array, own: Array, begin: Array, lengths: Array, distance: float) -> Array:

@@ -31,7 +31,8 @@ _HEADER, _CHUNK = struct.Struct("<III"), struct.Struct("<II")
 _POINTS, _FLOAT = 0, 5126
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", _FLOAT: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-_LONGEST_JSON, _MOST_NODES, _DEEPEST = 64 << 20, 65_536, 64
+_LONGEST_JSON, _MOST_NODES, _DEEPEST, _MOST_PRIMITIVES = 64 << 20, 65_536, 64, 4096
+_FEWEST_BYTES = 4  # of a Gaussian: an eighth of what the smallest has, so that a mesh may stand in several places
 
 
 def write_glb(path: Path, gaussians: NumpyGaussians) -> None:
@@ -124,6 +125,8 @@ class _Document:
             raise UnfitValue("a description that is no text", _EXPECTED) from error
         self._json = entries(plain_json(told, "a description"), "a description")
         self._binary = chunks[_BINARY]
+        self._nodes, self._meshes = self._list("nodes"), self._list("meshes")
+        self._accessors, self._views = self._list("accessors"), self._list("bufferViews")
         needed = items(self._json.get("extensionsRequired", []), "extensionsRequired", 1024)
         if others := [name for name in needed if name != EXTENSION]:
             raise UnfitValue(f"the required extension {brief(others[0])}", _EXPECTED)
@@ -131,8 +134,13 @@ class _Document:
     def gaussians(self) -> tuple[NumpyGaussians, int]:
         """Of all its primitives, where their nodes put them."""
         parts, left_out = [], 0
+        room = most = len(self._binary) // _FEWEST_BYTES
         for primitive, matrix in self._placed():
-            found, without = usable(self._path, self._read(primitive), keep_rows=False)
+            read = self._read(primitive)
+            room -= len(read)  # nodes may share a mesh: a small file could ask for any number
+            if room < 0:
+                raise UnfitValue("a mesh in very many places", f"at most {most:,} Gaussians in all")
+            found, without = usable(self._path, read, keep_rows=False)
             left_out += without
             try:
                 parts.append(transform(found, Y_UP @ matrix))
@@ -140,15 +148,15 @@ class _Document:
                 raise FrogError(f"{self._path}: {error}") from error
         if not parts:
             raise UnfitValue("no Gaussians", _EXPECTED)
-        most = max(part.sh.shape[1] for part in parts)
+        terms = max(part.sh.shape[1] for part in parts)
         for part in parts:
-            part.sh = np.pad(part.sh, ((0, 0), (0, most - part.sh.shape[1]), (0, 0)))
+            part.sh = np.pad(part.sh, ((0, 0), (0, terms - part.sh.shape[1]), (0, 0)))
         columns = zip(*(vars(part).values() for part in parts), strict=True)
         return GaussianArrays(*(np.concatenate(arrays) for arrays in columns)), left_out
 
     def _placed(self) -> list[tuple[JsonObject, Float64s]]:
         """The primitives that are Gaussians, and (4, 4) from their space to the world."""
-        nodes, meshes = (self._list(name) for name in ("nodes", "meshes"))
+        nodes, meshes = self._nodes, self._meshes
         children = [self._numbers_of(node, "children", len(nodes)) for node in nodes]
         below = {child for each in children for child in each}
         waiting = [(place, np.eye(4), 0) for place in range(len(nodes)) if place not in below]
@@ -168,6 +176,8 @@ class _Document:
                 primitive = entries(each, "a primitive")
                 if EXTENSION in entries(primitive.get("extensions", {}), "extensions"):
                     found.append((primitive, matrix))
+            if len(found) > _MOST_PRIMITIVES:
+                raise UnfitValue("Gaussians in very many parts", f"at most {_MOST_PRIMITIVES:,}")
         return found
 
     def _read(self, primitive: JsonObject) -> NumpyGaussians:
@@ -191,10 +201,11 @@ class _Document:
 
     def _accessor(self, attributes: JsonObject, name: str, width: int) -> Array:
         """(N, width) of an attribute."""
-        accessors, views = self._list("accessors"), self._list("bufferViews")
+        accessors, views = self._accessors, self._views
         accessor = accessors[whole(attributes.get(name), f"the accessor of {name}", 0, len(accessors) - 1)]
-        kind, shape = accessor.get("componentType"), accessor.get("type")
-        if kind not in _TYPES or shape not in _WIDTHS or _WIDTHS[text(shape, "a type", 16)] != width:
+        kind = whole(accessor.get("componentType"), f"the type of {name}", 0, 2**16)
+        shape = text(accessor.get("type"), f"the shape of {name}", 16)
+        if kind not in _TYPES or _WIDTHS.get(shape) != width:
             raise UnfitValue(f"{name} as {brief(shape)} of {brief(kind)}", f"{width} numbers each")
         if "sparse" in accessor or (kind != _FLOAT and accessor.get("normalized") is not True):
             raise UnfitValue(f"{name} sparse or in whole numbers", "floats, or normalized numbers")

@@ -36,7 +36,7 @@ def import_foreign(
         compact, progress: see ``write_source``.
     """
     module = ".".join([_PACKAGE.name, *Path(__file__).with_suffix("").relative_to(_PACKAGE).parts])
-    command = [sys.executable, "-m", module, str(source), str(target), "compact" if compact else "plain"]
+    command = [sys.executable, "-P", "-m", module, str(source), str(target), "compact" if compact else "plain"]
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(_PACKAGE.parent), *filter(None, sys.path)]),
         "PYTHONIOENCODING": "utf-8",

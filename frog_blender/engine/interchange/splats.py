@@ -94,7 +94,7 @@ def export_frames(
 ) -> list[Path]:
     """Writes frames (counted from 0) of a scene as ``STEM_0000.ply`` and so on, each atomically; returns their paths.
 
-    Count and order of the Gaussians are the same in all of them, which the headers of several say.
+    Count and order of the Gaussians are the same in all of them, which the headers of several say where it is true.
 
     Args:
         report: is told how many are done after each.
@@ -107,7 +107,7 @@ def export_frames(
         path = numbered(folder / f"{stem}{suffix}", frame)
         gaussians = scene.at_frame(frame)
         placed = gaussians if turn is None else transform(gaussians, turn)
-        write_frame(path, placed, promise=len(chosen) > 1)
+        write_frame(path, placed, promise=len(chosen) > 1 and scene.keeps_identity)
         paths.append(path)
         if report is not None:
             report(len(paths))

@@ -47,13 +47,14 @@ class TakeFrame:
 
 
 class Take(Protocol):
-    """Frames that can be gone through, more than once. The same Gaussian is the same row in each.
+    """Frames that can be gone through, more than once, with as many Gaussians in each.
 
     Attributes:
         name: of the scene, for objects made of it.
         header: the scene file's header.
         num_dynamic: Gaussians that change over time, the first rows.
         changing: names of their columns that do (see playback.frame_delta).
+        keeps_identity: whether the same row is the same Gaussian in each.
         rate: frames a second.
         numbers: frame numbers, ascending.
         sound: what plays with it from frame ``numbers[0]`` on; None for silence.
@@ -67,6 +68,8 @@ class Take(Protocol):
     def num_dynamic(self) -> int: ...
     @property
     def changing(self) -> Sequence[str]: ...
+    @property
+    def keeps_identity(self) -> bool: ...
     @property
     def rate(self) -> float: ...
     @property
@@ -113,6 +116,11 @@ class SceneTake:
     def changing(self) -> Sequence[str]:
         """Columns that change; none in a single frame."""
         return self.scene.changing if len(self.chosen) > 1 else ()
+
+    @property
+    def keeps_identity(self) -> bool:
+        """Whether the same row is the same Gaussian in each frame."""
+        return self.scene.keeps_identity
 
     @property
     def rate(self) -> float:

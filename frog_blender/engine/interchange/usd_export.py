@@ -35,10 +35,9 @@ SUFFIXES = (".usdc", ".usda", ".usd")
 COLOR_SPACE = "srgb-rec709-display"
 """What the colours are, in the words of the .4dgs format, whose tools read the key below."""
 _COLOR_KEYS = ("frog:colorSpace", "fourdgs:colorSpace")
-_MEANING = (
-    "Radiance is display-referred sRGB minus one half, as 3DGS trainings write it; it is no linear light. "
-    "The same row is the same Gaussian at every time."
-)
+_MEANING = "Radiance is display-referred sRGB minus one half, as 3DGS trainings write it; it is no linear light."
+_SAME_ROWS = "The same row is the same Gaussian at every time."
+_OTHER_ROWS = "Rows are other Gaussians at each time: between two samples the earlier one holds."
 _SH_NAME = "radiance:sphericalHarmonicsCoefficients"
 _APERTURE = 36.0  # tenths of a unit, as of a 35 mm film in millimetres
 _FLUSHED = 256 << 20  # bytes of samples that are held before they go to the disk
@@ -93,7 +92,7 @@ def _written(unfinished: Path, path: Path, take: Take, full_precision: bool) -> 
     stage.SetMetadata("metersPerUnit", 1.0)
     layer.timeCodesPerSecond = layer.framesPerSecond = take.rate
     layer.startTimeCode, layer.endTimeCode = take.numbers[0], take.numbers[-1]
-    layer.comment = _MEANING
+    layer.comment = f"{_MEANING} {_SAME_ROWS if take.keeps_identity else _OTHER_ROWS}"
     root.SetMetadata("kind", "component")
     root.SetCustomDataByKey("frog:method", take.header.method)
     static = dynamic = None

@@ -6,6 +6,7 @@ process of its own (see import_process), with a limit to its memory.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,6 +60,7 @@ class UsdSource:
             self._prims = [prim for prim in self._stage.Traverse(Usd.TraverseInstanceProxies()) if _is_splats(prim)]
             if not 1 <= len(self._prims) <= _MOST_PRIMS:
                 raise found_instead(path, f"{len(self._prims)} such prims", _EXPECTED)
+            _make_placeable(self._stage, self._prims)
             self._is_y_up = UsdGeom.GetStageUpAxis(self._stage) == "Y"
             self._times, self.rate = self._grid(float(self._stage.GetTimeCodesPerSecond()))
         except Tf.ErrorException as error:
@@ -139,6 +141,16 @@ class UsdSource:
             expected = f"at most {_SPARSEST} for each of its {len(times):,} time samples"
             raise found_instead(self._path, f"{count:,} frames", expected)
         return [times[0] + step * place for place in range(count)], codes_per_second / step
+
+
+def _make_placeable(stage: Usd.Stage, prims: Sequence[Usd.Prim]) -> None:
+    """USD libraries before 26.03, such as Blender's before 5.3, do not know that these prims have transforms."""
+    from pxr import UsdGeom
+
+    stage.SetEditTarget(stage.GetSessionLayer())
+    for prim in prims:
+        if not prim.IsA(UsdGeom.Xformable) and not prim.IsInstanceProxy():
+            prim.SetTypeName("Xform")
 
 
 def _is_splats(prim: Usd.Prim) -> bool:

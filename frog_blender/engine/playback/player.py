@@ -20,6 +20,7 @@ from ..capture.time import frame_to_time
 from ..field.names import CANONICAL, FIELD_METHODS
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
+from ..scene.frame_rows import KEEPS_IDENTITY
 from ..scene.header import SHAPE_DYNAMIC, SceneHeader
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
 from .baselines import BASELINES
@@ -151,6 +152,11 @@ class ScenePlayer:
         for name in ("means", "opacity_logits"):
             digest.update(np.ascontiguousarray(self._arrays[name], "<f4").data)
         return digest.hexdigest()
+
+    @property
+    def keeps_identity(self) -> bool:
+        """Whether the same row is the same Gaussian at all times: not in frames that another program made of others."""
+        return bool(self.header.model.get(KEEPS_IDENTITY, True))
 
     def edited(self, part: FrameDelta) -> FrameDelta:
         """What ``delta_at`` returns, from what that of ``source`` did."""

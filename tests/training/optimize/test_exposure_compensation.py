@@ -56,7 +56,7 @@ def test_exposures_are_found_and_the_scene_gains(make_trainer: Callable[..., Tra
     found = found_by(trainer)
     assert found.pop("cam00") == NEUTRAL
     for name, factors in found.items():
-        np.testing.assert_allclose(factors, np.array(FACTORS[name]) / MEDIAN, rtol=0.08)
+        np.testing.assert_allclose(factors, np.array(FACTORS[name]) / MEDIAN, rtol=0.1)
     np.testing.assert_allclose(np.median(list(found.values()), axis=0), 1.0, rtol=1e-9)
     assert trainer.evaluate(4)[0] > plain.evaluate(4)[0] + 1.0
 

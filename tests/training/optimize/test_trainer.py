@@ -146,9 +146,9 @@ def test_a_short_training_passes_through_every_schedule(
     rounds: list[tuple[int, int]] = []
 
     def counted(name: str, function: Callable) -> Callable:
-        def call(*arguments: Any) -> Any:
+        def call(*arguments: Any, **options: Any) -> Any:
             calls[name] += 1
-            return function(*arguments)
+            return function(*arguments, **options)
 
         return call
 

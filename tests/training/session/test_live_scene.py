@@ -92,26 +92,29 @@ def without_rest(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_training_is_seen_while_it_learns(
     filmed: Path, tmp_path: Path, lively: Callable[..., Recipe], monkeypatch: pytest.MonkeyPatch, without_rest: None
 ) -> None:
-    live = LiveScene()
     taken: list[ScenePlayer] = []
     means: list[np.ndarray] = []
     arrays: list[tuple[Session, ScenePlayer]] = []
     made = snapshots.snapshot
 
+    class Looking(LiveScene):
+        """Whoever shows it takes each snapshot before the next step."""
+
+        @property
+        def is_due(self) -> bool:
+            if (newest := self.take()) is not None:
+                taken.append(newest)
+                means.append(newest.at(0.5).means.copy())
+            return True
+
     def watched(session: Session) -> ScenePlayer:
-        if (newest := live.take()) is not None:
-            taken.append(newest)
-            means.append(newest.at(0.5).means.copy())
         player = made(session)
         arrays.append((session, player))
         return player
 
     monkeypatch.setattr(snapshots, "snapshot", watched)
-    for event in run_training(job(filmed, tmp_path, lively(12), live)):
+    for event in run_training(job(filmed, tmp_path, lively(12), Looking())):
         assert not isinstance(event, events.WarningEvent), event
-        if isinstance(event, events.Progress) and (newest := live.take()) is not None:
-            taken.append(newest)
-            means.append(newest.at(0.5).means.copy())
     assert len(taken) >= 2
     for player, was in zip(taken, means, strict=True):
         assert player.count == len(was)

@@ -38,7 +38,7 @@ def run(task: str, folder: Path, progress: Progress, cancelled: Callable[[], boo
         FrogError: if the process failed or died.
     """
     (folder / RESULT).unlink(missing_ok=True)
-    command = [sys.executable, "-m", f"{_PACKAGE.name}.{'.'.join(_module())}", task, str(folder)]
+    command = [sys.executable, "-P", "-m", f"{_PACKAGE.name}.{'.'.join(_module())}", task, str(folder)]
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(_PACKAGE.parent), *filter(None, sys.path)]),
         "PYTHONIOENCODING": "utf-8",

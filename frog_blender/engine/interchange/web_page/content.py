@@ -24,6 +24,7 @@ MOST_BYTES = 2**29
 """Of a scene's numbers once a browser has unpacked them."""
 _SMALLEST_SCALE = 1e-12  # its logarithm is finite
 _COLOR_STEPS, _SHAPE_STEPS, _POSITION_STEPS = 255, 127, 8191
+_TAIL = 0.0005  # share of a frame's numbers at either end that may be cut off: few, and far from all others
 _STEEPNESS = 8.0  # of a scene's spread: within it positions are about evenly fine
 
 
@@ -73,34 +74,62 @@ class Quantizer:
 
 
 @dataclass(frozen=True)
+class Extent:
+    """How far the numbers of a column reach, (width,) each.
+
+    Attributes:
+        least, most: all of them.
+        low, high: all but a few of them.
+    """
+
+    least: Array
+    most: Array
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, column: Array) -> Extent:
+        """Of a column (N, width) with at least one row."""
+        low, high = np.quantile(column.astype(np.float64), (_TAIL, 1 - _TAIL), axis=0)
+        return cls(column.min(0).astype(np.float64), column.max(0).astype(np.float64), low, high)
+
+    def joined(self, other: Extent) -> Extent:
+        """Of both."""
+        least, low = np.minimum(self.least, other.least), np.minimum(self.low, other.low)
+        return Extent(least, np.maximum(self.most, other.most), low, np.maximum(self.high, other.high))
+
+
+@dataclass(frozen=True)
 class Survey:
     """What has to be known of all frames before the first can be packed.
 
     Attributes:
         columns: of the first frame, (N, width) by name.
-        extremes: (2, width) by name, the smallest and the largest numbers of what changes, over all frames.
+        changing: names of what changes.
+        extents: of all columns, over all frames.
     """
 
     columns: dict[str, Array]
-    extremes: dict[str, Array]
+    changing: tuple[str, ...]
+    extents: dict[str, Extent]
 
     @classmethod
     def of(cls, take: Take) -> Generator[int, None, Survey]:
         """Goes through the frames; yields 0 after each."""
         columns: dict[str, Array] = {}
-        extremes: dict[str, Array] = {}
+        extents: dict[str, Extent] = {}
+        changing = tuple(take.changing) if take.num_dynamic else ()
         for frame in take.frames():
             gaussians = frame.gaussians
             if not columns:
                 names = column_names(gaussians.sh.shape[1])
                 _refuse_too_large(take, len(gaussians), names)
                 columns = {name: column_of(gaussians, name) for name in names}
-            for name in take.changing if take.num_dynamic else ():
-                moved = column_of(gaussians, name, take.num_dynamic)
-                low, high = extremes.get(name, (moved[0], moved[0]))
-                extremes[name] = np.stack([np.minimum(low, moved.min(0)), np.maximum(high, moved.max(0))])
+                extents = {name: Extent.of(column) for name, column in columns.items()}
+            for name in changing:
+                extents[name] = extents[name].joined(Extent.of(column_of(gaussians, name, take.num_dynamic)))
             yield 0
-        return cls(columns, extremes)
+        return cls(columns, changing, extents)
 
 
 class PagePacker:
@@ -113,10 +142,9 @@ class PagePacker:
 
     def __init__(self, take: Take, survey: Survey) -> None:
         self._moved, self._columns = take.num_dynamic, survey.columns
-        self._films: dict[str, list[Array]] = {name: [] for name in survey.extremes}
+        self._films: dict[str, list[Array]] = {name: [] for name in survey.changing}
         self._quantizers = {
-            name: _quantizer(name, np.concatenate([column, survey.extremes.get(name, column[:0])]))
-            for name, column in survey.columns.items()
+            name: _quantizer(name, column, survey.extents[name]) for name, column in survey.columns.items()
         }
         self._frames = 0
 
@@ -172,22 +200,20 @@ def _refuse_too_large(take: Take, count: int, names: Sequence[str]) -> None:
         )
 
 
-def _quantizer(name: str, column: Array) -> Quantizer:
-    """For numbers (N, width): a column of a frame, and its extremes at other times."""
-    column = column.astype(np.float64)
+def _quantizer(name: str, column: Array, extent: Extent) -> Quantizer:
+    """For a column (N, width) of the first frame, and how far it reaches in all."""
     width = column.shape[1]
     if name == "quaternions":
         return Quantizer("linear", np.full(4, -1.0), np.full(4, 1.0), _SHAPE_STEPS)
     if name == "scales":
-        logarithms = np.log(np.maximum(column, _SMALLEST_SCALE))
-        low, high = np.quantile(logarithms, 0.001), logarithms.max()
+        low, high = (np.log(np.maximum(bound, _SMALLEST_SCALE)) for bound in (extent.low.min(), extent.most.max()))
         return Quantizer("exp", np.full(width, low), np.full(width, high), _SHAPE_STEPS)
     if name == "means":
-        center = np.median(column, axis=0)
+        center = np.median(column.astype(np.float64), axis=0)
         spread = np.maximum(np.median(np.abs(column - center), axis=0) * _STEEPNESS, 1e-9)
-        bent = np.arcsinh((column - center) / spread)
-        return Quantizer("sinh", bent.min(0), bent.max(0), _POSITION_STEPS, center, spread)
-    low, high = np.quantile(column, 0.0005, axis=0), np.quantile(column, 0.9995, axis=0)
+        low, high = (np.arcsinh((bound - center) / spread) for bound in (extent.least, extent.most))
+        return Quantizer("sinh", low, high, _POSITION_STEPS, center, spread)
+    low, high = extent.low.copy(), extent.high.copy()
     if name == "base":
         low[3], high[3] = 0.0, 1.0
     return Quantizer("linear", low, high, _COLOR_STEPS)

@@ -52,6 +52,7 @@ def write_page(path: Path, take: Take) -> Generator[int, None, None]:
         **content.description,
         "frames_per_second": take.rate / step,
         "background": list(take.header.background),
+        "held": not take.keeps_identity,  # between frames: rows are other Gaussians in the next
         "cameras": [_camera(camera) for camera in cameras],
         "view": _first_view(cameras, survey.columns["means"].astype(np.float64)),
     }

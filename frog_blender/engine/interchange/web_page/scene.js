@@ -33,7 +33,7 @@ class Column {
 
   /**
    * Writes a number of every Gaussian at a frame: row r goes to target[begin + r * stride].
-   * Between frames quantised values are blended, so sizes blend as logarithms.
+   * Between frames quantised values are blended, so sizes blend as logarithms; a whole frame is shown as it is.
    */
   write(number, frame, target, begin, stride) {
     const last = this.frames - 1;
@@ -95,6 +95,7 @@ class Scene {
   /** Moves the dynamic Gaussians to a frame, which may lie between two; true where anything changed. */
   show(frame) {
     frame = Math.min(Math.max(frame, 0), this.frames - 1);
+    if (this.held) frame = Math.floor(frame);
     const changed = this.frame < 0 || (this.dynamic > 0 && frame !== this.frame);
     if (changed) for (const column of this.columns) if (column.film) this.place(column, frame, 0);
     this.frame = frame;
