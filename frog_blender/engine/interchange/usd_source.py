@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 _EXPECTED = f"a USD file with {PRIM_TYPE} prims"
 _NAMES = ("positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients")
 _MOST_PRIMS = 4096
-_SPARSE = 4  # frames for a time sample, at most, where times lie on a grid
-_SPARSEST = 256  # the same, where they do not
+SPARSE, SPARSEST = 4, 256
+"""Frames for a time sample, at most: where times lie on a grid, and where they do not."""
 _COEFFICIENTS = (1, 4, 9, 16)
 Y_UP = np.linalg.inv(Y_DOWN) @ np.diag([1.0, -1.0, -1.0, 1.0])
 """(4, 4) from axes with y up to those with z up: a turn about the x axis."""
@@ -133,10 +133,10 @@ class UsdSource:
         step = float(np.diff(times).min())
         places = (np.array(times) - times[0]) / step
         count = round(places[-1]) + 1
-        if np.abs(places - np.rint(places)).max() > 1e-3 or count > _SPARSE * len(times) + 1:
+        if np.abs(places - np.rint(places)).max() > 1e-3 or count > SPARSE * len(times) + 1:
             step, count = 1.0, int(times[-1] - times[0]) + 1
-        if count > min(MAX_FRAMES, _SPARSEST * len(times)) or codes_per_second / step > 1e6:
-            expected = f"at most {_SPARSEST} for each of its {len(times):,} time samples"
+        if count > min(MAX_FRAMES, SPARSEST * len(times)) or codes_per_second / step > 1e6:
+            expected = f"at most {SPARSEST} for each of its {len(times):,} time samples"
             raise found_instead(self._path, f"{count:,} frames", expected)
         return [times[0] + step * place for place in range(count)], codes_per_second / step
 
