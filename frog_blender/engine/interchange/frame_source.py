@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -21,11 +22,11 @@ from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, found_instead
 from ..field.names import SEQUENCE
 from ..gaussians import GaussianArrays, NumpyGaussians
-from ..io.plain_values import UnfitValue
+from ..io.plain_values import JsonMapping, UnfitValue
 from ..io.tensor_files import LONGEST_HEADER
 from ..playback.frame_delta import column_names, column_of
 from ..scene.frame_rows import RowLayout, write_frames
-from ..scene.header import FORMAT_VERSION, MAX_FRAMES, SceneHeader
+from ..scene.header import MAX_FRAMES, SceneHeader
 from ..scene.morton_order import morton_order
 from ..scene.scene_file import SceneFile, packed_metadata, write_scene
 
@@ -35,6 +36,8 @@ _MOST_GROWN, _ROOM = 10_000, 4 << 30
 evenly for minutes become many frames, but what becomes far more is damaged or made to fill the disk."""
 _NOWHERE = 1e-6  # size of the rows that fill a frame with fewer Gaussians than another has
 _MOST_CERTAIN, _THINNEST = 1 - 2.0**-26, 1e-30
+STILL_RATE = 24.0
+"""Frames a second of a scene of one frame."""
 _SAMPLED = 4096  # Gaussians whose steps are looked at
 _STEP = 0.1  # of the distance between two of them: a Gaussian that goes farther in a frame is another one
 
@@ -82,7 +85,7 @@ class StillSource:
     origin: str
     left_out: int
     frame_count: int = 1
-    rate: float = 24.0
+    rate: float = STILL_RATE
     keeps_identity: bool | None = True
     cameras: tuple[Camera, ...] = ()
 
@@ -140,8 +143,7 @@ def write_source(
         compact: half floats but for places, and static Gaussians packed (see scene.quantization).
         progress: told how many of how many steps are done.
     """
-    if target.suffix != ".frog":
-        raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
+    check_ending(target)
     if source.frame_count > MAX_FRAMES:
         raise FrogError(f"{file}: found {source.frame_count:,} frames, expected at most {MAX_FRAMES:,}.")
     steps = 2 * source.frame_count
@@ -156,23 +158,14 @@ def write_source(
     columns = tuple(name for name in column_names(seen.first.sh.shape[1]) if name in seen.columns)
     layout = RowLayout(columns, dynamic, compact, seen.keeps_identity)
     moves = bool(dynamic and columns)
-    header = SceneHeader(
+    header = imported_header(
+        file,
+        source.origin,
         method=SEQUENCE if moves else "static",
-        recipe={"name": "imported"},
         model=layout.model() if moves else {},
         cameras=source.cameras,
-        camera_shots=(tuple(range(source.frame_count)),) * len(source.cameras),
-        test_cameras=(),
-        test_frames=(),
-        frame_count=source.frame_count,
-        frames_per_second=source.rate,
-        background=(0.0, 0.0, 0.0),
-        capture_path=str(file.resolve()),
-        capture_format=source.origin,
-        scale=1.0,
-        format_version=FORMAT_VERSION,
+        timing=(source.frame_count, source.rate),
     )
-    _check_readable(file, header)
     if moves:
         _check_room(file, target, header, layout)
         stored, metadata = packed_metadata(header, arrays, compact=compact)
@@ -181,6 +174,50 @@ def write_source(
     else:
         write_scene(target, SceneFile(header, arrays), compact=compact)
     return Imported(target, seen.count, source.left_out, frames=source.frame_count, keeps_identity=seen.keeps_identity)
+
+
+def check_ending(target: Path) -> None:
+    """FrogError for a path that is no scene's."""
+    if target.suffix != ".frog":
+        raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
+
+
+def imported_header(
+    file: Path,
+    origin: str,
+    *,
+    method: str = "static",
+    model: JsonMapping = MappingProxyType({}),
+    cameras: tuple[Camera, ...] = (),
+    timing: tuple[int, float] = (1, STILL_RATE),
+    world: World = FILES_OWN,
+) -> SceneHeader:
+    """The header of a scene that another program's file becomes; FrogError for one that could not be read again.
+
+    Args:
+        file: what it is made of.
+        origin: its format.
+        timing: how many frames there are, and how many of them a second.
+    """
+    frame_count, rate = timing
+    header = SceneHeader(
+        method=method,
+        recipe={"name": "imported"},
+        model=model,
+        cameras=cameras,
+        camera_shots=(tuple(range(frame_count)),) * len(cameras),
+        test_cameras=(),
+        test_frames=(),
+        frame_count=frame_count,
+        frames_per_second=rate,
+        background=(0.0, 0.0, 0.0),
+        capture_path=str(file.resolve()),
+        capture_format=origin,
+        scale=1.0,
+        world=world,
+    )
+    _check_readable(file, header)
+    return header
 
 
 def _check_readable(file: Path, header: SceneHeader) -> None:

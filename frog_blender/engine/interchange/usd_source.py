@@ -19,7 +19,7 @@ from ..io.paths import is_network_path
 from ..io.regular_file import regular_file
 from ..playback.transform import Y_DOWN, transform
 from ..scene.header import MAX_FRAMES
-from .activated import usable
+from .activated import joined, usable
 from .usd_export import PRIM_TYPE
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ class UsdSource:
             raise found_instead(
                 self._path, f"a frame that the USD library cannot read ({brief(error)})", _EXPECTED
             ) from error
-        return _joined(parts)
+        return parts[0] if len(parts) == 1 else joined(parts)
 
     def _placed(self, prim: Usd.Prim, gaussians: NumpyGaussians, matrix: Array) -> NumpyGaussians:
         if np.array_equal(matrix, np.eye(4)):
@@ -174,17 +174,6 @@ def _value(prim: Usd.Prim, name: str, time: float | None) -> Array:
             if array.size:
                 return array
     return np.empty(0, np.float32)
-
-
-def _joined(parts: list[NumpyGaussians]) -> NumpyGaussians:
-    if len(parts) == 1:
-        return parts[0]
-    most = max(part.sh.shape[1] for part in parts)
-    for part in parts:
-        sh = np.zeros((len(part), most, 3), np.float32)
-        sh[:, : part.sh.shape[1]] = part.sh
-        part.sh = sh
-    return GaussianArrays(*(np.concatenate(arrays) for arrays in zip(*(vars(p).values() for p in parts), strict=True)))
 
 
 def _check_references(path: Path) -> None:
