@@ -47,16 +47,29 @@ def add_export_parser(commands: Any) -> None:
 def _export(options: argparse.Namespace) -> int:
     from ..engine.playback.player import ScenePlayer
 
+    _check_format(options)
     scene = edited_scene(ScenePlayer.load(options.scene), options.edits)
     frames = frames_of(options.frames, scene.header.frame_count)
-    plays = options.usd or options.fourdgs or options.html
-    if options.y_down and (plays or options.spz or options.glb):
-        raise FrogError("--y-down: found a format that says itself which way is up, expected .ply files.")
-    if plays:
+    if _plays(options):
         _export_take(options, scene, frames)
     else:
         _export_frames(options, scene, frames)
     return 0
+
+
+def _plays(options: argparse.Namespace) -> bool:
+    """Whether one file holds all frames."""
+    return bool(options.usd or options.fourdgs or options.html)
+
+
+def _check_format(options: argparse.Namespace) -> None:
+    """FrogError for an argument that the format knows nothing of."""
+    if options.y_down and (_plays(options) or options.spz or options.glb):
+        raise FrogError("--y-down: found a format that says itself which way is up, expected .ply files.")
+    if options.float and not options.usd:
+        raise FrogError("--float: found a format with a precision of its own, expected --usd.")
+    if options.silent and not _plays(options):
+        raise FrogError("--silent: found a format without sound, expected --usd, --4dgs or --html.")
 
 
 def _export_take(options: argparse.Namespace, scene: ScenePlayer, frames: range) -> None:

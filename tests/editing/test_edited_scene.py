@@ -135,6 +135,9 @@ def test_what_is_hidden_for_good_is_not_played():
     assert not far.at(0.4).opacities.any()
     nothing = EditedScene(scene, Edits(hidden=Marks.of(scene, np.ones(200, bool))))
     assert nothing.count == 1 and not nothing.at(0.2).opacities.any()
+    everywhere = Crop("box", placed(100.0), is_still=False)
+    nothing = EditedScene(scene, Edits(Marks.of(scene, np.ones(200, bool)), (everywhere,)))
+    assert nothing.count == nothing.num_dynamic == 1 and not nothing.at(0.2).opacities.any()
 
 
 def test_edits_of_a_part_are_those_of_its_gaussians():
@@ -156,6 +159,15 @@ def test_other_edits_of_the_same_scene_look_for_nothing_again():
     assert graded.source is first.source and graded.token != first.token
     other = EditedScene(scene, Edits(Marks.of(scene, np.arange(100) < 11)), first)
     assert other.source is not first.source and other.count == 89
+
+
+def test_a_crop_that_moves_brings_back_what_others_do_not_keep():
+    scene = ScenePlayer(scene_file(100, moving=40))
+    still, moving = Crop("box", middle_of(scene)), Crop("box", placed(100.0), is_still=False)
+    before = EditedScene(scene, Edits(crops=(still,)))
+    after = EditedScene(scene, Edits(crops=(still, moving)), before)
+    assert before.count < after.count == 100
+    assert EditedScene(scene, Edits(crops=(still,)), after).count == before.count
 
 
 def test_marks_of_another_scene_are_said_and_dropped():

@@ -50,8 +50,23 @@ def edits(scene):
 def test_what_is_written_is_read(tmp_path, edits):
     save_edits(tmp_path / "e.json", edits)
     assert load_edits(tmp_path / "e.json") == edits
-    save_edits(tmp_path / "none.json", Edits())
+    save_edits(tmp_path / "none.json", Edits(grades=(Grade(),) * 101))  # which change nothing
     assert load_edits(tmp_path / "none.json") == Edits()
+
+
+@pytest.mark.parametrize(
+    ("edits", "said"),
+    [
+        (Edits(crops=(Crop("box", PLACE),) * 101), "crops"),
+        (Edits(grades=(Grade(exposure=1),) * 101), "grades"),
+        (Edits(crops=(Crop("box", PLACE, feather=1e10),)), "feather"),
+        (Edits(Marks(8, "x" * 65, bytes(1))), "scene"),
+    ],
+)
+def test_what_could_not_be_read_is_not_written(tmp_path, edits, said):
+    with pytest.raises(FrogError, match=f"could not be read again: .*{said}"):
+        save_edits(tmp_path / "e.json", edits)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

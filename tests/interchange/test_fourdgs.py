@@ -13,13 +13,15 @@ from frog_blender.cli.main import main
 from frog_blender.engine.capture.ffmpeg import program
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.fourdgs_export import write_fourdgs
+from frog_blender.engine.interchange.fourdgs_source import open_fourdgs
 from frog_blender.engine.interchange.imports import import_scene
 from frog_blender.engine.interchange.take import SceneTake, Sound
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 
 fourdgs = pytest.importorskip("fourdgs", reason="needs the package fourdgs")
-from fourdgs.keyframe_delta_file import decode_indexed, decode_streamed, render_at  # noqa: E402
+from fourdgs.keyframe_delta_file import decode_indexed, decode_streamed, render_at, write_sequence  # noqa: E402
+from fourdgs.keyframe_delta_writer import Sample  # noqa: E402
 from fourdgs.model import GaussianSet  # noqa: E402
 from fourdgs.validate import validate  # noqa: E402
 
@@ -128,6 +130,67 @@ def test_gaussians_that_are_born_play(tmp_path: Path) -> None:
         order = np.argsort(found.means[:, 0])
         np.testing.assert_allclose(found.opacities[order], opacities, atol=0.02)
         np.testing.assert_allclose(found.means[order[0]], [frame / 30 - 0.5, 0, 1], atol=0.02)  # z is up
+
+
+def states_at(path: Path, times: list[float], duration: float, windows: list[float] | None = None) -> Path:
+    """Two Gaussians at each of some times; where they are says which of them it is."""
+    samples = []
+    for number, time in enumerate(times):
+        gaussians = GaussianSet(
+            positions=np.array([[number, 0, 0], [number, 5, 0]], np.float32),
+            scales=np.full((2, 3), 0.1, np.float32),
+            rotations=np.tile(np.array([0, 0, 0, 1], np.float32), (2, 1)),
+            colors=np.full((2, 4), 0.5, np.float32),
+            motions=np.zeros((2, 3), np.float32),
+            mu_t=np.full(2, time, np.float32),
+            sigma_t=np.full(2, 1e6, np.float32),
+            win_lo=np.zeros(2),
+            win_hi=np.array(windows or [duration, duration], np.float64),
+        )
+        samples.append(Sample(time, np.arange(2), gaussians))
+    path.write_bytes(write_sequence(samples, duration))
+    return path
+
+
+def numbers_of(path: Path) -> tuple[float, list[int]]:
+    """Frames a second, and which state each frame shows."""
+    source = open_fourdgs(path)
+    return source.rate, [round(float(source.at(frame).means[0, 0])) for frame in range(source.frame_count)]
+
+
+def test_rounded_times_are_a_frame_each(tmp_path: Path) -> None:
+    times = [round(number / 30, 3) for number in range(60)]
+    rate, shown = numbers_of(states_at(tmp_path / "x.4dgs", times, 2.0))
+    assert rate == pytest.approx(30, rel=1e-3) and shown == list(range(60))
+    left_out = [*range(20), *range(23, 50), *range(51, 60)]
+    rate, shown = numbers_of(states_at(tmp_path / "x.4dgs", [times[each] for each in left_out], 2.0))
+    assert rate == pytest.approx(30, rel=1e-3) and len(shown) == 60
+    assert shown[18:26] == [18, 19, 19, 19, 19, 20, 21, 22]
+
+
+def test_two_states_that_lie_close_are_no_rate(tmp_path: Path) -> None:
+    times = sorted([*(number / 30 for number in range(30)), 0.501])
+    rate, shown = numbers_of(states_at(tmp_path / "x.4dgs", times, 1.0))
+    assert rate == 30 and shown == [*range(16), *range(17, 31)]  # what lies between two frames is in none
+
+
+def test_states_far_apart_are_refused_rather_than_cut(tmp_path: Path) -> None:
+    with pytest.raises(FrogError, match="for each of its 3 states"):
+        open_fourdgs(states_at(tmp_path / "x.4dgs", [0.0, 0.01, 900.0], 901.0))
+    path = states_at(tmp_path / "x.4dgs", [0.0, 10.0], 20.0)
+    assert numbers_of(path) == (1, [*[0] * 10, *[1] * 10])
+    long = fourdgs.WriteOptions()
+    gaussians = fourdgs.read(born(tmp_path).read_bytes()).gaussians
+    fourdgs.write(str(tmp_path / "long.4dgs"), gaussians, 50_000.0, options=long)
+    with pytest.raises(FrogError, match="1,500,000 frames, expected at most"):
+        open_fourdgs(tmp_path / "long.4dgs")
+
+
+def test_windows_that_end_are_no_identity(tmp_path: Path) -> None:
+    times = [0.0, 0.25, 0.5, 0.75]
+    assert open_fourdgs(states_at(tmp_path / "x.4dgs", times, 1.0)).keeps_identity
+    source = open_fourdgs(states_at(tmp_path / "x.4dgs", times, 1.0, [0.5, 1.0]))
+    assert [len(source.at(frame)) for frame in range(4)] == [2, 2, 1, 1] and not source.keeps_identity
 
 
 def test_files_that_cannot_be_used_are_one_sentence(scene: ScenePlayer, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from support.played_scenes import TIMES
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.interchange import frame_source
 from frog_blender.engine.interchange.frame_source import write_source
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.sequence import PlayableSequence
@@ -105,6 +107,51 @@ def test_frames_that_do_not_change_are_a_static_scene(scene: ScenePlayer, tmp_pa
 
     back = read_scene(write_source(Still(scene), tmp_path / "x", tmp_path / "y.frog").path)
     assert (back.header.method, back.rows, back.header.frame_count) == ("static", None, 7)
+
+
+def test_harmonics_that_end_are_gone(tmp_path: Path) -> None:
+    """A later frame of a lower degree, whose rows are the same Gaussians."""
+    scene = partly_static(tmp_path, sh_count=4)
+
+    class Plainer(Frames):
+        def at(self, frame: int) -> GaussianArrays:
+            gaussians = super().at(frame)
+            if frame > 3:
+                gaussians.sh = gaussians.sh[:, :1]
+            return gaussians
+
+    back = ScenePlayer.load(write_source(Plainer(scene), tmp_path / "x", tmp_path / "y.frog").path)
+    assert np.abs(back.at_frame(3).sh[:, 1:]).max() > 0.01
+    assert not back.at_frame(4).sh[:, 1:].any()
+
+
+def test_what_could_not_be_opened_is_not_written(scene: ScenePlayer, tmp_path: Path) -> None:
+    slow, filmed = Frames(scene), Frames(scene)
+    slow.rate = 1e-7
+    with pytest.raises(FrogError, match=r"x\.src: no scene of it could be opened: found .*frames_per_second"):
+        write_source(slow, tmp_path / "x.src", tmp_path / "y.frog")
+    filmed.cameras = scene.header.cameras[:1] * 700_000
+    with pytest.raises(FrogError, match="4,900,000 frames of all cameras"):
+        write_source(filmed, tmp_path / "x.src", tmp_path / "y.frog")
+    assert not (tmp_path / "y.frog").exists()
+
+
+def test_frames_without_room_are_refused(scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Long(Frames):
+        def at(self, frame: int) -> GaussianArrays:
+            assert frame < self.frame_count
+            return super().at(frame % 7)
+
+    (tmp_path / "x.src").write_bytes(bytes(100))
+    monkeypatch.setattr(frame_source, "_ROOM", 1 << 20)
+    long = Long(scene)
+    long.frame_count = 1000
+    with pytest.raises(FrogError, match=r"1,000 frames of 25 Gaussians, .* MB of a file of its size"):
+        write_source(long, tmp_path / "x.src", tmp_path / "y.frog")
+    monkeypatch.setattr(frame_source.shutil, "disk_usage", lambda _: SimpleNamespace(free=1000))
+    with pytest.raises(FrogError, match="that are free"):
+        write_source(Frames(scene), tmp_path / "x.src", tmp_path / "y.frog")
+    assert not (tmp_path / "y.frog").exists()
 
 
 def test_a_frame_is_all_that_is_held(scene: ScenePlayer, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from support.foreign_takes import assert_plays_alike, partly_static
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.interchange.imports import import_scene
+from frog_blender.engine.interchange.imports import free_scene_path, import_scene
 from frog_blender.engine.interchange.ply import PROMISE, write_splats
 from frog_blender.engine.interchange.splats import export_frames
 from frog_blender.engine.playback.player import ScenePlayer
@@ -81,3 +81,36 @@ def test_a_zip_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bomb.zip").write_bytes(content)
     with pytest.raises(FrogError, match="what its size allows for"):
         import_scene(tmp_path / "bomb.zip", tmp_path / "back.frog")
+
+
+def test_the_folder_where_one_is(scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its frames have whatever names, and what an import left that was killed goes."""
+    (tmp_path / "take" / "below").mkdir(parents=True)
+    for frame, name in enumerate(("1²2.ply", "9.ply", "10.ply")):
+        write_splats(tmp_path / "take" / name, scene.at_frame(frame))
+    part = tmp_path / ".take.frog.0123abcd.part"
+    part.write_bytes(b"half")
+    for folder, name in (("take", "."), ("take/below", "..")):
+        monkeypatch.chdir(tmp_path / folder)
+        assert main(["import", name]) == 0
+        assert ScenePlayer.load(tmp_path / "take.frog").header.frame_count == 3
+        assert not part.exists()
+    with pytest.raises(FrogError, match="without a name"):
+        free_scene_path(Path("/"))
+
+
+def test_arguments_that_would_do_nothing_are_refused(
+    scene: ScenePlayer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_splats(tmp_path / "a.ply", scene.at_frame(0))
+    out = ["--out", str(tmp_path / "out")]
+    for arguments in (
+        ["import", str(tmp_path / "a.ply"), "--fps", "24"],
+        ["export", str(tmp_path / "x.frog"), "--float", *out],
+        ["export", str(tmp_path / "x.frog"), "--silent", "--spz", *out],
+    ):
+        assert main(arguments) == 1
+        assert f"{next(each for each in arguments if each in ('--fps', '--float', '--silent'))}: found" in (
+            capsys.readouterr().err
+        )
+    assert not (tmp_path / "out").exists() and not (tmp_path / "a.frog").exists()

@@ -112,8 +112,9 @@ class EditedScene(ScenePlayer):
 
     def __init__(self, scene: ScenePlayer, edits: Edits, before: EditedScene | None = None) -> None:
         self.edits = edits
-        # Crops that move hide nothing for good.
-        self._hiding = scene.token, edits.hidden, tuple(crop for crop in edits.crops if crop.is_still)
+        # Crops that move hide nothing for good, but one that keeps its inside may keep what others do not.
+        moving_keeps = any(crop.keep_inside and not crop.is_still for crop in edits.crops)
+        self._hiding = scene.token, edits.hidden, tuple(crop for crop in edits.crops if crop.is_still), moving_keeps
         is_as_before = before is not None and before._hiding == self._hiding
         source = before.source if before is not None and is_as_before else _without_hidden(scene, edits)
         self.source = source
@@ -191,9 +192,17 @@ class EditedScene(ScenePlayer):
     @cached_property
     def _kept(self) -> Array:
         """(N,) what all crops keep; of Gaussians that move, at the beginning."""
-        kept = kept_of_all(self._crops, self._kept_by_crop, self.count)
+        return self._without_marked(kept_of_all(self._crops, self._kept_by_crop, self.count))
+
+    @cached_property
+    def _marked(self) -> Array | None:
+        """(N,) bool, what marks hide though it is played: one Gaussian, if nothing else is left; None for nothing."""
         hidden = _hidden_rows(self.source, self.edits)
-        return kept if hidden is None else np.where(hidden, np.float32(0), kept)  # one, if nothing else is left
+        return hidden if hidden is not None and hidden.any() else None
+
+    def _without_marked(self, kept: Array) -> Array:
+        """What is kept of the first Gaussians, and nothing of those that marks hide."""
+        return kept if self._marked is None else np.where(self._marked[: len(kept)], np.float32(0), kept)
 
     def _kept_moving(self, part: FrameDelta) -> Array:
         """(M,) what crops keep of the Gaussians that move."""
@@ -205,7 +214,7 @@ class EditedScene(ScenePlayer):
             crop.kept(means) if crop.time is None else known[:count]
             for crop, known in zip(self._crops, self._kept_by_crop, strict=True)
         ]
-        return kept_of_all(self._crops, kept, count)
+        return self._without_marked(kept_of_all(self._crops, kept, count))
 
 
 def _further_graded(colors: Array, grade: _Graded) -> Array:

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import found_instead
+from ..errors import FrogError, found_instead
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, items, number, numbers, plain_json, text, whole
 from ..io.regular_file import regular_file
@@ -40,8 +40,16 @@ _LARGEST = 1e9  # of a coordinate
 
 
 def save_edits(path: Path, edits: Edits) -> None:
-    """Writes edits, whole or not at all; FrogError when they cannot be written."""
-    write_atomically(path, (json.dumps(to_json(edits), indent=1, allow_nan=False) + "\n").encode())
+    """Writes edits, whole or not at all; FrogError when they cannot be written, or could not be read again."""
+    found = to_json(edits)
+    try:
+        from_json(found)
+    except ValueError as error:
+        raise FrogError(f"{path}: these edits could not be read again: found {error}.") from error
+    content = (json.dumps(found, indent=1, allow_nan=False) + "\n").encode()
+    if len(content) > _LARGEST_FILE:
+        raise found_instead(path, f"edits of {len(content):,} bytes", f"at most {_LARGEST_FILE:,}; simpler meshes")
+    write_atomically(path, content)
 
 
 def load_edits(path: Path) -> Edits:

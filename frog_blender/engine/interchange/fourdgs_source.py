@@ -6,6 +6,7 @@ small file may declare much.
 
 from __future__ import annotations
 
+import math
 import struct
 import zlib
 from collections.abc import Iterator
@@ -26,14 +27,15 @@ from ..scene.header import MAX_FRAMES, MOST_STANDING
 from ..spherical_harmonics import SH_DC
 from .activated import usable
 from .frame_source import FrameSource
-from .usd_source import Y_UP
+from .usd_source import SPARSE, SPARSEST, Y_UP
 
 if TYPE_CHECKING:
     from fourdgs.keyframe_delta import State
 
 _EXPECTED = "a .4dgs file"
 _FRAMES_A_SECOND = 30.0  # of a file whose Gaussians move evenly between their births and deaths
-_FASTEST = 1000.0
+_ROUNDED = 0.15  # of a gap between two states: by so much it may differ from whole steps
+_SHORTEST = 1e-3  # seconds of a file of one state
 _CODES = 255 / 8.0  # of a harmonic in [-4, 4]
 _LONGEST = 1e6  # seconds
 
@@ -116,30 +118,33 @@ class _Keyframes(_Fourdgs):
     """Populations at some times, and what changes between them: a ``FrameSource``, quickest from front to back."""
 
     def __init__(self, path: Path, content: bytes, header: Any) -> None:  # Any: of fourdgs, which has no types
+        from fourdgs import opcode as op
+
         super().__init__(path, content, header)
         self._grids = _grids(content, header)
         starts: list[float] = []
         ids: Array | None = None
+        windows: set[int] = set()
         self.keeps_identity = True
         for start, state, _ in self._states():
             starts.append(start)
-            self.keeps_identity &= ids is None or np.array_equal(ids, state.ids)
+            # Outside its window a Gaussian is in no frame, so that those behind it move up.
+            windows.update(np.unique(state.bins[op.A_WINDOW_INDEX]).tolist())
+            self.keeps_identity &= len(windows) <= 1 and (ids is None or np.array_equal(ids, state.ids))
             ids = state.ids
             if len(starts) > MAX_FRAMES:
                 raise found_instead(path, f"more than {MAX_FRAMES:,} frames", "fewer")
         if not starts:
             raise found_instead(path, "no Gaussians", _EXPECTED)
-        times = np.array([*starts, max(header.duration_sec, starts[-1])])
-        step = float(np.diff(times)[np.diff(times) > 0].min(initial=1.0))
-        self.rate = round(min(1 / step, _FASTEST), 6)  # times are decimal fractions
-        self.frame_count = max(1, min(round(float(times[-1]) * self.rate), MAX_FRAMES))
         self._starts = np.array(starts)
+        self._times, self.rate = _frame_times(path, self._starts, header.duration_sec)
+        self.frame_count = len(self._times)
         self._place, self._following = -1, self._states()
         self._current: tuple[float, State, Array] | None = None
 
     def at(self, frame: int) -> NumpyGaussians:
         """A frame, counted from 0."""
-        time = frame / self.rate
+        time = float(self._times[frame])
         wanted = max(int(np.searchsorted(self._starts, time + 1e-6, "right")) - 1, 0)
         with reading(self._path):
             if wanted < self._place:
@@ -222,6 +227,49 @@ class _Keyframes(_Fourdgs):
         return np.empty((min(count, len(self._content) * 256), 0), np.float32)
 
 
+def _frame_times(path: Path, starts: Array, duration: float) -> tuple[Array, float]:
+    """Seconds of each frame, and frames a second.
+
+    Where the states lie in equal steps, but for some that are left out and for what was rounded, their own times are
+    frames. Else frames are as close as half of the states are, or thirty a second.
+
+    Args:
+        starts: (N,) seconds at which the states begin.
+    """
+    if not np.isfinite(starts).all() or (np.diff(starts) < 0).any() or abs(starts).max() > _LONGEST:
+        raise found_instead(path, "states that are not in the order of their times", _EXPECTED)
+    own = np.unique(starts)
+    gaps, hold = np.diff(own), max(duration - float(own[-1]), 0.0)
+    steps = _whole_steps(gaps)
+    if steps is None:
+        step = min(1 / _FRAMES_A_SECOND, float(np.median(gaps)))
+        places = (own - own[0]) / step
+        if places[-1] > SPARSEST * len(own):
+            expected = f"at most {SPARSEST} for each of its {len(own):,} states"
+            raise found_instead(path, f"{round(places[-1]):,} frames", expected)
+    else:
+        step = float(own[-1] - own[0]) / steps.sum() if len(gaps) else hold if hold > _SHORTEST else 1.0
+        parts = max(math.ceil(step - 1e-6), 1)  # a frame each second at least: Gaussians move between states
+        step /= parts
+        places = np.append(0.0, np.cumsum(steps * parts))
+    count = max(math.ceil(places[-1] - 1e-6) + (max(round(hold / step), 1) if hold else 0), 1)
+    if count > MAX_FRAMES:
+        raise found_instead(path, f"{count:,} frames", f"at most {MAX_FRAMES:,}")
+    frames = np.arange(count)
+    times: Array = np.interp(frames, places, own) + np.maximum(frames - places[-1], 0) * step
+    return times, round(1 / step, 6)  # times are decimal fractions
+
+
+def _whole_steps(gaps: Array) -> Array | None:
+    """(N,) how many equal steps each gap is; None where they are none."""
+    for step in (np.median(gaps), gaps.min()) if len(gaps) else ():
+        steps: Array = np.rint(gaps / step)
+        fit = steps.min() >= 1 and (np.abs(gaps - steps * step) <= _ROUNDED * gaps).all()
+        if fit and steps.sum() <= SPARSE * (len(gaps) + 1):
+            return steps
+    return None if len(gaps) else gaps
+
+
 def _rows_of(known: Array, wanted: Array) -> Array:
     """(N,) where each of ``wanted`` stands in ``known``; LookupError where one does not."""
     order = np.argsort(known, kind="stable")
@@ -243,7 +291,9 @@ class _Births(_Fourdgs):
         if not self._set.count:
             raise found_instead(path, "no Gaussians", _EXPECTED)
         self.rate = _FRAMES_A_SECOND
-        self.frame_count = max(1, min(round(header.duration_sec * self.rate), MAX_FRAMES))
+        self.frame_count = max(1, round(header.duration_sec * self.rate))
+        if self.frame_count > MAX_FRAMES:
+            raise found_instead(path, f"{self.frame_count:,} frames", f"at most {MAX_FRAMES:,}")
         self.keeps_identity = True
 
     def at(self, frame: int) -> NumpyGaussians:

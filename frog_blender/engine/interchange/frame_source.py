@@ -6,9 +6,12 @@ changes and then to write it, and one or two of them are held at a time, however
 
 from __future__ import annotations
 
+import json
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -16,17 +19,25 @@ import numpy as np
 from ..arrays import Array, Bools, SceneArrays
 from ..capture.camera import Camera
 from ..capture.world import FILES_OWN, World
-from ..errors import FrogError
+from ..errors import FrogError, found_instead
 from ..field.names import SEQUENCE
 from ..gaussians import GaussianArrays, NumpyGaussians
+from ..io.plain_values import JsonMapping, UnfitValue
+from ..io.tensor_files import LONGEST_HEADER
 from ..playback.frame_delta import column_names, column_of
 from ..scene.frame_rows import RowLayout, write_frames
-from ..scene.header import FORMAT_VERSION, MAX_FRAMES, SceneHeader
+from ..scene.header import MAX_FRAMES, SceneHeader
 from ..scene.morton_order import morton_order
 from ..scene.scene_file import SceneFile, packed_metadata, write_scene
 
+_MOST_SHOTS = LONGEST_HEADER // 12  # of all cameras; in the header each is up to nine characters
+_MOST_GROWN, _ROOM = 10_000, 4 << 30
+"""Bytes of frames for each byte that they were made of, and for any file: Gaussians that a small file says to move
+evenly for minutes become many frames, but what becomes far more is damaged or made to fill the disk."""
 _NOWHERE = 1e-6  # size of the rows that fill a frame with fewer Gaussians than another has
 _MOST_CERTAIN, _THINNEST = 1 - 2.0**-26, 1e-30
+STILL_RATE = 24.0
+"""Frames a second of a scene of one frame."""
 _SAMPLED = 4096  # Gaussians whose steps are looked at
 _STEP = 0.1  # of the distance between two of them: a Gaussian that goes farther in a frame is another one
 
@@ -74,7 +85,7 @@ class StillSource:
     origin: str
     left_out: int
     frame_count: int = 1
-    rate: float = 24.0
+    rate: float = STILL_RATE
     keeps_identity: bool | None = True
     cameras: tuple[Camera, ...] = ()
 
@@ -132,8 +143,7 @@ def write_source(
         compact: half floats but for places, and static Gaussians packed (see scene.quantization).
         progress: told how many of how many steps are done.
     """
-    if target.suffix != ".frog":
-        raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
+    check_ending(target)
     if source.frame_count > MAX_FRAMES:
         raise FrogError(f"{file}: found {source.frame_count:,} frames, expected at most {MAX_FRAMES:,}.")
     steps = 2 * source.frame_count
@@ -148,29 +158,102 @@ def write_source(
     columns = tuple(name for name in column_names(seen.first.sh.shape[1]) if name in seen.columns)
     layout = RowLayout(columns, dynamic, compact, seen.keeps_identity)
     moves = bool(dynamic and columns)
-    header = SceneHeader(
+    header = imported_header(
+        file,
+        source.origin,
         method=SEQUENCE if moves else "static",
-        recipe={"name": "imported"},
         model=layout.model() if moves else {},
         cameras=source.cameras,
-        camera_shots=tuple(tuple(range(source.frame_count)) for _ in source.cameras),
-        test_cameras=(),
-        test_frames=(),
-        frame_count=source.frame_count,
-        frames_per_second=source.rate,
-        background=(0.0, 0.0, 0.0),
-        capture_path=str(file.resolve()),
-        capture_format=source.origin,
-        scale=1.0,
-        format_version=FORMAT_VERSION,
+        timing=(source.frame_count, source.rate),
     )
     if moves:
+        _check_room(file, target, header, layout)
         stored, metadata = packed_metadata(header, arrays, compact=compact)
         rows = _moving_rows(source, seen, order[:dynamic], layout, lambda done: progress(done, steps))
         write_frames(target, stored, metadata, rows, (source.frame_count, layout.size))
     else:
         write_scene(target, SceneFile(header, arrays), compact=compact)
     return Imported(target, seen.count, source.left_out, frames=source.frame_count, keeps_identity=seen.keeps_identity)
+
+
+def check_ending(target: Path) -> None:
+    """FrogError for a path that is no scene's."""
+    if target.suffix != ".frog":
+        raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
+
+
+def imported_header(
+    file: Path,
+    origin: str,
+    *,
+    method: str = "static",
+    model: JsonMapping = MappingProxyType({}),
+    cameras: tuple[Camera, ...] = (),
+    timing: tuple[int, float] = (1, STILL_RATE),
+    world: World = FILES_OWN,
+) -> SceneHeader:
+    """The header of a scene that another program's file becomes; FrogError for one that could not be read again.
+
+    Args:
+        file: what it is made of.
+        origin: its format.
+        timing: how many frames there are, and how many of them a second.
+    """
+    frame_count, rate = timing
+    header = SceneHeader(
+        method=method,
+        recipe={"name": "imported"},
+        model=model,
+        cameras=cameras,
+        camera_shots=(tuple(range(frame_count)),) * len(cameras),
+        test_cameras=(),
+        test_frames=(),
+        frame_count=frame_count,
+        frames_per_second=rate,
+        background=(0.0, 0.0, 0.0),
+        capture_path=str(file.resolve()),
+        capture_format=origin,
+        scale=1.0,
+        world=world,
+    )
+    _check_readable(file, header)
+    return header
+
+
+def _check_readable(file: Path, header: SceneHeader) -> None:
+    """FrogError for a header that could be written but not read again."""
+    try:
+        shots = sum(map(len, header.camera_shots))
+        if shots > _MOST_SHOTS:
+            raise UnfitValue(f"{shots:,} frames of all cameras", f"at most {_MOST_SHOTS:,}")
+        content = header.to_json()
+        if len(json.dumps(content)) > LONGEST_HEADER * 3 // 4:  # the rest is for how the arrays are packed
+            raise UnfitValue(f"cameras that take {len(content):,} bytes", "fewer, or shorter names")
+        SceneHeader.from_json(content)
+    except ValueError as error:
+        raise FrogError(f"{file}: no scene of it could be opened: found {error}.") from error
+
+
+def _check_room(file: Path, target: Path, header: SceneHeader, layout: RowLayout) -> None:
+    """FrogError for frames that the disk has no room for, or that are far more than what they were made of."""
+    needed = header.frame_count * layout.size
+    what = f"{header.frame_count:,} frames of {layout.num_dynamic:,} Gaussians, {needed / 1e6:,.0f} MB"
+    most = max(_ROOM, _MOST_GROWN * _size_of(file))
+    if needed > most:
+        raise found_instead(file, what, f"at most {most / 1e6:,.0f} MB of a file of its size")
+    folder = next((each for each in target.absolute().parents if each.is_dir()), None)
+    free = shutil.disk_usage(folder).free if folder else needed
+    if needed > free:
+        raise found_instead(file, what, f"at most the {free / 1e6:,.0f} MB that are free for {target}")
+
+
+def _size_of(file: Path) -> int:
+    """Bytes of a file, or of those in a folder."""
+    try:
+        files = list(file.iterdir()) if file.is_dir() else [file]
+        return sum(each.stat().st_size for each in files)
+    except OSError:
+        return 0
 
 
 @dataclass
@@ -197,7 +280,8 @@ def _survey(source: FrameSource, done: Callable[[int], None]) -> _Survey:
         if len(counts) == 1 and is_same is not False:
             if is_same is None and not _same_rows(before, gaussians):
                 is_same = False
-            for name in column_names(min(degree, gaussians.sh.shape[1], first.sh.shape[1])):
+            gaussians = _filled(gaussians, len(first), max(gaussians.sh.shape[1], first.sh.shape[1]))
+            for name in column_names(first.sh.shape[1]):
                 changed = (column_of(gaussians, name) != column_of(first, name)).any(axis=1)
                 if changed.any():
                     moves |= changed

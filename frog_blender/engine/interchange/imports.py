@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..errors import FrogError, found_instead
 from ..gaussians import NumpyGaussians
+from ..io.atomic_files import remove_partial_files
 from ..scene.scene_file import read_scene
 from . import import_process
 from .frame_source import Imported, StillSource, write_source
@@ -47,7 +48,8 @@ def import_scene(
         progress: told how many of how many steps are done, where there are several.
     """
     suffix = source.suffix.lower()
-    if suffix == ".zip" or source.is_dir():
+    remove_partial_files(target)
+    if is_sequence(source):
         return write_source(PlySequence(source, rate), source, target, compact=compact, progress=progress)
     if suffix == ".ply":
         return import_splats(source, target, compact=compact)
@@ -60,6 +62,11 @@ def import_scene(
     raise found_instead(source, f"the ending {source.suffix!r}", f"one of {', '.join(SUFFIXES)}")
 
 
+def is_sequence(source: Path) -> bool:
+    """Whether it holds a ``.ply`` file for each frame, and nothing that says how fast they follow each other."""
+    return source.suffix.lower() == ".zip" or source.is_dir()
+
+
 def says_what_is_up(source: Path) -> bool:
     """Whether a format says which way is up, so that its scenes have z up whatever the file has."""
     return source.suffix.lower() in (*import_process.USD_SUFFIXES, ".4dgs", ".spz", ".glb")
@@ -70,6 +77,10 @@ def free_scene_path(source: Path) -> Path:
 
     It often lies beside the trained scene that it was exported from.
     """
+    if source.name in ("", ".."):  # the folder where one is, or one above
+        source = source.resolve()
+    if not source.name:
+        raise FrogError(f"{source}: found a folder without a name, expected the name of the .frog to write as well.")
     kind = source.suffix.lower().lstrip(".") or "frames"
     names = [source.stem, f"{source.stem}_{kind}", *(f"{source.stem}_{kind}{number}" for number in range(2, 1000))]
     for name in names:

@@ -17,7 +17,7 @@ from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import UnfitValue
 from ..io.regular_file import regular_file
 from ..spherical_harmonics import SH_DC
-from .activated import usable
+from .activated import joined, usable
 
 _EXPECTED = "a .ksplat file of version 0.1"
 _MAIN, _SECTION = 4096, 1024  # bytes of the headers
@@ -77,10 +77,7 @@ def _gaussians(content: bytes) -> NumpyGaussians:
             parts.append(found)
     if not parts:
         raise UnfitValue("no Gaussians", _EXPECTED)
-    most = max(part.sh.shape[1] for part in parts)
-    for part in parts:
-        part.sh = np.pad(part.sh, ((0, 0), (0, most - part.sh.shape[1]), (0, 0)))
-    return GaussianArrays(*(np.concatenate(arrays) for arrays in zip(*(vars(p).values() for p in parts), strict=True)))
+    return joined(parts)
 
 
 def _section(content: bytes, at: int) -> _Section:

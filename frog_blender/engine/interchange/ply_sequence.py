@@ -91,4 +91,4 @@ def _is_hidden(name: str) -> bool:
 def _by_number(name: str) -> list[tuple[int, int, str]]:
     """So that 10 comes after 9."""
     pieces = _PIECES.split(name)
-    return [(1, int(piece[:18]), "") if piece.isdigit() else (0, 0, piece) for piece in pieces]
+    return [(1, int(piece[:18]), "") if piece.isdecimal() else (0, 0, piece) for piece in pieces]

@@ -10,15 +10,13 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ..arrays import Array
-from ..errors import FrogError
 from ..field.names import CANONICAL
 from ..gaussians import NumpyGaussians
 from ..playback.player import ScenePlayer
 from ..playback.transform import transform
-from ..scene.header import SceneHeader
 from ..scene.morton_order import morton_order
 from ..scene.scene_file import SceneFile, write_scene
-from .frame_source import Imported
+from .frame_source import Imported, check_ending, imported_header
 from .gltf import write_glb
 from .ply import read_splats, write_splats
 from .spz import write_spz
@@ -33,30 +31,14 @@ def import_splats(source: Path, target: Path, *, compact: bool = False) -> Impor
     Args:
         compact: pack the scene (see quantization): several times smaller, without a visible difference.
     """
-    if target.suffix != ".frog":
-        raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
+    check_ending(target)
     splats = read_splats(source)
     arrays = splats.arrays
     if compact:  # neighbours in the file are packed well if they are neighbours in the scene
         order = morton_order(arrays["means"])
         arrays = {name: array[order] for name, array in arrays.items()}
     assert arrays.keys() == CANONICAL
-    header = SceneHeader(
-        method="static",
-        recipe={"name": "imported"},
-        model={},
-        cameras=(),
-        camera_shots=(),
-        test_cameras=(),
-        test_frames=(),
-        frame_count=1,
-        frames_per_second=24.0,
-        background=(0.0, 0.0, 0.0),
-        capture_path=str(source.resolve()),
-        capture_format=FROM_PLY,
-        scale=1.0,
-        world=splats.world,
-    )
+    header = imported_header(source, FROM_PLY, world=splats.world)
     write_scene(target, SceneFile(header, arrays), compact=compact)
     return Imported(target, len(arrays["means"]), splats.left_out, splats.world)
 

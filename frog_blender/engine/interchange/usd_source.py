@@ -20,7 +20,7 @@ from ..io.paths import is_network_path
 from ..io.regular_file import regular_file
 from ..playback.transform import Y_DOWN, transform
 from ..scene.header import MAX_FRAMES
-from .activated import usable
+from .activated import joined, usable
 from .usd_export import PRIM_TYPE
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 _EXPECTED = f"a USD file with {PRIM_TYPE} prims"
 _NAMES = ("positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients")
 _MOST_PRIMS = 4096
-_SPARSE = 4  # frames for a time sample, at most, where times lie on a grid
-_SPARSEST = 256  # the same, where they do not
+SPARSE, SPARSEST = 4, 256
+"""Frames for a time sample, at most: where times lie on a grid, and where they do not."""
 _COEFFICIENTS = (1, 4, 9, 16)
 Y_UP = np.linalg.inv(Y_DOWN) @ np.diag([1.0, -1.0, -1.0, 1.0])
 """(4, 4) from axes with y up to those with z up: a turn about the x axis."""
@@ -87,7 +87,7 @@ class UsdSource:
             raise found_instead(
                 self._path, f"a frame that the USD library cannot read ({brief(error)})", _EXPECTED
             ) from error
-        return _joined(parts)
+        return parts[0] if len(parts) == 1 else joined(parts)
 
     def _placed(self, prim: Usd.Prim, gaussians: NumpyGaussians, matrix: Array) -> NumpyGaussians:
         if np.array_equal(matrix, np.eye(4)):
@@ -135,10 +135,10 @@ class UsdSource:
         step = float(np.diff(times).min())
         places = (np.array(times) - times[0]) / step
         count = round(places[-1]) + 1
-        if np.abs(places - np.rint(places)).max() > 1e-3 or count > _SPARSE * len(times) + 1:
+        if np.abs(places - np.rint(places)).max() > 1e-3 or count > SPARSE * len(times) + 1:
             step, count = 1.0, int(times[-1] - times[0]) + 1
-        if count > min(MAX_FRAMES, _SPARSEST * len(times)) or codes_per_second / step > 1e6:
-            expected = f"at most {_SPARSEST} for each of its {len(times):,} time samples"
+        if count > min(MAX_FRAMES, SPARSEST * len(times)) or codes_per_second / step > 1e6:
+            expected = f"at most {SPARSEST} for each of its {len(times):,} time samples"
             raise found_instead(self._path, f"{count:,} frames", expected)
         return [times[0] + step * place for place in range(count)], codes_per_second / step
 
@@ -186,17 +186,6 @@ def _value(prim: Usd.Prim, name: str, time: float | None) -> Array:
             if array.size:
                 return array
     return np.empty(0, np.float32)
-
-
-def _joined(parts: list[NumpyGaussians]) -> NumpyGaussians:
-    if len(parts) == 1:
-        return parts[0]
-    most = max(part.sh.shape[1] for part in parts)
-    for part in parts:
-        sh = np.zeros((len(part), most, 3), np.float32)
-        sh[:, : part.sh.shape[1]] = part.sh
-        part.sh = sh
-    return GaussianArrays(*(np.concatenate(arrays) for arrays in zip(*(vars(p).values() for p in parts), strict=True)))
 
 
 def _check_references(path: Path) -> None:

@@ -20,7 +20,8 @@ from ..errors import brief, found_instead
 from .plain_values import UnfitValue, entries, items, plain_json, whole
 from .regular_file import regular_file
 
-_LONGEST_HEADER = 48 << 20  # bytes
+LONGEST_HEADER = 48 << 20
+"""Bytes of the header of a file that is read."""
 _MOST_ARRAYS = 65_536
 _LONGEST_AXIS = 2**40
 _DTYPES: dict[str, type[np.generic]] = {
@@ -93,7 +94,7 @@ def _places(file: BufferedReader) -> tuple[int, dict[str, tuple[int, int, str, t
     size = os.fstat(file.fileno()).st_size
     first = file.read(8)
     length = struct.unpack("<Q", first)[0] if len(first) == 8 else size
-    if length > min(size - 8, _LONGEST_HEADER):
+    if length > min(size - 8, LONGEST_HEADER):
         raise UnfitValue(f"a header of {length} bytes in a file of {size}", "a shorter one")
     header = entries(plain_json(file.read(length).decode(), "a header"), "a header")
     metadata = entries(header.pop("__metadata__", {}), "metadata")
