@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from bpy.app.handlers import persistent
 from . import addon_state
 
 _OBJECT_PATHS = ("filepath", "bake_folder")
-_SCENE_PATHS = ("capture_folder", "output_path", "derived_output")
+_SCENE_PATHS = ("capture_folder", "output_path", "derived_output", "rig.folder")
 
 
 class Rewriting:
@@ -89,15 +90,23 @@ def _is_blenders(block: bpy.types.ID, name: str) -> bool:
 
 
 def _set_of(block: bpy.types.ID, names: tuple[str, ...]) -> list[tuple[str, str]]:
-    values = [(name, getattr(block.frog, name)) for name in names if block.frog.is_property_set(name)]
+    owners = [(name, *_owner_of(block, name)) for name in names]
+    values = [(name, getattr(owner, own)) for name, owner, own in owners if owner.is_property_set(own)]
     return [(name, value) for name, value in values if value]
+
+
+def _owner_of(block: bpy.types.ID, name: str) -> tuple[Any, str]:
+    """What of a data-block's settings has a property, and the property's own name."""
+    *groups, own = name.split(".")
+    return reduce(getattr, groups, block.frog), own
 
 
 def _write(block: bpy.types.ID, name: str, value: str) -> None:
     rewriting = _rewriting()
     rewriting.is_writing = True
     try:
-        setattr(block.frog, name, value)
+        owner, own = _owner_of(block, name)
+        setattr(owner, own, value)
     finally:
         rewriting.is_writing = False
 

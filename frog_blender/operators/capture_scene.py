@@ -2,6 +2,7 @@
 
 # mypy: disable-error-code="valid-type"
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from bpy.props import BoolProperty
 from ..engine.errors import FrogError
 from ..scene_capture import placing, runner
 from ..scene_capture.request import request_of
+from ..scene_import.capture_objects import finder
 from .cancel_operator import CancelsTask
 
 
@@ -79,7 +81,7 @@ and its settings stay as they are"""
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             request = request_of(context.scene, context.scene.frog.rig)
-            runner.begin(request, partial(_open, context.scene.name))
+            runner.begin(request, partial(_open, finder(context.scene)))
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -95,9 +97,9 @@ class FROG_OT_cancel_scene_capture(CancelsTask, bpy.types.Operator):
     task = staticmethod(runner.current)
 
 
-def _open(scene: str, folder: Path) -> None:
+def _open(find: Callable[[], bpy.types.Scene | None], folder: Path) -> None:
     """Shows the capture in the Capture panel of the scene that it was rendered from, which Train then trains."""
-    found = bpy.data.scenes.get(scene)
+    found = find()
     if found is not None:
         found.frog.capture_folder = str(folder)
 

@@ -13,7 +13,7 @@ from .. import addon_state
 from ..engine.errors import FrogError
 from ..timeline.edited_scenes import EditedScenes
 from ..timeline.edits import GRADE, SETTINGS, is_crop_object
-from .edit_operator import EditOperator, chosen_in, mark, scene_of
+from .edit_operator import EditOperator, chosen_in, mark, remove_crop, scene_of
 
 _MARGIN = 1.05  # of a first crop around what the cameras see together
 
@@ -75,12 +75,7 @@ class FROG_OT_remove_crop(EditOperator, bpy.types.Operator):
         crops = getattr(obj, SETTINGS).crops
         if self.index >= len(crops):
             raise FrogError(f"{obj.name}: found {len(crops)} crops, expected one of the number {self.index}.")
-        target = crops[self.index].object
-        crops.remove(self.index)
-        if target is not None and target.type == "EMPTY" and target.parent == obj:
-            users = [other for other in bpy.data.objects for crop in getattr(other, SETTINGS).crops]
-            if not any(crop.object == target for other in users for crop in getattr(other, SETTINGS).crops):
-                bpy.data.objects.remove(target)
+        remove_crop(obj, self.index)
         return ""
 
 

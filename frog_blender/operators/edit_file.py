@@ -17,7 +17,7 @@ from ..capture_files import named_file
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture
 from ..timeline.edits import GRADE, SETTINGS, edits_of, needs_evaluation, store_marks
-from .edit_operator import EditOperator, scene_of
+from .edit_operator import EditOperator, remove_crop, scene_of
 
 if TYPE_CHECKING:
     from ..engine.editing.crops import Crop
@@ -52,8 +52,9 @@ class FROG_OT_save_edits(EditOperator, bpy.types.Operator, ExportHelper):
         from ..engine.editing.edits_file import save_edits
 
         path = Path(bpy.path.abspath(self.filepath))
-        evaluated = obj.evaluated_get(context.evaluated_depsgraph_get()) if needs_evaluation(obj) else None
-        save_edits(path, edits_of(obj, evaluated) or Edits())
+        is_animated = needs_evaluation(obj, even_unused=True)
+        evaluated = obj.evaluated_get(context.evaluated_depsgraph_get()) if is_animated else None
+        save_edits(path, edits_of(obj, evaluated, even_unused=True) or Edits())
         animated = " as they are at this frame" if evaluated is not None else ""
         return f"The edits{animated} were written to {path}."
 
@@ -82,20 +83,21 @@ class FROG_OT_load_edits(EditOperator, bpy.types.Operator, ImportHelper):
 
 
 def write_edits(obj: bpy.types.Object, edits: Edits, scene: bpy.types.Scene) -> None:
-    """Makes edits those of a capture; crops become empties and meshes that hang on it."""
-    settings = getattr(obj, SETTINGS)
-    store_marks(settings.hidden, edits.hidden)
-    for crop in list(settings.crops):
-        target = crop.object
-        if target is not None and target.parent == obj and target.users_collection:
-            bpy.data.objects.remove(target)
-    settings.crops.clear()
-    settings.grades.clear()
-    for crop in edits.crops:
-        _add_crop(obj, crop, scene)
+    """Makes edits those of a capture; crops become empties and meshes that hang on it.
+
+    Raises:
+        FrogError: for several grades of the whole capture, of which Blender has one. Then nothing has changed.
+    """
     whole = [grade for grade in edits.grades if grade.only is None]
     if len(whole) > 1:
         raise FrogError(f"{obj.name}: found {len(whole)} grades of the whole capture, expected one.")
+    settings = getattr(obj, SETTINGS)
+    store_marks(settings.hidden, edits.hidden)
+    for index in reversed(range(len(settings.crops))):
+        remove_crop(obj, index)
+    settings.grades.clear()
+    for crop in edits.crops:
+        _add_crop(obj, crop, scene)
     for name in (*GRADE, "gains", "offsets"):
         settings.grade.property_unset(name)
     for grade in edits.grades:

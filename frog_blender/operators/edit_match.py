@@ -35,7 +35,7 @@ other selected capture without one"""
             other = _other_capture(context, obj)
             theirs = edited(scene_of(other), edits_of(other) or Edits())[0]
             wanted, name = Colors.of_scene(theirs), other.name
-        edits = edits_of(obj) or Edits()
+        edits = edits_of(obj, even_unused=True) or Edits()  # what is set here is one of them
         # As it is without the gain and the offset that are set here.
         grades = tuple(
             grade if grade.only else replace(grade, gains=(1.0,) * 3, offsets=(0.0,) * 3) for grade in edits.grades

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture
-from ..timeline import playback
-from ..timeline.edits import marks_of, store_marks
+from ..timeline import edits_in_progress, playback
+from ..timeline.edits import SETTINGS, marks_of, store_marks
 
 if TYPE_CHECKING:
     from ..engine.playback.player import ScenePlayer
@@ -29,7 +29,8 @@ class EditOperator:
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            said = self.edit(context, active_capture(context))
+            with edits_in_progress.several():
+                said = self.edit(context, active_capture(context))
         except FrogError as error:
             self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
             return {"CANCELLED"}
@@ -46,6 +47,19 @@ class EditOperator:
 def scene_of(obj: bpy.types.Object) -> ScenePlayer:
     """The scene that a capture plays, without edits."""
     return playback.open_scene(playback.file_of(obj))
+
+
+def remove_crop(obj: bpy.types.Object, index: int) -> None:
+    """Removes a crop of a capture, and the empty that hangs on the capture for it unless something else is cropped by
+    it. A mesh may be anybody's work, and stays.
+    """
+    crops = getattr(obj, SETTINGS).crops
+    target = crops[index].object
+    crops.remove(index)
+    if target is None or target.type != "EMPTY" or target.parent != obj:
+        return
+    if not any(crop.object == target for other in bpy.data.objects for crop in getattr(other, SETTINGS).crops):
+        bpy.data.objects.remove(target)
 
 
 def chosen_in(settings: Any, scene: ScenePlayer) -> np.ndarray:

@@ -52,6 +52,14 @@ to a .frog file"""
         default=False,
     )
 
+    def paths(self) -> list[Path]:
+        """Of a sequence's frames one, as that imports all of their folder."""
+        found: dict[Path, Path] = {}
+        for path in super().paths():
+            is_frame = self.sequence and path.suffix.lower() == ".ply"
+            found.setdefault(path.parent if is_frame else path, path)
+        return list(found.values())
+
     def open_file(self, context: bpy.types.Context) -> set[str]:
         from ..engine.interchange.imports import free_scene_path
         from ..engine.interchange.imports import import_scene as import_file

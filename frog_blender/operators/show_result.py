@@ -35,6 +35,10 @@ class FROG_OT_show_result(bpy.types.Operator):
         if obj is None:
             self.report({"ERROR"}, f"{self.filepath}: found no capture of this scene that plays it. Import it first.")
             return {"CANCELLED"}
+        if root_of(obj).name not in context.view_layer.objects:
+            found = "found its collection excluded from this view layer, expected it to be included"
+            self.report({"ERROR"}, f"{root_of(obj).name}: {found}.")
+            return {"CANCELLED"}
         select_capture(context, obj)
         look_at(context, obj)
         return {"FINISHED"}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import bpy
 
-from ..scene_import.capture_objects import find_by_uid, of_same_capture, plays
+from ..scene_import.capture_objects import finder, of_same_capture, plays
 from ..scene_import.create_objects import import_scene
 from ..timeline import playback
 
@@ -19,12 +19,10 @@ def importer(scene: bpy.types.Scene) -> Callable[[Path], str]:
     returns what the panel is to say besides, "" where all went as one expects. Where the scene is gone or is being
     edited it leaves the file to the panel's *Import*. It may raise FrogError.
     """
-    uid, name, file = scene.session_uid, scene.name, bpy.data.filepath
+    find = finder(scene)
 
     def show(path: Path) -> str:
-        target = find_by_uid(bpy.data.scenes, uid)  # it may have been renamed
-        if target is None and file and bpy.data.filepath == file:  # the same file, opened again
-            target = bpy.data.scenes.get(name)
+        target = find()
         if target is None:
             return "Not imported automatically: the scene that it was trained for was not open when the training ended."
         if plays(target, path):

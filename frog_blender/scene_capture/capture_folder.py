@@ -26,7 +26,7 @@ class Plan:
         folder: of the capture.
         cameras: of the rig, each with a name of its own.
         frames: of the scene, ascending.
-        rate: frames a second.
+        rate: of those frames a second.
     """
 
     folder: Path
@@ -85,13 +85,14 @@ def names_of(count: int) -> list[str]:
 def _list(plan: Plan) -> str:
     """``transforms.json`` as nerfstudio has it: camera-to-world in OpenGL's axes, which are Blender's."""
     entries = []
+    times = {frame: number / plan.rate for number, frame in enumerate(plan.frames)}
     for index, frame, path in plan.images:
         camera = plan.cameras[index]
         k = camera.intrinsics
         entries.append(
             {
                 "file_path": path.relative_to(plan.folder).as_posix(),
-                "time": (frame - plan.frames[0]) / plan.rate,
+                "time": times[frame],
                 "w": camera.width,
                 "h": camera.height,
                 "fl_x": k[0, 0],

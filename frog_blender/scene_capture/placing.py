@@ -43,7 +43,7 @@ def fit_box(scene: bpy.types.Scene, layer: bpy.types.ViewLayer, settings: Any) -
 
 
 def place(scene: bpy.types.Scene, settings: Any) -> list[bpy.types.Object]:
-    """The rig's cameras, placed anew around the settings' box.
+    """The rig's cameras, placed anew around the settings' box. Others in its collection stay.
 
     Raises:
         FrogError: without a box, or for one without a size.
@@ -52,13 +52,14 @@ def place(scene: bpy.types.Scene, settings: Any) -> list[bpy.types.Object]:
     looks = rig.directions(settings.shape, settings.count, settings.arc)
     away = rig.distance(corners, looks, _SENSOR / 2 / settings.lens)
     collection = collection_of(scene, settings)
-    remove_cameras(collection)
+    _remove_placed(settings)
     cameras = []
     for number, look in enumerate(looks):
         data = bpy.data.cameras.new(f"rig{number:02d}")
         data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", _SENSOR, settings.lens
         data.clip_start, data.clip_end, data.display_size = _NEAR * away, _FAR * away, _SMALL * away
         camera = bpy.data.objects.new(data.name, data)
+        data.frog.rig_camera = camera.name
         camera.matrix_world = Matrix(rig.pose(look, middle, away).tolist())
         collection.objects.link(camera)
         cameras.append(camera)
@@ -83,9 +84,16 @@ def cameras_of(settings: Any) -> list[bpy.types.Object]:
     return sorted(found, key=lambda obj: obj.name)
 
 
-def remove_cameras(collection: bpy.types.Collection) -> None:
-    """Deletes the cameras of a collection with their data."""
-    for obj in [each for each in collection.objects if each.type == "CAMERA"]:
+def placed(settings: Any) -> list[bpy.types.Object]:
+    """Those cameras of the rig's collection that ``place`` made. A copy of one, or one of another name, is the user's
+    own.
+    """
+    return [obj for obj in cameras_of(settings) if obj.data.frog.rig_camera == obj.name]
+
+
+def _remove_placed(settings: Any) -> None:
+    """Deletes the cameras that ``place`` made with their data."""
+    for obj in placed(settings):
         data = obj.data
         bpy.data.objects.remove(obj)
         if data.users == 0:
@@ -93,13 +101,11 @@ def remove_cameras(collection: bpy.types.Collection) -> None:
 
 
 def remove(settings: Any) -> None:
-    """Deletes the rig: its cameras, the box that was made for it, and the collection. Other objects in it stay in the
-    file.
-    """
+    """Deletes the rig: the cameras and the box that were made for it, and the collection if nothing else is in it."""
     collection, box = settings.collection, settings.box
     if collection is None:
         return
-    remove_cameras(collection)
+    _remove_placed(settings)
     if box is not None and box.type == "EMPTY" and collection.objects.get(box.name) == box:
         bpy.data.objects.remove(box)
     if not collection.all_objects:

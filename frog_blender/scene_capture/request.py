@@ -91,7 +91,7 @@ def request_of(scene: bpy.types.Scene, settings: Any) -> RenderRequest:
         cameras.append(replace(camera, name=name))
         lenses.append({key: getattr(eye.data, key) for key in _LENS})
         matrices.append([list(row) for row in eye.matrix_world])
-    rate = scene.render.fps / scene.render.fps_base
+    rate = scene.render.fps / scene.render.fps_base / scene.frame_step
     plan = Plan(folder_of(settings), tuple(cameras), frames, rate)
     return RenderRequest(scene.name, plan, tuple(lenses), tuple(matrices))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,21 @@ def named_or_active_capture(context: bpy.types.Context, name: str) -> bpy.types.
 def find_by_uid(blocks: Any, uid: int) -> Any:
     """The data-block with that session_uid, which renaming and undo do not change; None if it is gone."""
     return next((block for block in blocks if block.session_uid == uid), None)
+
+
+def finder(scene: bpy.types.Scene) -> Callable[[], bpy.types.Scene | None]:
+    """A function that finds a scene again later: renamed as well, and by its name where its file was opened again. In
+    another file it finds none.
+    """
+    uid, name, file = scene.session_uid, scene.name, bpy.data.filepath
+
+    def find() -> bpy.types.Scene | None:
+        found: bpy.types.Scene | None = find_by_uid(bpy.data.scenes, uid)
+        if found is None and file and bpy.data.filepath == file:
+            found = bpy.data.scenes.get(name)
+        return found
+
+    return find
 
 
 def select_capture(context: bpy.types.Context, obj: bpy.types.Object, *, extend: bool = False) -> None:

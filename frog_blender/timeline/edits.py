@@ -28,22 +28,25 @@ _SHADE, _SELECTED = 0.35, (0.65, 0.35, 0.0)  # what is left of a selected Gaussi
 _EMPTIES = {"CUBE": "box", "SPHERE": "sphere"}
 
 
-def edits_of(obj: bpy.types.Object, evaluated: bpy.types.Object | None = None) -> Edits | None:
+def edits_of(
+    obj: bpy.types.Object, evaluated: bpy.types.Object | None = None, *, even_unused: bool = False
+) -> Edits | None:
     """What is edited of a capture; None for nothing.
 
     Args:
         evaluated: the object as a depsgraph has it at a frame, where one was evaluated.
+        even_unused: also while the capture is shown without its edits.
 
     Raises:
         FrogError: for a crop object that cannot crop.
     """
     settings = getattr(obj if evaluated is None else evaluated, SETTINGS)
-    if not settings.use or not has_any(settings):
+    if not (settings.use or even_unused) or not has_any(settings):
         return None
     from ..engine.editing.edits import Edits
 
     marks = marks_of(settings.hidden)
-    moves = needs_evaluation(obj)
+    moves = needs_evaluation(obj, even_unused=even_unused)
     crops = [_crop(obj, evaluated, crop, not moves) for crop in settings.crops if crop.use and crop.object is not None]
     return Edits(marks, tuple(crops), grades_of(settings))
 
@@ -162,10 +165,10 @@ def _hangs_on_capture(target: bpy.types.Object) -> bool:
     return parent is not None and target.parent_type == "OBJECT" and not target.constraints and is_capture(parent)
 
 
-def needs_evaluation(obj: bpy.types.Object) -> bool:
+def needs_evaluation(obj: bpy.types.Object, *, even_unused: bool = False) -> bool:
     """Whether a capture's edits at a frame depend on Blender's evaluation of it: something of them is animated."""
     settings = getattr(obj, SETTINGS)
-    if not settings.use or not has_any(settings):
+    if not (settings.use or even_unused) or not has_any(settings):
         return False
     if _is_animated(obj, lambda path: path.startswith(f"{SETTINGS}.")):
         return True

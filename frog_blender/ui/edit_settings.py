@@ -18,7 +18,7 @@ from bpy.props import (
 )
 
 from .. import relative_paths
-from ..timeline import edits, playback
+from ..timeline import edits, edits_in_progress, playback
 
 KEEPS = (
     ("INSIDE", "Inside", "Keep what is inside. Of several such crops, each keeps its own"),
@@ -27,7 +27,7 @@ KEEPS = (
 
 
 def _on_edit(_settings: Any, context: bpy.types.Context) -> None:
-    if not relative_paths.are_being_written():
+    if not (relative_paths.are_being_written() or edits_in_progress.are_any()):
         playback.refresh(context.scene)
 
 

@@ -189,6 +189,12 @@ class FrogCameraSettings(bpy.types.PropertyGroup):
         description="Name of this camera in the capture, whatever it is called here. Empty for a camera that was "
         "added by hand",
     )
+    rig_camera: StringProperty(
+        name="Rig Camera",
+        description="Name of the object that a rig placed with this camera, so that its copies are told apart. Empty "
+        "for a camera that was added by hand",
+        options={"HIDDEN"},
+    )
 
 
 _CLASSES = (FrogPlaybackSettings, FrogCameraSettings)

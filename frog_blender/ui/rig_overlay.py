@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import bpy
@@ -23,23 +25,32 @@ _EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1), (1, 5)
 _FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's axes to Blender's
 
 
-class RigOverlay:
-    """What is drawn.
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """What is drawn of one capture.
 
     Attributes:
-        handlers: of Blender.
-        capture: whose cameras the batches show.
         batches: with a colour each; of the graphics card.
         names: of the cameras, with the points that they stand at.
         planes: (N, 4, 3) corners of the image planes.
     """
 
+    batches: list[tuple[Any, tuple[float, ...]]]
+    names: list[tuple[str, np.ndarray]]
+    planes: np.ndarray
+
+
+class RigOverlay:
+    """What is drawn.
+
+    Attributes:
+        handlers: of Blender.
+        rigs: of the captures that were drawn last, the last one at the end.
+    """
+
     def __init__(self) -> None:
         self.handlers: list[Any] = []
-        self.capture: Capture | None = None
-        self.batches: list[tuple[Any, tuple[float, ...]]] = []
-        self.names: list[tuple[str, np.ndarray]] = []
-        self.planes = np.empty((0, 4, 3))
+        self.rigs: OrderedDict[Capture, Rig] = OrderedDict()
 
 
 def shown_capture(scene: bpy.types.Scene) -> Capture | None:
@@ -77,7 +88,18 @@ def _diameter(cameras: Sequence[Camera]) -> float:
     return float(np.ptp(centres, axis=0).max(initial=0.0)) or 1.0
 
 
-def _build(overlay: RigOverlay, capture: Capture) -> None:
+def _rig_of(capture: Capture) -> Rig:
+    """What is drawn of a capture, kept from the last time."""
+    rigs = addon_state.get(RigOverlay).rigs
+    if capture not in rigs:
+        rigs[capture] = _build(capture)
+    rigs.move_to_end(capture)
+    while len(rigs) > rig_images.KEPT:
+        rigs.popitem(last=False)
+    return rigs[capture]
+
+
+def _build(capture: Capture) -> Rig:
     """Makes the batches of a capture."""
     import gpu
     from gpu_extras.batch import batch_for_shader
@@ -86,39 +108,35 @@ def _build(overlay: RigOverlay, capture: Capture) -> None:
     cameras = list(capture.cameras)
     lines = frusta(cameras).astype(np.float32)
     held_out = np.array([camera.name in capture.test_cameras for camera in cameras], dtype=bool)
-    overlay.capture, overlay.batches = capture, []
+    batches: list[tuple[Any, tuple[float, ...]]] = []
     for chosen, color in ((~held_out, _COLOR), (held_out, _HELD_OUT)):
         if chosen.any():
             batch = batch_for_shader(shader, "LINES", {"pos": lines[chosen].reshape(-1, 3)})
-            overlay.batches.append((batch, color))
+            batches.append((batch, color))
     if capture.points is not None and len(capture.points):
         step = -(-len(capture.points) // _MOST_POINTS)
         points = capture.points[::step].astype(np.float32)
-        overlay.batches.append((batch_for_shader(shader, "POINTS", {"pos": points}), _POINTS))
-    overlay.planes = _every_corner(cameras)[:, 1:5]
+        batches.append((batch_for_shader(shader, "POINTS", {"pos": points}), _POINTS))
     few = cameras if len(cameras) <= _MOST_NAMES else []
-    overlay.names = [(camera.name, pose_of(camera)[:3, 3]) for camera in few]
+    names = [(camera.name, pose_of(camera)[:3, 3]) for camera in few]
+    return Rig(batches, names, _every_corner(cameras)[:, 1:5])
 
 
 def _draw_lines() -> None:
     import gpu
 
-    overlay, capture = addon_state.get(RigOverlay), shown_capture(bpy.context.scene)
+    capture = shown_capture(bpy.context.scene)
     if capture is None:
-        overlay.capture, overlay.batches, overlay.names = None, [], []
-        rig_images.follow(None)
         return
-    if overlay.capture is not capture:
-        _build(overlay, capture)
+    rig = _rig_of(capture)
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("LESS_EQUAL")
     shader.bind()
-    for batch, color in overlay.batches:
+    for batch, color in rig.batches:
         shader.uniform_float("color", color)
         batch.draw(shader)
-    rig_images.follow(capture)
-    rig_images.draw(overlay.planes)
+    rig_images.draw(rig_images.images_of(capture), rig.planes)
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
 
@@ -127,12 +145,14 @@ def _draw_names() -> None:
     import blf
     from bpy_extras.view3d_utils import location_3d_to_region_2d
 
-    overlay, context = addon_state.get(RigOverlay), bpy.context
-    if overlay.capture is None or overlay.capture is not shown_capture(context.scene):
+    context = bpy.context
+    capture = shown_capture(context.scene)
+    rig = addon_state.get(RigOverlay).rigs.get(capture) if capture is not None else None
+    if rig is None:
         return
     blf.size(0, 11.0 * context.preferences.system.ui_scale)
     blf.color(0, *_COLOR)
-    for name, place in overlay.names:
+    for name, place in rig.names:
         pixel = location_3d_to_region_2d(context.region, context.region_data, place)
         if pixel is not None:
             blf.position(0, pixel.x + 6, pixel.y + 6, 0)
@@ -168,4 +188,4 @@ def unregister() -> None:
     for handler in overlay.handlers:
         bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
     overlay.handlers = []
-    overlay.batches = []
+    overlay.rigs.clear()

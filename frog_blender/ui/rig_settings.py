@@ -22,7 +22,7 @@ _SHAPES = (
 
 def _on_change(settings: Any, _context: bpy.types.Context) -> None:
     """Places the cameras anew where there are some, so that one sees what one sets."""
-    if placing.cameras_of(settings):
+    if placing.placed(settings):
         try:
             placing.place(settings.id_data, settings)
         except FrogError as error:  # a box may be gone; the operator says so when it is pressed
@@ -40,7 +40,8 @@ class FrogRigSettings(bpy.types.PropertyGroup):
     )
     collection: PointerProperty(
         name="Rig",
-        description="The collection of the rig's cameras. Cameras in it may be moved, added and deleted",
+        description="The collection of the rig's cameras. Cameras in it may be moved, added and deleted; "
+        "a change of a setting places the rig's own anew",
         type=bpy.types.Collection,
         options={"HIDDEN"},
     )

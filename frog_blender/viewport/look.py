@@ -17,6 +17,7 @@ import bpy
 import numpy as np
 from mathutils import Color
 
+from .. import reported_once
 from ..color_spaces import into_working_space, to_linear
 from .layout import texels_of
 
@@ -56,32 +57,45 @@ class Looks:
 
     def __init__(self, ask: Callable[[], None]) -> None:
         self._ask = ask
-        self._tables: OrderedDict[tuple[Any, ...], Any] = OrderedDict()
+        self._tables: OrderedDict[tuple[Any, ...], Any] = OrderedDict()  # None for one that cannot be made
         self._wanted: dict[tuple[Any, ...], int] = {}
+        self._shown: dict[int, tuple[Any, ...]] = {}
 
     def of(self, scene: bpy.types.Scene, card: Card) -> Look:
-        """A scene's look; without its table until it was made."""
+        """A scene's look; until its table was made with the one that it had before, if any."""
         settings = scene.view_settings
         plain = Look(2.0**settings.exposure, 1.0 / max(settings.gamma, 1e-3))
         if is_plain(scene):
             return plain
-        key = _key(scene)
-        if key not in self._tables:
-            self._wanted[key] = scene.session_uid
+        key, uid = _key(scene), scene.session_uid
+        if key in self._tables:
+            self._shown[uid] = key
+        else:
+            self._wanted[key] = uid
             self._ask()
+            key = self._shown.get(uid, key)
+        if key in self._tables:
+            self._tables.move_to_end(key)
+        if self._tables.get(key) is None:
             return plain
-        self._tables.move_to_end(key)
         if isinstance(self._tables[key], np.ndarray):  # made since
             self._tables[key] = card.texture(texels_of(self._tables[key], 4))
         return Look(table=self._tables[key])
 
     def make(self) -> None:
         """Makes the tables that were asked for."""
-        for key, uid in self._wanted.items():
-            scene = next((each for each in bpy.data.scenes if each.session_uid == uid), None)
-            if scene is not None and _key(scene) == key:
+        wanted, self._wanted = self._wanted, {}
+        scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
+        self._shown = {uid: key for uid, key in self._shown.items() if uid in scenes}
+        for key, uid in wanted.items():
+            scene = scenes.get(uid)
+            if scene is None or _key(scene) != key:
+                continue
+            try:
                 self._tables[key] = table_of(scene)
-        self._wanted.clear()
+            except Exception as error:  # splats are shown without
+                self._tables[key] = None
+                reported_once.unexpected(f"the colors of {scene.name}", error)
         while len(self._tables) > _KEPT:
             self._tables.popitem(last=False)
 

@@ -206,6 +206,63 @@ def test_a_file_of_edits_gives_the_same_images_as_f12(empty, capture, path, tmp_
         np.testing.assert_allclose(ours, theirs, atol=1e-5)
 
 
+def test_edits_that_are_not_shown_are_saved_and_matched_all_the_same(capture, tmp_path):
+    edit_everything(capture)
+    image = bpy.data.images.new("wanted", 2, 1)
+    image.pixels = (0.5, 0.3, 0.2, 1.0, 0.7, 0.6, 0.3, 1.0)
+    capture.frog_edits.match_image = image
+    found = []
+    for use in (True, False):
+        for name in ("gains", "offsets"):
+            capture.frog_edits.grade.property_unset(name)
+        capture.frog_edits.use = use
+        saved = tmp_path / f"{use}.edits.json"
+        assert bpy.ops.frog.save_edits(filepath=str(saved)) == {"FINISHED"}
+        assert bpy.ops.frog.match_grade() == {"FINISHED"}
+        found.append((saved.read_text(), tuple(capture.frog_edits.grade.gains)))
+    assert found[0] == found[1] and "crops" in found[0][0]
+
+
+def test_a_file_that_cannot_be_loaded_changes_nothing(capture, tmp_path):
+    edit_everything(capture)
+    before, objects = edits.edits_of(capture), set(bpy.data.objects)
+    path = tmp_path / "two.edits.json"
+    path.write_text('{"frog_edits": 1, "grades": [{"exposure": 1}, {"exposure": 2}]}')
+    with pytest.raises(RuntimeError, match="found 2 grades of the whole capture"):
+        bpy.ops.frog.load_edits(filepath=str(path))
+    assert edits.edits_of(capture) == before and set(bpy.data.objects) == objects
+
+
+def test_loading_removes_the_crops_that_are_the_captures_alone(empty, capture, tmp_path):
+    path = tmp_path / "none.edits.json"
+    path.write_text('{"frog_edits": 1}')
+    bpy.ops.frog.add_crop(shape="BOX")
+    bpy.ops.frog.add_crop(shape="SPHERE")
+    bpy.ops.mesh.primitive_cube_add()
+    own, (shared, mine) = bpy.context.object, [crop.object for crop in capture.frog_edits.crops]
+    own.parent = capture
+    capture.frog_edits.crops.add().object = own
+    bpy.context.view_layer.objects.active = capture
+    other = capture.copy()
+    empty.collection.objects.link(other)
+    other.frog_edits.crops.remove(1)
+    names = [mine.name, shared.name, own.name]
+    assert bpy.ops.frog.load_edits(filepath=str(path)) == {"FINISHED"}
+    assert not capture.frog_edits.crops and [name in bpy.data.objects for name in names] == [False, True, True]
+
+
+def test_loading_edits_refreshes_once(capture, tmp_path, monkeypatch):
+    edit_everything(capture)
+    path = tmp_path / "all.edits.json"
+    bpy.ops.frog.save_edits(filepath=str(path))
+    refreshed = []
+    monkeypatch.setattr(playback, "refresh", refreshed.append)
+    assert bpy.ops.frog.load_edits(filepath=str(path)) == {"FINISHED"}
+    assert len(refreshed) == 1
+    capture.frog_edits.grade.exposure = 0.1
+    assert len(refreshed) == 2
+
+
 def test_a_bake_serves_edited_captures(empty, capture, path):
     empty.frame_start, empty.frame_end = 1, 5
     edit_everything(capture)

@@ -55,6 +55,18 @@ def test_several_splat_files_become_a_scene_each(empty, scenes_of_two, tmp_path)
     assert played() == sorted(map(str, scenes_of_two))
 
 
+def test_frames_of_a_sequence_become_one_scene(empty, static_rig, tmp_path):
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    frames = [folder / f"{number}.ply" for number in range(3)]
+    for number, frame in enumerate(frames):
+        write_splats(frame, ScenePlayer.load(static_rig).at_frame(number))
+    out = tmp_path / "out.frog"
+    chosen = given(*frames[:2])
+    assert bpy.ops.import_scene.frog_splats(**chosen, sequence=True, scene_file=str(out)) == {"FINISHED"}
+    assert played() == [str(out)] and ScenePlayer.load(out).header.frame_count == 3
+
+
 def test_every_file_handler_finds_what_it_fills_in(addon):
     """Blender fills in these, and ``invoke_popup`` of Blender's own scripts reads ``files``."""
     handlers = [cls for cls in bpy.types.FileHandler.__subclasses__() if cls.__module__.startswith("frog_blender")]

@@ -45,12 +45,19 @@ def relative_paths(request):
 def test_the_first_save_keeps_paths_as_the_user_wants_them(project, relative_paths):
     obj, scene = the_capture(), bpy.context.scene
     obj.frog.bake_folder, scene.frog.output_path = str(project / "bakes"), str(project / "b.frog")
+    scene.frog.rig.folder = str(project / "rendered")
     bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"), relative_remap=relative_paths)
     for _ in range(2):  # in the open .blend, and in what was written
         obj, scene = the_capture(), bpy.context.scene
-        found = stored(obj), obj.frog.bake_folder, scene.frog.output_path, scene.frog.capture_folder
+        found = (
+            stored(obj),
+            obj.frog.bake_folder,
+            scene.frog.output_path,
+            scene.frog.rig.folder,
+            scene.frog.capture_folder,
+        )
         begin = "//" if relative_paths else f"{project}/"
-        assert found == (f"{begin}a.frog", f"{begin}bakes", f"{begin}b.frog", "")
+        assert found == (f"{begin}a.frog", f"{begin}bakes", f"{begin}b.frog", f"{begin}rendered", "")
         shows(obj, project / "a.frog", 0.0)
         bpy.ops.wm.open_mainfile(filepath=str(project / "x.blend"))
 

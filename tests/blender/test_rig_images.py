@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
 import numpy as np
 import pytest
 
@@ -16,11 +21,11 @@ def capture(addon, tmp_path, monkeypatch):
     film = pytest.importorskip("support.synthetic_capture")
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     yield open_capture(film.write_capture(tmp_path / "capture"))
-    rig_images.follow(None)
+    rig_images.forget()
 
 
-def decoded():
-    images = addon_state.get(rig_images.RigImages)
+def decoded(capture):
+    images = rig_images.images_of(capture)
     images.thread.join(30.0)
     found = {}
     while not images.found.empty():
@@ -30,8 +35,7 @@ def decoded():
 
 
 def test_every_camera_has_its_first_image(capture):
-    rig_images.follow(capture)
-    found = decoded()
+    found = decoded(capture)
     assert sorted(found) == list(range(len(capture.cameras)))
     for camera, pixels in found.items():
         width, height = capture.cameras[camera].width, capture.cameras[camera].height
@@ -39,15 +43,42 @@ def test_every_camera_has_its_first_image(capture):
         assert pixels.shape[1] / pixels.shape[0] == pytest.approx(width / height, rel=0.05) and pixels.std() > 1
 
 
-def test_it_is_followed_once_and_given_up(capture, monkeypatch):
-    rig_images.follow(capture)
-    images = addon_state.get(rig_images.RigImages)
-    thread = images.thread
-    rig_images.follow(capture)
-    assert images.thread is thread
-    rig_images.follow(None)
-    thread.join(30.0)
-    assert images.thread is None and images.capture is None and images.found.empty()
+def test_captures_of_several_windows_keep_their_images(capture):
+    first, second = capture, replace(capture)
+    for each in (first, second):
+        assert sorted(decoded(each)) == list(range(len(capture.cameras)))
+    images = rig_images.images_of(first)
+    assert rig_images.images_of(second) is not images and rig_images.images_of(first) is images
+
+
+def test_windows_on_different_scenes_build_each_rig_once(capture, monkeypatch):
+    """The graphics card is a stand-in, as there is none without a window."""
+    made, shown = [], [capture, replace(capture)]
+    extras = SimpleNamespace(batch_for_shader=lambda *_, **__: made.append("batch") or MagicMock())
+    monkeypatch.setitem(sys.modules, "gpu", MagicMock())
+    monkeypatch.setitem(sys.modules, "gpu_extras.batch", extras)
+    monkeypatch.setattr(rig_images, "_texture", lambda pixels: made.append("texture"))
+    addon_state.reset(rig_overlay.RigOverlay)
+    for _ in range(3):
+        for each in (*shown, None):
+            monkeypatch.setattr(rig_overlay, "shown_capture", lambda _scene, each=each: each)
+            if each is not None:
+                rig_images.images_of(each).thread.join(30.0)
+            rig_overlay._draw_lines()
+    assert made.count("texture") == 2 * len(capture.cameras)
+    rigs = list(addon_state.get(rig_overlay.RigOverlay).rigs.values())
+    assert len(rigs) == 2 and made.count("batch") == 2 * len(capture.cameras) + sum(len(rig.batches) for rig in rigs)
+    addon_state.reset(rig_overlay.RigOverlay)
+
+
+def test_the_longest_unseen_are_given_up(capture):
+    images = rig_images.images_of(capture)
+    others = [rig_images.images_of(replace(capture)) for _ in range(rig_images.KEPT)]
+    assert images.is_given_up.is_set() and not any(other.is_given_up.is_set() for other in others)
+    assert len(addon_state.get(rig_images.KeptImages).of) == rig_images.KEPT
+    rig_images.forget()
+    assert all(other.is_given_up.is_set() for other in others)
+    assert rig_images.images_of(capture) is not images
 
 
 def test_one_that_cannot_be_decoded_is_left_out(capture, monkeypatch):
@@ -59,8 +90,7 @@ def test_one_that_cannot_be_decoded_is_left_out(capture, monkeypatch):
         return decode(asked, shot, side)
 
     monkeypatch.setattr(rig_images, "marked_image", fail)
-    rig_images.follow(capture)
-    assert sorted(decoded()) == [0, *range(2, len(capture.cameras))]
+    assert sorted(decoded(capture)) == [0, *range(2, len(capture.cameras))]
 
 
 def test_images_lie_in_the_planes_of_the_frusta(capture):

@@ -106,6 +106,52 @@ def test_what_is_set_is_seen_at_once(cube):
     assert settings.collection is None and not bpy.data.cameras and len(bpy.data.objects) == 1
 
 
+def test_cameras_of_the_users_stay(cube):
+    settings = bpy.context.scene.frog.rig
+    bpy.ops.frog.place_rig()
+    placed = settings.collection.objects["rig00"]
+    linked, copied, own = placed.copy(), placed.copy(), bpy.data.objects.new("own", bpy.data.cameras.new("own"))
+    copied.data = placed.data.copy()
+    mine = {linked, copied, own}
+    for camera in mine:
+        settings.collection.objects.link(camera)
+    settings.lens = 85.0
+    cameras = [obj for obj in settings.collection.objects if obj.type == "CAMERA"]
+    assert len(cameras) == 6 and mine < set(cameras)
+    assert sorted(camera.data.lens for camera in cameras) == [50.0] * 3 + [85.0] * 3
+    bpy.ops.frog.remove_rig()
+    assert set(settings.collection.objects) == mine
+    settings.lens = 35.0
+    assert set(settings.collection.objects) == mine, "the rig is gone"
+
+
+def test_a_capture_of_every_third_frame_plays_in_real_time(cube, tmp_path):
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end, scene.frame_step = 2, 9, 3
+    scene.render.fps = 24
+    assert not rendered_capture().error
+    capture = open_capture(tmp_path / "capture")
+    assert capture.frame_count == 3 and capture.frames_per_second == 8.0
+
+
+def test_the_scene_that_was_rendered_gets_the_capture_and_no_other(cube, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr(runner, "begin", lambda _request, on_finished: opened.append(on_finished))
+    bpy.ops.frog.place_rig()
+    bpy.ops.frog.capture_scene()
+    scene, folder = bpy.context.scene, tmp_path / "capture"
+    name, scene.name = scene.name, "renamed"
+    other = bpy.data.scenes.new(name)
+    opened[0](folder)
+    assert (scene.frog.capture_folder, other.frog.capture_folder) == (str(folder), "")
+    bpy.data.scenes.remove(other)
+    scene.name, scene.frog.capture_folder = name, ""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert bpy.context.scene.name == name
+    opened[0](folder)
+    assert bpy.context.scene.frog.capture_folder == ""
+
+
 def test_images_fit_their_cameras_and_nothing_of_the_scene_changes(cube, tmp_path):
     scene = bpy.context.scene
     scene.timeline_markers.new("cut", frame=1).camera = cube

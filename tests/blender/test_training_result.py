@@ -89,6 +89,18 @@ def test_a_camera_of_the_users_stays_the_scene_s(addon, static_rig):
     assert bpy.ops.frog.show_result(filepath=str(static_rig)) == {"FINISHED"} and scene.camera == chosen
 
 
+def test_one_in_an_excluded_collection_is_said(empty, static_rig):
+    importer(empty)(static_rig)
+    obj = next(playback.captures(empty.objects))
+    layers = [bpy.context.view_layer.layer_collection]
+    for layer in layers:
+        layers += layer.children
+    for layer in layers[1:]:
+        layer.exclude = layer.collection in obj.users_collection
+    with pytest.raises(RuntimeError, match="excluded from this view layer"):
+        bpy.ops.frog.show_result(filepath=str(static_rig))
+
+
 def test_only_what_the_scene_plays_is_shown(empty, static_rig):
     with pytest.raises(RuntimeError, match="Import it first"):
         bpy.ops.frog.show_result(filepath=str(static_rig))
