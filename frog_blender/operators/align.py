@@ -59,7 +59,7 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
             return {"CANCELLED"}
         try:
             scale = self._scale(context, obj)
-            matrix, said = aligned(obj, use_floor=self.use_floor, flip=self.flip)
+            matrix, said = aligned(obj, context.scene.frame_current_final, use_floor=self.use_floor, flip=self.flip)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -85,12 +85,15 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
         return now * self.length / longest
 
 
-def aligned(obj: bpy.types.Object, *, use_floor: bool = True, flip: bool = False) -> tuple[np.ndarray, str]:
-    """(4, 4) rigid matrix from a capture's own space to the world, and a sentence about what was found.
+def aligned(
+    obj: bpy.types.Object, scene_frame: float, *, use_floor: bool = True, flip: bool = False
+) -> tuple[np.ndarray, str]:
+    """(4, 4) rigid matrix from a capture's own space to the world, and a sentence about what was found of what its
+    edits leave at a frame of the timeline.
 
     Without cameras, up is where it is now. Raises FrogError if the .frog file cannot be read, or says nothing.
     """
-    scene = playback.open_scene(playback.file_of(obj))
+    scene = playback.scene_time(obj, scene_frame).scene
     cameras = scene.header.cameras
     upright = np.array(obj.matrix_world.to_3x3().inverted_safe())[:, 2]
     up, certain = camera_up(cameras) if cameras else (upright / np.linalg.norm(upright), False)

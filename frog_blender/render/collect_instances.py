@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import bpy
 
     from ..engine.gaussians import GaussianArrays
+    from ..timeline.playback_cache import SceneTime
 
 
 def gather(
@@ -28,12 +29,11 @@ def gather(
         space: the 3D viewport that is drawn; None for a render.
         problems: takes a sentence for each capture that cannot be played, which is then left out instead of raising.
     """
-    frame = depsgraph.scene.frame_current_final
     parts: list[GaussianArrays] = []
     background = np.zeros(3, dtype=np.float32)
     for obj, shown, matrix in visible_captures(depsgraph, space):
         try:
-            part = placed(playback.gaussians_at(obj, frame, shown), matrix, obj.name)
+            part = placed(scene_time(depsgraph, obj, shown, space).gaussians(), matrix, obj.name)
         except FrogError as error:
             if problems is None:
                 raise
@@ -45,11 +45,29 @@ def gather(
     return (joined(parts) if parts else None), background
 
 
+def scene_time(
+    depsgraph: bpy.types.Depsgraph,
+    obj: bpy.types.Object,
+    evaluated: bpy.types.Object,
+    space: bpy.types.SpaceView3D | None = None,
+) -> SceneTime:
+    """What a capture shows at the evaluated frame; FrogError for one that cannot be played.
+
+    Args:
+        obj, evaluated: as ``visible_captures`` gives them.
+        space: the 3D viewport that is drawn, which may show more than a render; None for a render.
+    """
+    frame, playing = depsgraph.scene.frame_current_final, playback.opened(obj, is_thinned=False)
+    return playing.whole(frame, evaluated) if space is None else playing.in_viewport(frame, evaluated)
+
+
 def visible_captures(
     depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None = None
 ) -> list[tuple[bpy.types.Object, bpy.types.Object, np.ndarray]]:
     """The object, the evaluated object and the (4, 4) matrix of every visible capture, duplicates and instances
     included. Objects with zero scale are skipped.
+
+    Of a duplicate it is the evaluated object that is duplicated: its own is only valid until the next one.
     """
     found = []
     for instance in depsgraph.object_instances:
@@ -62,7 +80,7 @@ def visible_captures(
             continue  # Local View, or a kind of object that the viewport hides
         matrix = np.array(instance.matrix_world, dtype=np.float64)
         if matrix[:3, :3].any():
-            found.append((own, shown, matrix))
+            found.append((own, instance.instance_object if instance.is_instance else shown, matrix))
     return found
 
 
@@ -74,9 +92,8 @@ def is_seen(instance: bpy.types.DepsgraphObjectInstance, layer: bpy.types.ViewLa
 
 def pass_indices(depsgraph: bpy.types.Depsgraph) -> list[tuple[int, int]]:
     """Number of Gaussians and Pass Index of each visible capture, in the order of ``gather``."""
-    frame = depsgraph.scene.frame_current_final
-    found = [(obj, shown) for obj, shown, _ in visible_captures(depsgraph)]
-    return [(playback.scene_time(obj, frame, shown).scene.count, obj.pass_index) for obj, shown in found]
+    found = visible_captures(depsgraph)
+    return [(scene_time(depsgraph, obj, shown).scene.count, obj.pass_index) for obj, shown, _ in found]
 
 
 def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> GaussianArrays:

@@ -10,8 +10,7 @@ import numpy as np
 from .. import reported_once
 from ..cameras import view_camera
 from ..engine.errors import FrogError
-from ..timeline import open_scenes, playback
-from .collect_instances import gather, visible_captures
+from .collect_instances import gather, scene_time, visible_captures
 from .messages import error_message
 from .viewport import STILL_AFTER, Viewport, ViewportImage, draw_view
 from .world import background_of
@@ -91,16 +90,15 @@ def focal_ratio(
 
 
 def _seen(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None) -> tuple[Any, ...]:
-    """What determines the Gaussians: the captures, their frames and their matrices."""
-    frame = depsgraph.scene.frame_current_final
-    seen = []
+    """What determines the Gaussians: what the captures show as they are edited, and their matrices."""
+    seen: list[tuple[Any, ...]] = []
     for obj, shown, matrix in visible_captures(depsgraph, space):
-        file = playback.file_of(obj)
         try:
-            showing: float | str = playback.shown_frame(obj, frame, shown)
+            key = scene_time(depsgraph, obj, shown, space).key
         except FrogError as error:
-            showing = str(error)
-        seen.append((str(file), open_scenes.version(file), showing, matrix.tobytes()))
+            seen.append((str(error), matrix.tobytes()))
+        else:
+            seen.append((*key, matrix.tobytes()))
     return tuple(seen)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from .. import addon_state
 
@@ -12,49 +12,55 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..engine.editing.closed_mesh import ClosedMesh
-    from ..engine.editing.edited_scene import EditedScene
     from ..engine.editing.edits import Edits
     from ..engine.editing.marks import Marks
     from ..engine.playback.player import ScenePlayer
 
-_SCENES_KEPT, _VALUES_KEPT = 4, 16
+_EDITS_KEPT, _SCENES_KEPT, _VALUES_KEPT = 4, 16, 16
+Edited: TypeAlias = "tuple[ScenePlayer, list[str]]"
+"""A scene with edits, and sentences about those that do not fit it."""
 
 
 class EditedScenes:
     """What was made of the edits that were asked for last.
 
     Attributes:
-        problems: sentences about edits that do not fit, by a scene's token.
+        cropped: the ``session_uid`` of each capture that had crops when its edits were asked for last.
     """
 
     def __init__(self) -> None:
-        self.problems: dict[str, list[str]] = {}
-        self._scenes: OrderedDict[tuple[str, Edits], EditedScene] = OrderedDict()
+        self.cropped: set[int] = set()
+        self._scenes: OrderedDict[str, OrderedDict[Edits, Edited]] = OrderedDict()  # by tokens of what is edited
         self._marks: OrderedDict[tuple[int, str, str], Marks | None] = OrderedDict()
         self._meshes: OrderedDict[tuple[bytes, bytes], ClosedMesh | str] = OrderedDict()
         self._weights: tuple[str, np.ndarray] | None = None
         self._lock = threading.Lock()
 
-    def of(self, scene: ScenePlayer, edits: Edits) -> ScenePlayer:
+    def of(self, scene: ScenePlayer, edits: Edits) -> Edited:
         """A scene with edits; as it is, if they change nothing of it."""
-        from ..engine.editing.edited_scene import EditedScene
+        from ..engine.editing.edited_scene import EditedScene, edited
 
-        key = scene.token, edits
         with self._lock:
-            known = self._scenes.get(key)
-            before = known or next((each for (token, _), each in self._scenes.items() if token == scene.token), None)
+            kept = self._scenes.setdefault(scene.token, OrderedDict())
+            known = kept.get(edits)
+            before = next((each for each, _ in reversed(kept.values()) if isinstance(each, EditedScene)), None)
         if known is None:
-            fitting, problems = edits.fitted(scene)
-            self.problems[scene.token] = problems
-            if fitting.are_none:
-                return scene
-            known = EditedScene(scene, fitting, before)
-        with self._lock:
-            self._scenes[key] = known
-            self._scenes.move_to_end(key)
-            while len(self._scenes) > _SCENES_KEPT:
-                self._scenes.popitem(last=False)
+            known = edited(scene, edits, before)
+        self._keep(kept, edits, known, _EDITS_KEPT)
+        self._keep(self._scenes, scene.token, kept, _SCENES_KEPT)
         return known
+
+    def forget(self, scene: ScenePlayer) -> None:
+        """Drops what was made of a scene that is not played any more."""
+        with self._lock:
+            self._scenes.pop(scene.token, None)
+
+    def note_crops(self, session_uid: int, count: int) -> None:
+        """Notes how many crops a capture has."""
+        if count:
+            self.cropped.add(session_uid)
+        else:
+            self.cropped.discard(session_uid)
 
     def marks(self, count: int, scene: str, text: str) -> Marks | None:
         """Marks from their text; None for damaged ones."""
@@ -88,16 +94,12 @@ class EditedScenes:
             self._weights = scene.token, camera_weights(scene)
         return self._weights[1]
 
-    def _keep(self, kept: OrderedDict, key: tuple, value: object) -> None:
+    def _keep(self, kept: OrderedDict, key: object, value: object, most: int = _VALUES_KEPT) -> None:
         with self._lock:
             kept[key] = value
-            while len(kept) > _VALUES_KEPT:
+            kept.move_to_end(key)
+            while len(kept) > most:
                 kept.popitem(last=False)
-
-
-def problems(scene: ScenePlayer) -> list[str]:
-    """Sentences about edits that do not fit a scene."""
-    return addon_state.get(EditedScenes).problems.get(scene.token, [])
 
 
 def forget() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -13,7 +14,7 @@ from .. import addon_state
 from ..capture_files import is_capture
 from ..engine.errors import FrogError
 from .edited_scenes import EditedScenes
-from .retiming import curves
+from .retiming import curves, strip_curves
 
 if TYPE_CHECKING:
     from ..engine.editing.crops import Crop
@@ -41,6 +42,7 @@ def edits_of(
         FrogError: for a crop object that cannot crop.
     """
     settings = getattr(obj if evaluated is None else evaluated, SETTINGS)
+    addon_state.get(EditedScenes).note_crops(obj.session_uid, len(settings.crops))
     if not (settings.use or even_unused) or not has_any(settings):
         return None
     from ..engine.editing.edits import Edits
@@ -131,7 +133,7 @@ def _crop(obj: bpy.types.Object, evaluated: bpy.types.Object | None, settings: A
 
 def _triangles(target: bpy.types.Object) -> tuple[bytes, bytes]:
     """The vertices and triangles of a mesh object, without its modifiers."""
-    mesh = target.data
+    mesh = target.original.data
     mesh.calc_loop_triangles()
     vertices = np.empty(3 * len(mesh.vertices), np.float32)
     triangles = np.empty(3 * len(mesh.loop_triangles), np.int32)
@@ -155,7 +157,12 @@ def _in_capture(obj: bpy.types.Object, evaluated: bpy.types.Object | None, targe
         world, own = np.array(target.matrix_world, np.float64), np.array(obj.matrix_world, np.float64)
     if not own[:3, :3].any():
         return np.eye(4)
-    result: np.ndarray = np.linalg.solve(own, world)
+    try:
+        result: np.ndarray = np.linalg.solve(own, world)
+    except np.linalg.LinAlgError:
+        raise FrogError(
+            f"{obj.name}: found a scale of zero along an axis, expected none for {target.name} to crop it."
+        ) from None
     result[3] = 0, 0, 0, 1
     return result
 
@@ -167,11 +174,11 @@ def _hangs_on_capture(target: bpy.types.Object) -> bool:
 
 def needs_evaluation(obj: bpy.types.Object, *, even_unused: bool = False) -> bool:
     """Whether a capture's edits at a frame depend on Blender's evaluation of it: something of them is animated."""
-    settings = getattr(obj, SETTINGS)
-    if not (settings.use or even_unused) or not has_any(settings):
-        return False
     if _is_animated(obj, lambda path: path.startswith(f"{SETTINGS}.")):
-        return True
+        return True  # what is off or neutral now may be animated
+    settings = getattr(obj, SETTINGS)
+    if not (settings.use or even_unused):
+        return False
     for crop in settings.crops:
         target = crop.object
         if target is not None and crop.use and (_is_animated(target) or not _hangs_on_capture(target)):
@@ -185,9 +192,7 @@ def _is_animated(obj: bpy.types.Object, matters: Callable[[str], bool] = lambda 
         return False
     if any(matters(driver.data_path) for driver in animation.drivers):
         return True
-    if any(matters(curve.data_path) for curve in curves(animation)):
-        return True
-    return animation.use_nla and any(len(track.strips) for track in animation.nla_tracks)
+    return any(matters(curve.data_path) for curve in chain(curves(animation), strip_curves(animation)))
 
 
 def cropped_by(objects: set[bpy.types.Object], captures: list[bpy.types.Object]) -> list[bpy.types.Object]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from .. import addon_state
 from ..engine.errors import FrogError, brief
 from . import playback_cache
+from .edited_scenes import EditedScenes
 
 if TYPE_CHECKING:
     from ..engine.playback.bake import Bake
@@ -198,9 +199,10 @@ def forget_all_but(wanted: Container[Path]) -> None:
 
 
 def _forget_frames(content: ScenePlayer | str | None) -> None:
-    """Drops the cached frames of a file's scene."""
+    """Drops the cached frames of a file's scene, and what was edited of it."""
     if content is not None and not isinstance(content, str):
         playback_cache.frames().forget(content.token)
+        addon_state.get(EditedScenes).forget(content)
 
 
 def _read(path: Path) -> ScenePlayer | str:

@@ -18,7 +18,7 @@ from ..capture_files import file_of
 from ..engine.errors import FrogError
 from . import edits as object_edits
 from . import level_of_detail, open_scenes
-from .edited_scenes import EditedScenes, problems
+from .edited_scenes import EditedScenes
 from .edits import edits_of, with_selection
 from .playback_cache import SceneTime
 from .render_thread import in_main_thread
@@ -94,6 +94,11 @@ class Opened:
         """See ``scene_time``."""
         return _edited(self.obj, self._unedited(scene_frame, evaluated), edits_of(self.obj, evaluated))
 
+    def in_viewport(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
+        """What a viewport of the FROG engine shows: ``whole``, where selected Gaussians stand out."""
+        edits = with_selection(self.obj, edits_of(self.obj, evaluated))
+        return _edited(self.obj, self._unedited(scene_frame, evaluated), edits)
+
     def displayed(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """See ``displayed``."""
         shown = self._unedited(scene_frame, evaluated)
@@ -137,8 +142,8 @@ def _edited(obj: bpy.types.Object, shown: SceneTime, edits: Edits | None) -> Sce
     """What is left of a scene, and which rows of the file's bake that has."""
     if edits is None:
         return shown
-    scene = addon_state.get(EditedScenes).of(shown.scene, edits)
-    for sentence in problems(shown.scene):
+    scene, problems = addon_state.get(EditedScenes).of(shown.scene, edits)
+    for sentence in problems:
         reported_once.message(f"{obj.name}: {sentence}")
     rows = None if scene.rows is None else scene.rows[: scene.num_dynamic]
     return SceneTime(scene, shown.time, shown.bake, rows)
@@ -221,5 +226,7 @@ def show_for_render(is_shown: bool) -> None:
 
 def show_cropped(objects: set[bpy.types.Object], scene: bpy.types.Scene) -> None:
     """Makes the captures of a scene that any of the objects crops show their current frame again."""
+    if not addon_state.get(EditedScenes).cropped:
+        return  # before all objects of the scene are looked at
     for obj in object_edits.cropped_by(objects, captures_in(scene)):
         show(obj, scene.frame_current_final)

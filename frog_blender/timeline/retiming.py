@@ -111,13 +111,7 @@ def needs_evaluated_time(obj: bpy.types.Object) -> bool:
         return True
     if any(curve.data_path in TIMING and curve.data_path != REMAPPED for curve in curves(animation)):
         return True
-    strips = [strip for track in animation.nla_tracks for strip in track.strips] if animation.use_nla else []
-    return any(
-        curve.data_path in TIMING
-        for strip in strips
-        if strip.action is not None
-        for curve in _curves_of(strip.action, strip.action_slot)
-    )
+    return any(curve.data_path in TIMING for curve in strip_curves(animation))
 
 
 def _curve(obj: bpy.types.Object) -> bpy.types.FCurve | None:
@@ -131,6 +125,15 @@ def _curve(obj: bpy.types.Object) -> bpy.types.FCurve | None:
 def curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
     """The curves of the active action."""
     return _curves_of(animation.action, animation.action_slot) if animation.action is not None else iter(())
+
+
+def strip_curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
+    """The curves of the actions in the NLA, if that is used."""
+    strips = [strip for track in animation.nla_tracks for strip in track.strips] if animation.use_nla else []
+    for strip in strips:  # which grows by what is in meta strips
+        strips.extend(strip.strips)
+        if strip.action is not None:
+            yield from _curves_of(strip.action, strip.action_slot)
 
 
 def _curves_of(action: bpy.types.Action, slot: bpy.types.ActionSlot) -> Iterator[bpy.types.FCurve]:

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..engine.errors import FrogError
-from ..timeline import edited_scenes, open_scenes, playback
+from ..timeline import open_scenes, playback
 from ..timeline.edits import GRADE, edits_of, marks_of
 from .capture_list import chosen_capture
 from .sidebar_panel import SidebarPanel, split
@@ -135,8 +135,8 @@ def _number(settings: Any) -> int:
 def _problems(obj: bpy.types.Object) -> list[str]:
     """Sentences about what of the edits does not crop, or does not fit the scene."""
     try:
-        edits_of(obj)
-        return edited_scenes.problems(playback.open_scene(playback.file_of(obj)))
+        edits = edits_of(obj)
+        return [] if edits is None else edits.fitted(playback.open_scene(playback.file_of(obj)))[1]
     except FrogError as error:
         return [str(error)]
 

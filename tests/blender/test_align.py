@@ -10,9 +10,12 @@ import pytest
 from mathutils import Euler, Matrix, Vector
 from support.small_scenes import looking_at, write_scene
 
+from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.scene_import.capture_objects import active_capture, cameras_of
+from frog_blender.timeline import playback
+from frog_blender.timeline.edits import store_marks
 
 HEIGHT = -0.4  # of the floor in the capture's own space, where z is up before it is turned
 
@@ -69,6 +72,14 @@ def test_it_stands_on_the_grid_at_the_origin(turned):
     assert np.allclose(cameras_of(obj)[0].matrix_world.inverted() @ obj.matrix_world, eye, atol=1e-5)
     forward = np.mean([np.array(camera.matrix_world)[:3, 2] for camera in cameras_of(obj)], axis=0)
     assert forward[1] < -0.5 and abs(forward[0]) < 0.05, "the cameras look along +y on the whole"
+
+
+def test_what_is_hidden_holds_no_floor(turned):
+    obj, turn = turned
+    scene = playback.open_scene(playback.file_of(obj))
+    store_marks(obj.frog_edits.hidden, Marks.of(scene, np.arange(900) < 600))
+    align()
+    assert floor_of(obj, turn)[2] < -0.1
 
 
 def test_twice_is_once_wherever_it_was(turned):

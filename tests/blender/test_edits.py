@@ -12,12 +12,17 @@ from support.training_panel import Written
 
 from frog_blender import point_cloud
 from frog_blender.cli.main import main
+from frog_blender.engine.editing.edits import Edits
+from frog_blender.engine.editing.grades import Grade
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.editing.matching import Colors
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.render.collect_instances import gather, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import edits, playback
+from frog_blender.timeline.edited_scenes import EditedScenes
 from frog_blender.ui import edit_panel
 
 
@@ -112,6 +117,95 @@ def test_crops_beside_the_capture_crop_where_they_stand(empty, capture):
     bpy.context.view_layer.update()
     assert_points_are_what_is_rendered(capture, 3)
     assert not np.array_equal(before, shown(capture)["radiance:base"])
+
+
+def test_a_mesh_crops_without_its_modifiers(empty, capture):
+    bpy.ops.mesh.primitive_cube_add(size=1.0)
+    crop = bpy.context.object
+    crop.modifiers.new("more", "ARRAY").relative_offset_displace[0] = 1.0
+    capture.frog_edits.crops.add().object = crop
+    evaluated = capture.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    found = playback.gaussians_at(capture, 1, evaluated)
+    np.testing.assert_array_equal(found.opacities, playback.gaussians_at(capture, 1).opacities)
+    inside = (np.abs(found.means) < 0.49).all(1)
+    assert found.opacities[inside].any() and not found.opacities[(np.abs(found.means) > 0.51).any(1)].any()
+
+
+def test_a_flattened_capture_is_a_sentence(empty, capture):
+    bpy.ops.object.empty_add(type="CUBE")
+    capture.frog_edits.crops.add().object = bpy.context.object
+    capture.parent.scale = (1.0, 1.0, 0.0)
+    bpy.context.view_layer.update()
+    with pytest.raises(FrogError, match="scale of zero along an axis"):
+        playback.gaussians_at(capture, 1)
+
+
+def test_animating_whether_edits_are_used_is_followed(empty, capture, path):
+    settings = capture.frog_edits
+    settings.grade.exposure = 1.0
+    for frame, use in ((1, False), (5, True), (8, False)):
+        settings.use = use
+        settings.keyframe_insert("use", frame=frame)
+    for frame, use in ((5, True), (1, False), (6, True), (9, False)):
+        empty.frame_set(frame)
+        plain = ScenePlayer.load(path).at_frame(playback.shown_frame(capture, frame))
+        assert np.array_equal(shown(capture)["radiance:base"][:, :3], plain.sh[:, 0]) is not use
+    action = capture.animation_data.action
+    capture.animation_data.nla_tracks.new().strips.new("use", 1, action)
+    capture.animation_data.action = None
+    assert edits.needs_evaluation(capture)
+    capture.animation_data.use_nla = False
+    assert not edits.needs_evaluation(capture)
+
+
+def test_each_duplicate_of_a_capture_has_its_own_edits(empty, tmp_path):
+    for number in range(2):
+        path = write_scene(tmp_path / f"{number}.frog", rig_of_three(), count=200, seed=number)
+        bpy.ops.import_scene.frog(filepath=str(path))
+        active_capture(bpy.context).frog_edits.grade.exposure = 1.0 - 2.0 * number
+        instance = bpy.data.objects.new("instance", None)
+        instance.instance_type, instance.instance_collection = "COLLECTION", empty.collection.children[str(number)]
+        instance.location = (50.0, 0.0, 0.0)
+        empty.collection.objects.link(instance)
+    bpy.context.view_layer.update()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    found = visible_captures(depsgraph)
+    assert len(found) == 4
+    wanted = []
+    for obj, evaluated, _ in found:
+        assert evaluated.original == obj and evaluated.frog_edits.grade.exposure == obj.frog_edits.grade.exposure
+        wanted.append(playback.gaussians_at(obj, 1).sh)
+    np.testing.assert_array_equal(gather(depsgraph)[0].sh, np.concatenate(wanted))
+
+
+def test_edits_of_many_captures_are_kept_and_of_one_only_the_last(path):
+    kept, scenes = EditedScenes(), [ScenePlayer.load(path) for _ in range(6)]
+    brighter = [Edits(grades=(Grade(exposure=0.1 * (1 + step)),)) for step in range(5)]
+    first = [kept.of(scene, brighter[0])[0] for scene in scenes]
+    assert all(kept.of(scene, brighter[0])[0] is known for scene, known in zip(scenes, first, strict=True))
+    for edits_ in brighter:
+        kept.of(scenes[0], edits_)
+    assert kept.of(scenes[0], brighter[0])[0] is not first[0] and kept.of(scenes[1], brighter[0])[0] is first[1]
+    kept.forget(scenes[1])
+    assert kept.of(scenes[1], brighter[0])[0] is not first[1]
+
+
+def test_without_crops_no_objects_are_looked_at_when_one_moves(empty, capture, monkeypatch):
+    looked = []
+    captures_in = playback.captures_in
+    monkeypatch.setattr(playback, "captures_in", lambda scene: looked.append(scene) or captures_in(scene))
+    capture.frog_edits.grade.exposure = 0.5
+    bpy.context.view_layer.update()
+    looked.clear()
+    capture.parent.location.x += 1.0
+    bpy.context.view_layer.update()
+    assert not looked
+    bpy.ops.frog.add_crop(shape="BOX")
+    bpy.context.view_layer.update()
+    looked.clear()
+    capture.frog_edits.crops[0].object.location.x += 1.0
+    bpy.context.view_layer.update()
+    assert looked
 
 
 def test_an_object_that_cannot_crop_is_said_and_stops_a_render(capture):
@@ -383,3 +477,6 @@ def test_panels_draw_every_edit_and_say_what_does_not_fit(empty, capture, path):
     write_scene(path, rig_of_three(), count=200, seed=3)
     empty.frame_set(2)
     assert "another training" in said(edit_panel.FROG_PT_edit)
+    capture.frog_edits.property_unset("hidden")
+    capture.frog_edits.grades.clear()
+    assert "another training" not in said(edit_panel.FROG_PT_edit)

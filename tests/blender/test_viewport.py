@@ -17,7 +17,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.render import viewport, viewport_drawing
 from frog_blender.render.collect_instances import gather, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
-from frog_blender.timeline import open_scenes, playback
+from frog_blender.timeline import edits, open_scenes, playback
 
 SIZE = (120, 70)
 
@@ -142,6 +142,37 @@ def test_another_background_is_another_image(empty, static_rig):
     assert drawn().pixels[0, 0, 3] == 0.0
     empty.render.film_transparent, shader.inputs["Strength"].default_value = False, 1.0
     np.testing.assert_array_equal(drawn().pixels, red.pixels)
+
+
+def test_it_follows_edits_and_shows_what_is_selected(empty, static_rig, monkeypatch):
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    capture, memory = active_capture(bpy.context), sharp_viewport()
+    space = blender_windows.viewport()["space_data"]
+    view, window = matrices(empty.camera, *SIZE)
+    region = SimpleNamespace(view_matrix=view, window_matrix=window, view_perspective="PERSP")
+
+    def drawn():
+        return viewport_drawing.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE, space)
+
+    plain = drawn()
+    assert drawn() is plain
+    capture.frog_edits.grade.exposure = 1.0
+    brighter = drawn()
+    assert brighter.pixels[..., :3].mean() > plain.pixels[..., :3].mean() and drawn() is brighter
+    bpy.ops.frog.add_crop(shape="SPHERE")
+    cropped = drawn()
+    capture.frog_edits.crops[0].object.location.x += 100.0
+    assert np.ptp(drawn().pixels, axis=(0, 1)).max() < 1e-6 < np.ptp(cropped.pixels, axis=(0, 1)).max()
+    capture.frog_edits.use = False
+    np.testing.assert_array_equal(drawn().pixels, plain.pixels)
+    bpy.ops.frog.select_gaussians(by="SIZE", size=0.3)
+    with_window = SimpleNamespace(app=SimpleNamespace(background=False))
+    monkeypatch.setattr(edits, "bpy", with_window)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert not np.array_equal(drawn().pixels, plain.pixels)
+    assert not np.array_equal(gather(depsgraph, space)[0].sh, gather(depsgraph)[0].sh), "a render shows no selection"
+    capture.frog_edits.show_selection = False
+    np.testing.assert_array_equal(drawn().pixels, plain.pixels)
 
 
 def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, capfd):

@@ -21,7 +21,7 @@ from ..io.plain_values import JsonObject, UnfitValue, entries, items, numbers, p
 from ..io.regular_file import regular_file
 from ..playback.transform import transform
 from ..spherical_harmonics import SH_DC
-from .activated import usable
+from .activated import joined, usable
 from .usd_source import Y_UP
 
 EXTENSION = "KHR_gaussian_splatting"
@@ -148,11 +148,7 @@ class _Document:
                 raise FrogError(f"{self._path}: {error}") from error
         if not parts:
             raise UnfitValue("no Gaussians", _EXPECTED)
-        terms = max(part.sh.shape[1] for part in parts)
-        for part in parts:
-            part.sh = np.pad(part.sh, ((0, 0), (0, terms - part.sh.shape[1]), (0, 0)))
-        columns = zip(*(vars(part).values() for part in parts), strict=True)
-        return GaussianArrays(*(np.concatenate(arrays) for arrays in columns)), left_out
+        return joined(parts), left_out
 
     def _placed(self) -> list[tuple[JsonObject, Float64s]]:
         """The primitives that are Gaussians, and (4, 4) from their space to the world."""
