@@ -14,7 +14,7 @@ from bpy_extras.io_utils import ExportHelper
 from ..capture_files import file_of, named_file
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture
-from .foreign_formats import expose_usd
+from .foreign_formats import require_usd
 from .modal_operator import ModalOperator
 from .timeline_take import TimelineTake
 
@@ -155,8 +155,8 @@ the right mouse button to stop"""
     def written(self, path: Path, take: TimelineTake) -> Generator[int, None, None]:
         from ..engine.interchange.usd_export import write_usd
 
-        expose_usd()
-        return write_usd(path, take, full_precision=self.full_precision)
+        require_usd()
+        yield from write_usd(path, take, full_precision=self.full_precision)
 
 
 class FROG_OT_export_4dgs(ExportsTake, bpy.types.Operator):

@@ -271,6 +271,7 @@ def test_undo_and_redo_are_exact(empty, capture):
 
 def test_a_file_of_edits_gives_the_same_images_as_f12(empty, capture, path, tmp_path):
     pytest.importorskip("cv2")
+    pytest.importorskip("tqdm")
     edit_everything(capture)
     plain = playback.gaussians_at(capture, 5)
     saved, out = tmp_path / "scene.edits.json", tmp_path / "out"

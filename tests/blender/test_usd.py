@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import bpy
@@ -21,6 +22,9 @@ from frog_blender.scene_import.capture_objects import active_capture
 
 if not hasattr(bpy.utils, "expose_bundled_modules"):
     pytest.skip("this Blender does not lend its USD library", allow_module_level=True)
+bpy.utils.expose_bundled_modules()
+if find_spec("pxr") is None:
+    pytest.skip("this Blender has no USD library for Python", allow_module_level=True)
 
 draws_them = pytest.mark.skipif(not point_cloud.draws_splats(), reason="this Blender reads no splats from USD")
 SCRIPT = Path(__file__).resolve().parents[1] / "support" / "stock_usd_import.py"
