@@ -21,7 +21,7 @@ from ..gaussians import NumpyGaussians
 from ..io.atomic_files import atomic_file
 from ..playback.transform import quaternion_of, transform
 from ..spherical_harmonics import SH_DC
-from .take import Take, TakeFrame
+from .take import Take, TakeFrame, duration_of
 from .take_sound import encoded
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def write_fourdgs(path: Path, take: Take) -> Generator[int, None, None]:
         survey = _Survey.of(_placed(frame), survey)
         yield 0
     assert survey is not None
-    sound = None if take.sound is None else encoded(take.sound, _duration(take))
+    sound = None if take.sound is None else encoded(take.sound, duration_of(take))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_file(path) as file:
@@ -73,12 +73,6 @@ def write_fourdgs(path: Path, take: Take) -> Generator[int, None, None]:
 
 def _placed(frame: TakeFrame) -> NumpyGaussians:
     return frame.gaussians if frame.placement is None else transform(frame.gaussians, frame.placement)
-
-
-def _duration(take: Take) -> float:
-    """Seconds, the last frame's own included."""
-    last = take.numbers[-1] + (take.numbers[-1] - take.numbers[-2] if len(take.numbers) > 1 else 1.0)
-    return float((last - take.numbers[0]) / take.rate)
 
 
 @dataclass(frozen=True)
@@ -114,7 +108,7 @@ class _Writer:
         from fourdgs.quantization import Bounds, Steps
 
         self._file, self._take, self._survey, self._at = file, take, survey, 0
-        self._duration = _duration(take)
+        self._duration = duration_of(take)
         bounds = Bounds.for_profile(_PROFILE, median_scale=max(survey.median_scale, 1e-9))
         bounds.pos = max(bounds.pos, float((survey.high - survey.low).max()) / _MOST_BINS)
         self._steps: Steps = Steps.of(bounds)

@@ -82,6 +82,12 @@ class Take(Protocol):
         ...
 
 
+def duration_of(take: Take) -> float:
+    """Seconds that a take lasts, the last frame's own included."""
+    last = take.numbers[-1] + (take.numbers[-1] - take.numbers[-2] if len(take.numbers) > 1 else 1.0)
+    return float((last - take.numbers[0]) / take.rate)
+
+
 @dataclass(frozen=True)
 class SceneTake:
     """Frames of a scene as it was captured: a ``Take``.

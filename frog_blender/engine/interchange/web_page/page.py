@@ -16,7 +16,7 @@ from ...capture.camera import Camera
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
-from ..take import Take
+from ..take import Take, duration_of
 from ..take_sound import encoded
 from .content import PagePacker, Survey
 
@@ -58,7 +58,7 @@ def write_page(path: Path, take: Take) -> Generator[int, None, None]:
     }
     sound = ""
     if take.sound is not None:
-        ogg = encoded(take.sound, len(numbers) * step / take.rate)
+        ogg = encoded(take.sound, duration_of(take))
         sound = f"data:audio/ogg;base64,{base64.b64encode(ogg).decode()}"
     write_atomically(path, _filled(take.name, description, content.data, sound).encode())
 
