@@ -79,7 +79,7 @@ def test_frames_make_room_where_none_could_be_kept(
 
     monkeypatch.setattr(fallback_save, "write_atomically", full_of_frames)
     stream = []
-    for event in run_training(task, lambda: bool(asked)):
+    for event in run_training(replace(task, event_seconds=0.0), lambda: bool(asked)):
         stream.append(event)
         if cancels and isinstance(event, events.Progress) and event.step > 0:
             asked.append(True)
@@ -88,12 +88,12 @@ def test_frames_make_room_where_none_could_be_kept(
 
 
 def test_a_folder_that_is_taken_away_is_made_again(task: TrainingJob) -> None:
-    stream = []
-    for event in run_training(replace(task, save_seconds=0.0)):
-        if isinstance(event, events.Progress) and task.output.parent.exists() and not stream:
+    taken = False
+    for event in run_training(replace(task, save_seconds=0.0, event_seconds=0.0)):
+        if isinstance(event, events.Progress) and event.step >= STEPS // 2 and not taken:
             shutil.rmtree(task.output.parent)
-        stream.append(event)
-    assert isinstance(stream[-1], events.Finished) and read_scene(task.output).header.steps == STEPS
+            taken = True
+    assert taken and isinstance(event, events.Finished) and read_scene(task.output).header.steps == STEPS
 
 
 def test_no_folder_at_all_is_one_sentence(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
