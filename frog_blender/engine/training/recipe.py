@@ -103,7 +103,7 @@ class Recipe:
     kept_gaussians: int = whole(0, 0, _MOST_GAUSSIANS)
     seed_gaussians: int = whole(25_000, 1, _MOST_SEEDS)
     seed_share: float = number(1.0, 0, 1)
-    moment_seeds: bool = flag(False)
+    moment_seeds: bool = flag(True)
     sh_degree: int = whole(1, 0, 3)
     sh_growth: tuple[float, ...] = fractions((0.1, 0.3, 0.5), 0, 3)
     capacity: str = choice("fixed", ("auto", "fixed"))
@@ -241,6 +241,7 @@ _PAPER = Recipe(
     hidden_width=128,
     head_width=128,
     deformed_sh=16,
+    moment_seeds=False,
     appearance_views=0.0,
     sides_sh_degree=0,
     sides_alpha_weight=0.0,
