@@ -26,6 +26,8 @@ _GROUP_COLORS = {
     "fusion": "#0072B2",
     "modulation": "#CC79A7",
     "sampling": "#009E73",
+    "seeds": "#F0E442",
+    "loss": "#999999",
     "opacity": "#D55E00",
     "k": "#E69F00",
     "capacity": "#56B4E9",

@@ -26,7 +26,7 @@ FEWER_GAUSSIANS, DYNAMIC_SHARES = (8, 4, 2), (0.05, 0.1, 0.2, 0.4)
 """The capacity sweep: the recipe's number divided by these, and shares of the Gaussians that may be dynamic."""
 MAIN_METHODS = ("frog", AUTO_ROW, "ed3dgs")
 """The paper's method and its baseline, which get the most seeds."""
-ABLATIONS = ("fusion", "modulation", "sampling", "opacity", "k", "capacity")
+ABLATIONS = ("fusion", "modulation", "sampling", "seeds", "loss", "opacity", "k", "capacity")
 SHARPNESSES = (1.0, 5.0, 10.0, 20.0)
 """Values of k in the paper's ablation of the opacity reduction (0 is no reduction)."""
 
@@ -132,6 +132,12 @@ def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str,
         "fusion": {f"fusion: {fusion}": {"fusion": fusion} for fusion in FUSIONS if fusion != base.fusion},
         "modulation": {f"modulation: {'off' if base.modulation else 'on'}": {"modulation": not base.modulation}},
         "sampling": {**sampling, f"sampling: {depth} depth": {"sampling": sampled, "sampling_depth": depth}},
+        "seeds": {
+            "seeds: at one time" if base.moment_seeds else "seeds: at many times": {
+                "moment_seeds": not base.moment_seeds
+            }
+        },
+        "loss": {"loss: without squares": {"square_weight": 0.0}} if base.square_weight else {},
         "opacity": forms,
         "k": {
             f"k = {k:g}": {"opacity_sharpness": k, "opacity_reduction": reduced}

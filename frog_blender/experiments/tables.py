@@ -17,6 +17,8 @@ _ABLATION_TITLES = {
     "fusion": "Temporal fusion",
     "modulation": "Products of temporal and Gaussian embedding",
     "sampling": "Canonical sampling",
+    "seeds": "Seeds on what moves, at many times",
+    "loss": "Squares in the loss",
     "opacity": "Opacity reduction",
     "k": "Sharpness k of the opacity reduction",
     "capacity": "Capacity",

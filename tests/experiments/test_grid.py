@@ -90,7 +90,7 @@ def test_an_ablation_changes_one_thing_at_a_time() -> None:
     rows = {run.label: run for run in runs if run.group != "methods"}
     assert set(rows) >= {f"fusion: {name}" for name in ("add", "concat", "attention", "coarse", "fine", "dual")}
     assert {"sampling: off", "sampling: inverse", "sampling: mean depth", "opacity: off", "opacity: paper"} <= set(rows)
-    assert {"k = 1", "k = 5", "k = 20", "modulation: off"} <= set(rows)
+    assert {"k = 1", "k = 5", "k = 20", "modulation: off", "seeds: at one time", "loss: without squares"} <= set(rows)
     assert {"12,500 Gaussians", "5% move"} <= set(rows)
     for run in rows.values():
         settings = run.settings()
@@ -104,6 +104,8 @@ def test_an_ablation_leaves_out_what_the_recipe_does_itself() -> None:
     base = recipe("draft", opacity_reduction="off", sampling="off", fusion="dual", modulation=False)
     variants = ablation_variants(base, ABLATIONS)
     assert list(variants["modulation"]) == ["modulation: on"]
+    plain = ablation_variants(recipe("paper"), ABLATIONS)
+    assert list(plain["seeds"]) == ["seeds: at many times"] and not plain["loss"]
     assert "fusion: dual" not in variants["fusion"] and "fusion: product" in variants["fusion"]
     assert "sampling: off" not in variants["sampling"] and "opacity: off" not in variants["opacity"]
     assert all(changes["opacity_reduction"] == "unit" for changes in variants["k"].values())
