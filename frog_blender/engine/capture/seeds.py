@@ -29,6 +29,7 @@ _HULL_FRAMES = 24
 _FEW_VIEWS = 4  # cameras: of more, other pairs see most of what two do not
 _BACKGROUND_SHARE = 0.4  # of the points, where no two cameras match
 _BEHIND = 0.8  # of the farthest depth that is searched
+_FEWEST_CAMERAS = 8  # whose silhouettes enclose what moves closely enough: seeds in it cost scenes of six or fewer
 _MOVING_SHARE = 0.25  # of all seed points, those at moments of their own, at most
 
 
@@ -73,7 +74,8 @@ def find_seeds(
     Args:
         count_limit: at most this many points.
         share: of ``count_limit``, the maximum number of measured points, as if matching had found no more.
-        num_moments: frames at which what moves before static cameras gets points of its own, as far as there is any.
+        num_moments: frames at which what moves before many static cameras gets points of its own, as far as there is
+            any.
         progress: called with (steps done, steps in all).
 
     Raises:
@@ -97,7 +99,7 @@ def find_seeds(
     report(1)
     near, far = _depth_range(capture, matched[0], depth)
     moving = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
-    if num_moments and not capture.has_moving_cameras and not capture.has_masks:
+    if num_moments and _hull_is_tight(capture, train):
         most, own = int(_MOVING_SHARE * count_limit), np.random.default_rng((seed, 1))
         moving = points_at_times(capture, store, near, far, count=most, num_frames=num_moments, random=own)
         count_limit -= len(moving[0])
@@ -149,6 +151,12 @@ def find_seeds(
         origin,
         frames[finite] if counts["moving"] else None,
     )
+
+
+def _hull_is_tight(capture: Capture, train: list[int]) -> bool:
+    """Whether silhouettes of what moves before the background can tell where it is."""
+    cameras = {capture.shots[index].camera for index in train}
+    return len(cameras) >= _FEWEST_CAMERAS and not capture.has_moving_cameras and not capture.has_masks
 
 
 def _has_film_of_several(capture: Capture, train: list[int]) -> bool:
