@@ -36,8 +36,8 @@ class Recipe:
             needs (see compression.budget).
         seed_gaussians: seed points at most.
         seed_share: of the seed points, those that may be measured, see ``find_seeds``; for tests of stability.
-        moment_seeds: whether what moves before eight static cameras or more has seed points at many times, each seen at its own to
-            begin with (see model.time_windows): for what flies past and would be missing otherwise.
+        moment_seeds: whether what moves before eight static cameras or more has seed points at many times, each seen
+            at its own to begin with (see model.time_windows): for what flies past and would be missing otherwise.
         sh_degree: 0 to 3; grows by one at each of ``sh_growth`` (fractions of training, one for each degree at least).
         capacity: "auto" leaves a scene no more than it needs (see compression.schedule), "fixed" what it has.
         dynamic_share: with "auto", the share of the Gaussians that are dynamic at most, whatever that costs; 0 for as
