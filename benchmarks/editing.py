@@ -9,6 +9,7 @@ may share: the median and the least of so many.
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import statistics
 import sys
@@ -26,11 +27,16 @@ from support.blender_windows import viewport
 from support.builders import scene_file
 
 import frog_blender
+from frog_blender import point_cloud
+from frog_blender.engine.editing.edited_scene import edited
 from frog_blender.engine.editing.gestures import GESTURES, Gesture, gesture
+from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.scene.scene_file import write_scene
 from frog_blender.operators.edit_operator import mark, scene_of
 from frog_blender.operators.select_by_hand import seen_in
 from frog_blender.timeline import playback
+from frog_blender.timeline.edits import standing_out
+from frog_blender.timeline.playback_cache import SceneTime
 
 PATH = [(300.0, 300.0), (1200.0, 300.0), (900.0, 800.0)]
 
@@ -50,6 +56,14 @@ def of_places(drawn: Gesture, repeats: int) -> list[float]:
     """Of random places of a gesture."""
     places = iter(np.random.default_rng(1).uniform(0, 900, (repeats, 2)).tolist())
     return milliseconds(lambda: drawn.move(tuple(next(places))), repeats)
+
+
+def show_selection(capture: bpy.types.Object, selection: Marks) -> None:
+    """Makes a capture's points show what is selected, as a window does after a gesture."""
+    shown = playback.scene_time(capture, bpy.context.scene.frame_current_final)
+    scene, _ = edited(shown.scene, standing_out(None, selection))
+    part = SceneTime(scene, shown.time).part
+    point_cloud.show(capture, scene, shown.time, part)
 
 
 def measured(capture: bpy.types.Object, repeats: int) -> dict[str, list[float]]:
@@ -83,6 +97,8 @@ def measured(capture: bpy.types.Object, repeats: int) -> dict[str, list[float]]:
         bpy.ops.frog.select_by_hand(path=path, radius=60)
 
     found["a whole gesture, released"] = milliseconds(release, repeats, nothing_edited)
+    colored = functools.partial(show_selection, capture, Marks.of(scene, some))
+    found["what it selected, colored"] = milliseconds(colored, repeats, nothing_edited)
     found["Hide"] = milliseconds(lambda: bpy.ops.frog.hide_gaussians(), repeats, some_selected)
     found["Restore"] = milliseconds(lambda: bpy.ops.frog.restore_gaussians(), repeats, some_hidden)
     return found

@@ -84,11 +84,12 @@ def _draw() -> None:
     height = context.region.height
     gpu.state.blend_set("ALPHA")
     if gesture.hit.any():
-        places = screen.places[:, gesture.hit].T * np.float32((1, -1)) + np.float32((0, height))
+        x, y = screen.places[:, gesture.hit]
+        places = np.stack([x, height - y], axis=1)
         shader = gpu.shader.from_builtin("POINT_UNIFORM_COLOR")
         shader.uniform_float("color", _HIT)
         gpu.state.point_size_set(_POINT_SIZE * context.preferences.system.pixel_size)
-        batch_for_shader(shader, "POINTS", {"pos": np.ascontiguousarray(places)}).draw(shader)
+        batch_for_shader(shader, "POINTS", {"pos": places}).draw(shader)
         gpu.state.point_size_set(1.0)
     line = [(x, height - y) for x, y in outline_of(overlay.shape, gesture.path, overlay.radius)]
     if len(line) > 1:
