@@ -97,13 +97,8 @@ def all_operators():
                 yield partial(one_operator, f"{group}.{word}")
 
 
+# They download, train, and go on.
 LEFT_OUT = ("frog.install_torch", "frog.train", "frog.click_points", "frog.select_by_hand")
-# they download, train, and go on
-    "frog.install_torch",
-    "frog.train",
-    "frog.click_points",
-    "frog.select_by_hand",
-)  # they download, train, and go on
 
 
 def one_operator(name):
