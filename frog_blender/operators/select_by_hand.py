@@ -160,12 +160,8 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
         from ..engine.editing.selections import combined
 
         scene = scene_of(obj)
-        if self._gesture is None:  # again, or by a script
-            if not len(self.path):
-                raise FrogError("Found no path of the mouse, expected the places it went through.")
-            self._begin(context, obj)
-            for place in self.path:
-                self._gesture.move((place.loc[0], self._seen.height - place.loc[1]))
+        if self._gesture is None:
+            self._replay(context, obj)
         these = self._seen.chosen(self._gesture.hit, scene.file_count)
         self._seen = self._gesture = None
         chosen = combined(chosen_in(obj.frog_edits.selection, scene), these, self.mode)
@@ -177,6 +173,14 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
 
         self._seen = seen_in(context, obj, self.only_visible)
         self._gesture = gesture(self.shape, self._seen.screen, self.radius)
+
+    def _replay(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
+        """A gesture made again with other settings, or by a script."""
+        if not len(self.path):
+            raise FrogError("Found no path of the mouse, expected the places it went through.")
+        self._begin(context, obj)
+        for place in self.path:
+            self._gesture.move((place.loc[0], self._seen.height - place.loc[1]))
 
     def _move(self, event: bpy.types.Event) -> None:
         self._gesture.move((event.mouse_region_x + 0.5, self._seen.height - event.mouse_region_y - 0.5))
