@@ -41,11 +41,13 @@ class Seen:
     Attributes:
         screen: where its Gaussians are, as they are edited, whatever density is shown.
         rows: (N,) which of the file's these Gaussians are; None for all.
+        identity: of the file's scene.
         height: of the region in pixels, from whose lower edge Blender counts.
     """
 
     screen: OnScreen
     rows: np.ndarray | None
+    identity: str
     height: int
 
     def chosen(self, hit: np.ndarray, file_count: int) -> np.ndarray:
@@ -74,7 +76,7 @@ def seen_in(context: bpy.types.Context, obj: bpy.types.Object, only_visible: boo
     within[:3] /= np.cbrt(np.linalg.det(matrix[:3, :3]))
     shown = playback.scene_time(obj, context.scene.frame_current_final, evaluated)
     screen = OnScreen.of(shown.gaussians(), replace(camera, world_to_camera=within), only_visible=only_visible)
-    return Seen(screen, shown.scene.rows, region.height)
+    return Seen(screen, shown.scene.rows, shown.scene.identity, region.height)
 
 
 class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
@@ -162,6 +164,8 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
         scene = scene_of(obj)
         if self._gesture is None:
             self._replay(context, obj)
+        elif self._seen.identity != scene.identity:
+            raise FrogError(f"{obj.name}: found another training than at the beginning of the gesture; draw it again.")
         these = self._seen.chosen(self._gesture.hit, scene.file_count)
         self._seen = self._gesture = None
         chosen = combined(chosen_in(obj.frog_edits.selection, scene), these, self.mode)

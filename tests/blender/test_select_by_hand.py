@@ -268,6 +268,15 @@ def test_escape_leaves_everything_as_it_was(capture):
     assert mouse.press(500, 500) == {"CANCELLED"} and "hidden in this viewport" in mouse.said[-1]
 
 
+def test_a_training_that_ends_during_a_gesture_is_not_marked_by_it(empty, capture, path):
+    mouse = Mouse(radius=500)
+    mouse.press(700, 450)
+    write_scene(path, rig_of_three(), count=COUNT // 2, seed=3)
+    empty.frame_set(5)
+    assert mouse.go_on(700, 450, "LEFTMOUSE", "RELEASE") == {"CANCELLED"} and not gesture_overlay.is_drawing()
+    assert "another training" in mouse.said[-1] and edits.marks_of(capture.frog_edits.selection) is None
+
+
 def test_the_outline_is_that_of_the_shape():
     path = [(1.0, 2.0), (5.0, 9.0), (7.0, 4.0)]
     around = np.array(gesture_overlay.outline_of("BRUSH", path, 3.0))
