@@ -63,14 +63,11 @@ class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
             layout.prop(self, of[self.by])
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        from ..engine.editing.selections import combined
+
         scene = scene_of(obj)
         before, these = chosen_in(obj.frog_edits.selection, scene), self._found(context, obj)
-        chosen = {
-            "SET": these,
-            "EXTEND": before | these,
-            "SUBTRACT": before & ~these,
-            "INTERSECT": before & these,
-        }[self.mode]
+        chosen = combined(before, these, self.mode)
         mark(obj.frog_edits.selection, scene, chosen)
         return f"{np.count_nonzero(chosen):,} of {scene.count:,} Gaussians are selected."
 
@@ -127,22 +124,25 @@ class FROG_OT_select_gaussians_all(EditOperator, bpy.types.Operator):
 
 
 class FROG_OT_grow_selection(EditOperator, bpy.types.Operator):
-    """Select the Gaussians near selected ones as well"""
+    """Select the Gaussians near selected ones as well, or deselect those near others"""
 
     bl_idname = "frog.grow_selection"
     bl_label = "Grow Selection"
+    needs = "selection"
 
+    shrink: BoolProperty(name="Shrink", description="Deselect those near others", default=False)
     distance: FloatProperty(
         name="Distance", description="How near, in the capture's units", default=0.05, min=0.0, soft_max=1.0
     )
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        from ..engine.editing.selections import grown
+        from ..engine.editing.selections import grown, shrunk
 
         scene = scene_of(obj)
         chosen = chosen_in(obj.frog_edits.selection, scene)
-        mark(obj.frog_edits.selection, scene, grown(scene, chosen, self.distance, _time(context, obj)))
-        return ""
+        found = (shrunk if self.shrink else grown)(scene, chosen, self.distance, _time(context, obj))
+        mark(obj.frog_edits.selection, scene, found)
+        return f"{np.count_nonzero(found):,} of {scene.count:,} Gaussians are selected."
 
 
 class FROG_OT_hide_gaussians(EditOperator, bpy.types.Operator):
@@ -150,6 +150,7 @@ class FROG_OT_hide_gaussians(EditOperator, bpy.types.Operator):
 
     bl_idname = "frog.hide_gaussians"
     bl_label = "Hide Gaussians"
+    needs = "selection"
 
     unselected: BoolProperty(name="Unselected", description="Hide those that are not selected", default=False)
 
@@ -170,6 +171,7 @@ class FROG_OT_restore_gaussians(EditOperator, bpy.types.Operator):
 
     bl_idname = "frog.restore_gaussians"
     bl_label = "Restore Gaussians"
+    needs = "hidden"
 
     def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
         scene, settings = scene_of(obj), obj.frog_edits

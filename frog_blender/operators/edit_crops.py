@@ -84,6 +84,7 @@ class FROG_OT_add_grade(EditOperator, bpy.types.Operator):
 
     bl_idname = "frog.add_grade"
     bl_label = "Grade Selection"
+    needs = "selection"
 
     def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
         scene, settings = scene_of(obj), obj.frog_edits

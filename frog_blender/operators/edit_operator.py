@@ -16,16 +16,27 @@ if TYPE_CHECKING:
     from ..engine.playback.player import ScenePlayer
 
 
+MISSING = {"selection": "Select Gaussians of the capture first.", "hidden": "No Gaussian of the capture is hidden."}
+"""By the name of the marks that an operator needs."""
+
+
 class EditOperator:
     """Base, next to ``bpy.types.Operator``, of operators that edit the active capture."""
 
     bl_options = {"REGISTER", "UNDO"}
+    needs = ""
+    """The marks without which there is nothing to do, a key of MISSING."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("Select a capture of this file first.")  # type: ignore[attr-defined]  # of the Operator
-        obj = active_capture(context)
-        return obj is not None and obj.library is None
+        obj, say = active_capture(context), cls.poll_message_set  # type: ignore[attr-defined]  # of the Operator
+        if obj is None or obj.library is not None:
+            say("Select a capture of this file first.")
+            return False
+        if cls.needs and not getattr(obj.frog_edits, cls.needs).bits:
+            say(MISSING[cls.needs])
+            return False
+        return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:

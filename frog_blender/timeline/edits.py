@@ -216,11 +216,14 @@ def with_selection(obj: bpy.types.Object, edits: Edits | None) -> Edits | None:
     """Edits after which selected Gaussians stand out in Blender's own colour of what is selected."""
     if not has_shown_selection(obj) or bpy.app.background:
         return edits
+    selection = marks_of(getattr(obj, SETTINGS).selection)
+    return edits if selection is None else standing_out(edits, selection)
+
+
+def standing_out(edits: Edits | None, selection: Marks) -> Edits:
+    """Edits after which marked Gaussians stand out."""
     from ..engine.editing.edits import Edits
     from ..engine.editing.grades import Grade
 
-    selection = marks_of(getattr(obj, SETTINGS).selection)
-    if selection is None:
-        return edits
     shown = Grade(gains=(_SHADE,) * 3, offsets=_SELECTED, only=selection)
     return Edits(grades=(shown,)) if edits is None else replace(edits, grades=(*edits.grades, shown))

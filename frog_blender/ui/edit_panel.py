@@ -10,6 +10,7 @@ from ..engine.errors import FrogError
 from ..timeline import open_scenes, playback
 from ..timeline.edits import GRADE, edits_of, marks_of
 from .capture_list import chosen_capture
+from .selection_tools import BOX, BRUSH, LASSO
 from .sidebar_panel import SidebarPanel, split
 from .text import wrapped_label
 
@@ -83,10 +84,14 @@ class FROG_PT_clean(_OfChosen, bpy.types.Panel):
         layout.operator("frog.clean_up", icon="BRUSH_DATA")
         layout.operator_menu_enum("frog.select_gaussians", "by", text="Select", icon="RESTRICT_SELECT_OFF")
         row = layout.row(align=True)
+        for tool, name in ((BRUSH, "Brush"), (LASSO, "Lasso"), (BOX, "Box")):
+            row.operator("wm.tool_set_by_id", text=name).name = tool
+        row = layout.row(align=True)
         row.operator("frog.select_gaussians_all", text="All").action = "ALL"
         row.operator("frog.select_gaussians_all", text="None").action = "NONE"
         row.operator("frog.select_gaussians_all", text="Invert").action = "INVERT"
-        row.operator("frog.grow_selection", text="Grow")
+        row.operator("frog.grow_selection", text="", icon="ADD").shrink = False
+        row.operator("frog.grow_selection", text="", icon="REMOVE").shrink = True
         row = layout.row(align=True)
         row.operator("frog.hide_gaussians", text="Hide", icon="HIDE_ON").unselected = False
         row.operator("frog.hide_gaussians", text="Hide Others").unselected = True

@@ -136,3 +136,20 @@ def test_a_selection_grows_by_what_is_near():
     distance = np.linalg.norm(means[:, None] - means[[3, 60]], axis=2).min(1)
     for reach in (1e-9, 0.2, 0.7, 100.0):
         np.testing.assert_array_equal(selections.grown(scene, chosen, reach, 0.5), distance <= reach)
+
+
+def test_a_selection_shrinks_by_what_is_near_others():
+    scene = ScenePlayer(scene_file(300))
+    means = scene.at(0.5).means.astype(np.float64)
+    chosen = means[:, 0] > np.median(means[:, 0])
+    distance = np.linalg.norm(means[:, None] - means[~chosen], axis=2).min(1)
+    for reach in (0.0, 0.2, 0.7, 100.0):
+        np.testing.assert_array_equal(selections.shrunk(scene, chosen, reach, 0.5), chosen & (distance > reach))
+    assert selections.shrunk(scene, np.ones(300, bool), 1.0).all(), "nothing else is near"
+
+
+def test_modes_of_selecting():
+    before, these = np.array([True, True, False, False]), np.array([True, False, True, False])
+    found = {mode: selections.combined(before, these, mode).tolist() for mode in ("SET", "EXTEND", "SUBTRACT")}
+    assert found == {"SET": these.tolist(), "EXTEND": [True] * 3 + [False], "SUBTRACT": [False, True, False, False]}
+    assert selections.combined(before, these, "INTERSECT").tolist() == [True, False, False, False]

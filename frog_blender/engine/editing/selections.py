@@ -9,6 +9,18 @@ from ..playback.player import ScenePlayer
 from .clusters import clusters
 from .common_view import seen_by
 
+SET, EXTEND, SUBTRACT, INTERSECT = "SET", "EXTEND", "SUBTRACT", "INTERSECT"
+
+
+def combined(before: Array, these: Array, mode: str) -> Array:
+    """(N,) bool: what is selected after these (N,) were selected as well, alone, no longer, or kept alone of those
+    selected before."""
+    if mode == EXTEND:
+        return before | these
+    if mode == SUBTRACT:
+        return before & ~these
+    return before & these if mode == INTERSECT else these
+
 
 def by_opacity(scene: ScenePlayer, most: float) -> Array:
     """(N,) bool: those whose opacity is at most so large at the beginning, the middle and the end."""
@@ -76,6 +88,16 @@ def grown(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0)
                 lengths = np.searchsorted(keys[own], wanted, "right") - begin
                 near[waiting[_any_within(points, others[waiting], own, begin, lengths, distance)]] = True
     result[others[near]] = True
+    return result
+
+
+def shrunk(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0) -> Array:
+    """(N,) bool: the chosen without those within a distance of one that is not, in world units, at a time.
+
+    Args:
+        chosen: (N,) bool.
+    """
+    result: Array = ~grown(scene, ~chosen, distance, time)
     return result
 
 

@@ -27,7 +27,7 @@ from .baselines import BASELINES
 from .buffer_pool import BufferPool
 from .canonical import canonical_gaussians, normalize
 from .deformation import DeformationPlayer
-from .frame_delta import FrameDelta, column_names, column_of, column_width, extract_columns
+from .frame_delta import FrameDelta, column_names, column_of, column_view, column_width, extract_columns
 from .sequence import PlayableSequence
 from .visibility import VisibilityMask
 
@@ -82,7 +82,8 @@ def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
         deformed = len(arrays["embeddings"])
         arrays[VISIBILITY] = VisibilityMask(arrays[VISIBILITY], deformed).select(kept[kept < deformed])
     for name, rows in row_ranges(scene.arrays).items():
-        arrays[name] = arrays[name][kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start]
+        own = kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start
+        arrays[name] = np.take(arrays[name], own, axis=0)  # rows in one piece, which indexing does not see
     if SHAPE_DYNAMIC in header.model:
         num_shape_dynamic = int((kept < header.model[SHAPE_DYNAMIC]).sum())
         header = replace(header, model={**header.model, SHAPE_DYNAMIC: num_shape_dynamic})
@@ -223,7 +224,7 @@ class ScenePlayer:
 
     @cached_property
     def _column_memory(self) -> dict[str, BufferPool]:
-        return {name: BufferPool({name: column_of(self._still, name)}) for name in self.changing}
+        return {name: BufferPool({name: column_view(self._still, name)}) for name in self.changing}
 
     @cached_property
     def _joined_memory(self) -> BufferPool:

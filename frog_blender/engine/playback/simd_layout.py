@@ -40,14 +40,20 @@ def pack_lanes(arrays: SceneArrays, precomputed_first_layer: bool, *, rows_at_on
     for start in range(0, count, rows_at_once):
         some = slice(start, start + rows_at_once)
         embeddings = arrays["embeddings"][some]
-        values = [column[some] for column in columns] + [
-            embeddings @ weight.T if precomputed_first_layer else embeddings
-        ]
-        rows = np.concatenate(values, axis=1).T
-        rows = np.pad(rows, ((0, 0), (0, -rows.shape[1] % GROUP_SIZE))).reshape(len(rows), -1, GROUP_SIZE)
-        first = start // GROUP_SIZE
-        result[first : first + rows.shape[1]] = rows.transpose(1, 0, 2)
+        own_columns = embeddings @ weight.T if precomputed_first_layer else embeddings
+        row = 0
+        for column in [*(column[some] for column in columns), own_columns]:
+            _put(column, result[start // GROUP_SIZE :, row : row + column.shape[1]])
+            row += column.shape[1]
     return result
+
+
+def _put(column: Array, rows: Array) -> None:
+    """Writes (N, width) to the first of (groups, width, GROUP_SIZE)."""
+    groups, rest = divmod(len(column), GROUP_SIZE)
+    rows[:groups] = column[: groups * GROUP_SIZE].reshape(groups, GROUP_SIZE, column.shape[1]).transpose(0, 2, 1)
+    if rest:
+        rows[groups, :, :rest] = column[groups * GROUP_SIZE :].T
 
 
 def transpose_weights(arrays: NetworkArrays) -> NetworkArrays:

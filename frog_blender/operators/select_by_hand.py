@@ -1,0 +1,217 @@
+"""Selecting Gaussians in a viewport by a brush, a lasso or a box."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty
+
+from ..cameras import view_camera
+from ..engine.errors import FrogError
+from ..render.collect_instances import check_placement
+from ..render.viewport_drawing import focal_ratio
+from ..scene_import.capture_objects import active_capture
+from ..timeline import playback
+from ..ui import gesture_overlay
+from ..ui.selection_tools import HAND, LARGEST_BRUSH, brush_in
+from ..viewport.projection import is_similarity
+from .edit_clean import MODES
+from .edit_operator import EditOperator, chosen_in, mark, scene_of
+
+if TYPE_CHECKING:
+    from ..engine.editing.on_screen import OnScreen
+
+SHAPES = (
+    ("BRUSH", "Brush", "What the mouse is drawn over"),
+    ("LASSO", "Lasso", "What the mouse is drawn around"),
+    ("BOX", "Box", "What lies in a rectangle"),
+)
+_MOVES, _STOPS = ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"), ("ESC", "RIGHTMOUSE")
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A capture in a viewport.
+
+    Attributes:
+        screen: where its Gaussians are, as they are edited, whatever density is shown.
+        rows: (N,) which of the file's these Gaussians are; None for all.
+        identity: of the file's scene.
+        height: of the region in pixels, from whose lower edge Blender counts.
+    """
+
+    screen: OnScreen
+    rows: np.ndarray | None
+    identity: str
+    height: int
+
+    def chosen(self, hit: np.ndarray, file_count: int) -> np.ndarray:
+        """(file_count,) bool of what was hit (K,)."""
+        found = np.zeros(file_count, bool)
+        rows = self.screen.rows[hit]
+        found[rows if self.rows is None else self.rows[rows]] = True
+        return found
+
+
+def seen_in(context: bpy.types.Context, obj: bpy.types.Object, only_visible: bool) -> Seen:
+    """What the context's viewport shows of a capture now; FrogError if it shows nothing of it."""
+    from ..engine.editing.on_screen import OnScreen
+
+    region, view, space = context.region, context.region_data, context.space_data
+    if not obj.visible_get(view_layer=context.view_layer, viewport=space):
+        raise FrogError(f"{obj.name}: found it hidden in this viewport, expected a visible capture.")
+    depsgraph = context.evaluated_depsgraph_get()
+    evaluated = obj.evaluated_get(depsgraph)
+    ratio = focal_ratio(depsgraph, view, space)
+    camera = view_camera(view.view_matrix, view.window_matrix, region.width, region.height, ratio)
+    matrix = np.array(evaluated.matrix_world, np.float64)
+    if not is_similarity(matrix):
+        check_placement(matrix, obj.name)  # which says what is wrong
+    within = camera.world_to_camera @ matrix  # from the capture's own space, where its Gaussians need not be turned
+    within[:3] /= np.cbrt(np.linalg.det(matrix[:3, :3]))
+    shown = playback.scene_time(obj, context.scene.frame_current_final, evaluated)
+    screen = OnScreen.of(shown.gaussians(), replace(camera, world_to_camera=within), only_visible=only_visible)
+    return Seen(screen, shown.scene.rows, shown.scene.identity, region.height)
+
+
+class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
+    """Select Gaussians of the capture where they are shown now, for all times. Shift adds, Ctrl deselects"""
+
+    bl_idname = HAND
+    bl_label = "Select Gaussians by Hand"
+
+    shape: EnumProperty(name="Shape", description="What is drawn with the mouse", items=SHAPES, default="BRUSH")
+    mode: EnumProperty(name="Mode", description="What to do with those selected before", items=MODES, default="SET")
+    radius: IntProperty(
+        name="Radius",
+        description="The brush's radius in pixels",
+        default=25,
+        min=1,
+        max=LARGEST_BRUSH,
+        soft_max=200,
+        subtype="PIXEL",
+    )
+    only_visible: BoolProperty(
+        name="Only Visible", description="Leave out what lies behind other Gaussians of the capture", default=False
+    )
+    path: CollectionProperty(
+        type=bpy.types.OperatorMousePath,
+        description="Where the mouse went, in pixels from the viewport's lower left corner",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+
+    # Any: a Seen and a Gesture during a gesture, which Blender would take for properties it cannot read.
+    _seen: Any = None
+    _gesture: Any = None
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not super().poll(context):
+            return False
+        cls.poll_message_set("Only in a 3D viewport in Object Mode.")
+        region = context.region
+        return context.mode == "OBJECT" and context.region_data is not None and region.type == "WINDOW"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        for name in ("shape", "mode", "only_visible"):
+            layout.prop(self, name)
+        if self.shape == "BRUSH":
+            layout.prop(self, "radius")
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        try:
+            self._begin(context, active_capture(context))
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        gesture_overlay.begin(self._seen.screen, self._gesture, self.shape, self.radius, context.region)
+        self._move(event)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.type in _MOVES:
+            self._move(event)
+            context.area.tag_redraw()
+        elif event.type in _STOPS and event.value == "PRESS":
+            self.cancel(context)
+            return {"CANCELLED"}
+        elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            for x, y in self._gesture.path:
+                self.path.add().loc = x, self._seen.height - y
+            ended = self.execute(context)
+            self.cancel(context)
+            return ended
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Ends drawing; also called by Blender when the window or the file is closed."""
+        gesture_overlay.end()
+        self._seen = self._gesture = None
+        if context.area is not None:
+            context.area.tag_redraw()
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        from ..engine.editing.selections import combined
+
+        scene = scene_of(obj)
+        if self._gesture is None:
+            self._replay(context, obj)
+        elif self._seen.identity != scene.identity:
+            raise FrogError(f"{obj.name}: found another training than at the beginning of the gesture; draw it again.")
+        these = self._seen.chosen(self._gesture.hit, scene.file_count)
+        self._seen = self._gesture = None
+        chosen = combined(chosen_in(obj.frog_edits.selection, scene), these, self.mode)
+        mark(obj.frog_edits.selection, scene, chosen)
+        return f"{np.count_nonzero(chosen):,} of {scene.count:,} Gaussians are selected."
+
+    def _begin(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
+        from ..engine.editing.gestures import gesture
+
+        self._seen = seen_in(context, obj, self.only_visible)
+        self._gesture = gesture(self.shape, self._seen.screen, self.radius)
+
+    def _replay(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
+        """A gesture made again with other settings, or by a script."""
+        if not len(self.path):
+            raise FrogError("Found no path of the mouse, expected the places it went through.")
+        self._begin(context, obj)
+        for place in self.path:
+            self._gesture.move((place.loc[0], self._seen.height - place.loc[1]))
+
+    def _move(self, event: bpy.types.Event) -> None:
+        self._gesture.move((event.mouse_region_x + 0.5, self._seen.height - event.mouse_region_y - 0.5))
+
+
+class FROG_OT_resize_selection_brush(bpy.types.Operator):
+    """Make the brush that selects Gaussians larger or smaller"""
+
+    bl_idname = "frog.resize_selection_brush"
+    bl_label = "Resize Selection Brush"
+    bl_options = {"INTERNAL"}
+
+    factor: FloatProperty(name="Factor", description="Of the brush's radius", default=1.25, min=0.1, max=10.0)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        cls.poll_message_set("Only with the brush that selects Gaussians.")
+        return brush_in(context) is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        settings = brush_in(context).operator_properties(HAND)
+        step = 1 if self.factor > 1 else -1
+        wanted = round(settings.radius * self.factor)
+        settings.radius = min(max(wanted if wanted != settings.radius else wanted + step, 1), LARGEST_BRUSH)
+        context.area.tag_redraw()
+        return {"FINISHED"}
+
+
+_CLASSES = (FROG_OT_select_by_hand, FROG_OT_resize_selection_brush)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -1,0 +1,362 @@
+"""A brush, a lasso and a box in a viewport select what Blender finds there of the capture, once for all times."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from mathutils import Matrix, Quaternion, Vector
+from support.blender_windows import viewport
+from support.small_scenes import rig_of_three, write_scene
+
+from frog_blender import point_cloud
+from frog_blender.engine.editing.gestures import drawn
+from frog_blender.operators import select_by_hand
+from frog_blender.operators.edit_operator import EditOperator
+from frog_blender.scene_import.capture_objects import active_capture
+from frog_blender.timeline import edits, playback
+from frog_blender.ui import edit_panel, gesture_overlay, selection_tools
+
+COUNT = 300
+LASSO = [(300.0, 200.0), (1200.0, 300.0), (900.0, 800.0), (700.0, 350.0), (400.0, 700.0)]
+
+
+@pytest.fixture
+def path(tmp_path):
+    return write_scene(tmp_path / "scene.frog", rig_of_three(), count=COUNT)
+
+
+@pytest.fixture
+def capture(empty, path):
+    bpy.ops.import_scene.frog(filepath=str(path))
+    obj = active_capture(bpy.context)
+    root = obj.parent
+    root.rotation_mode = "QUATERNION"
+    root.rotation_quaternion, root.scale, root.location = Quaternion((0.8, 0.3, -0.4, 0.2)), (5.0,) * 3, (0.5, 1.0, 0.2)
+    empty.frame_set(4)
+    return obj
+
+
+def stroke(path, **settings):
+    """Draws along places in pixels from the lower left corner; what is selected then."""
+    with bpy.context.temp_override(**viewport()):
+        places = [{"name": "", "loc": place, "time": 0.0} for place in path]
+        assert bpy.ops.frog.select_by_hand(path=places, **settings) == {"FINISHED"}
+    return selected()
+
+
+def selected():
+    marks = edits.marks_of(active_capture(bpy.context).frog_edits.selection)
+    return np.zeros(COUNT, bool) if marks is None else marks.chosen()
+
+
+def places_of(obj, frame, view=None):
+    """(N, 2) where Blender says that the centres of what an object shows are in the viewport, or in another view; NaN
+    for what is too faint to be drawn."""
+    where, gaussians = viewport(), playback.gaussians_at(obj, frame)
+    view = view or where["space_data"].region_3d
+    found = [
+        location_3d_to_region_2d(where["region"], view, obj.matrix_world @ Vector(mean)) for mean in gaussians.means
+    ]
+    places = np.array([(np.nan, np.nan) if place is None else tuple(place) for place in found])
+    places[gaussians.opacities <= 1 / 255] = np.nan
+    return places
+
+
+def assert_selected(obj, chosen, inside):
+    """That those are selected of what an object shows."""
+    rows = playback.scene_time(obj, 4).scene.rows
+    shown = chosen if rows is None else chosen[rows]
+    np.testing.assert_array_equal(shown, inside)
+    assert chosen.sum() == shown.sum(), "what is not shown is not selected"
+
+
+def test_each_shape_selects_what_blender_finds_there(capture):
+    places = places_of(capture, 4)
+    chosen = stroke([(400.0, 300.0), (1000.0, 700.0)], shape="BOX")
+    assert_selected(capture, chosen, ((places >= (400, 300)) & (places <= (1000, 700))).all(1))
+    assert 10 < chosen.sum() < COUNT - 10
+    chosen = stroke([(700.0, 450.0)], shape="BRUSH", radius=150)
+    assert_selected(capture, chosen, np.linalg.norm(places - (700.0, 450.0), axis=1) < 150)
+    assert chosen.any()
+    screen = SimpleNamespace(rows=np.arange(len(places)), places=np.nan_to_num(places, nan=1e9).T.astype(np.float32))
+    chosen = stroke(LASSO, shape="LASSO")
+    np.testing.assert_array_equal(chosen, drawn("LASSO", screen, LASSO, 0).hit)
+    assert 10 < chosen.sum() < COUNT - 10
+
+
+def test_an_orthographic_view_is_no_other(capture):
+    where = viewport()
+    view, region = where["space_data"].region_3d.view_matrix, where["region"]
+    window = Matrix.Diagonal((0.1, 0.1 * region.width / region.height, -0.001, 1.0))
+    window[0][3], window[1][3] = 0.2, -0.1
+    flat = SimpleNamespace(
+        view_matrix=view, window_matrix=window, perspective_matrix=window @ view, view_perspective="ORTHO"
+    )
+    mouse = Mouse()
+    mouse.context.region_data = flat
+    seen = select_by_hand.seen_in(mouse.context, capture, False)
+    places = places_of(capture, 4, flat)
+    np.testing.assert_array_equal(seen.screen.rows, np.flatnonzero(~np.isnan(places[:, 0])))
+    places = places[seen.screen.rows]
+    # The engine, and so the splats in a viewport, see it from very far away: a pixel or two beside.
+    np.testing.assert_allclose(seen.screen.places.T * (1, -1) + (0, region.height), places, atol=2)
+    assert 0 < select_by_hand.seen_in(mouse.context, capture, True).screen.rows.size < COUNT
+
+
+def test_what_is_edited_away_or_hidden_is_not_selected(capture):
+    bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
+    bpy.ops.frog.hide_gaussians()
+    bpy.ops.frog.add_crop(shape="SPHERE")
+    capture.frog_edits.crops[0].object.scale *= 0.6
+    bpy.context.view_layer.update()
+    opacities = playback.gaussians_at(capture, 4).opacities
+    assert (opacities == 0).any() and len(opacities) < COUNT
+    everything = [(-5000.0, -5000.0), (9000.0, 9000.0)]
+    assert_selected(capture, stroke(everything, shape="BOX"), opacities > 1 / 255)
+    capture.frog_edits.use = False
+    assert stroke(everything, shape="BOX").sum() > np.count_nonzero(opacities)
+
+
+def test_a_lower_density_selects_what_it_does_not_show_as_well(capture):
+    everything = [(-5000.0, -5000.0), (9000.0, 9000.0)]
+    before = stroke(everything, shape="BOX")
+    capture.frog.density = 30
+    assert point_cloud.count(capture) < COUNT / 2
+    np.testing.assert_array_equal(stroke(everything, shape="BOX"), before)
+
+
+def test_modes_and_one_mark_for_every_frame(empty, capture):
+    left, right = [(0.0, 0.0), (800.0, 2000.0)], [(600.0, 0.0), (3000.0, 2000.0)]
+    one, other = stroke(left, shape="BOX"), stroke(right, shape="BOX")
+    np.testing.assert_array_equal(stroke(left, shape="BOX", mode="EXTEND"), one | other)
+    np.testing.assert_array_equal(stroke(right, shape="BOX", mode="SUBTRACT"), one & ~other)
+    np.testing.assert_array_equal(stroke(right, shape="BOX", mode="EXTEND"), one | other)
+    np.testing.assert_array_equal(stroke(left, shape="BOX", mode="INTERSECT"), one)
+    bpy.ops.frog.hide_gaussians()
+    for frame in (1, 7):
+        empty.frame_set(frame)
+        assert point_cloud.count(capture) == np.count_nonzero(~one)
+        np.testing.assert_array_equal(playback.displayed(capture, frame).scene.rows, np.flatnonzero(~one))
+
+
+def test_only_the_visible_are_fewer(capture):
+    everything = [(-5000.0, -5000.0), (9000.0, 9000.0)]
+    all_of_them = stroke(everything, shape="BOX")
+    visible = stroke(everything, shape="BOX", only_visible=True)
+    assert 0 < visible.sum() < all_of_them.sum() and not (visible & ~all_of_them).any()
+
+
+def test_undo_and_redo_of_strokes_are_exact(capture):
+    def state():
+        settings = active_capture(bpy.context).frog_edits
+        marks = [(each.count, each.scene, each.bits) for each in (settings.selection, settings.hidden)]
+        return marks, point_cloud.read(active_capture(bpy.context))["position"].tobytes()
+
+    bpy.ops.ed.undo_push(message="imported")
+    states = [state()]
+    for step in (
+        lambda: stroke(LASSO, shape="LASSO"),
+        lambda: stroke([(700.0, 400.0), (900.0, 500.0)], radius=90, mode="EXTEND"),
+        lambda: bpy.ops.frog.grow_selection(distance=0.3),
+        lambda: bpy.ops.frog.grow_selection(distance=0.2, shrink=True),
+        lambda: bpy.ops.frog.hide_gaussians(),
+        lambda: stroke([(0.0, 0.0), (700.0, 900.0)], shape="BOX"),
+        lambda: bpy.ops.frog.select_gaussians_all(action="INVERT"),
+        lambda: bpy.ops.frog.restore_gaussians(),
+    ):
+        step()
+        bpy.ops.ed.undo_push(message="step")
+        states.append(state())
+    assert len({json.dumps(each[0]) for each in states}) > 6
+    for before in reversed(states[:-1]):
+        bpy.ops.ed.undo()
+        assert state() == before
+    for after in states[1:]:
+        bpy.ops.ed.redo()
+        assert state() == after
+
+
+def test_why_not_is_said(empty, capture):
+    assert not bpy.ops.frog.select_by_hand.poll(), "there is no viewport here"
+    for name in ("hide_gaussians", "restore_gaussians", "grow_selection", "add_grade"):
+        assert not getattr(bpy.ops.frog, name).poll(), "nothing is selected, nothing is hidden"
+    stroke(LASSO, shape="LASSO")
+    assert bpy.ops.frog.hide_gaussians.poll() and bpy.ops.frog.grow_selection.poll() and bpy.ops.frog.add_grade.poll()
+    bpy.ops.frog.hide_gaussians()
+    assert bpy.ops.frog.restore_gaussians.poll()
+    with bpy.context.temp_override(**viewport()):
+        assert bpy.ops.frog.select_by_hand.poll()
+        with pytest.raises(RuntimeError, match="no path of the mouse"):
+            bpy.ops.frog.select_by_hand()
+        capture.hide_set(True)
+        with pytest.raises(RuntimeError, match="hidden in this viewport"):
+            bpy.ops.frog.select_by_hand(path=[{"name": "", "loc": (1.0, 1.0), "time": 0.0}])
+
+
+class Mouse:
+    """An operator that Blender would keep while the mouse draws, and what it is told."""
+
+    def __init__(self, **settings):
+        own = vars(select_by_hand.FROG_OT_select_by_hand)
+        methods = {name: own[name] for name in ("invoke", "modal", "cancel", "edit", "_begin", "_move")}
+        self.operator = type("Drawing", (EditOperator,), {**methods, "_seen": None, "_gesture": None})()
+        plain = {"shape": "BRUSH", "mode": "SET", "radius": 25, "only_visible": False}
+        for name, value in {**plain, **settings}.items():
+            setattr(self.operator, name, value)
+        self.operator.path = _Path()
+        self.said = []
+        self.operator.report = lambda kind, sentence: self.said.append(sentence)
+        where = viewport()
+        self.context = SimpleNamespace(
+            region=where["region"],
+            space_data=where["space_data"],
+            region_data=where["space_data"].region_3d,
+            area=where["area"],
+            scene=bpy.context.scene,
+            view_layer=bpy.context.view_layer,
+            object=bpy.context.object,
+            evaluated_depsgraph_get=bpy.context.evaluated_depsgraph_get,
+            window_manager=SimpleNamespace(modal_handler_add=lambda _operator: None),
+        )
+
+    def press(self, x, y):
+        return self.operator.invoke(self.context, self._event("LEFTMOUSE", "PRESS", x, y))
+
+    def go_on(self, x, y, kind="MOUSEMOVE", value="NOTHING"):
+        return self.operator.modal(self.context, self._event(kind, value, x, y))
+
+    def _event(self, kind, value, x, y):
+        return SimpleNamespace(type=kind, value=value, mouse_region_x=x, mouse_region_y=y)
+
+
+class _Path(list):
+    def add(self):
+        self.append(SimpleNamespace(loc=None))
+        return self[-1]
+
+
+@pytest.mark.parametrize("shape", ["BRUSH", "LASSO", "BOX"])
+def test_the_mouse_draws_what_a_script_does(capture, shape):
+    places = [(300, 200), (1200, 300), (900, 800), (400, 700)]
+    mouse = Mouse(shape=shape, radius=60)
+    assert mouse.press(*places[0]) == {"RUNNING_MODAL"} and gesture_overlay.is_drawing()
+    for place in places[1:]:
+        assert mouse.go_on(*place) == {"RUNNING_MODAL"}
+        assert not selected().any(), "until the button is released"
+    assert mouse.go_on(*places[-1], "LEFTMOUSE", "RELEASE") == {"FINISHED"} and not gesture_overlay.is_drawing()
+    drawn_by_mouse = selected()
+    assert f"{drawn_by_mouse.sum()} of {COUNT}" in mouse.said[0] and drawn_by_mouse.any()
+    path = [tuple(place.loc) for place in mouse.operator.path]
+    assert path[0] == (300.5, 200.5)
+    bpy.ops.frog.select_gaussians_all(action="NONE")
+    np.testing.assert_array_equal(stroke(path, shape=shape, radius=60), drawn_by_mouse)
+
+
+def test_escape_leaves_everything_as_it_was(capture):
+    before = stroke(LASSO, shape="LASSO")
+    mouse = Mouse()
+    mouse.press(500, 500)
+    mouse.go_on(900, 500)
+    assert mouse.go_on(900, 500, "ESC", "PRESS") == {"CANCELLED"} and not gesture_overlay.is_drawing()
+    np.testing.assert_array_equal(selected(), before)
+    capture.hide_set(True)
+    assert mouse.press(500, 500) == {"CANCELLED"} and "hidden in this viewport" in mouse.said[-1]
+
+
+def test_a_training_that_ends_during_a_gesture_is_not_marked_by_it(empty, capture, path):
+    mouse = Mouse(radius=500)
+    mouse.press(700, 450)
+    write_scene(path, rig_of_three(), count=COUNT // 2, seed=3)
+    empty.frame_set(5)
+    assert mouse.go_on(700, 450, "LEFTMOUSE", "RELEASE") == {"CANCELLED"} and not gesture_overlay.is_drawing()
+    assert "another training" in mouse.said[-1] and edits.marks_of(capture.frog_edits.selection) is None
+
+
+def test_the_outline_is_that_of_the_shape():
+    path = [(1.0, 2.0), (5.0, 9.0), (7.0, 4.0)]
+    around = np.array(gesture_overlay.outline_of("BRUSH", path, 3.0))
+    np.testing.assert_allclose(np.linalg.norm(around - path[-1], axis=1), 3.0)
+    assert gesture_overlay.outline_of("LASSO", path, 3.0) == [*path, path[0]]
+    assert gesture_overlay.outline_of("BOX", path, 3.0) == [(1, 2), (7, 2), (7, 4), (1, 4), (1, 2)]
+    assert gesture_overlay.outline_of("BOX", [], 3.0) == []
+
+
+def test_tools_are_in_the_toolbar_and_the_brush_grows(capture):
+    with bpy.context.temp_override(**viewport()):
+        tools = bpy.context.workspace.tools
+        for tool in (selection_tools.LASSO, selection_tools.BOX):
+            assert bpy.ops.wm.tool_set_by_id(name=tool) == {"FINISHED"}
+            assert tools.from_space_view3d_mode("OBJECT").idname == tool
+            assert not bpy.ops.frog.resize_selection_brush.poll()
+        assert bpy.ops.wm.tool_set_by_id(name=selection_tools.BRUSH) == {"FINISHED"}
+        settings = tools.from_space_view3d_mode("OBJECT").operator_properties(selection_tools.HAND)
+        assert settings.radius == 25
+        assert bpy.ops.frog.resize_selection_brush(factor=2.0) == {"FINISHED"} and settings.radius == 50
+        settings.radius = 2
+        for factor, wanted in ((0.8, 1), (0.8, 1), (1.25, 2), (1.25, 3)):
+            bpy.ops.frog.resize_selection_brush(factor=factor)
+            assert settings.radius == wanted
+        bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
+
+
+def test_marks_follow_a_file_that_is_found_again(empty, capture, path, tmp_path):
+    chosen = stroke(LASSO, shape="LASSO")
+    bpy.ops.frog.hide_gaussians()
+    stroke([(0.0, 0.0), (600.0, 900.0)], shape="BOX")
+    wanted = playback.gaussians_at(capture, 4).means
+    path.rename(tmp_path / "moved.frog")
+    assert bpy.ops.frog.relink(object_name=capture.name, filepath=str(tmp_path / "moved.frog")) == {"FINISHED"}
+    np.testing.assert_array_equal(playback.gaussians_at(capture, 4).means, wanted)
+    assert point_cloud.count(capture) == np.count_nonzero(~chosen) and selected().any()
+    assert not edit_panel._problems(capture)
+
+
+def test_marks_do_not_follow_to_another_training(empty, capture, tmp_path, capsys):
+    stroke(LASSO, shape="LASSO")
+    bpy.ops.frog.add_grade()
+    capture.frog_edits.grades[0].exposure = 1.0
+    bpy.ops.frog.hide_gaussians()
+    stroke([(0.0, 0.0), (600.0, 900.0)], shape="BOX")
+    other = write_scene(tmp_path / "other.frog", rig_of_three(), count=COUNT, seed=3)
+    assert bpy.ops.frog.relink(object_name=capture.name, filepath=str(other)) == {"FINISHED"}
+    empty.frame_set(5)
+    assert point_cloud.count(capture) == COUNT
+    said = capsys.readouterr().err
+    assert "Hidden Gaussians were dropped" in said and "grade of a selection was dropped" in said
+    assert len(edit_panel._problems(capture)) == 2
+    added = stroke([(400.0, 300.0), (1000.0, 700.0)], shape="BOX", mode="EXTEND")
+    np.testing.assert_array_equal(added, stroke([(400.0, 300.0), (1000.0, 700.0)], shape="BOX"))
+
+
+def test_marks_are_saved_appended_and_duplicated(empty, capture, tmp_path):
+    chosen = stroke(LASSO, shape="LASSO")
+    bpy.ops.frog.hide_gaussians()
+    kept = stroke([(0.0, 0.0), (600.0, 900.0)], shape="BOX")
+    wanted = playback.gaussians_at(capture, 4).means
+
+    def same(obj):
+        marks = edits.marks_of(obj.frog_edits.selection), edits.marks_of(obj.frog_edits.hidden)
+        found = [np.array_equal(mark.chosen(), these) for mark, these in zip(marks, (kept, chosen), strict=True)]
+        return all(found) and np.array_equal(playback.gaussians_at(obj, 4).means, wanted)
+
+    bpy.ops.object.select_all(action="DESELECT")
+    capture.select_set(True)
+    bpy.context.view_layer.objects.active = capture
+    bpy.ops.object.duplicate()
+    copy = bpy.context.object
+    assert copy != capture and same(copy)
+    bpy.ops.frog.select_gaussians_all(action="NONE")
+    assert same(capture), "the copy's edits are its own"
+    bpy.data.objects.remove(copy)
+    name, blend = capture.name, tmp_path / "edited.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    bpy.ops.wm.open_mainfile(filepath=str(blend))
+    assert same(bpy.data.objects[name])
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.append(directory=f"{blend}/Object/", filename=name)
+    assert same(bpy.data.objects[name])

@@ -1,0 +1,154 @@
+"""Selecting by hand: what a brush, a lasso and a box hit is what geometry says of each Gaussian's centre by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.builders import ATTRIBUTES, odd_camera, plain_camera, random_gaussians, rotation_of
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.editing.gestures import BOX, BRUSH, GESTURES, LASSO, drawn, gesture
+from frog_blender.engine.editing.on_screen import OnScreen
+from frog_blender.engine.gaussians import GaussianArrays
+
+CAMERA = odd_camera(450, 270)
+
+
+@pytest.fixture(scope="module")
+def gaussians():
+    return random_gaussians(CAMERA, 3000, 0).checked()
+
+
+@pytest.fixture(scope="module")
+def screen(gaussians):
+    return OnScreen.of(gaussians, CAMERA)
+
+
+def place_of(camera, point):
+    """Where a camera sees a point, and how far away, by its matrices."""
+    x, y, z = camera.world_to_camera[:3, :3] @ point + camera.world_to_camera[:3, 3]
+    u, v, w = camera.intrinsics @ (x, y, z)
+    return u / w, v / w, z
+
+
+def distance_to_path(point, path):
+    """From a point to the nearest of a path's lines."""
+    nearest = []
+    for start, end in zip(path, path[1:] or path, strict=False):
+        way = np.subtract(end, start)
+        share = np.clip(np.dot(np.subtract(point, start), way) / max(way @ way, 1e-9), 0, 1)
+        nearest.append(np.linalg.norm(np.subtract(point, start) - share * way))
+    return min(nearest)
+
+
+def turns_about(point, outline):
+    """The sum of the angles under which a point sees the edges of a closed outline, in turns."""
+    corners = np.array([*outline, outline[0]]) - point
+    angles = np.arctan2(corners[:, 1], corners[:, 0])
+    steps = (np.diff(angles) + np.pi) % (2 * np.pi) - np.pi
+    return round(steps.sum() / (2 * np.pi))
+
+
+def test_centres_are_where_the_camera_sees_them(gaussians, screen):
+    for row, (x, y) in zip(screen.rows[::50], screen.places.T[::50], strict=True):
+        u, v, z = place_of(CAMERA, gaussians.means[row])
+        assert z > 0 and abs(u - x) < 1e-2 and abs(v - y) < 1e-2
+
+
+def test_what_is_not_drawn_is_not_hit():
+    camera = plain_camera()
+    means = np.array([[0, 0, 2], [0, 0, -2], [0, 0, 2], [0, 0, 0.001]], np.float32)
+    opacities = np.array([0.5, 0.5, 0.001, 0.5], np.float32)
+    found = OnScreen.of(_balls(means, 0.1, opacities), camera)
+    np.testing.assert_array_equal(found.rows, [0])
+    np.testing.assert_array_equal(found.among(np.ones(1, bool), 4), [True, False, False, False])
+    assert not len(OnScreen.of(_balls(means[1:2], 0.1, opacities[1:2]), camera, only_visible=True).rows)
+
+
+@pytest.mark.parametrize("path", [[(200.0, 100.0)], [(50.0, 40.0), (60.0, 200.0), (60.0, 200.0), (400.0, 210.0)]])
+def test_a_brush_hits_what_is_near_its_way(screen, path):
+    hit = drawn(BRUSH, screen, path, 25.0).hit
+    distances = np.array([distance_to_path(place, path) for place in screen.places.T.astype(float)])
+    clear = np.abs(distances - 25.0) > 1e-3
+    np.testing.assert_array_equal(hit[clear], (distances <= 25.0)[clear])
+    assert 0 < hit.sum() < len(hit)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_lasso_hits_what_it_encloses_an_odd_number_of_times(screen, seed):
+    outline = np.random.default_rng(seed).uniform((0, 0), (450, 270), (4 + 5 * seed, 2))
+    outline = [(float(x), float(y)) for x, y in outline]
+    turns = np.array([turns_about(place, outline) for place in screen.places.T.astype(float)])
+    crossed = gesture(LASSO, screen, 0.0)
+    for number, place in enumerate(outline, 1):
+        crossed.move(place)
+        shown = [turns_about(place, outline[:number]) for place in screen.places.T[:20].astype(float)]
+        np.testing.assert_array_equal(crossed.hit[:20], np.array(shown) % 2 == 1)  # while it is drawn as well
+    np.testing.assert_array_equal(crossed.hit, turns % 2 == 1)
+    assert 0 < crossed.hit.sum() < len(turns)
+
+
+def test_a_lasso_of_no_area_and_its_way_back_hit_nothing(screen):
+    there = [(10.0, 10.0), (300.0, 80.0), (200.0, 250.0)]
+    assert not drawn(LASSO, screen, there[:1], 0.0).hit.any()
+    assert not drawn(LASSO, screen, [*there, *reversed(there)], 0.0).hit.any()
+
+
+def test_edges_through_centres_give_them_to_one_side():
+    """Two lassos with an edge in common share out what lies on it."""
+    column = np.linspace(10, 90, 81)
+    screen = OnScreen(np.arange(81), np.array([np.full(81, 50.0), column], np.float32))
+    left = drawn(LASSO, screen, [(0, 0), (50, 0), (50, 50), (50, 100), (0, 100)], 0).hit
+    right = drawn(LASSO, screen, [(50, 0), (100, 0), (100, 100), (50, 100), (50, 50)], 0).hit
+    np.testing.assert_array_equal(left ^ right, np.ones(81, bool))
+
+
+def test_a_box_hits_what_lies_between_its_corners(screen):
+    x, y = screen.places
+    for corners in ([(300.0, 50.0), (100.0, 200.0)], [(100.0, 200.0), (5.0, 5.0), (300.0, 50.0)]):
+        hit = drawn(BOX, screen, corners, 0.0).hit
+        np.testing.assert_array_equal(hit, (x >= 100) & (x <= 300) & (y >= 50) & (y <= 200))
+    assert hit.any()
+
+
+@pytest.mark.parametrize("kind", GESTURES)
+def test_a_view_of_nothing_is_no_error(kind):
+    screen = OnScreen(np.zeros(0, np.int64), np.zeros((2, 0), np.float32))
+    assert drawn(kind, screen, [(0, 0), (5, 0), (5, 5)], 4.0).hit.shape == (0,)
+
+
+def _balls(means, scale, opacities=0.9):
+    count = len(means)
+    return GaussianArrays(
+        np.asarray(means, np.float32),
+        np.tile(np.float32((1, 0, 0, 0)), (count, 1)),
+        np.broadcast_to(np.float32(scale), (count, 3)).copy(),
+        np.broadcast_to(np.float32(opacities), (count,)).copy(),
+        np.ones((count, 1, 3), np.float32),
+    )
+
+
+def _wall(depth, scale, turned=0.0):
+    """Gaussians side by side, flat along a plane that is turned about the vertical."""
+    x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)))
+    rotation = rotation_of((0.0, 1.0, 0.0), turned)
+    flat = _balls(np.stack([x, y, np.zeros(441)], 1) @ rotation.T + (0.0, 0.0, depth), (scale, scale, 0.001))
+    flat.quaternions[:] = np.cos(turned / 2), 0.0, np.sin(turned / 2), 0.0
+    return flat
+
+
+def _together(*parts):
+    return GaussianArrays(*(np.concatenate([getattr(part, name) for part in parts]) for name in ATTRIBUTES))
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.9, -1.2])
+def test_only_what_nothing_hides_is_visible(turned):
+    camera = Camera("plain", 900, 600, np.array([[900.0, 0, 450], [0, 900, 300], [0, 0, 1]]), np.eye(4))
+    before = _balls([(0.0, 0.0, 2.0)], 0.02, 0.05)  # faint, which hides nothing
+    everything = _together(_wall(4.0, 0.08, turned), before, _balls([(0.2, 0.1, 9.0), (40.0, 0.0, 6.0)], 0.05))
+    rows = OnScreen.of(everything, camera).rows
+    np.testing.assert_array_equal(rows, np.arange(444))
+    visible = set(OnScreen.of(everything, camera, only_visible=True).rows.tolist())
+    assert 441 in visible and 442 not in visible and 443 not in visible, "before the wall, behind it, outside"
+    inside = {row for row in range(441) if 0 <= place_of(camera, everything.means[row])[0] < 900}
+    assert inside & visible == inside, "and the wall itself"
