@@ -61,6 +61,8 @@ class GraphicsCard:
         self._picture = shaders.picture_shader()
         self._rows, self._quad = shaders.square(self._projection), shaders.square(self._splats)
         self._whole = shaders.square(self._picture)
+        self._fading = shaders.fading_shader()
+        self._faded = shaders.square(self._fading)
         self._projected: Canvas | None = None
         self._nothing = self.texture(texels_of(np.zeros(4), 4))
         self._no_depth = self.depth(np.ones((1, 1), np.float32))
@@ -92,13 +94,16 @@ class GraphicsCard:
         """Whether captures can be drawn without making new textures."""
         return self._projected is not None and self._projected.size == _size_for(layers)
 
-    def draw(self, canvas: Canvas, layers: Sequence[Layer], order: Any, count: int, depth: Any = None) -> None:
+    def draw(
+        self, canvas: Canvas, layers: Sequence[Layer], order: Any, count: int, depth: Any = None, through: float = 0.0
+    ) -> None:
         """Draws captures on a cleared image: display-referred colours times alpha.
 
         Args:
             layers: of one view.
             order: the texture of their splats' numbers, ``count`` of them, the farthest first.
             depth: a texture, see ``depth``.
+            through: the share of what lies behind ``depth`` that is seen nevertheless.
         """
         import gpu
 
@@ -110,16 +115,37 @@ class GraphicsCard:
             framebuffer.clear(color=(0.0, 0.0, 0.0, 0.0))
             if not count:
                 return
-            gpu.state.blend_set("ALPHA_PREMULT")
-            shader = self._splats
-            shader.bind()
-            shader.uniform_float("screen", [*map(float, layers[0].view.size)])
-            for name, texture in zip(shaders.SPLATS, projected.textures, strict=True):
-                shader.uniform_sampler(name, texture)
-            shader.uniform_sampler("order", order)
-            shader.uniform_sampler("scene_depth", self._no_depth if depth is None else depth)
-            self._quad.draw_instanced(shader, instance_count=count)
+            hiding = self._no_depth if depth is None else depth
+            if through > 0 and depth is not None:
+                self._draw_splats(layers[0].view, projected, order, count, hiding, is_hidden=True)
+                self._fade(through)  # all of them together: many faint splats that are faded each cover as much
+            self._draw_splats(layers[0].view, projected, order, count, hiding, is_hidden=False)
             gpu.state.blend_set("NONE")
+
+    def _draw_splats(
+        self, view: SplatView, projected: Canvas, order: Any, count: int, depth: Any, *, is_hidden: bool
+    ) -> None:
+        """Draws the splats that lie behind a depth, or the others."""
+        import gpu
+
+        gpu.state.blend_set("ALPHA_PREMULT")
+        shader = self._splats
+        shader.bind()
+        shader.uniform_float("screen", [*map(float, view.size), float(is_hidden)])
+        for name, texture in zip(shaders.SPLATS, projected.textures, strict=True):
+            shader.uniform_sampler(name, texture)
+        shader.uniform_sampler("order", order)
+        shader.uniform_sampler("scene_depth", depth)
+        self._quad.draw_instanced(shader, instance_count=count)
+
+    def _fade(self, share: float) -> None:
+        """Leaves a share of what is drawn."""
+        import gpu
+
+        gpu.state.blend_set("MULTIPLY")
+        self._fading.bind()
+        self._fading.uniform_float("share", share)
+        self._faded.draw(self._fading)
 
     def _project(self, layers: Sequence[Layer]) -> Canvas:
         """The textures ``shaders.SPLATS`` of captures; they are good until the next ones are projected."""

@@ -18,12 +18,12 @@ from bpy.app.handlers import persistent
 
 from .. import addon_state, app_handlers, point_cloud, reported_once
 from ..cameras import view_camera
-from ..capture_files import is_capture
 from ..engine.errors import FrogError
 from ..redrawing import viewports
 from ..render.collect_instances import check_placement, visible_captures
 from ..render.viewport_drawing import focal_ratio
 from ..timeline import playback
+from . import hiding
 from .card import GraphicsCard, Layer
 from .clouds import Clouds
 from .importance import Ranks
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 _SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "software", "basic render")
 _SOON = 0.01  # seconds until an order of many splats is asked for again
 _SLOW_SHADINGS, _LOOK_AGAIN = ("MATERIAL", "RENDERED"), 0.5
-_HIDING = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL", "GPENCIL")
-"""Types of objects that can lie before splats; empties can show images and collections."""
 
 
 @dataclass(eq=False)
@@ -68,7 +66,7 @@ class Picture:
         is_final: nothing about it can become better.
         looked_at: what determined which captures it shows, and ``shown``, these.
         canvas: on the graphics card, ``size`` pixels large.
-        depth: of what hides splats, None for nothing, and when it was looked at.
+        depth: of what the viewport has drawn that hides splats, None for nothing, and when it was looked at.
     """
 
     pace: Pace = field(default_factory=Pace)
@@ -105,6 +103,7 @@ class ViewportSplats:
         self.clouds = Clouds()
         self.sorter = Sorter()
         self.ranks = Ranks()
+        self.surfaces = hiding.Surfaces()
         self.colors = Looks(lambda: _later(_make_tables))
         self.changes = 0
         self.pictures: dict[int, Picture] = {}
@@ -225,7 +224,7 @@ def _update(
     key = (
         *(np.array(matrix).tobytes() for matrix in matrices),
         *(region.width, region.height, ratio, picture.looked_at),
-        *(space.shading.type, space.shading.show_xray, space.overlay.show_overlays),
+        *(space.shading.type, through := hiding.seen_through(space.shading), space.overlay.show_overlays),
     )
     now, step = time.perf_counter(), picture.step
     if picture.key != key:
@@ -245,14 +244,12 @@ def _update(
     layers = _layers(splats, seen, order)
     if order is not picture.order:
         picture.order_texture = card.order(order.numbers)
-    # While the viewport's framebuffer is bound.
-    picture.depth, picture.checked_at = _scene_depth() if _has_others(context) else None, now
     if picture.canvas is None or picture.size != size or not card.has_room(layers):
         _later(viewports, _SOON)  # while textures are made, what else is drawn into the viewport may be lost
     if picture.canvas is None or picture.size != size:
         picture.canvas, picture.size = card.canvas(size), size
-    depth = None if picture.depth is None else card.depth(picture.depth)
-    card.draw(picture.canvas, layers, picture.order_texture, len(order.numbers), depth)
+    depth = _depth_before(splats, picture, context, depsgraph)
+    card.draw(picture.canvas, layers, picture.order_texture, len(order.numbers), depth, through)
     picture.key, picture.step, picture.order = key, step, order
     picture.is_final = step == 1 and order.key == _order_key(seen)
     scenes = [other.time.scene for each in splats.pictures.values() for other in each.shown]
@@ -307,16 +304,6 @@ def _layers(splats: ViewportSplats, seen: list[tuple[Shown, SplatView]], order: 
     ]
 
 
-def _has_others(context: bpy.types.Context) -> bool:
-    """Whether a viewport may have drawn something that hides splats."""
-    for obj in context.visible_objects:
-        if obj.type in _HIDING and not is_capture(obj):
-            return True
-        if obj.type == "EMPTY" and (obj.empty_display_type == "IMAGE" or obj.instance_type == "COLLECTION"):
-            return True
-    return False
-
-
 def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
     """Whether something else lies before the splats since they were drawn, in viewports of engines that take a while
     to show what there is; looks now and then, as long as those engines draw.
@@ -327,17 +314,22 @@ def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
         _later(viewports, _LOOK_AGAIN)
         return False
     picture.checked_at = now
-    return not np.array_equal(_scene_depth(), picture.depth)
+    return not np.array_equal(hiding.drawn_depth(), picture.depth)
 
 
-def _scene_depth() -> np.ndarray:
-    """(H, W) the depth of what is bound, rows from the bottom."""
-    import gpu
-
-    framebuffer = gpu.state.active_framebuffer_get()
-    x, y, width, height = framebuffer.viewport_get()
-    buffer = framebuffer.read_depth(x, y, width, height)
-    return np.array(buffer, np.float32, copy=False).reshape(height, width)
+def _depth_before(
+    splats: ViewportSplats, picture: Picture, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph
+) -> Any:
+    """The texture of the depth of what hides splats, None for nothing. While the viewport's framebuffer is bound."""
+    picture.depth, picture.checked_at = None, time.perf_counter()
+    if splats.card is None or not hiding.has_others(context):
+        return None
+    if hiding.is_drawn_without_depth(context.scene, context.space_data):
+        if not splats.surfaces.has_room(picture.size):
+            _later(viewports, _SOON)
+        return splats.surfaces.depth(context, depsgraph, splats.changes, picture.size)
+    picture.depth = hiding.drawn_depth()
+    return splats.card.depth(picture.depth)
 
 
 def choose() -> None:

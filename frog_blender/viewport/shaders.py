@@ -183,7 +183,8 @@ void main()
   float alpha = min(exp2(conic.w - u * u - v * v), ALPHA_MAX);
   ivec2 there = textureSize(scene_depth, 0);
   ivec2 texel = min(ivec2(gl_FragCoord.xy / screen.xy * vec2(there)), there - 1);
-  if (alpha < ALPHA_MIN || depth > texelFetch(scene_depth, texel, 0).r) {
+  bool is_behind = depth > texelFetch(scene_depth, texel, 0).r;
+  if (alpha < ALPHA_MIN || is_behind != (screen.z > 0.5)) {
     discard;
   }
   fragColor = vec4(colour * alpha, alpha);
@@ -265,7 +266,7 @@ def splat_shader() -> gpu.types.GPUShader:
     import gpu
 
     info = gpu.types.GPUShaderCreateInfo()
-    info.push_constant("VEC2", "screen")  # width and height
+    info.push_constant("VEC3", "screen")  # width, height, and 1 for what is hidden alone, 0 for the rest alone
     for slot, name in enumerate([*SPLATS, "order", "scene_depth"]):
         info.sampler(slot, "FLOAT_2D", name)
     between = gpu.types.GPUStageInterfaceInfo("frog_splat")
@@ -275,6 +276,30 @@ def splat_shader() -> gpu.types.GPUShader:
     between.flat("FLOAT", "depth")
     info.fragment_out(0, "VEC4", "fragColor")
     return _made(info, between, _SPLAT_VERTEX, _SPLAT_FRAGMENT)
+
+
+def fading_shader() -> gpu.types.GPUShader:
+    """Writes a share everywhere."""
+    import gpu
+
+    info = gpu.types.GPUShaderCreateInfo()
+    info.push_constant("FLOAT", "share")
+    info.fragment_out(0, "VEC4", "fragColor")
+    vertex = f"void main()\n{{\n  gl_Position = vec4({_CORNER}, 0.0, 1.0);\n}}\n"
+    return _made(info, None, vertex, "void main()\n{\n  fragColor = vec4(share);\n}\n")
+
+
+def depth_shader() -> gpu.types.GPUShader:
+    """Writes how deep triangles lie, in [0, 1]."""
+    import gpu
+
+    info = gpu.types.GPUShaderCreateInfo()
+    info.push_constant("MAT4", "to_clip")
+    info.vertex_in(0, "VEC3", "place")
+    info.fragment_out(0, "VEC4", "found")
+    info.vertex_source("void main()\n{\n  gl_Position = to_clip * vec4(place, 1.0);\n}\n")
+    info.fragment_source("void main()\n{\n  found = vec4(gl_FragCoord.z);\n}\n")
+    return gpu.shader.create_from_info(info)
 
 
 def picture_shader() -> gpu.types.GPUShader:

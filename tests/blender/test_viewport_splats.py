@@ -8,6 +8,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
+from mathutils import Matrix
 from support.builders import scene_file
 from support.small_scenes import rig_of_three, write_scene
 
@@ -21,7 +22,7 @@ from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
 from frog_blender.render.collect_instances import joined, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline.playback_cache import SceneTime
-from frog_blender.viewport import drawing
+from frog_blender.viewport import drawing, hiding, shaders
 from frog_blender.viewport.card import GraphicsCard, Layer
 from frog_blender.viewport.clouds import Clouds
 from frog_blender.viewport.layout import starts_of
@@ -76,7 +77,7 @@ def drawn(card, player, time, camera, matrix=None, depth=None):
     return drawn_together(card, [(player, time, matrix)], camera, depth), transform(player.at(time), matrix)
 
 
-def drawn_together(card, captures, camera, depth=None):
+def drawn_together(card, captures, camera, depth=None, through=0.0):
     """(H, W, 4) of several captures, each a player, a time and a matrix, by the graphics card, rows from the top."""
     view_matrix, window_matrix = matrices(camera)
     eye = view_camera(view_matrix, window_matrix, camera.width, camera.height)
@@ -94,7 +95,7 @@ def drawn_together(card, captures, camera, depth=None):
         with np.errstate(invalid="ignore"):
             window_depth = np.where(np.isinf(depth), 1.0, 0.5 + 0.5 * (a * depth + b) / (c * depth + d))
         hidden = card.depth(window_depth[::-1])
-    card.draw(canvas, layers, card.order(numbers), len(numbers), hidden)
+    card.draw(canvas, layers, card.order(numbers), len(numbers), hidden, through)
     return np.array(canvas.texture_color.read(), np.float32).reshape(camera.height, camera.width, 4)[::-1]
 
 
@@ -185,6 +186,42 @@ def test_a_mesh_hides_what_is_behind_it_to_the_pixel(card, tmp_path):
         assert psnr(pixels[..., :3], expected.rgb) >= LEAST
         far_off = np.abs(pixels[..., 3] - expected.alpha) > 0.1
         assert far_off.mean() < 0.002
+
+
+@pytest.mark.parametrize("through", [0.3, 1.0])
+def test_in_x_ray_a_share_of_what_is_hidden_is_seen(card, tmp_path, through):
+    """Of all of it together, below what lies before."""
+    player = SCENES["few large"](tmp_path)
+    middle = player.at(0.0).means.mean(axis=0).astype(np.float64)
+    camera = ring(3, middle, 5.0)[1]
+    depth = np.full((camera.height, camera.width), 5.0)
+    captures = [(player, 0.0, np.eye(4))]
+    pixels = drawn_together(card, captures, camera, depth, through)
+    gaussians = player.at(0.0)
+    before = draw(gaussians, camera, depth_limit=depth.astype(np.float32))
+    whole = draw(gaussians, camera)
+    hidden = whole.rgb - before.rgb, whole.alpha - before.alpha  # what shows of it through what lies before
+    assert hidden[1].max() > 0.2 and before.alpha.max() > 0.2
+    assert psnr(pixels[..., :3], before.rgb + through * hidden[0]) >= LEAST
+    assert psnr(pixels[..., 3], before.alpha + through * hidden[1]) >= LEAST
+
+
+def test_the_depth_of_surfaces_is_that_of_a_viewport(card):
+    camera = ring(3, np.zeros(3), 5.0)[1]
+    corners = np.array([[-1.0, -0.8, 0.2], [1.2, -0.6, 0.1], [1.0, 0.9, -0.4], [-0.7, 0.8, 0.5]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    view_matrix, window_matrix = matrices(camera)
+    shader = shaders.depth_shader()
+    batch = hiding.surface_batch(shader, [(corners[:3], triangles[:1]), (corners, triangles[1:])])
+    target = hiding.Target((camera.width, camera.height))
+    texture = target.draw(shader, batch, Matrix((window_matrix @ view_matrix).tolist()))
+    found = np.array(texture.read(), np.float32).reshape(camera.height, camera.width)[::-1]
+    depth = mesh_depth(corners, triangles, camera)
+    a, b = -window_matrix[2, 2], window_matrix[2, 3]
+    with np.errstate(invalid="ignore"):
+        expected = np.where(np.isinf(depth), 1.0, 0.5 + 0.5 * (a * depth + b) / depth)
+    is_near = np.abs(found - expected) < 1e-4
+    assert is_near.mean() > 0.99 and (found < 1).any() and (found == 1).any()
 
 
 def test_points_give_way_in_viewports_and_stay_in_renders(empty, static_rig):
