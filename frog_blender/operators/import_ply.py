@@ -111,11 +111,11 @@ to a .frog file"""
             except FrogError as error:
                 errors.append(str(error))
         if not self.said:
-            for error in errors[:-1]:
-                self.report({"ERROR"}, error)
+            for sentence in errors[:-1]:
+                self.report({"ERROR"}, sentence)
             raise FrogError(errors[-1])
-        for error in errors:
-            self.report({"ERROR"}, error)
+        for sentence in errors:
+            self.report({"ERROR"}, sentence)
 
     def _converter(self, path: Path, rate: float, *, is_alone: bool) -> Converter:
         """What the worker calls, with the properties as they are now."""

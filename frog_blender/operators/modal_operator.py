@@ -24,7 +24,7 @@ class ModalOperator:
 
     doing = "Working: {done:,} of {total:,}"
     """Text of the status bar."""
-    stop_keys = ("ESC", "RIGHTMOUSE")
+    stop_keys: tuple[str, ...] = ("ESC", "RIGHTMOUSE")
     at_once = 0.0
     """Seconds of work before the user goes on."""
     slice_seconds = 0.0

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
+from support.blender_windows import viewport
 from support.builders import scene_file
 from support.small_scenes import rig_of_three, write_scene
 
@@ -259,3 +260,32 @@ def test_without_a_window_nothing_is_drawn(empty, static_rig):
         empty.frog.viewport_drawing = choice
         assert not drawing.is_wanted(empty) and point_cloud.is_drawn_in_viewports(active_capture(bpy.context))
     assert drawing.state().handler is None
+
+
+def test_how_much_is_seen_through_objects(empty):
+    shading = viewport()["space_data"].shading
+    shading.type, shading.show_xray, shading.xray_alpha = "SOLID", False, 0.3
+    assert hiding.seen_through(shading) == 0.0
+    shading.show_xray = True
+    assert hiding.seen_through(shading) == pytest.approx(0.7)
+    shading.type, shading.show_xray_wireframe, shading.xray_alpha_wireframe = "WIREFRAME", True, 0.0
+    assert hiding.seen_through(shading) == 0.5, "the wires stay in sight"
+    shading.xray_alpha_wireframe = 0.8
+    assert hiding.seen_through(shading) == pytest.approx(0.2)
+    shading.show_xray_wireframe = False
+    assert hiding.seen_through(shading) == 0.0
+    shading.type = "MATERIAL"
+    assert hiding.seen_through(shading) == 0.0, "there Blender has no X-ray"
+
+
+def test_where_blender_draws_no_depth(empty):
+    space = viewport()["space_data"]
+    found = {}
+    for engine in ("BLENDER_WORKBENCH", "FROG"):
+        empty.render.engine = engine
+        for kind in ("SOLID", "RENDERED"):
+            for overlays in (True, False):
+                space.shading.type, space.overlay.show_overlays = kind, overlays
+                found[engine, kind, overlays] = hiding.is_drawn_without_depth(empty, space)
+    space.overlay.show_overlays = True
+    assert [key for key, lacks in found.items() if lacks] == [("FROG", "RENDERED", False)]
