@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Self, TypeAlias
 
 import bpy
 
+from . import redrawing
 from .engine.errors import FrogError
 
 PUMP_MESSAGES = 200  # the most messages one pump() applies
@@ -33,6 +34,8 @@ class BackgroundTask(ABC):
     """A noun for sentences, such as "training"."""
     quit_seconds: ClassVar[float]
     """How long ``join`` waits unless told."""
+    on_finished: Callable[..., Any] | None = None
+    """Is given what a successful one has made, as each kind says."""
 
     def __init__(self) -> None:
         self._messages: queue.Queue[Message] = queue.Queue()
@@ -118,3 +121,49 @@ def end_ticking(tick: Tick) -> None:
     """Ends that."""
     if bpy.app.timers.is_registered(tick):
         bpy.app.timers.unregister(tick)
+
+
+class TaskHolder:
+    """The task of one kind that a panel shows: running, or the last one that ran.
+
+    A subclass for each kind, of which ``addon_state`` keeps the object; its module has the ``tick`` that a timer calls.
+    """
+
+    busy: ClassVar[str]
+    """What is said where one is running already."""
+    task: BackgroundTask | None = None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether one is running."""
+        return self.task is not None and self.task.is_running
+
+    def begin(self, create: Callable[[], BackgroundTask], tick: Tick) -> None:
+        """Creates and starts a task, pumped by a timer; FrogError if one is running, and as creating it raises."""
+        if self.is_running:
+            raise FrogError(self.busy)
+        self.task = create().start()
+        begin_ticking(tick)
+
+    def tick(self) -> float | None:
+        """Pumps the task. Returns the seconds until the next time, None to end."""
+        if self.task is None:
+            return None
+        if self.task.pump():
+            redrawing.sidebars()
+        if self.task.is_running:
+            return TIMER_SECONDS
+        self.on_end()
+        return None
+
+    def on_end(self) -> None:
+        """Is called once the task has ended, on the main thread."""
+
+    def stop(self) -> None:
+        """Cancels the task, which hands nothing over any more, and waits for it to end."""
+        if self.task is None:
+            return
+        self.task.cancel()
+        self.task.on_finished = None
+        if self.task.join():
+            self.task.pump_all()

@@ -195,7 +195,7 @@ class Tour:
     def clips(self) -> Iterator[float]:
         """Through a camera, with its video before half of what it sees."""
         scene, obj = bpy.context.scene, gaussians()
-        scene.camera = next(child for child in obj.parent.children if child.type == "CAMERA")
+        scene.camera = import_module(f"{ADDON}.scene_import.capture_objects").cameras_of(obj)[0]
         with override(view()):
             expect(bpy.ops.frog.add_clips(), "Show Clips")
         space = view().spaces.active

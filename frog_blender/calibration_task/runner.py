@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import addon_state, redrawing
-from ..background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
+from ..background_task import BackgroundTask, TaskHolder, end_ticking
 from ..engine.errors import FrogError, brief
 from .request import Calibrator
 from .state import CalibrationState
@@ -122,61 +122,47 @@ class CalibrationTask(BackgroundTask):
             self.state.error = f"{outcome.cameras}: written, but the capture could not be opened ({brief(error)})."
 
 
-class BackgroundCalibration:
+class CurrentCalibration(TaskHolder):
     """The calibration that the panel shows: running, or the last one that ran."""
 
-    def __init__(self) -> None:
-        self.current: CalibrationTask | None = None
+    busy = "A calibration is already running. Wait for it or cancel it first."
+    task: CalibrationTask | None = None
+
+    def on_end(self) -> None:
+        redrawing.viewports()  # the rig is drawn there
 
 
 def current() -> CalibrationTask | None:
     """The calibration that the panel shows: running, or the last one that ran."""
-    return addon_state.get(BackgroundCalibration).current
+    return addon_state.get(CurrentCalibration).task
 
 
 def set_current(task: CalibrationTask | None) -> None:
     """Sets the calibration that the panel shows; None for none."""
-    addon_state.get(BackgroundCalibration).current = task
+    addon_state.get(CurrentCalibration).task = task
 
 
 def is_running() -> bool:
     """Whether a calibration is running."""
-    task = current()
-    return task is not None and task.is_running
+    return addon_state.get(CurrentCalibration).is_running
 
 
 def begin(folder: Path, calibrator: Calibrator, on_finished: OnFinished | None = None) -> CalibrationTask:
     """Starts a calibration as the current one, pumped by a timer; FrogError if one is running already."""
-    if is_running():
-        raise FrogError("A calibration is already running. Wait for it or cancel it first.")
-    task = CalibrationTask(folder, calibrator, on_finished).start()
-    set_current(task)
-    begin_ticking(tick)
-    return task
+    holder = addon_state.get(CurrentCalibration)
+    holder.begin(lambda: CalibrationTask(folder, calibrator, on_finished), tick)
+    assert holder.task is not None
+    return holder.task
 
 
 def tick() -> float | None:
     """What Blender's timer calls: pumps the current calibration. Returns the seconds until the next call, or None."""
-    task = current()
-    if task is None:
-        return None
-    if task.pump():
-        redrawing.sidebars()
-    if task.state.running:
-        return TIMER_SECONDS
-    redrawing.viewports()  # the rig is drawn there
-    return None
+    return addon_state.get(CurrentCalibration).tick()
 
 
 def stop() -> None:
     """Cancels the current calibration and waits for it to end its processes."""
-    task = current()
-    if task is None:
-        return
-    task.cancel()
-    task.on_finished = None
-    if task.join():
-        task.pump_all()
+    addon_state.get(CurrentCalibration).stop()
 
 
 def register() -> None:

@@ -2,6 +2,9 @@
 
 # mypy: disable-error-code="valid-type"
 
+from __future__ import annotations
+
+from collections.abc import Generator
 from pathlib import Path
 
 import bpy
@@ -11,14 +14,19 @@ from mathutils import Matrix
 from ..engine.errors import FrogError
 from ..engine.interchange.imports import SUFFIXES, says_what_is_up
 from ..engine.playback.transform import Y_DOWN
-from ..scene_import.capture_objects import root_of, select_capture
+from ..scene_import.capture_objects import finder, root_of, select_capture
 from ..scene_import.create_objects import import_scene
 from .file_drop import DropsIntoViews, OpensDroppedFile
-from .foreign_formats import expose_usd, told_progress
+from .foreign_formats import expose_usd
+from .foreign_import import Converter, ForeignImport
+from .modal_operator import ModalOperator
 from .set_up_scene import SetsUpScene
 
+_PARTS = 1000  # steps of the progress of one file
+_WAIT = 0.01  # seconds that the main thread waits for the worker
 
-class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
+
+class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, ModalOperator, bpy.types.Operator):
     """Import another program's Gaussians as a capture: one time of them, or a sequence that plays. They are converted \
 to a .frog file"""
 
@@ -52,6 +60,15 @@ to a .frog file"""
         default=False,
     )
 
+    stop_keys = ("ESC",)  # one goes on working
+    at_once = 0.5
+    is_interactive = False  # by a user, in a window
+    said = ""  # of the last file
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self.is_interactive = True
+        return super().invoke(context, event)
+
     def paths(self) -> list[Path]:
         """Of a sequence's frames one, as that imports all of their folder."""
         found: dict[Path, Path] = {}
@@ -60,41 +77,84 @@ to a .frog file"""
             found.setdefault(path.parent if is_frame else path, path)
         return list(found.values())
 
-    def open_file(self, context: bpy.types.Context) -> set[str]:
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Converts beside the main thread, and adds each capture when it is there. In a window that takes longer than
+        a moment the user goes on working meanwhile.
+        """
+        paths = self.paths() or [Path(bpy.path.abspath(self.filepath))]
+        self.decide(context.scene)
+        expose_usd()
+        steps, total = self._steps_of(context, paths), _PARTS * len(paths)
+        in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
+        if not (in_steps and self.has_window(context)):
+            return self.run_all_steps(context, steps, total)
+        return self.run_in_window(context, steps, total)
+
+    def _steps_of(self, context: bpy.types.Context, paths: list[Path]) -> Generator[int, None, None]:
+        """Imports every file; one that cannot be imported does not stop the others. The first one sets up the scene."""
+        find, rate = finder(context.scene), context.scene.render.fps / context.scene.render.fps_base
+        sets_up, errors, self.said = self.set_up_scene, [], ""
+        for number, path in enumerate(paths):
+            name = path.name.replace("{", "{{").replace("}", "}}")
+            task = ForeignImport(path, self._converter(path, rate, is_alone=len(paths) < 2)).start()
+            try:
+                while task.is_running:
+                    self.doing = f"Importing {name}: {task.share:.0%}"
+                    yield _PARTS * number + round(_PARTS * task.share)
+                    task.join(_WAIT)
+                    task.pump()
+            finally:
+                task.cancel()
+            try:
+                self._add(task, find(), sets_up)
+                sets_up = False
+            except FrogError as error:
+                errors.append(str(error))
+        if not self.said:
+            for sentence in errors[:-1]:
+                self.report({"ERROR"}, sentence)
+            raise FrogError(errors[-1])
+        for sentence in errors:
+            self.report({"ERROR"}, sentence)
+
+    def _converter(self, path: Path, rate: float, *, is_alone: bool) -> Converter:
+        """What the worker calls, with the properties as they are now."""
         from ..engine.interchange.imports import free_scene_path
         from ..engine.interchange.imports import import_scene as import_file
 
-        source = Path(bpy.path.abspath(self.filepath))
-        if self.sequence and source.suffix.lower() == ".ply":
-            source = source.parent
-        rate = context.scene.render.fps / context.scene.render.fps_base
-        self.decide(context.scene)
-        try:
-            is_alone = len(self.paths()) < 2
-            named = Path(bpy.path.abspath(self.scene_file)) if self.scene_file and is_alone else None
-            with told_progress(context) as progress:
-                expose_usd()
-                target = named or free_scene_path(source)
-                imported = import_file(source, target, compact=self.compact, rate=rate, progress=progress)
-            obj = import_scene(
-                imported.path,
-                context.scene,
-                set_up_scene=self.set_up_scene,
-                use_frog_engine=self.use_frog_engine,
-            )
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        if self.turn_upright and not says_what_is_up(source):
+        source = path.parent if self.sequence and path.suffix.lower() == ".ply" else path
+        named = Path(bpy.path.abspath(self.scene_file)) if self.scene_file and is_alone else None
+        compact = self.compact
+        return lambda progress: import_file(
+            source, named or free_scene_path(source), compact=compact, rate=rate, progress=progress
+        )
+
+    def _add(self, task: ForeignImport, scene: bpy.types.Scene | None, sets_up: bool) -> None:
+        """Adds the capture that a file has become; FrogError where that cannot be."""
+        imported, context = task.imported, bpy.context
+        if imported is None:
+            raise FrogError(task.error)
+        if scene is None or (self.timer is not None and context.mode != "OBJECT"):
+            where = "its scene is not open any more" if scene is None else "the scene is being edited"
+            raise FrogError(f"{imported.path}: written, but not added, because {where}. Import it as a FRoG scene.")
+        obj = import_scene(imported.path, scene, set_up_scene=sets_up, use_frog_engine=sets_up and self.use_frog_engine)
+        if self.turn_upright and not says_what_is_up(task.source):
             root = root_of(obj)
             root.matrix_basis = Matrix(Y_DOWN.T.tolist()) @ root.matrix_basis
-        select_capture(context, obj)
+        if scene == context.scene:
+            select_capture(context, obj)
         if imported.warning:
             self.report({"WARNING"}, imported.warning)
-        else:
-            frames = f" in {imported.frames:,} frames" if imported.frames > 1 else ""
-            self.report({"INFO"}, f"Imported {imported.gaussians:,} Gaussians{frames} to {imported.path}.")
-        return {"FINISHED"}
+        if self.said:
+            self.report({"INFO"}, self.said)
+        frames = f" in {imported.frames:,} frames" if imported.frames > 1 else ""
+        self.said = f"Imported {imported.gaussians:,} Gaussians{frames} to {imported.path}."
+
+    def finished_message(self) -> str:
+        return self.said
+
+    def stopped_message(self) -> str:
+        return "The import was stopped."
 
 
 class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):

@@ -24,6 +24,9 @@ class ModalOperator:
 
     doing = "Working: {done:,} of {total:,}"
     """Text of the status bar."""
+    stop_keys: tuple[str, ...] = ("ESC", "RIGHTMOUSE")
+    at_once = 0.0
+    """Seconds of work before the user goes on."""
     slice_seconds = 0.0
     """Seconds of work between two checks of the keyboard, at least one step."""
 
@@ -48,8 +51,12 @@ class ModalOperator:
         return ended
 
     def run_in_window(self, context: bpy.types.Context, steps: Generator[int, None, None], total: int) -> set[str]:
-        """Runs the steps from a timer."""
+        """Runs the steps from a timer, after those that ``at_once`` suffices for."""
         self._begin(context, steps, total)
+        deadline = time.perf_counter() + self.at_once
+        while time.perf_counter() < deadline:
+            if ended := self._step(context):
+                return ended
         manager = context.window_manager
         self.timer = manager.event_timer_add(_TIMER_SECONDS, window=context.window)
         manager.modal_handler_add(self)
@@ -59,7 +66,7 @@ class ModalOperator:
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if self._steps is None:
             return {"CANCELLED"}
-        if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
+        if event.type in self.stop_keys and event.value == "PRESS":
             return self.end(context, "INFO", self.stopped_message(), {"CANCELLED"})
         # A render changes frames in its own thread; nothing else may do so meanwhile.
         if event.type != "TIMER" or bpy.app.is_job_running("RENDER"):
@@ -114,7 +121,8 @@ class ModalOperator:
         context.window_manager.progress_update(self._done)
         if self.timer is not None and context.workspace is not None:
             doing = self.doing.format(done=self._done, total=self._total)
-            context.workspace.status_text_set(f"{doing} | Esc, Right Mouse: Stop")
+            keys = "Esc, Right Mouse" if len(self.stop_keys) > 1 else "Esc"
+            context.workspace.status_text_set(f"{doing} | {keys}: Stop")
 
     def end(self, context: bpy.types.Context, kind: str, sentence: str, result: set[str]) -> set[str]:
         """Cleans up, reports and gives Blender the result."""

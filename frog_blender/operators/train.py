@@ -9,7 +9,7 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty, IntProperty
 
-from .. import app_handlers, redrawing
+from .. import app_handlers, point_cloud, redrawing
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import plays, stored_path
 from ..training_task import runner
@@ -56,7 +56,7 @@ class StartsTraining:
         after = importer(settings.id_data) if settings.import_when_done else None
         live = LiveView(settings.id_data)
         request.job["live"] = live.source
-        runner.begin(request.events, after, live)
+        runner.begin(request.events, after, live, point_cloud.prepare if after is not None else None)
         if request.output == output_of(settings):
             return
         self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")

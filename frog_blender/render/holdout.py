@@ -73,7 +73,7 @@ def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera
 def limits_of_objects(depsgraph: bpy.types.Depsgraph, camera: Camera, options: RasterizeOptions) -> Limits | None:
     """Depth limits at the surfaces of objects that are not captures; None without such objects."""
     vertices, triangles, count = [], [], 0
-    for points, corners in _surfaces(depsgraph):
+    for points, corners in surfaces(depsgraph):
         vertices.append(points)
         triangles.append(corners + count)
         count += len(points)
@@ -134,13 +134,21 @@ def _over_pixels(keep: np.ufunc, depths: np.ndarray) -> np.ndarray:
     return reduce(keep, (rows[..., i] for i in range(_ACROSS)))
 
 
-def _surfaces(depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """World-space vertices (V, 3) and triangles (T, 3) of everything that the camera can see, instances included."""
+def surfaces(
+    depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None = None
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """World-space vertices (V, 3) and triangles (T, 3) of everything that the camera can see, instances included.
+
+    Args:
+        space: the 3D viewport that is drawn; None for a render.
+    """
     for instance in depsgraph.object_instances:
         obj = instance.object
         if obj.type not in _SURFACES or is_capture(obj.original) or obj.is_shadow_catcher:
             continue
         if not is_seen(instance, depsgraph.view_layer):
+            continue
+        if space is not None and not instance.is_instance and not obj.original.visible_in_viewport_get(space):
             continue
         mesh = obj.to_mesh()
         if mesh is None:

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import bpy
 
-from .. import addon_state, redrawing
-from ..background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
+from .. import addon_state
+from ..background_task import BackgroundTask, TaskHolder, end_ticking
 from ..engine.errors import FrogError, brief
 from . import capture_folder
 from .request import RenderRequest, command
@@ -176,11 +176,11 @@ class SceneCaptureTask(BackgroundTask):
         return self.state.seconds_left(time.monotonic())
 
 
-class CurrentSceneCapture:
+class CurrentSceneCapture(TaskHolder):
     """The capture that the panel shows: running, or the last one that ran."""
 
-    def __init__(self) -> None:
-        self.task: SceneCaptureTask | None = None
+    busy = "A scene is being rendered already. Wait for it or cancel it first."
+    task: SceneCaptureTask | None = None
 
 
 def current() -> SceneCaptureTask | None:
@@ -190,39 +190,25 @@ def current() -> SceneCaptureTask | None:
 
 def is_running() -> bool:
     """Whether a scene is being rendered."""
-    task = current()
-    return task is not None and task.is_running
+    return addon_state.get(CurrentSceneCapture).is_running
 
 
 def begin(request: RenderRequest, on_finished: OnFinished | None = None) -> SceneCaptureTask:
     """Starts a capture as the current one, pumped by a timer; FrogError as of the task, or if one is running."""
-    if is_running():
-        raise FrogError("A scene is being rendered already. Wait for it or cancel it first.")
-    task = SceneCaptureTask(request, on_finished).start()
-    addon_state.get(CurrentSceneCapture).task = task
-    begin_ticking(tick)
-    return task
+    holder = addon_state.get(CurrentSceneCapture)
+    holder.begin(lambda: SceneCaptureTask(request, on_finished), tick)
+    assert holder.task is not None
+    return holder.task
 
 
 def tick() -> float | None:
     """What Blender's timer calls: pumps the current capture. Returns the seconds until the next call, or None."""
-    task = current()
-    if task is None:
-        return None
-    if task.pump():
-        redrawing.sidebars()
-    return TIMER_SECONDS if task.state.running else None
+    return addon_state.get(CurrentSceneCapture).tick()
 
 
 def stop() -> None:
     """Cancels the current capture and waits for its process to end."""
-    task = current()
-    if task is None:
-        return
-    task.cancel()
-    task.on_finished = None
-    if task.join():
-        task.pump_all()
+    addon_state.get(CurrentSceneCapture).stop()
 
 
 def register() -> None:

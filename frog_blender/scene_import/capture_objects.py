@@ -85,7 +85,21 @@ def root_of(obj: bpy.types.Object) -> bpy.types.Object:
 
 def cameras_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """The camera objects of a capture."""
-    return [child for child in root_of(obj).children if child.type == "CAMERA"] if obj.parent is not None else []
+    if obj.parent is None:
+        return []
+    held = (each for holder in holders_of(obj) for each in holder.children)
+    return [child for child in (*root_of(obj).children, *held) if child.type == "CAMERA"]
+
+
+def holders_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """What stands between a capture's root and its cameras. Files of earlier versions have nothing there."""
+    if obj.parent is None:
+        return []
+    return [child for child in root_of(obj).children if child.type == "EMPTY" and _is_holder(child)]
+
+
+def _is_holder(empty: bpy.types.Object) -> bool:
+    return any(child.type == "CAMERA" and child.data.frog.capture_camera for child in empty.children)
 
 
 def plays(scene: bpy.types.Scene, path: Path) -> bool:

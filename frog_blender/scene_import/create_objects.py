@@ -84,7 +84,8 @@ def _add(path: Path, scene: bpy.types.Scene, start_frame: float) -> tuple[bpy.ty
     if header.cameras:
         of_cameras = bpy.data.collections.new(f"{path.stem} Cameras")
         collection.children.link(of_cameras)
-        cameras = _add_cameras(header, start_frame, root, of_cameras)
+        holder = _add_holder(f"{path.stem} Rig", root, of_cameras)
+        cameras = _add_cameras(header, start_frame, holder, of_cameras)
     # Last: setting these plays the capture, which requires the object to be in its scene.
     obj.frog.start_frame = start_frame
     obj.frog.filepath = stored_path(path)
@@ -101,10 +102,23 @@ def _add_root(name: str, means: np.ndarray, collection: bpy.types.Collection) ->
     return root
 
 
-def _adopt(obj: bpy.types.Object, root: bpy.types.Object, collection: bpy.types.Collection) -> None:
-    """Lets the root move an object, which stays where it is."""
-    obj.parent = root
-    obj.matrix_parent_inverse = root.matrix_basis.inverted()
+def _add_holder(name: str, root: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
+    """What stands at the root between it and its cameras: Blender draws no lines to a parent that is not seen itself,
+    as an object is that shows a collection in its place; and a dozen lines would cross the picture.
+    """
+    holder = bpy.data.objects.new(name, None)
+    holder.instance_type = "COLLECTION"  # of none
+    holder.show_instancer_for_viewport = holder.show_instancer_for_render = False
+    holder.hide_render = True
+    holder.matrix_basis = root.matrix_basis
+    _adopt(holder, root, collection)
+    return holder
+
+
+def _adopt(obj: bpy.types.Object, parent: bpy.types.Object, collection: bpy.types.Collection) -> None:
+    """Lets an object be moved by another at the root's place; it stays where it is."""
+    obj.parent = parent
+    obj.matrix_parent_inverse = parent.matrix_basis.inverted()
     collection.objects.link(obj)
 
 
@@ -114,19 +128,19 @@ def _move_with_root(obj: bpy.types.Object) -> None:
 
 
 def _add_cameras(
-    header: SceneHeader, start_frame: float, root: bpy.types.Object, collection: bpy.types.Collection
+    header: SceneHeader, start_frame: float, holder: bpy.types.Object, collection: bpy.types.Collection
 ) -> list[bpy.types.Object]:
     """One Blender camera for each of the capture's cameras, or a single animated one for a moving camera."""
     if not header.is_moving:
-        return [_add_camera(camera.name, camera, root, collection) for camera in header.cameras]
+        return [_add_camera(camera.name, camera, holder, collection) for camera in header.cameras]
     path = camera_path(header)
-    obj = _add_camera("Moving Camera", path[0][1], root, collection)
+    obj = _add_camera("Moving Camera", path[0][1], holder, collection)
     _animate(obj, path, start_frame)
     return [obj]
 
 
 def _add_camera(
-    name: str, camera: Camera, root: bpy.types.Object, collection: bpy.types.Collection
+    name: str, camera: Camera, holder: bpy.types.Object, collection: bpy.types.Collection
 ) -> bpy.types.Object:
     data = bpy.data.cameras.new(name)
     apply_lens(data, camera)
@@ -135,8 +149,8 @@ def _add_camera(
     obj.rotation_mode = "QUATERNION"
     obj.matrix_local = Matrix(pose_of(camera).tolist())
     data.clip_start, data.clip_end = 0.01, 10_000.0  # for other engines; FROG draws all that is in front
-    data.display_size = max(_CAMERA * float(np.linalg.norm(camera.center - np.array(root.location))), 0.01)
-    _adopt(obj, root, collection)
+    data.display_size = max(_CAMERA * float(np.linalg.norm(camera.center - np.array(holder.location))), 0.01)
+    _adopt(obj, holder, collection)
     return obj
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..color_spaces import into_working_space, to_linear
 from ..timeline import playback
-from .capture_objects import cameras_of, root_of
+from .capture_objects import cameras_of, holders_of, root_of
 from .transaction import values
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def _of_captures(scene: bpy.types.Scene) -> set[bpy.types.Object]:
     """The captures of a scene, their roots and cameras, without any in a mode other than Object Mode."""
     found: set[bpy.types.Object] = set()
     for obj in playback.captures(scene.objects):
-        found |= {obj, root_of(obj), *cameras_of(obj)}
+        found |= {obj, root_of(obj), *holders_of(obj), *cameras_of(obj)}
     return {obj for obj in found if obj.mode == "OBJECT"}
 
 

@@ -52,6 +52,7 @@ class TrainingTask(BackgroundTask):
     Args:
         source: gives the events; called on the worker thread.
         on_finished: is given the file of a finished scene.
+        prepare: does a part of ``on_finished`` before it, so that neither keeps the user waiting; at another time.
         is_scene_in_use: while true, ``on_finished`` has to wait.
         live: where viewports find its scene while it runs.
     """
@@ -64,13 +65,14 @@ class TrainingTask(BackgroundTask):
         source: EventSource,
         on_finished: OnFinished | None = None,
         *,
+        prepare: Callable[[], None] | None = None,
         is_scene_in_use: Callable[[], bool] | None = None,
         live: LiveView | None = None,
     ) -> None:
         super().__init__()
         self.live = live
         self.state = TrainingState()
-        self.on_finished = on_finished
+        self.on_finished, self.prepare = on_finished, prepare
         self._is_scene_in_use = is_scene_in_use or _is_scene_in_use
         self.waiting: Path | None = None  # a finished file that is not handed over yet
         self.control = CancelToken()
@@ -132,8 +134,15 @@ class TrainingTask(BackgroundTask):
             self.hand_over()
 
     def hand_over(self) -> None:
-        """Calls ``on_finished`` with the file of a finished training once nothing else uses the scene."""
+        """Calls ``on_finished`` with the file of a finished training once nothing else uses the scene; ``prepare``
+        alone the first time, where there is any.
+        """
         if self.waiting is None or self._is_scene_in_use():
+            return
+        if self.prepare is not None:
+            prepare, self.prepare = self.prepare, None
+            with suppress(Exception):  # which happens in ``on_finished`` as well, and is told then
+                prepare()
             return
         result, self.waiting = self.waiting, None
         try:
@@ -198,14 +207,19 @@ def _tell_live_watchers() -> None:
         watcher()
 
 
-def begin(source: EventSource, on_finished: OnFinished | None = None, live: LiveView | None = None) -> TrainingTask:
+def begin(
+    source: EventSource,
+    on_finished: OnFinished | None = None,
+    live: LiveView | None = None,
+    prepare: Callable[[], None] | None = None,
+) -> TrainingTask:
     """Start a training as the current one, pumped by a timer; FrogError if one is running already."""
     last = current()
     if is_running():
         raise FrogError("A training is already running. Wait for it or cancel it first.")
     if last is not None and last.waiting:
         raise FrogError("The last scene is still waiting to be imported. Finish the current render or operation first.")
-    task = TrainingTask(source, on_finished, live=live).start()
+    task = TrainingTask(source, on_finished, live=live, prepare=prepare).start()
     set_current(task)
     begin_ticking(tick)
     return task
@@ -235,7 +249,7 @@ def stop() -> None:
     if task is None:
         return
     task.cancel()
-    task.on_finished = None  # its result must not be imported into whatever comes next
+    task.on_finished = task.prepare = None  # its result must not be imported into whatever comes next
     if not task.join(state.patience):
         has_learned = task.state.step > 0
         doing = "Saving what the training has learned" if has_learned else "Ending the training"
@@ -255,8 +269,9 @@ def tick() -> float | None:
     task = current()
     if task is None:
         return None
+    applied = 0
     try:
-        if task.pump():
+        if applied := task.pump():
             for watcher in addon_state.get(BackgroundTraining).watchers:
                 watcher(task.state)
             redrawing.sidebars()
@@ -267,7 +282,8 @@ def tick() -> float | None:
     except Exception:  # Blender drops a timer that fails, and with it the rest of the training
         traceback.print_exc(file=sys.stderr)
         task.state.preview = None
-    task.hand_over()
+    if not applied:  # else that was enough at a time
+        task.hand_over()
     return TIMER_SECONDS if task.state.running or task.waiting else None
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import shaders
-from .layout import Texels, texels_of
+from .layout import ROW, Texels, rows_for, texels_of
 from .look import SIDE
 
 if TYPE_CHECKING:
@@ -23,24 +23,30 @@ _PICTURE = "RGBA16F"  # 8 bits would round a hundred times where a hundred faint
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """One capture to draw: its textures, how it is seen, and the order of its splats."""
+    """One capture to draw: its textures, how it is seen, and the numbers of its splats, see ``starts_of``."""
 
     textures: Textures
     view: SplatView
-    order: Any  # a GPUTexture
     count: int
+    start: int = 0
 
 
 class Canvas:
-    """An image to draw on. Making a GPUOffScreen would end the viewport's framebuffer: whatever is drawn after that,
-    the splats and Blender's texts and gizmos, would be lost until the next redraw.
+    """Images of one size to draw on. Making a GPUOffScreen would end the viewport's framebuffer: whatever is drawn
+    after that, the splats and Blender's texts and gizmos, would be lost until the next redraw.
     """
 
-    def __init__(self, size: tuple[int, int]) -> None:
+    def __init__(self, size: tuple[int, int], formats: Sequence[str] = (_PICTURE,)) -> None:
         import gpu
 
-        self.texture_color = gpu.types.GPUTexture(size, format=_PICTURE)
-        self._framebuffer = gpu.types.GPUFrameBuffer(color_slots=(self.texture_color,))
+        self.size = size
+        self.textures = tuple(gpu.types.GPUTexture(size, format=each) for each in formats)
+        self._framebuffer = gpu.types.GPUFrameBuffer(color_slots=self.textures)
+
+    @property
+    def texture_color(self) -> Any:
+        """The first image."""
+        return self.textures[0]
 
     def bind(self) -> Any:
         """A context in which it is drawn on."""
@@ -51,9 +57,13 @@ class GraphicsCard:
     """Draws splats. For the main thread, while Blender's graphics context is current."""
 
     def __init__(self) -> None:
-        self._splats = shaders.splat_shader()
+        self._projection, self._splats = shaders.projection_shader(), shaders.splat_shader()
         self._picture = shaders.picture_shader()
-        self._quad, self._whole = shaders.square(self._splats), shaders.square(self._picture)
+        self._rows, self._quad = shaders.square(self._projection), shaders.square(self._splats)
+        self._whole = shaders.square(self._picture)
+        self._fading = shaders.fading_shader()
+        self._faded = shaders.square(self._fading)
+        self._projected: Canvas | None = None
         self._nothing = self.texture(texels_of(np.zeros(4), 4))
         self._no_depth = self.depth(np.ones((1, 1), np.float32))
 
@@ -64,9 +74,9 @@ class GraphicsCard:
         buffer = gpu.types.Buffer("FLOAT", texels.values.size, texels.values)
         return gpu.types.GPUTexture(texels.size, format=_FORMATS[texels.channels], data=buffer)
 
-    def order(self, indices: np.ndarray) -> Any:
+    def order(self, numbers: np.ndarray) -> Any:
         """The texture of an order of splats."""
-        return self.texture(texels_of(indices, 1))
+        return self.texture(texels_of(numbers, 1))
 
     def depth(self, depths: np.ndarray) -> Any:
         """The texture of (H, W) float32 depths in [0, 1], rows from the bottom: what lies farther is hidden."""
@@ -80,38 +90,93 @@ class GraphicsCard:
         """An image to draw on, of that width and height."""
         return Canvas(size)
 
-    def draw(self, canvas: Canvas, layers: Sequence[Layer], depth: Any = None) -> None:
-        """Draws captures, the farthest first, on a cleared image: display-referred colours times alpha."""
+    def has_room(self, layers: Sequence[Layer]) -> bool:
+        """Whether captures can be drawn without making new textures."""
+        return self._projected is not None and self._projected.size == _size_for(layers)
+
+    def draw(
+        self, canvas: Canvas, layers: Sequence[Layer], order: Any, count: int, depth: Any = None, through: float = 0.0
+    ) -> None:
+        """Draws captures on a cleared image: display-referred colours times alpha.
+
+        Args:
+            layers: of one view.
+            order: the texture of their splats' numbers, ``count`` of them, the farthest first.
+            depth: a texture, see ``depth``.
+            through: the share of what lies behind ``depth`` that is seen nevertheless.
+        """
         import gpu
 
+        gpu.state.depth_test_set("NONE")
+        gpu.state.depth_mask_set(False)
+        projected = self._project(layers)
         with canvas.bind():
             framebuffer = gpu.state.active_framebuffer_get()
             framebuffer.clear(color=(0.0, 0.0, 0.0, 0.0))
-            gpu.state.blend_set("ALPHA_PREMULT")
-            gpu.state.depth_test_set("NONE")
-            gpu.state.depth_mask_set(False)
-            for layer in layers:
-                if layer.count:
-                    self._draw_layer(layer, self._no_depth if depth is None else depth)
+            if not count:
+                return
+            hiding = self._no_depth if depth is None else depth
+            if through > 0 and depth is not None:
+                self._draw_splats(layers[0].view, projected, order, count, hiding, is_hidden=True)
+                self._fade(through)  # all of them together: many faint splats that are faded each cover as much
+            self._draw_splats(layers[0].view, projected, order, count, hiding, is_hidden=False)
             gpu.state.blend_set("NONE")
 
-    def _draw_layer(self, layer: Layer, depth: Any) -> None:
-        from mathutils import Matrix
+    def _draw_splats(
+        self, view: SplatView, projected: Canvas, order: Any, count: int, depth: Any, *, is_hidden: bool
+    ) -> None:
+        """Draws the splats that lie behind a depth, or the others."""
+        import gpu
 
-        shader, view, textures = self._splats, layer.view, layer.textures
+        gpu.state.blend_set("ALPHA_PREMULT")
+        shader = self._splats
         shader.bind()
-        shader.uniform_float("to_camera", Matrix(view.to_camera.tolist()))
+        shader.uniform_float("screen", [*map(float, view.size), float(is_hidden)])
+        for name, texture in zip(shaders.SPLATS, projected.textures, strict=True):
+            shader.uniform_sampler(name, texture)
+        shader.uniform_sampler("order", order)
+        shader.uniform_sampler("scene_depth", depth)
+        self._quad.draw_instanced(shader, instance_count=count)
+
+    def _fade(self, share: float) -> None:
+        """Leaves a share of what is drawn."""
+        import gpu
+
+        gpu.state.blend_set("MULTIPLY")
+        self._fading.bind()
+        self._fading.uniform_float("share", share)
+        self._faded.draw(self._fading)
+
+    def _project(self, layers: Sequence[Layer]) -> Canvas:
+        """The textures ``shaders.SPLATS`` of captures; they are good until the next ones are projected."""
+        import gpu
+
+        if self._projected is None or not self.has_room(layers):
+            self._projected = None  # before there are two
+            self._projected = Canvas(_size_for(layers), ["RGBA32F"] * len(shaders.SPLATS))
+        with self._projected.bind():
+            gpu.state.blend_set("NONE")
+            for layer in layers:
+                if layer.count:
+                    self._project_layer(layer, self._projected.size[1])
+        return self._projected
+
+    def _project_layer(self, layer: Layer, rows: int) -> None:
+        shader, view, textures = self._projection, layer.view, layer.textures
+        shader.bind()
+        for name, row in zip(("to_right", "to_down", "to_front"), view.to_camera.tolist(), strict=False):
+            shader.uniform_float(name, row)
         shader.uniform_float("lens", view.lens)
         shader.uniform_float("clip", view.clip)
         shader.uniform_float("eye", [*view.eye.tolist(), float(textures.sh_count)])
         shader.uniform_float("screen", [*map(float, view.size), float(textures.rows), 0.0])
+        first, some = layer.start // ROW, -(-layer.count // ROW)
+        shader.uniform_float("rows", [float(first), float(some), float(rows), float(layer.count)])
         for name in shaders.TEXTURES:
             still = textures.still.get(name, self._nothing)
             shader.uniform_sampler(f"{name}_still", still)
             shader.uniform_sampler(f"{name}_moving", textures.moving.get(name, still))
-        shader.uniform_sampler("order", layer.order)
-        shader.uniform_sampler("scene_depth", depth)
-        self._quad.draw_instanced(shader, instance_count=layer.count)
+        self._rows.draw(shader)
 
     def lay_over(self, canvas: Canvas, look: Look) -> None:
         """Lays a drawn image over the whole of what is bound, at whatever size, as a scene shows colors."""
@@ -127,3 +192,8 @@ class GraphicsCard:
         self._picture.uniform_sampler("colors", self._nothing if look.table is None else look.table)
         self._whole.draw(self._picture)
         gpu.state.blend_set("NONE")
+
+
+def _size_for(layers: Sequence[Layer]) -> tuple[int, int]:
+    """Width and height of the textures in which captures are projected."""
+    return ROW, rows_for(max((layer.start + layer.count for layer in layers), default=0))

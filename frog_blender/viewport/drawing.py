@@ -1,4 +1,5 @@
-"""Draws the splats of all visible captures after a viewport's own content, as far as its depth lets them be seen.
+"""Draws the splats of all visible captures after a viewport's own content, as far as its depth lets them be seen: in
+one order, so that captures may stand in each other.
 
 A viewport keeps its last image of splats. The same view of the same captures at the same time, with nothing changed in
 the scene, is that image once more.
@@ -7,7 +8,7 @@ the scene, is that image once more.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -17,17 +18,18 @@ from bpy.app.handlers import persistent
 
 from .. import addon_state, app_handlers, point_cloud, reported_once
 from ..cameras import view_camera
-from ..capture_files import is_capture
 from ..engine.errors import FrogError
 from ..redrawing import viewports
 from ..render.collect_instances import check_placement, visible_captures
 from ..render.viewport_drawing import focal_ratio
 from ..timeline import playback
+from . import hiding
 from .card import GraphicsCard, Layer
 from .clouds import Clouds
 from .importance import Ranks
+from .layout import starts_of
 from .look import Looks
-from .order import Order, OrderRequest, Sorter
+from .order import Order, OrderRequest, Part, Sorter
 from .pace import STILL_AFTER, Pace
 from .projection import is_similarity, view_of
 
@@ -38,8 +40,6 @@ if TYPE_CHECKING:
 _SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "software", "basic render")
 _SOON = 0.01  # seconds until an order of many splats is asked for again
 _SLOW_SHADINGS, _LOOK_AGAIN = ("MATERIAL", "RENDERED"), 0.5
-_HIDING = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL", "GPENCIL")
-"""Types of objects that can lie before splats; empties can show images and collections."""
 
 
 @dataclass(eq=False)
@@ -61,25 +61,24 @@ class Picture:
 
     Attributes:
         key: what determined it.
-        orders: of the captures in it.
+        order: of the splats in it, and ``order_texture`` on the graphics card.
         step: pixels a side that one of its pixels stands for.
         is_final: nothing about it can become better.
         looked_at: what determined which captures it shows, and ``shown``, these.
         canvas: on the graphics card, ``size`` pixels large.
-        depth: of what hides splats, None for nothing, and when it was looked at.
-        order_textures: by what they are the order of.
+        depth: of what the viewport has drawn that hides splats, None for nothing, and when it was looked at.
     """
 
     pace: Pace = field(default_factory=Pace)
     key: Any = None
-    orders: tuple[Order, ...] = ()
+    order: Order | None = None
+    order_texture: Any = None
     step: int = 1
     is_final: bool = False
     canvas: Any = None
     size: tuple[int, int] = (0, 0)
     depth: np.ndarray | None = None
     checked_at: float = 0.0
-    order_textures: dict[Any, Any] = field(default_factory=dict)
     looked_at: Any = None
     shown: list[Shown] = field(default_factory=list)
 
@@ -104,6 +103,7 @@ class ViewportSplats:
         self.clouds = Clouds()
         self.sorter = Sorter()
         self.ranks = Ranks()
+        self.surfaces = hiding.Surfaces()
         self.colors = Looks(lambda: _later(_make_tables))
         self.changes = 0
         self.pictures: dict[int, Picture] = {}
@@ -224,7 +224,7 @@ def _update(
     key = (
         *(np.array(matrix).tobytes() for matrix in matrices),
         *(region.width, region.height, ratio, picture.looked_at),
-        *(space.shading.type, space.shading.show_xray, space.overlay.show_overlays),
+        *(space.shading.type, through := hiding.seen_through(space.shading), space.overlay.show_overlays),
     )
     now, step = time.perf_counter(), picture.step
     if picture.key != key:
@@ -236,21 +236,22 @@ def _update(
     size = max(1, -(-region.width // step)), max(1, -(-region.height // step))
     camera = view_camera(*matrices, *size, ratio)
     seen = [(each, view_of(camera, each.matrix, *matrices)) for each in picture.shown]
-    places = [(region.as_pointer(), index) for index in range(len(seen))]
-    orders = tuple(_order(splats, place, *each, 1 / step) for place, each in zip(places, seen, strict=True))
-    if picture.key == key and picture.size == size and orders == picture.orders and not picture.is_final:
-        return  # nothing of what is waited for is there
-    layers = [_layer(splats, picture, each, of, order) for (each, of), order in zip(seen, orders, strict=True)]
-    layers.sort(key=lambda layer: -layer.view.to_camera[2, 3])  # by their origins: one capture after the other
-    assert splats.card is not None
-    # While the viewport's framebuffer is bound.
-    picture.depth, picture.checked_at = _scene_depth() if _has_others(context) else None, now
+    order = splats.sorter.order(_request(splats, region.as_pointer(), seen, 1 / step))
+    if picture.key == key and picture.size == size and order is picture.order and not picture.is_final:
+        return  # what is waited for is not there
+    card = splats.card
+    assert card is not None
+    layers = _layers(splats, seen, order)
+    if order is not picture.order:
+        picture.order_texture = card.order(order.numbers)
+    if picture.canvas is None or picture.size != size or not card.has_room(layers):
+        _later(viewports, _SOON)  # while textures are made, what else is drawn into the viewport may be lost
     if picture.canvas is None or picture.size != size:
-        picture.canvas, picture.size = splats.card.canvas(size), size
-        _later(viewports, _SOON)  # while one is made, what else is drawn into the viewport may be lost
-    splats.card.draw(picture.canvas, layers, None if picture.depth is None else splats.card.depth(picture.depth))
-    picture.key, picture.step, picture.orders = key, step, orders
-    picture.is_final = step == 1 and all(map(_is_of, orders, seen))
+        picture.canvas, picture.size = card.canvas(size), size
+    depth = _depth_before(splats, picture, context, depsgraph)
+    card.draw(picture.canvas, layers, picture.order_texture, len(order.numbers), depth, through)
+    picture.key, picture.step, picture.order = key, step, order
+    picture.is_final = step == 1 and order.key == _order_key(seen)
     scenes = [other.time.scene for each in splats.pictures.values() for other in each.shown]
     tokens = {token for scene in scenes for token in (scene.token, scene.source.token)}
     splats.clouds.keep_only(tokens)
@@ -275,45 +276,32 @@ def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list
     return found
 
 
-def _order(splats: ViewportSplats, place: tuple[int, int], shown: Shown, view: SplatView, share: float) -> Order:
-    """The order of a capture's splats, or of a share of them, for a place in a viewport's list of captures."""
-    scene = shown.time.scene
-    points, kept = scene.column("means", shown.time.part()), splats.ranks.most_important(scene.source, share)
-    key = _order_key(shown, view, None if kept is None else len(kept))
-    return splats.sorter.order(OrderRequest(place, key, points, view.plane, kept))
+def _request(splats: ViewportSplats, place: int, seen: list[tuple[Shown, SplatView]], share: float) -> OrderRequest:
+    """The one order of all captures' splats, or of a share of them, for a viewport."""
+    starts = starts_of([shown.time.scene.count for shown, _ in seen])
+    parts, kept_of = [], []
+    for (shown, view), start in zip(seen, starts, strict=True):
+        scene = shown.time.scene
+        kept = splats.ranks.most_important(scene.source, share)
+        parts.append(Part(scene.column("means", shown.time.part()), view.plane, start, kept))
+        kept_of.append(None if kept is None else len(kept))
+    return OrderRequest(place, _order_key(seen, kept_of), tuple(parts))
 
 
-def _order_key(shown: Shown, view: SplatView, count: int | None = None) -> tuple[Any, ...]:
-    """What determines the order of so many of a capture's splats, None for all."""
-    return *shown.time.key, view.plane, count
+def _order_key(seen: list[tuple[Shown, SplatView]], counts: Sequence[int | None] = ()) -> tuple[Any, ...]:
+    """What determines the order of so many splats of each capture; None, and no counts, for all."""
+    wanted = counts or [None] * len(seen)
+    return tuple((*shown.time.key, view.plane, count) for (shown, view), count in zip(seen, wanted, strict=True))
 
 
-def _is_of(order: Order, seen: tuple[Shown, SplatView]) -> bool:
-    """Whether an order is that of a view, not of an earlier one."""
-    return order.key == _order_key(*seen)
-
-
-def _layer(splats: ViewportSplats, picture: Picture, shown: Shown, view: SplatView, order: Order) -> Layer:
+def _layers(splats: ViewportSplats, seen: list[tuple[Shown, SplatView]], order: Order) -> list[Layer]:
+    """What the graphics card draws; puts there what it lacks."""
     card = splats.card
     assert card is not None
-    textures = splats.clouds.of(shown.time.scene, card).at(shown.time)
-    texture = picture.order_textures.get(order)
-    if texture is None:
-        picture.order_textures = {
-            kept: found for kept, found in picture.order_textures.items() if kept in picture.orders
-        }
-        texture = picture.order_textures[order] = card.order(order.indices)
-    return Layer(textures, view, texture, len(order.indices))
-
-
-def _has_others(context: bpy.types.Context) -> bool:
-    """Whether a viewport may have drawn something that hides splats."""
-    for obj in context.visible_objects:
-        if obj.type in _HIDING and not is_capture(obj):
-            return True
-        if obj.type == "EMPTY" and (obj.empty_display_type == "IMAGE" or obj.instance_type == "COLLECTION"):
-            return True
-    return False
+    return [
+        Layer(splats.clouds.of(shown.time.scene, card).at(shown.time), view, shown.time.scene.count, start)
+        for (shown, view), start in zip(seen, order.starts, strict=True)
+    ]
 
 
 def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
@@ -326,17 +314,22 @@ def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
         _later(viewports, _LOOK_AGAIN)
         return False
     picture.checked_at = now
-    return not np.array_equal(_scene_depth(), picture.depth)
+    return not np.array_equal(hiding.drawn_depth(), picture.depth)
 
 
-def _scene_depth() -> np.ndarray:
-    """(H, W) the depth of what is bound, rows from the bottom."""
-    import gpu
-
-    framebuffer = gpu.state.active_framebuffer_get()
-    x, y, width, height = framebuffer.viewport_get()
-    buffer = framebuffer.read_depth(x, y, width, height)
-    return np.array(buffer, np.float32, copy=False).reshape(height, width)
+def _depth_before(
+    splats: ViewportSplats, picture: Picture, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph
+) -> Any:
+    """The texture of the depth of what hides splats, None for nothing. While the viewport's framebuffer is bound."""
+    picture.depth, picture.checked_at = None, time.perf_counter()
+    if splats.card is None or not hiding.has_others(context):
+        return None
+    if hiding.is_drawn_without_depth(context.scene, context.space_data):
+        if not splats.surfaces.has_room(picture.size):
+            _later(viewports, _SOON)
+        return splats.surfaces.depth(context, depsgraph, splats.changes, picture.size)
+    picture.depth = hiding.drawn_depth()
+    return splats.card.depth(picture.depth)
 
 
 def choose() -> None:

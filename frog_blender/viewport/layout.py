@@ -8,11 +8,13 @@ time. Nothing here knows Blender.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from ..engine.errors import FrogError
 
 if TYPE_CHECKING:
     from ..engine.playback.frame_delta import FrameDelta
@@ -21,6 +23,9 @@ if TYPE_CHECKING:
 CHANNELS = {"means": 1, "scales": 1, "quaternions": 4, "base": 4, "sh": 1}
 """Numbers in a texel of each texture. Columns of three numbers take three texels: they are copied as they are."""
 _LARGEST = 16_384  # texels of a side that every graphics card of Blender's takes
+ROW = 1_024
+"""Gaussians in a row of the textures in which all captures lie as a view shows them."""
+_ROWS_AT_ONCE = 64  # so that a scene that grows does not make new textures each time
 
 
 @dataclass(frozen=True)
@@ -95,3 +100,25 @@ def moving_textures(scene: ScenePlayer, part: FrameDelta) -> dict[str, Texels]:
             if name.startswith("sh_") and name not in columns:
                 columns[name] = scene.column(name, FrameDelta({}))[: scene.num_dynamic]
     return textures_of(columns)
+
+
+def starts_of(counts: Sequence[int]) -> list[int]:
+    """The numbers of the captures' first Gaussians: each begins a row.
+
+    Raises:
+        FrogError: for more Gaussians than can be numbered.
+    """
+    starts, end = [], 0
+    for count in counts:
+        starts.append(end)
+        end += -(-count // ROW) * ROW
+    if end > _LARGEST * ROW:  # 2^24, up to which float32 numbers are exact
+        found, most = f"{sum(counts):,} splats in {len(counts):,} captures", f"{_LARGEST * ROW:,}"
+        raise FrogError(f"The viewport shows {found}, expected at most {most}. Hide some captures.")
+    return starts
+
+
+def rows_for(end: int) -> int:
+    """The rows of textures for the numbers below ``end``, and some more."""
+    rows = -(-end // (ROW * _ROWS_AT_ONCE)) * _ROWS_AT_ONCE
+    return min(max(rows, _ROWS_AT_ONCE), _LARGEST)

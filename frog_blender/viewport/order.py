@@ -1,4 +1,4 @@
-"""The order of splats for a view, the farthest first: found at once for a few, in a thread for many.
+"""The one order of all captures' splats for a view, the farthest first: found at once for a few, in a thread for many.
 
 Nothing here knows Blender. A new request replaces one that has not begun; whoever draws takes what is there, which for
 a moment is the order of the view before.
@@ -22,38 +22,94 @@ Plane = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
+class Part:
+    """One capture's share of what is sorted.
+
+    Attributes:
+        points: (N, 3) float32, not to be changed afterwards.
+        plane: see ``depth_order``; of all parts in the same unit.
+        start: the number of the first Gaussian, from which on they are numbered.
+        kept: (K,) the Gaussians that are to be drawn; None for all.
+    """
+
+    points: np.ndarray
+    plane: Plane
+    start: int = 0
+    kept: np.ndarray | None = None
+
+    @property
+    def count(self) -> int:
+        """How many are sorted."""
+        return len(self.points) if self.kept is None else len(self.kept)
+
+    def drawn(self) -> np.ndarray:
+        """(K, 3) the points that are sorted."""
+        return self.points if self.kept is None else np.ascontiguousarray(self.points[self.kept])
+
+    def numbers(self) -> np.ndarray:
+        """(K,) float32 the numbers of the Gaussians that are sorted."""
+        own = np.arange(len(self.points)) if self.kept is None else self.kept
+        return (own + self.start).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
 class OrderRequest:
     """What to sort.
 
     Attributes:
         place: who wants it: one order is kept for each.
         key: what determines the order.
-        points: (N, 3) float32, not to be changed afterwards.
-        plane: see ``depth_order``.
-        kept: (K,) the Gaussians that are to be drawn; None for all.
+        parts: the captures.
     """
 
     place: Hashable
     key: Hashable
-    points: np.ndarray
-    plane: Plane
-    kept: np.ndarray | None = None
+    parts: tuple[Part, ...]
+
+    @property
+    def count(self) -> int:
+        """How many are sorted."""
+        return sum(part.count for part in self.parts)
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """The first number of each part."""
+        return tuple(part.start for part in self.parts)
 
     def sort(self) -> Order:
         """The order; takes milliseconds."""
-        points = self.points if self.kept is None else np.ascontiguousarray(self.points[self.kept])
-        found = depth_order(points, self.plane, NEAR)
-        if self.kept is not None:
-            found = self.kept[found.astype(np.int64)].astype(np.float32)
-        return Order(self.key, found)
+        if len(self.parts) == 1 and self.parts[0].kept is None and self.parts[0].start == 0:
+            return Order(self.key, depth_order(self.parts[0].points, self.parts[0].plane, NEAR), self.starts)
+        points, first = np.zeros((self.count, 3), np.float32), 0
+        for part in self.parts:
+            plane = np.array(part.plane, np.float32)
+            points[first : first + part.count, 2] = part.drawn() @ plane[:3] + plane[3]
+            first += part.count
+        found = depth_order(points, (0.0, 0.0, 1.0, 0.0), NEAR)
+        return Order(self.key, self._numbers(found), self.starts)
+
+    def _numbers(self, places: np.ndarray) -> np.ndarray:
+        """(K,) float32 the numbers of Gaussians by their places among all that are sorted."""
+        if any(part.kept is not None for part in self.parts):
+            return np.concatenate([part.numbers() for part in self.parts])[places.astype(np.int32)]
+        numbers, first, before = places.copy(), 0, 0
+        for part in self.parts:  # fetching would take ten times as long as adding
+            numbers += (places >= first) * np.float32(part.start - first - before)
+            first, before = first + part.count, part.start - first
+        return numbers
 
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """(K,) float32 indices, of what ``key`` determines."""
+    """(K,) float32 numbers of Gaussians, of what ``key`` determines.
+
+    Attributes:
+        starts: of the parts, by which Gaussians are numbered.
+    """
 
     key: Hashable
-    indices: np.ndarray
+    numbers: np.ndarray
+    starts: tuple[int, ...] = (0,)
 
 
 class Sorter:
@@ -73,8 +129,7 @@ class Sorter:
             found = self._found.get(request.place)
             if found is not None and found.key == request.key:
                 return found
-            count = len(request.points) if request.kept is None else len(request.kept)
-            if found is not None and count > self.at_once and _fits(found, request):
+            if found is not None and request.count > self.at_once and _fits(found, request):
                 if self._busy != (request.place, request.key):
                     self._waiting[request.place] = request
                     self._start()
@@ -140,5 +195,8 @@ class Sorter:
 
 
 def _fits(found: Order, request: OrderRequest) -> bool:
-    """Whether an earlier order names Gaussians of the request's: another scene may have fewer."""
-    return not len(found.indices) or found.indices.max() < len(request.points)
+    """Whether an earlier order names Gaussians of the request's, which may be of other captures."""
+    if found.starts != request.starts:
+        return False
+    last = request.parts[-1]
+    return not len(found.numbers) or found.numbers.max() < last.start + len(last.points)

@@ -1,7 +1,8 @@
-"""The shaders: splats into an image of their own, and that image onto the viewport.
+"""The shaders: each capture's Gaussians projected into textures that all captures share, these splats into an image in
+one order, and that image onto the viewport.
 
-The vertex shader does what the engine's ``project_gaussian`` and ``make_splat`` do (engine/native/src/shared), the
-fragment shader what ``blend`` does: the same low-pass, cut-offs, linearisation and spherical harmonics.
+The first does what the engine's ``project_gaussian`` and ``make_splat`` do (engine/native/src/shared), the second what
+``blend`` does: the same low-pass, cut-offs, linearisation and spherical harmonics.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ..engine.native.options import ALPHA_MAX, ALPHA_MIN, RasterizeOptions
+from .layout import ROW
 from .projection import NEAR
 
 if TYPE_CHECKING:
@@ -16,6 +18,9 @@ if TYPE_CHECKING:
 
 TEXTURES = ("means", "scales", "quaternions", "base", "sh")
 """In the order of their samplers: still ones, then moving ones."""
+SPLATS = ("places", "conics", "colours")
+"""Textures of what a view shows of each Gaussian, ROW of them in a row: its centre in pixels, its depth and whether it
+is drawn; the root of its conic and the logarithm of its opacity; its colour."""
 _CORNER = "corner"
 
 _CONSTANTS = f"""
@@ -24,15 +29,24 @@ const float ALPHA_MAX = {ALPHA_MAX!r};
 const float LOW_PASS = {RasterizeOptions().low_pass!r};
 const float NEAR = {NEAR!r};
 const float LOG2E = 1.4426950408889634;
+const int ROW = {ROW};
+#define TEXEL(image, k) texelFetch(image, ivec2((k) % textureSize(image, 0).x, (k) / textureSize(image, 0).x), 0)
 """
 
-_SPLAT_VERTEX = (
+_PROJECT_VERTEX = """
+void main()
+{
+  float row = rows.x + (0.5 * corner.y + 0.5) * rows.y;
+  gl_Position = vec4(corner.x, 2.0 * row / rows.z - 1.0, 0.0, 1.0);
+}
+"""
+
+_PROJECT_FRAGMENT = (
     _CONSTANTS
     + """
-#define TEXEL(image, k) texelFetch(image, ivec2((k) % textureSize(image, 0).x, (k) / textureSize(image, 0).x), 0)
 #define THREE(image, k) vec3(TEXEL(image, k).r, TEXEL(image, (k) + 1).r, TEXEL(image, (k) + 2).r)
 
-int rows()
+int moving()
 {
   return int(screen.z + 0.5);
 }
@@ -45,7 +59,7 @@ int sh_count()
 vec3 coefficient(int i, int k)
 {
   int at = 3 * (i * (sh_count() - 1) + k - 1);
-  return i < rows() ? THREE(sh_moving, at) : THREE(sh_still, at);
+  return i < moving() ? THREE(sh_moving, at) : THREE(sh_still, at);
 }
 
 vec3 colour_of(int i, vec3 first, vec3 direction)
@@ -84,53 +98,77 @@ mat3 rotation_of(vec4 q)  // w, x, y, z
 
 void main()
 {
-  gl_Position = vec4(2.0, 2.0, 2.0, 1.0);  // outside: not drawn
-  colour = vec3(0.0);
+  place = vec4(0.0);
   conic = vec4(0.0);
-  centre = vec2(0.0);
-  depth = 0.0;
-  int i = int(TEXEL(order, gl_InstanceID).r + 0.5);
-  vec3 mean = i < rows() ? THREE(means_moving, 3 * i) : THREE(means_still, 3 * i);
-  vec4 base = i < rows() ? TEXEL(base_moving, i) : TEXEL(base_still, i);
-  vec3 local = (to_camera * vec4(mean, 1.0)).xyz;
+  colour = vec4(0.0);
+  int i = (int(gl_FragCoord.y) - int(rows.x + 0.5)) * ROW + int(gl_FragCoord.x);
+  if (i >= int(rows.w + 0.5)) {
+    return;
+  }
+  vec3 mean = i < moving() ? THREE(means_moving, 3 * i) : THREE(means_still, 3 * i);
+  vec4 base = i < moving() ? TEXEL(base_moving, i) : TEXEL(base_still, i);
+  vec4 there = vec4(mean, 1.0);
+  vec3 local = vec3(dot(to_right, there), dot(to_down, there), dot(to_front, there));
   float opacity = min(base.a, 1.0);
   if (!(local.z >= NEAR && opacity > ALPHA_MIN)) {
     return;
   }
-  vec3 scale = i < rows() ? THREE(scales_moving, 3 * i) : THREE(scales_still, 3 * i);
-  vec4 quaternion = i < rows() ? TEXEL(quaternions_moving, i) : TEXEL(quaternions_still, i);
+  vec3 scale = i < moving() ? THREE(scales_moving, 3 * i) : THREE(scales_still, 3 * i);
+  vec4 quaternion = i < moving() ? TEXEL(quaternions_moving, i) : TEXEL(quaternions_still, i);
 
   // The linearisation is clamped a little outside the image.
   vec2 focal = lens.xy, middle = lens.zw, extent = screen.xy, margin = 0.15 * screen.xy;
   vec2 at = clamp(local.xy / local.z, (-margin - middle) / focal, (extent + margin - middle) / focal);
-  mat3 rotated = mat3(to_camera) * rotation_of(quaternion);
-  rotated[0] *= scale.x;
-  rotated[1] *= scale.y;
-  rotated[2] *= scale.z;
-  vec3 row_z = vec3(rotated[0].z, rotated[1].z, rotated[2].z);
-  vec3 a = focal.x / local.z * (vec3(rotated[0].x, rotated[1].x, rotated[2].x) - at.x * row_z);
-  vec3 b = focal.y / local.z * (vec3(rotated[0].y, rotated[1].y, rotated[2].y) - at.y * row_z);
+  mat3 axes = rotation_of(quaternion);
+  axes[0] *= scale.x;
+  axes[1] *= scale.y;
+  axes[2] *= scale.z;
+  vec3 row_z = to_front.xyz * axes;
+  vec3 a = focal.x / local.z * (to_right.xyz * axes - at.x * row_z);
+  vec3 b = focal.y / local.z * (to_down.xyz * axes - at.y * row_z);
   vec3 thin = cross(a, b);  // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2: no cancellation for needles
   float xx = dot(a, a) + LOW_PASS, yy = dot(b, b) + LOW_PASS, xy = dot(a, b);
   float determinant = dot(thin, thin) + LOW_PASS * (dot(a, a) + dot(b, b)) + LOW_PASS * LOW_PASS;
   if (!(determinant > 1e-12 && determinant < 1e30)) {
     return;
   }
-  float reach = log2(opacity) - log2(ALPHA_MIN);
-  colour = colour_of(i, base.rgb, normalize(mean - eye.xyz));
-  centre = focal * local.xy / local.z + middle;
+  float depth = 0.5 + 0.5 * (clip.x * local.z + clip.y) / (clip.z * local.z + clip.w);
+  place = vec4(focal * local.xy / local.z + middle, depth, 1.0);
   float along = sqrt(0.5 * LOG2E * yy / determinant);
   conic = vec4(along, -along * xy / yy, sqrt(0.5 * LOG2E / yy), log2(opacity));
-  depth = 0.5 + 0.5 * (clip.x * local.z + clip.y) / (clip.z * local.z + clip.w);
+  colour = vec4(colour_of(i, base.rgb, normalize(mean - eye.xyz)), 1.0);
+}
+"""
+)
+
+_SPLAT_VERTEX = (
+    _CONSTANTS
+    + """
+void main()
+{
+  gl_Position = vec4(2.0, 2.0, 2.0, 1.0);  // outside: not drawn
+  int i = int(TEXEL(order, gl_InstanceID).r + 0.5);
+  ivec2 texel = ivec2(i % ROW, i / ROW);
+  vec4 place = texelFetch(places, texel, 0);
+  conic = texelFetch(conics, texel, 0);
+  colour = texelFetch(colours, texel, 0).rgb;
+  centre = place.xy;
+  depth = place.z;
+  if (place.w == 0.0) {
+    return;
+  }
 
   // The rectangle around the ellipse in which alpha is at least ALPHA_MIN, along its axes.
+  float yy = 0.5 * LOG2E / (conic.z * conic.z), xy = -conic.y / conic.x * yy;
+  float determinant = 0.5 * LOG2E * yy / (conic.x * conic.x), xx = (determinant + xy * xy) / yy;
   float middle_square = 0.5 * (xx + yy), apart = length(vec2(0.5 * (xx - yy), xy));
   float wide = middle_square + apart, narrow = determinant / wide;
   vec2 axis = xx >= yy ? vec2(0.5 * (xx - yy) + apart, xy) : vec2(xy, 0.5 * (yy - xx) + apart);
   axis = apart > 1e-9 ? normalize(axis) : vec2(1.0, 0.0);
+  float reach = conic.w - log2(ALPHA_MIN);
   vec2 half_sides = sqrt(2.0 / LOG2E * reach * vec2(wide, narrow)) + 0.01;
   vec2 pixel = centre + corner.x * half_sides.x * axis + corner.y * half_sides.y * vec2(-axis.y, axis.x);
-  gl_Position = vec4(2.0 * pixel.x / extent.x - 1.0, 1.0 - 2.0 * pixel.y / extent.y, 0.0, 1.0);
+  gl_Position = vec4(2.0 * pixel.x / screen.x - 1.0, 1.0 - 2.0 * pixel.y / screen.y, 0.0, 1.0);
 }
 """
 )
@@ -145,7 +183,8 @@ void main()
   float alpha = min(exp2(conic.w - u * u - v * v), ALPHA_MAX);
   ivec2 there = textureSize(scene_depth, 0);
   ivec2 texel = min(ivec2(gl_FragCoord.xy / screen.xy * vec2(there)), there - 1);
-  if (alpha < ALPHA_MIN || depth > texelFetch(scene_depth, texel, 0).r) {
+  bool is_behind = depth > texelFetch(scene_depth, texel, 0).r;
+  if (alpha < ALPHA_MIN || is_behind != (screen.z > 0.5)) {
     discard;
   }
   fragColor = vec4(colour * alpha, alpha);
@@ -201,28 +240,66 @@ void main()
 """
 
 
+def projection_shader() -> gpu.types.GPUShader:
+    """Writes rows of the textures ``SPLATS``: one capture's Gaussians, a pixel each."""
+    import gpu
+
+    info = gpu.types.GPUShaderCreateInfo()
+    for name in (
+        *("to_right", "to_down", "to_front"),  # rows of the matrix from the capture's space to the camera's
+        "lens",
+        "clip",
+        "eye",  # and the number of the colours' coefficients
+        "screen",  # width, height and Gaussians of the moving textures
+        "rows",  # the first one, how many, those of the textures, and the number of Gaussians
+    ):  # 128 bytes, which every graphics card has
+        info.push_constant("VEC4", name)
+    for slot, name in enumerate(f"{name}_{state}" for state in ("still", "moving") for name in TEXTURES):
+        info.sampler(slot, "FLOAT_2D", name)
+    for slot, name in enumerate(("place", "conic", "colour")):
+        info.fragment_out(slot, "VEC4", name)
+    return _made(info, None, _PROJECT_VERTEX, _PROJECT_FRAGMENT)
+
+
 def splat_shader() -> gpu.types.GPUShader:
     """Draws quads of two triangles, one instance a splat."""
     import gpu
 
     info = gpu.types.GPUShaderCreateInfo()
-    for kind, name in (
-        ("MAT4", "to_camera"),
-        ("VEC4", "lens"),
-        ("VEC4", "clip"),
-        ("VEC4", "eye"),  # and the number of the colours' coefficients
-        ("VEC4", "screen"),  # width, height and rows of the moving textures
-    ):  # 128 bytes, which every graphics card has
-        info.push_constant(kind, name)
-    names = [f"{name}_{state}" for state in ("still", "moving") for name in TEXTURES]
-    for slot, name in enumerate([*names, "order", "scene_depth"]):
+    info.push_constant("VEC3", "screen")  # width, height, and 1 for what is hidden alone, 0 for the rest alone
+    for slot, name in enumerate([*SPLATS, "order", "scene_depth"]):
         info.sampler(slot, "FLOAT_2D", name)
     between = gpu.types.GPUStageInterfaceInfo("frog_splat")
     between.flat("VEC3", "colour")
     between.flat("VEC4", "conic")
     between.flat("VEC2", "centre")
     between.flat("FLOAT", "depth")
+    info.fragment_out(0, "VEC4", "fragColor")
     return _made(info, between, _SPLAT_VERTEX, _SPLAT_FRAGMENT)
+
+
+def fading_shader() -> gpu.types.GPUShader:
+    """Writes a share everywhere."""
+    import gpu
+
+    info = gpu.types.GPUShaderCreateInfo()
+    info.push_constant("FLOAT", "share")
+    info.fragment_out(0, "VEC4", "fragColor")
+    vertex = f"void main()\n{{\n  gl_Position = vec4({_CORNER}, 0.0, 1.0);\n}}\n"
+    return _made(info, None, vertex, "void main()\n{\n  fragColor = vec4(share);\n}\n")
+
+
+def depth_shader() -> gpu.types.GPUShader:
+    """Writes how deep triangles lie, in [0, 1]."""
+    import gpu
+
+    info = gpu.types.GPUShaderCreateInfo()
+    info.push_constant("MAT4", "to_clip")
+    info.vertex_in(0, "VEC3", "place")
+    info.fragment_out(0, "VEC4", "found")
+    info.vertex_source("void main()\n{\n  gl_Position = to_clip * vec4(place, 1.0);\n}\n")
+    info.fragment_source("void main()\n{\n  found = vec4(gl_FragCoord.z);\n}\n")
+    return gpu.shader.create_from_info(info)
 
 
 def picture_shader() -> gpu.types.GPUShader:
@@ -235,6 +312,7 @@ def picture_shader() -> gpu.types.GPUShader:
     info.sampler(1, "FLOAT_2D", "colors")
     between = gpu.types.GPUStageInterfaceInfo("frog_picture")
     between.smooth("VEC2", "place")
+    info.fragment_out(0, "VEC4", "fragColor")
     return _made(info, between, _PICTURE_VERTEX, _PICTURE_FRAGMENT)
 
 
@@ -249,8 +327,8 @@ def _made(info: Any, between: Any, vertex: str, fragment: str) -> gpu.types.GPUS
     import gpu
 
     info.vertex_in(0, "VEC2", _CORNER)
-    info.vertex_out(between)
-    info.fragment_out(0, "VEC4", "fragColor")
+    if between is not None:
+        info.vertex_out(between)
     info.vertex_source(vertex)
     info.fragment_source(fragment)
     return gpu.shader.create_from_info(info)

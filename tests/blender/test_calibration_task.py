@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
+from frog_blender.background_task import TIMER_SECONDS
 from frog_blender.calibration_task import runner
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
 from frog_blender.engine.capture.calibration.pipeline import Outcome
@@ -159,7 +160,7 @@ def test_the_timer_ends_with_the_calibration(addon, tmp_path):
     try:
         assert task.join(20.0)
         while (seconds := runner.tick()) is not None:
-            assert seconds == runner.TIMER_SECONDS
+            assert seconds == TIMER_SECONDS
         assert not task.state.running and task.state.outcome is not None
     finally:
         runner.stop()

@@ -34,7 +34,7 @@ def test_one_file(empty, static_rig):
 def test_several_files(empty, scenes_of_two):
     assert bpy.ops.import_scene.frog(**given(*scenes_of_two)) == {"FINISHED"}
     assert played() == sorted(map(str, scenes_of_two))
-    assert empty.camera.name == "cam00" and empty.camera.parent.name == "a", "the first one sets the scene up"
+    assert empty.camera.name == "cam00" and empty.camera.parent.parent.name == "a", "the first one sets the scene up"
 
 
 def test_one_of_several_that_is_damaged(empty, scenes_of_two):
@@ -42,7 +42,7 @@ def test_one_of_several_that_is_damaged(empty, scenes_of_two):
     first.write_bytes(b"nonsense")
     with pytest.raises(RuntimeError, match=r"a\.frog"):  # the sentence; a script learns of it so
         bpy.ops.import_scene.frog(**given(*scenes_of_two))
-    assert played() == [str(second)] and empty.camera.parent.name == "b"
+    assert played() == [str(second)] and empty.camera.parent.parent.name == "b"
 
 
 def test_several_splat_files_become_a_scene_each(empty, scenes_of_two, tmp_path):

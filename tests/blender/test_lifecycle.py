@@ -17,7 +17,7 @@ from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.scene_import.capture_objects import active_capture
+from frog_blender.scene_import.capture_objects import active_capture, cameras_of
 from frog_blender.timeline import playback
 from frog_blender.training_task import runner
 from frog_blender.training_task.request import TrainingRequest
@@ -74,7 +74,7 @@ def test_a_duplicate_of_everything_moves_by_itself(empty, static_rig):
         obj.select_set(True)
     bpy.ops.object.duplicate()
     second = next(obj for obj in bpy.context.selected_objects if obj in set(playback.captures(empty.objects)))
-    assert second.parent != first.parent and sum(child.type == "CAMERA" for child in second.parent.children) == 3
+    assert second.parent != first.parent and len(cameras_of(second)) == 3
     second.parent.location.z += 2.0
     empty.frame_set(3)
     shows(second, static_rig, 2.0)

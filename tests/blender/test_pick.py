@@ -16,7 +16,7 @@ from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import write_scene
 from frog_blender.operators import pick
 from frog_blender.render.collect_instances import visible_captures
-from frog_blender.scene_import.capture_objects import active_capture, cameras_of, root_of, select_capture
+from frog_blender.scene_import.capture_objects import active_capture, cameras_of, holders_of, root_of, select_capture
 from frog_blender.timeline import playback
 
 WIDTH, HEIGHT = 160, 120
@@ -125,6 +125,25 @@ def test_a_collection_s_instance_is_what_is_selected(empty, capture, seen):
     bpy.context.view_layer.layer_collection.children["a"].exclude = True
     context = window(np.array(Matrix.Translation((50.0, 0.0, 0.0))) @ pose)
     assert pick._instancer(context, pick.splats_at(context, x, y)) == instance
+
+
+def test_cameras_hang_on_what_is_not_seen_so_that_no_lines_are_drawn_to_it(capture):
+    root, cameras = root_of(capture), cameras_of(capture)
+    (holder,) = {camera.parent for camera in cameras}
+    assert holder.parent == root and holders_of(capture) == [holder]
+    assert holder.is_instancer and not holder.show_instancer_for_viewport and holder.hide_render
+    assert holder.instance_collection is None and holder.visible_get(), "all of a capture can be selected"
+    np.testing.assert_allclose(np.array(holder.matrix_world), np.array(root.matrix_world), atol=1e-6)
+
+
+def test_cameras_of_an_earlier_version_hang_on_the_root(capture):
+    root, (first, *others) = root_of(capture), cameras_of(capture)
+    first.parent = root
+    assert set(cameras_of(capture)) == {first, *others} and active_capture(bpy.context) == capture
+    for camera in others:
+        camera.parent = root
+    bpy.data.objects.remove(next(child for child in root.children if child.type == "EMPTY"))
+    assert set(cameras_of(capture)) == {first, *others} and holders_of(capture) == []
 
 
 def test_it_turns_and_grows_about_its_middle_with_its_cameras(capture):

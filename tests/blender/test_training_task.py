@@ -131,6 +131,21 @@ def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, request):
     assert task.waiting is None and imported == [Path("x.frog")]
 
 
+def test_what_an_import_needs_is_made_a_tick_before_it(addon):
+    """Neither keeps the user waiting as long as both together."""
+    done = []
+    source = lambda cancelled: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)])  # noqa: E731
+    task = runner.begin(source, lambda path: done.append(path), prepare=lambda: done.append("prepared"))
+    try:
+        assert task.join(20.0)
+        while not done:
+            assert runner.tick() is not None
+        assert done == ["prepared"] and task.waiting is not None
+        assert runner.tick() is None and done == ["prepared", Path("x.frog")]
+    finally:
+        runner.set_current(None)
+
+
 def test_a_scene_that_was_renamed_meanwhile_gets_the_import(empty, static_rig):
     show = training_result.importer(empty)
     empty.name = "Another"

@@ -8,6 +8,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
+from mathutils import Matrix
+from support.blender_windows import viewport
 from support.builders import scene_file
 from support.small_scenes import rig_of_three, write_scene
 
@@ -18,13 +20,14 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.transform import transform
 from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
-from frog_blender.render.collect_instances import visible_captures
+from frog_blender.render.collect_instances import joined, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline.playback_cache import SceneTime
-from frog_blender.viewport import drawing
+from frog_blender.viewport import drawing, hiding, shaders
 from frog_blender.viewport.card import GraphicsCard, Layer
 from frog_blender.viewport.clouds import Clouds
-from frog_blender.viewport.order import OrderRequest
+from frog_blender.viewport.layout import starts_of
+from frog_blender.viewport.order import OrderRequest, Part
 from frog_blender.viewport.projection import view_of
 
 NEAR, FAR = 0.05, 200.0
@@ -72,23 +75,29 @@ def ring(count: int, middle: np.ndarray, distance: float) -> list[Camera]:
 def drawn(card, player, time, camera, matrix=None, depth=None):
     """(H, W, 4) by the graphics card, rows from the top, and the Gaussians in the world."""
     matrix = np.eye(4) if matrix is None else matrix
+    return drawn_together(card, [(player, time, matrix)], camera, depth), transform(player.at(time), matrix)
+
+
+def drawn_together(card, captures, camera, depth=None, through=0.0):
+    """(H, W, 4) of several captures, each a player, a time and a matrix, by the graphics card, rows from the top."""
     view_matrix, window_matrix = matrices(camera)
-    view = view_of(
-        view_camera(view_matrix, window_matrix, camera.width, camera.height), matrix, view_matrix, window_matrix
-    )
-    gaussians = player.at(time)
-    order = OrderRequest("test", 0, np.ascontiguousarray(gaussians.means), view.plane).sort()
-    textures = Clouds().of(player, card).at(SceneTime(player, time))
-    canvas = card.canvas(view.size)
-    hidden = None
+    eye = view_camera(view_matrix, window_matrix, camera.width, camera.height)
+    starts = starts_of([player.count for player, *_ in captures])
+    parts, layers, clouds = [], [], Clouds()
+    for (player, time, matrix), start in zip(captures, starts, strict=True):
+        view = view_of(eye, matrix, view_matrix, window_matrix)
+        parts.append(Part(np.ascontiguousarray(player.at(time).means), view.plane, start))
+        textures = clouds.of(player, card).at(SceneTime(player, time))
+        layers.append(Layer(textures, view, player.count, start))
+    numbers = OrderRequest("test", 0, tuple(parts)).sort().numbers
+    canvas, hidden = card.canvas(view.size), None
     if depth is not None:
         a, b, c, d = view.clip
         with np.errstate(invalid="ignore"):
             window_depth = np.where(np.isinf(depth), 1.0, 0.5 + 0.5 * (a * depth + b) / (c * depth + d))
         hidden = card.depth(window_depth[::-1])
-    card.draw(canvas, [Layer(textures, view, card.order(order.indices), len(order.indices))], hidden)
-    pixels = np.array(canvas.texture_color.read(), np.float32).reshape(camera.height, camera.width, 4)[::-1]
-    return pixels, transform(gaussians, matrix)
+    card.draw(canvas, layers, card.order(numbers), len(numbers), hidden, through)
+    return np.array(canvas.texture_color.read(), np.float32).reshape(camera.height, camera.width, 4)[::-1]
 
 
 def psnr(pixels: np.ndarray, expected: np.ndarray) -> float:
@@ -128,6 +137,39 @@ def test_a_capture_that_was_turned_moved_and_scaled(card, tmp_path):
         assert psnr(pixels[..., :3], expected.rgb) >= LEAST
 
 
+def test_captures_that_stand_in_each_other_are_drawn_in_one_order(card, tmp_path):
+    """The last one twice: an object that was duplicated."""
+    few = SCENES["few large"](tmp_path)
+    other = ScenePlayer.load(write_scene(tmp_path / "b.frog", rig_of_three(), count=50, sh_count=4, seed=7))
+    turned = np.linalg.inv(pose_of(ring(3, np.zeros(3), 0.2)[1]))
+    turned[:3, :3] *= 0.8
+    captures = [(few, 0.3, np.eye(4)), (other, 0.6, turned), (other, 0.1, np.eye(4))]
+    parts = [transform(player.at(time), matrix) for player, time, matrix in captures]
+    together = joined(parts)
+    middle = together.means.mean(axis=0).astype(np.float64)
+    spread = float(np.linalg.norm(together.means - middle, axis=1).mean())
+    apart = []
+    for camera in ring(6, middle, 2.5 * spread):
+        expected = draw(together, camera)
+        pixels = drawn_together(card, captures, camera)
+        assert psnr(pixels[..., :3], expected.rgb) >= LEAST, camera.name
+        assert psnr(pixels[..., 3], expected.alpha) >= LEAST, camera.name
+        one_by_one = np.zeros_like(expected.rgb)
+        for image in (draw(part, camera) for part in parts):
+            one_by_one = image.rgb + one_by_one * (1 - image.alpha[..., None])
+        apart.append(psnr(one_by_one, expected.rgb))
+    assert max(apart) < LEAST, "one after the other they are another image"
+
+
+def test_a_capture_that_is_gone_leaves_nothing_in_the_textures_of_all(card, tmp_path):
+    """They are used again: for fewer splats, in other rows."""
+    few, many = SCENES["few large"](tmp_path), SCENES["many, some moving"](tmp_path)
+    camera = ring(3, few.at(0.0).means.mean(axis=0).astype(np.float64), 4.0)[0]
+    alone = drawn_together(card, [(few, 0.0, np.eye(4))], camera)
+    drawn_together(card, [(many, 0.0, np.eye(4)), (few, 0.0, np.eye(4))], camera)
+    np.testing.assert_array_equal(drawn_together(card, [(few, 0.0, np.eye(4))], camera), alone)
+
+
 def test_a_mesh_hides_what_is_behind_it_to_the_pixel(card, tmp_path):
     player = SCENES["few large"](tmp_path)
     means = player.at(0.0).means
@@ -145,6 +187,42 @@ def test_a_mesh_hides_what_is_behind_it_to_the_pixel(card, tmp_path):
         assert psnr(pixels[..., :3], expected.rgb) >= LEAST
         far_off = np.abs(pixels[..., 3] - expected.alpha) > 0.1
         assert far_off.mean() < 0.002
+
+
+@pytest.mark.parametrize("through", [0.3, 1.0])
+def test_in_x_ray_a_share_of_what_is_hidden_is_seen(card, tmp_path, through):
+    """Of all of it together, below what lies before."""
+    player = SCENES["few large"](tmp_path)
+    middle = player.at(0.0).means.mean(axis=0).astype(np.float64)
+    camera = ring(3, middle, 5.0)[1]
+    depth = np.full((camera.height, camera.width), 5.0)
+    captures = [(player, 0.0, np.eye(4))]
+    pixels = drawn_together(card, captures, camera, depth, through)
+    gaussians = player.at(0.0)
+    before = draw(gaussians, camera, depth_limit=depth.astype(np.float32))
+    whole = draw(gaussians, camera)
+    hidden = whole.rgb - before.rgb, whole.alpha - before.alpha  # what shows of it through what lies before
+    assert hidden[1].max() > 0.2 and before.alpha.max() > 0.2
+    assert psnr(pixels[..., :3], before.rgb + through * hidden[0]) >= LEAST
+    assert psnr(pixels[..., 3], before.alpha + through * hidden[1]) >= LEAST
+
+
+def test_the_depth_of_surfaces_is_that_of_a_viewport(card):
+    camera = ring(3, np.zeros(3), 5.0)[1]
+    corners = np.array([[-1.0, -0.8, 0.2], [1.2, -0.6, 0.1], [1.0, 0.9, -0.4], [-0.7, 0.8, 0.5]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    view_matrix, window_matrix = matrices(camera)
+    shader = shaders.depth_shader()
+    batch = hiding.surface_batch(shader, [(corners[:3], triangles[:1]), (corners, triangles[1:])])
+    target = hiding.Target((camera.width, camera.height))
+    texture = target.draw(shader, batch, Matrix((window_matrix @ view_matrix).tolist()))
+    found = np.array(texture.read(), np.float32).reshape(camera.height, camera.width)[::-1]
+    depth = mesh_depth(corners, triangles, camera)
+    a, b = -window_matrix[2, 2], window_matrix[2, 3]
+    with np.errstate(invalid="ignore"):
+        expected = np.where(np.isinf(depth), 1.0, 0.5 + 0.5 * (a * depth + b) / depth)
+    is_near = np.abs(found - expected) < 1e-4
+    assert is_near.mean() > 0.99 and (found < 1).any() and (found == 1).any()
 
 
 def test_points_give_way_in_viewports_and_stay_in_renders(empty, static_rig):
@@ -182,3 +260,32 @@ def test_without_a_window_nothing_is_drawn(empty, static_rig):
         empty.frog.viewport_drawing = choice
         assert not drawing.is_wanted(empty) and point_cloud.is_drawn_in_viewports(active_capture(bpy.context))
     assert drawing.state().handler is None
+
+
+def test_how_much_is_seen_through_objects(empty):
+    shading = viewport()["space_data"].shading
+    shading.type, shading.show_xray, shading.xray_alpha = "SOLID", False, 0.3
+    assert hiding.seen_through(shading) == 0.0
+    shading.show_xray = True
+    assert hiding.seen_through(shading) == pytest.approx(0.7)
+    shading.type, shading.show_xray_wireframe, shading.xray_alpha_wireframe = "WIREFRAME", True, 0.0
+    assert hiding.seen_through(shading) == 0.5, "the wires stay in sight"
+    shading.xray_alpha_wireframe = 0.8
+    assert hiding.seen_through(shading) == pytest.approx(0.2)
+    shading.show_xray_wireframe = False
+    assert hiding.seen_through(shading) == 0.0
+    shading.type = "MATERIAL"
+    assert hiding.seen_through(shading) == 0.0, "there Blender has no X-ray"
+
+
+def test_where_blender_draws_no_depth(empty):
+    space = viewport()["space_data"]
+    found = {}
+    for engine in ("BLENDER_WORKBENCH", "FROG"):
+        empty.render.engine = engine
+        for kind in ("SOLID", "RENDERED"):
+            for overlays in (True, False):
+                space.shading.type, space.overlay.show_overlays = kind, overlays
+                found[engine, kind, overlays] = hiding.is_drawn_without_depth(empty, space)
+    space.overlay.show_overlays = True
+    assert [key for key, lacks in found.items() if lacks] == [("FROG", "RENDERED", False)]

@@ -33,7 +33,7 @@ def in_window(operator: type) -> Iterator[InWindow]:
     class Windowed(operator):  # type: ignore[misc]
         bl_idname, bl_label, __doc__ = operator.bl_idname, operator.bl_label, operator.__doc__
         is_interactive = True  # of those that first show a file browser
-        slice_seconds = 0.0
+        slice_seconds = at_once = 0.0
 
         @staticmethod
         def has_window(context: bpy.types.Context) -> bool:

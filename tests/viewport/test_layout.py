@@ -6,9 +6,19 @@ import numpy as np
 import pytest
 from support.builders import scene_file
 
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.frame_delta import FrameDelta
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.viewport.layout import CHANNELS, Texels, moving_textures, still_textures, texture_size
+from frog_blender.viewport.layout import (
+    CHANNELS,
+    ROW,
+    Texels,
+    moving_textures,
+    rows_for,
+    starts_of,
+    still_textures,
+    texture_size,
+)
 
 
 def fetched(texels: Texels, count: int, width: int) -> np.ndarray:
@@ -61,3 +71,15 @@ def test_a_frame_sends_what_changes() -> None:
     rows = 4 * 4 * sum(texels.size[0] for texels in moving_textures(player, part).values())
     assert part.bytes <= sent < part.bytes + rows, "but for the last row of each texture"
     assert moving_textures(player, FrameDelta({})) == {}
+
+
+def test_captures_are_numbered_from_the_beginning_of_a_row() -> None:
+    counts = [1, ROW, ROW + 1, 0, 5]
+    starts = starts_of(counts)
+    assert starts == [0, ROW, 2 * ROW, 4 * ROW, 4 * ROW]
+    assert rows_for(starts[-1] + counts[-1]) * ROW >= starts[-1] + counts[-1]
+    assert rows_for(0) == rows_for(1) == rows_for(60 * ROW), "a scene may grow a little"
+    largest = 1 << 24
+    assert starts_of([largest]) == [0] and rows_for(largest) * ROW == largest
+    with pytest.raises(FrogError, match=r"16,777,217 splats in 2 captures, expected at most 16,777,216"):
+        starts_of([largest, 1])

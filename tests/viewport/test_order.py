@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from frog_blender.viewport import order
-from frog_blender.viewport.order import OrderRequest, Sorter
+from frog_blender.viewport.order import OrderRequest, Part, Sorter
 
 
 def request(key: int, count: int = 1000, place: str = "left", kept: np.ndarray | None = None) -> OrderRequest:
     points = np.random.default_rng(count).normal(0, 3, (count, 3)).astype(np.float32)
-    return OrderRequest(place, key, points, (float(np.cos(key)), 0.0, float(np.sin(key)), 9.0), kept)
+    return OrderRequest(place, key, (Part(points, (float(np.cos(key)), 0.0, float(np.sin(key)), 9.0), 0, kept),))
+
+
+def together(*counts: int, key: int = 0) -> OrderRequest:
+    """Captures of so many Gaussians, numbered a thousand apart."""
+    parts = [
+        replace(request(key, count).parts[0], plane=(0.3, 0.1 * turned, 0.8, 9.0), start=1000 * turned)
+        for turned, count in enumerate(counts)
+    ]
+    return OrderRequest("left", (key, counts), tuple(parts))
 
 
 @pytest.fixture
@@ -27,7 +37,7 @@ def test_few_are_sorted_at_once(sorter: Sorter) -> None:
     for key in range(5):
         asked = request(key, 100)
         found = sorter.order(asked)
-        assert found.key == key and np.array_equal(found.indices, asked.sort().indices)
+        assert found.key == key and np.array_equal(found.numbers, asked.sort().numbers)
         assert sorter.order(asked) is found and sorter.is_idle
 
 
@@ -37,7 +47,7 @@ def test_the_first_order_is_waited_for_and_later_ones_come_later(sorter: Sorter)
     assert sorter.order(request(1)) is first, "nobody waits"
     assert sorter.wait(20.0)
     found = sorter.order(request(1))
-    assert found.key == 1 and np.array_equal(found.indices, request(1).sort().indices)
+    assert found.key == 1 and np.array_equal(found.numbers, request(1).sort().numbers)
 
 
 def test_the_newest_request_is_the_one_that_counts(sorter: Sorter, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,7 +77,7 @@ def test_viewports_do_not_take_each_other_s_orders(sorter: Sorter) -> None:
 def test_an_order_of_another_scene_is_not_used(sorter: Sorter) -> None:
     sorter.order(request(0, 2000))
     found = sorter.order(request(1, 1000))
-    assert found.key == 1 and found.indices.max() < 1000
+    assert found.key == 1 and found.numbers.max() < 1000
     sorter.forget()
     assert sorter.order(request(2, 1000)).key == 2
 
@@ -75,9 +85,40 @@ def test_an_order_of_another_scene_is_not_used(sorter: Sorter) -> None:
 def test_of_some_the_order_names_these(sorter: Sorter) -> None:
     kept = np.arange(0, 1000, 3)
     found = sorter.order(request(0, kept=kept))
-    assert set(found.indices.astype(int)) <= set(kept.tolist())
-    every = request(0).sort().indices
-    assert np.array_equal(found.indices, every[np.isin(every.astype(int), kept)])
+    assert set(found.numbers.astype(int)) <= set(kept.tolist())
+    every = request(0).sort().numbers
+    assert np.array_equal(found.numbers, every[np.isin(every.astype(int), kept)])
+
+
+def test_captures_have_one_order() -> None:
+    asked = together(300, 200, 100)
+    depths, numbers = [], []
+    for part in asked.parts:
+        depths.append(part.points @ np.array(part.plane[:3]) + part.plane[3])
+        numbers.append(part.start + np.arange(len(part.points)))
+    expected = np.concatenate(numbers)[np.argsort(-np.concatenate(depths), kind="stable")]
+    found = asked.sort()
+    assert np.array_equal(found.numbers, expected) and found.starts == (0, 1000, 2000)
+    assert len(set(np.sign(np.diff(found.numbers // 1000)))) == 3, "they stand in each other"
+
+
+def test_one_of_several_that_is_left_out_keeps_the_others_numbers(sorter: Sorter) -> None:
+    asked = together(300, 200)
+    kept = np.arange(0, 300, 7)
+    some = replace(asked, parts=(replace(asked.parts[0], kept=kept), asked.parts[1]))
+    every, found = asked.sort().numbers, some.sort().numbers
+    assert np.array_equal(found, every[(every >= 1000) | np.isin(every, kept)])
+
+
+def test_an_order_of_other_captures_is_not_used(sorter: Sorter) -> None:
+    first = sorter.order(together(300, 200))
+    assert sorter.order(together(300, 200, key=1)) is first, "of these an earlier view's"
+    for counts in ((300,), (300, 200, 50), (300, 150)):
+        asked = together(*counts, key=2)
+        assert sorter.order(asked).key == asked.key
+        assert sorter.wait(20.0)
+        sorter.forget()
+        sorter.order(together(300, 200))
 
 
 def test_it_ends(sorter: Sorter) -> None:

@@ -52,7 +52,7 @@ def import_scene(
     if is_sequence(source):
         return write_source(PlySequence(source, rate), source, target, compact=compact, progress=progress)
     if suffix == ".ply":
-        return import_splats(source, target, compact=compact)
+        return import_splats(source, target, compact=compact, progress=progress)
     if suffix in import_process.SUFFIXES:
         return import_process.import_foreign(source, target, compact=compact, progress=progress)
     if suffix in _STILLS:

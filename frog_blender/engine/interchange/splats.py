@@ -25,14 +25,18 @@ FROM_PLY = "ply"
 """``capture_format`` of a scene that is a ``.ply`` of another program."""
 
 
-def import_splats(source: Path, target: Path, *, compact: bool = False) -> Imported:
+def import_splats(
+    source: Path, target: Path, *, compact: bool = False, progress: Callable[[int, int], None] = lambda done, of: None
+) -> Imported:
     """Writes a 3DGS ``.ply`` as a static scene without cameras; FrogError when it cannot, and nothing is changed then.
 
     Args:
         compact: pack the scene (see quantization): several times smaller, without a visible difference.
+        progress: told how many of how many steps are done.
     """
     check_ending(target)
     splats = read_splats(source)
+    progress(1, 2)
     arrays = splats.arrays
     if compact:  # neighbours in the file are packed well if they are neighbours in the scene
         order = morton_order(arrays["means"])
