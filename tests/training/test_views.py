@@ -57,7 +57,7 @@ def test_views_are_counted_at_the_moments_that_have_any(capture: Capture) -> Non
 def test_one_view_a_moment_fixes_what_things_look_like(capture: Capture) -> None:
     single = fit_to(Recipe(), one_a_moment(capture))
     assert (single.deformed_sh, single.deformed_opacity) == (0, False)
-    assert single.size_weight == Recipe().size_weight > 0
+    assert single.size_weight == Recipe().size_weight > 0 and single.square_weight == 0 < Recipe().square_weight
     assert (single.sh_degree, single.alpha_weight) == (Recipe().sides_sh_degree, Recipe().sides_alpha_weight) == (2, 1)
     more = Recipe(sh_degree=3, alpha_weight=2.0)
     assert fit_to(more, one_a_moment(capture)).sh_degree == 3 and fit_to(more, one_a_moment(capture)).alpha_weight == 2

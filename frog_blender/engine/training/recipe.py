@@ -67,7 +67,8 @@ class Recipe:
             they are.
         exposure_from: fraction of training from which on training cameras' exposures are compared (see
             optimize.exposure_compensation); 1 for never, as in the papers.
-        square_weight: of the mean squared difference beside the mean absolute one.
+        square_weight: of the mean squared difference beside the mean absolute one; none where ``views.fit_to`` fixes
+            appearance.
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
             (FRoG, section on optimisation: 5 of 50 after an eighth of the training).
         alpha_weight: of the mean difference in alpha, where images or masks say what it is.

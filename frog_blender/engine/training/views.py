@@ -35,8 +35,9 @@ def fit_to(recipe: Recipe, capture: Capture) -> Recipe:
     Where each moment is seen from one place, and the next from quite another, a colour that changes with time explains
     any image that the geometry does not, and is wrong from everywhere else. There Gaussians move, turn and grow, as in
     Deformable-3DGS, and keep their colours and opacities; and they are kept small, since nothing else says how deep
-    they are. The many sides say more, too, of how a surface shines and of its silhouette. A camera that stands still,
-    or moves on slowly, sees what changes.
+    they are. The many sides say more, too, of how a surface shines and of its silhouette. The loss has no squares: what
+    no other image sees alike costs the most by them, and is learned by heart. A camera that stands still, or moves on
+    slowly, sees what changes.
     """
     if _shows_other_sides(capture, recipe.appearance_views):
         return replace(
@@ -45,6 +46,7 @@ def fit_to(recipe: Recipe, capture: Capture) -> Recipe:
             deformed_opacity=False,
             sh_degree=max(recipe.sh_degree, min(recipe.sides_sh_degree, len(recipe.sh_growth))),
             alpha_weight=max(recipe.alpha_weight, recipe.sides_alpha_weight),
+            square_weight=0.0,
         )
     return replace(recipe, size_weight=0.0)
 
