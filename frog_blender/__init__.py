@@ -39,6 +39,7 @@ _ROOMS = (
     "ui.calibration_panel",
     "ui.capture_list",
     "ui.captures_panel",
+    "ui.timing_panel",
     "ui.edit_panel",
     "ui.render_panel",
     "ui.render_panels",

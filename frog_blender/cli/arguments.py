@@ -12,6 +12,7 @@ from ..engine.capture.pixel_offsets import parse_pixel_offsets
 from ..engine.errors import FrogError
 
 if TYPE_CHECKING:
+    from ..engine.editing.timing import Timing
     from ..engine.playback.player import ScenePlayer
 
 
@@ -90,22 +91,24 @@ def frames_of(text: str | None, count: int) -> range:
 def add_edits_argument(parser: argparse.ArgumentParser) -> None:
     """Adds ``--edits``; see ``edited_scene``."""
     parser.add_argument(
-        "--edits", type=Path, default=None, metavar="FILE", help="crops, hidden Gaussians and grades saved in Blender"
+        "--edits", type=Path, default=None, metavar="FILE", help="crops, grades, timing and so on, saved in Blender"
     )
 
 
-def edited_scene(scene: ScenePlayer, path: Path | None) -> ScenePlayer:
-    """A scene with the edits in a file, the scene itself without one; warns of what was made for another scene.
+def edited_scene(scene: ScenePlayer, path: Path | None) -> tuple[ScenePlayer, Timing | None]:
+    """A scene with the edits in a file, the scene itself without one, and how the file retimes it; warns of what was
+    made for another scene.
 
     Raises:
         FrogError: for a file that holds no edits.
     """
     if path is None:
-        return scene
+        return scene, None
     from ..engine.editing.edited_scene import edited
     from ..engine.editing.edits_file import load_edits
 
-    played, dropped = edited(scene, load_edits(path))
+    edits = load_edits(path)
+    played, dropped = edited(scene, edits)
     for sentence in dropped:
         print(f"warning: {path}: {sentence}", file=sys.stderr)
-    return played
+    return played, edits.timing

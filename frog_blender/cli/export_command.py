@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,8 @@ from .arguments import add_edits_argument, add_frames_argument, edited_scene, fr
 from .printing import say
 
 if TYPE_CHECKING:
-    from ..engine.playback.player import ScenePlayer
+    from ..engine.interchange.take import SceneTake, Sound
+    from ..engine.playback.render_files import PlayedFrames
 
 
 def add_export_parser(commands: Any) -> None:
@@ -45,15 +47,17 @@ def add_export_parser(commands: Any) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
+    from ..engine.editing.retimed_scene import RetimedScene
+    from ..engine.interchange.take import SceneTake
     from ..engine.playback.player import ScenePlayer
 
     _check_format(options)
-    scene = edited_scene(ScenePlayer.load(options.scene), options.edits)
-    frames = frames_of(options.frames, scene.header.frame_count)
+    scene, timing = edited_scene(ScenePlayer.load(options.scene), options.edits)
+    frames = frames_of(options.frames, scene.header.frame_count if timing is None else len(timing.frames))
     if _plays(options):
-        _export_take(options, scene, frames)
+        _export_take(options, SceneTake(scene, options.scene.stem, frames, timing=timing))
     else:
-        _export_frames(options, scene, frames)
+        _export_frames(options, scene if timing is None else RetimedScene(scene, timing), frames)
     return 0
 
 
@@ -72,16 +76,15 @@ def _check_format(options: argparse.Namespace) -> None:
         raise FrogError("--silent: found a format without sound, expected --usd, --4dgs or --html.")
 
 
-def _export_take(options: argparse.Namespace, scene: ScenePlayer, frames: range) -> None:
+def _export_take(options: argparse.Namespace, take: SceneTake) -> None:
     from ..engine.interchange.fourdgs_export import write_fourdgs
-    from ..engine.interchange.take import SceneTake
-    from ..engine.interchange.take_sound import sound_of
     from ..engine.interchange.usd_export import write_usd
     from ..engine.interchange.web_page.page import write_page
     from .progress import bar
 
-    sound = None if options.silent else sound_of(scene.header, options.scene, frames[0])
-    take = SceneTake(scene, options.scene.stem, frames, sound)
+    if not options.silent:
+        take = replace(take, sound=_sound(options.scene, take))
+    frames = take.chosen
     with bar("Exporting") as report:
         if options.fourdgs:
             steps = write_fourdgs(options.out, take)
@@ -92,10 +95,18 @@ def _export_take(options: argparse.Namespace, scene: ScenePlayer, frames: range)
         for done in steps:
             report(done, len(frames))
     size = options.out.stat().st_size / 1e6
-    say(f"{len(frames)} frames in {options.out}, {size:,.1f} MB{', with sound' if sound else ''}")
+    say(f"{len(frames)} frames in {options.out}, {size:,.1f} MB{', with sound' if take.sound else ''}")
 
 
-def _export_frames(options: argparse.Namespace, scene: ScenePlayer, frames: range) -> None:
+def _sound(scene_file: Path, take: SceneTake) -> Sound | None:
+    """What is heard with a take of a scene's file; None for silence."""
+    from ..engine.interchange.take_sound import sound_of
+
+    shown = [float(frame) if take.timing is None else take.timing.frames[frame] for frame in take.chosen]
+    return sound_of(take.header, scene_file, shown, take.rate)
+
+
+def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: range) -> None:
     from ..engine.interchange.splats import export_frames
     from ..engine.playback.transform import Y_DOWN
     from .progress import bar

@@ -34,21 +34,27 @@ def add_render_parser(commands: Any) -> None:
 
 
 def _render(options: argparse.Namespace) -> int:
+    from ..engine.editing.retimed_scene import RetimedScene
     from ..engine.playback.player import ScenePlayer
     from ..engine.playback.render_files import cpu_renderer, render_frames
     from ..engine.scene.scene_file import read_scene
     from .progress import bar
 
     scene = read_scene(options.scene)
+    timing, shown = None, None
     if options.edits is not None:
         if options.device == "cuda":
             raise FrogError("--edits: found --device cuda, expected cpu, which alone makes edits.")
-        renderer = cpu_renderer(edited_scene(ScenePlayer(scene), options.edits))
+        played, timing = edited_scene(ScenePlayer(scene), options.edits)
+        renderer = cpu_renderer(played if timing is None else RetimedScene(played, timing))
+        shown = None if timing is None else timing.capture_frame
     else:
         renderer = frame_renderer(scene, options.device)
-    frames = frames_of(options.frames, scene.header.frame_count)
+    frames = frames_of(options.frames, scene.header.frame_count if timing is None else len(timing.frames))
     with bar("Rendering") as report:
-        paths = render_frames(scene, options.camera, frames, options.out, renderer=renderer, progress=report)
+        paths = render_frames(
+            scene, options.camera, frames, options.out, renderer=renderer, shown=shown, progress=report
+        )
     say(f"{len(paths)} images in {options.out}")
     return 0
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,9 @@ from ..capture_files import named_file
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture
 from ..timeline.edits import GRADE, SETTINGS, edits_of, needs_evaluation, store_marks
+from ..timeline.frame_timing import timing_of, write_timing
+from ..timeline.retiming import is_plain, needs_evaluated_time
+from ..timeline.timing_curve import check_editable
 from .edit_operator import EditOperator, remove_crop, scene_of
 
 if TYPE_CHECKING:
@@ -34,7 +38,8 @@ def _suggest(operator: Any, context: bpy.types.Context) -> None:
 
 
 class FROG_OT_save_edits(EditOperator, bpy.types.Operator, ExportHelper):
-    """Write the edits of the capture as they are at the current frame, for ``frog render --edits`` and other files"""
+    """Write the edits of the capture as they are at the current frame, and its timing in the scene's frame range, for \
+``frog render --edits`` and other files"""
 
     bl_idname = "frog.save_edits"
     bl_label = "Save Edits"
@@ -54,13 +59,16 @@ class FROG_OT_save_edits(EditOperator, bpy.types.Operator, ExportHelper):
         path = Path(bpy.path.abspath(self.filepath))
         is_animated = needs_evaluation(obj, even_unused=True)
         evaluated = obj.evaluated_get(context.evaluated_depsgraph_get()) if is_animated else None
-        save_edits(path, edits_of(obj, evaluated, even_unused=True) or Edits())
+        edits = edits_of(obj, evaluated, even_unused=True) or Edits()
+        if not is_plain(obj.frog) or needs_evaluated_time(obj):
+            edits = replace(edits, timing=timing_of(obj, context.scene))
+        save_edits(path, edits)
         animated = " as they are at this frame" if evaluated is not None else ""
         return f"The edits{animated} were written to {path}."
 
 
 class FROG_OT_load_edits(EditOperator, bpy.types.Operator, ImportHelper):
-    """Replace the edits of the capture by those of a file"""
+    """Replace the edits of the capture by those of a file, and its timing if the file has one"""
 
     bl_idname = "frog.load_edits"
     bl_label = "Load Edits"
@@ -78,7 +86,11 @@ class FROG_OT_load_edits(EditOperator, bpy.types.Operator, ImportHelper):
         path = Path(bpy.path.abspath(self.filepath))
         found = load_edits(path)
         _, dropped = found.fitted(scene_of(obj))
+        if found.timing is not None:
+            check_editable(obj)  # before anything is changed
         write_edits(obj, found, context.scene)
+        if found.timing is not None:
+            write_timing(obj, found.timing, context.scene)
         return " ".join([f"The edits of {path.name} were loaded.", *dropped])
 
 

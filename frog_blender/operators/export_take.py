@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
@@ -14,9 +15,13 @@ from bpy_extras.io_utils import ExportHelper
 from ..capture_files import file_of, named_file
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture
+from ..timeline.frame_timing import frames_shown
 from .foreign_formats import require_usd
 from .modal_operator import ModalOperator
 from .timeline_take import TimelineTake
+
+if TYPE_CHECKING:
+    from ..engine.interchange.take import Sound
 
 RANGES = (
     ("SCENE", "Scene Range", "The frames of the scene's frame range"),
@@ -74,8 +79,6 @@ class ExportsTake(ModalOperator, ExportHelper):
         layout.prop(self, "use_sound")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..engine.interchange.take_sound import sound_of
-
         in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
         obj, path = active_capture(context), Path(bpy.path.abspath(self.filepath))
         numbers = self._numbers(context.scene)
@@ -85,8 +88,8 @@ class ExportsTake(ModalOperator, ExportHelper):
             return {"CANCELLED"}
         try:
             take = self._take = TimelineTake.of(context, obj, numbers, placed=self.is_placed and self.apply_transform)
-            if self.use_sound and _plays_as_filmed(obj, take):
-                take.sound = sound_of(take.header, file_of(obj), numbers[0] - obj.frog.start_frame)
+            if self.use_sound:
+                take.sound = _sound(obj, context.scene, take)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -123,13 +126,12 @@ class ExportsTake(ModalOperator, ExportHelper):
         return [float(frame) for frame in range(first, last + 1)]
 
 
-def _plays_as_filmed(obj: bpy.types.Object, take: TimelineTake) -> bool:
-    """At its own speed from its first frame on: a sound that is not retimed runs away from a capture that is."""
-    settings = obj.frog
-    starts = take.numbers[0] >= settings.start_frame
-    return bool(
-        starts and settings.speed == 1 and not settings.use_remap and take.rate == take.header.frames_per_second
-    )
+def _sound(obj: bpy.types.Object, scene: bpy.types.Scene, take: TimelineTake) -> Sound | None:
+    """What is heard with a take; None for silence."""
+    from ..engine.interchange.take_sound import sound_of
+
+    shown = frames_shown(obj, scene, [int(number) for number in take.numbers])
+    return sound_of(take.header, file_of(obj), shown, take.rate)
 
 
 class FROG_OT_export_usd(ExportsTake, bpy.types.Operator):

@@ -48,7 +48,8 @@ class TimelineTake:
     ) -> TimelineTake:
         """What ``obj`` shows in the current scene; FrogError if its file cannot be played."""
         scene, playing = context.scene, playback.scene_time(obj, numbers[0]).scene
-        several, all_change = len(numbers) > 1, needs_evaluation(obj)  # as edits that are animated change them
+        several = len(numbers) > 1
+        all_change = needs_evaluation(obj) or obj.frog.use_range  # edits that are animated, and where it is not there
         return cls(
             visit=TimelineVisit.of(context, obj, obj.parent.name if obj.parent is not None else obj.name),
             numbers=numbers,

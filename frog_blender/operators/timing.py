@@ -41,7 +41,7 @@ class FROG_OT_fit_frame_range(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         found = _moving(context)
         cls.poll_message_set("Time Remapping decides when it plays." if found is not None else _NONE)
-        return found is not None and retiming.playing_frames(found[0], context.scene, 2) is not None
+        return found is not None and retiming.playing_frames(found[0], context.scene, found[1].frame_count) is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         found, scene = _moving(context), context.scene

@@ -9,6 +9,7 @@ decoded until an image is looked at.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,14 +21,14 @@ from ..engine.errors import FrogError
 from ..engine.source_media.clips import Clip, capture_folders, find_clips
 from ..engine.source_media.undistorted_clips import Undistortion, undistorted_clips, undistortion
 from ..timeline import playback
-from ..timeline.retiming import TIMING
+from ..timeline.retiming import TIMING, piece
 from .capture_objects import cameras_of, stored_path
 
 if TYPE_CHECKING:
     from ..engine.scene.header import SceneHeader
 
 OPACITY = 0.5
-_MARK = "frog_clip"  # of the images that this file loads
+_MARK = "frog_clip"  # of the images that this file loads: a clip's first number, step and count
 _TIMING = dict(zip("svrmw", TIMING, strict=True))  # variables of drivers
 
 
@@ -124,7 +125,7 @@ def load_image(clip: Clip) -> bpy.types.Image:
     image.reload()  # the file may have been rewritten
     if clip.kind == "SEQUENCE":
         image.source = "SEQUENCE"
-    image[_MARK] = True
+    image[_MARK] = [clip.first, clip.step, clip.count]
     return image
 
 
@@ -146,19 +147,42 @@ def _synchronize(
         variable = driver.variables.new()
         variable.name, variable.type = name, "SINGLE_PROP"
         variable.targets[0].id, variable.targets[0].data_path = obj, data_path
-    driver.expression = expression(clip)
+    driver.expression = _expression(obj, clip.first, clip.step, clip.count)
 
 
-def expression(clip: Clip) -> str:
-    """The driver's expression: retiming.capture_frame, rounded to an image, as an offset of the first one."""
-    last = clip.count - 1
-    if last < 1:
-        return str(clip.first - 1)
-    position, turn = "(frame-s)*v", 2 * last
-    loop = f"fmod(fmod({position},{clip.count})+{clip.count},{clip.count})"
-    there_and_back = f"{last}-abs({last}-fmod(fmod({position},{turn})+{turn},{turn}))"
-    shown = f"w if m else {position} if r==0 else {loop} if r==1 else {there_and_back}"
-    return f"floor(clamp({shown},0,{last})+.5)*{clip.step}+{clip.first - 1}"
+def _expression(obj: bpy.types.Object, number: int, step: int, count: int) -> str:
+    """The driver's expression: retiming.capture_frame, rounded to an image, as an offset of the first one.
+
+    Args:
+        number: of the image of the capture's first frame; ``step`` from there to the next one's.
+        count: frames of the capture.
+    """
+    begin, played = piece(obj.frog, count)
+    last, position = played - 1, "(frame-s)*v"
+    loop = there_and_back = "0"
+    if last:
+        loop = f"fmod(fmod({position},{played})+{played},{played})"
+        turn = 2 * last
+        there_and_back = f"{last}-abs({last}-fmod(fmod({position},{turn})+{turn},{turn}))"
+    shown = f"{position} if r==0 else {loop} if r==1 else {there_and_back}"
+    if played == count:
+        return f"floor(clamp(w if m else {shown},0,{last})+.5)*{step}+{number - 1}"
+    piece_shown = f"clamp({shown},0,{last})+{begin}"
+    return f"floor((clamp(w,0,{count - 1}) if m else {piece_shown})+.5)*{step}+{number - 1}"
+
+
+def synchronize_again(obj: bpy.types.Object) -> None:
+    """Fits the clips of a capture's cameras to the piece of it that is played now."""
+    for camera in cameras_of(obj):
+        background, animation = clip_of(camera), camera.data.animation_data
+        if background is None or animation is None or camera.data.library is not None:
+            continue
+        numbers = background.image[_MARK]
+        if not isinstance(numbers, Iterable):  # of an earlier version
+            continue
+        for curve in animation.drivers:
+            if any(variable.targets[0].data_path in TIMING for variable in curve.driver.variables):
+                curve.driver.expression = _expression(obj, *numbers)
 
 
 def hide_clip(camera: bpy.types.Object) -> None:

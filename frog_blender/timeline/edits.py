@@ -212,6 +212,14 @@ def has_shown_selection(obj: bpy.types.Object) -> bool:
     return settings.show_selection and bool(settings.selection.bits)
 
 
+def without_anything(edits: Edits | None) -> Edits:
+    """Edits after which nothing of a capture is seen: at a frame at which it is not there."""
+    from ..engine.editing.edits import Edits
+    from ..engine.editing.grades import NOTHING
+
+    return Edits(grades=(NOTHING,)) if edits is None else replace(edits, grades=(*edits.grades, NOTHING))
+
+
 def with_selection(obj: bpy.types.Object, edits: Edits | None) -> Edits | None:
     """Edits after which selected Gaussians stand out in Blender's own colour of what is selected."""
     if not has_shown_selection(obj) or bpy.app.background:

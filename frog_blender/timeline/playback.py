@@ -17,9 +17,9 @@ from .. import addon_state, capture_files, point_cloud, relative_paths, reported
 from ..capture_files import file_of
 from ..engine.errors import FrogError
 from . import edits as object_edits
-from . import level_of_detail, open_scenes
+from . import level_of_detail, open_scenes, retiming
 from .edited_scenes import EditedScenes
-from .edits import edits_of, with_selection
+from .edits import edits_of, with_selection, without_anything
 from .playback_cache import SceneTime
 from .render_thread import in_main_thread
 from .retiming import BadTiming, capture_frame, needs_evaluated_time
@@ -92,12 +92,12 @@ class Opened:
 
     def whole(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """See ``scene_time``."""
-        return _edited(self.obj, self._unedited(scene_frame, evaluated), edits_of(self.obj, evaluated))
+        return self._edited(self._unedited(scene_frame, evaluated), edits_of(self.obj, evaluated), scene_frame)
 
     def in_viewport(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """What a viewport of the FROG engine shows: ``whole``, where selected Gaussians stand out."""
         edits = with_selection(self.obj, edits_of(self.obj, evaluated))
-        return _edited(self.obj, self._unedited(scene_frame, evaluated), edits)
+        return self._edited(self._unedited(scene_frame, evaluated), edits, scene_frame)
 
     def displayed(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """See ``displayed``."""
@@ -107,10 +107,16 @@ class Opened:
         edits = edits_of(self.obj, evaluated)
         if not level_of_detail.is_for_render():
             edits = with_selection(self.obj, edits)
+        return self._edited(shown, edits, scene_frame)
+
+    def _edited(self, shown: SceneTime, edits: Edits | None, scene_frame: float) -> SceneTime:
+        if not retiming.is_shown(self.obj, scene_frame):
+            edits = without_anything(edits)
         return _edited(self.obj, shown, edits)
 
     def _unedited(self, scene_frame: float, evaluated: bpy.types.Object | None) -> SceneTime:
-        frame = capture_frame(self.obj, scene_frame, self.scene.header.frame_count, evaluated)
+        held = retiming.within_range(self.obj, scene_frame)  # where nothing is shown, nothing moves
+        frame = capture_frame(self.obj, held, self.scene.header.frame_count, evaluated)
         return SceneTime(self.scene, self.scene.time_of(frame), self.bake)
 
 

@@ -1,10 +1,10 @@
-"""Maps frames of the timeline to frames of a capture: start, speed, repetition or a user's curve."""
+"""Maps frames of the timeline to frames of a capture: start, speed, repetition, a piece of it, or a user's curve."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FrogError
 
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""
 TIMING = ("frog.start_frame", "frog.speed", "frog.repeat", "frog.use_remap", REMAPPED)
-"""All properties that affect the shown frame."""
+"""All properties that affect the shown frame and can be animated."""
+_ROUNDING = 1e-6  # frames: what numbers of single precision lose
 
 
 class BadTiming(FrogError):
@@ -37,22 +38,77 @@ def capture_frame(
     """
     settings = obj.frog if evaluated is None else evaluated.frog
     if settings.use_remap:
-        curve = _curve(obj) if evaluated is None else None
+        curve = shown_curve(obj) if evaluated is None else None
         return _finite(curve.evaluate(scene_frame) if curve is not None else settings.shown_frame, obj, "Shown Frame")
-    position = (scene_frame - settings.start_frame) * settings.speed
-    return repeated(_finite(position, obj, "Start Frame or Speed"), settings.repeat, frame_count)
+    position = _finite((scene_frame - settings.start_frame) * settings.speed, obj, "Start Frame or Speed")
+    first, count = piece(settings, frame_count)
+    played = repeated(position, settings.repeat, count)
+    return first + min(max(played, 0.0), count - 1.0) if settings.use_trim else played
+
+
+def piece(settings: Any, frame_count: int) -> tuple[int, int]:
+    """The first frame of a capture that is played, and how many are: all of them, where it is not trimmed."""
+    if not settings.use_trim:
+        return 0, frame_count
+    first = min(max(settings.first_frame, 0), frame_count - 1)
+    return first, min(max(settings.last_frame, first), frame_count - 1) - first + 1
+
+
+def is_shown(obj: bpy.types.Object, scene_frame: float) -> bool:
+    """Whether a capture is there at a frame of the timeline: not before and after a range that it was given."""
+    settings = obj.frog
+    if not settings.use_range:
+        return True
+    return bool(settings.range_start - _ROUNDING <= scene_frame < settings.range_end - _ROUNDING)
+
+
+def within_range(obj: bpy.types.Object, scene_frame: float) -> float:
+    """A frame of the timeline, held at the ends of the range in which a capture is there."""
+    settings = obj.frog
+    return min(max(scene_frame, settings.range_start), settings.range_end) if settings.use_range else scene_frame
 
 
 def playing_frames(obj: bpy.types.Object, scene: bpy.types.Scene, frame_count: int) -> tuple[float, float] | None:
-    """The frames of a scene's timeline at which a capture's first and last frame are shown once, the earlier first;
-    None where no such frames are known: under a remapped time, without speed or for settings that are no numbers.
+    """The frames of a scene's timeline at which a capture's first and last frame are shown once, the earlier first, as
+    far as it is there; under a remapped time, those of the curve's first and last key. None where no such frames are
+    known: for a remapped time without a curve, without speed or for settings that are no numbers.
     """
-    settings = obj.frog
-    if settings.use_remap or not settings.speed:
+    ends = _ends(obj, frame_count)
+    if ends is None or not all(map(math.isfinite, ends)):
         return None
-    ends = settings.start_frame, settings.start_frame + (frame_count - 1) / settings.speed
+    first, last = min(ends), max(ends)
+    if obj.frog.use_range:
+        first, last = max(first, obj.frog.range_start), min(last, obj.frog.range_end - 1)
     stretch = scene.render.frame_map_new / scene.render.frame_map_old
-    return (min(ends) * stretch, max(ends) * stretch) if all(map(math.isfinite, ends)) else None
+    return (first * stretch, last * stretch) if first <= last else None
+
+
+def span(obj: bpy.types.Object, frame_count: int) -> tuple[float, float] | None:
+    """The frames of the timeline, without Time Stretching, at which what a capture plays once begins, and at which it
+    has ended; None where these are not known, see ``playing_frames``.
+    """
+    ends = _ends(obj, frame_count)
+    if ends is None or not all(map(math.isfinite, ends)):
+        return None
+    settings = obj.frog
+    longest = 1.0 if settings.use_remap else 1 / abs(settings.speed)  # of the last frame
+    first, end = min(ends), max(ends) + longest
+    if settings.use_range:
+        first, end = max(first, settings.range_start), min(end, settings.range_end)
+    return (first, end) if first < end else None
+
+
+def _ends(obj: bpy.types.Object, frame_count: int) -> tuple[float, float] | None:
+    settings = obj.frog
+    if settings.use_remap:
+        curve = shown_curve(obj)
+        if curve is None or not len(curve.keyframe_points):
+            return None
+        return curve.keyframe_points[0].co.x, curve.keyframe_points[-1].co.x
+    if not settings.speed:
+        return None
+    _, count = piece(settings, frame_count)
+    return settings.start_frame, settings.start_frame + (count - 1) / settings.speed
 
 
 def real_time_speed(scene: bpy.types.Scene, frames_per_second: float) -> float:
@@ -114,7 +170,13 @@ def needs_evaluated_time(obj: bpy.types.Object) -> bool:
     return any(curve.data_path in TIMING for curve in strip_curves(animation))
 
 
-def _curve(obj: bpy.types.Object) -> bpy.types.FCurve | None:
+def is_plain(settings: Any) -> bool:
+    """Whether a capture plays frame by frame, wherever it begins."""
+    simple = not (settings.use_remap or settings.use_trim or settings.use_range)
+    return bool(simple and settings.speed == 1 and settings.repeat == "HOLD")
+
+
+def shown_curve(obj: bpy.types.Object) -> bpy.types.FCurve | None:
     """The curve of ``REMAPPED`` if nothing else animates the shown frame, or None."""
     animation = obj.animation_data
     if animation is None or needs_evaluated_time(obj):

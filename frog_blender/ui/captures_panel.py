@@ -14,8 +14,6 @@ from .capture_list import chosen_capture
 from .sidebar_panel import SidebarPanel, split
 from .text import wrapped_label
 
-_SAME_SPEED = 0.005  # of the speed: nobody sees less
-
 
 class FROG_PT_captures(SidebarPanel, bpy.types.Panel):
     """The captures of this scene."""
@@ -50,7 +48,7 @@ class FROG_PT_captures(SidebarPanel, bpy.types.Panel):
             row.operator("frog.hide_clips", text="Hide", icon="HIDE_ON")
 
 
-class _OfChosen(SidebarPanel):
+class OfChosen(SidebarPanel):
     """Base of sub-panels about the chosen capture."""
 
     bl_parent_id = "FROG_PT_captures"
@@ -62,33 +60,7 @@ class _OfChosen(SidebarPanel):
         return chosen is not None and not open_scenes.problem(playback.file_of(chosen))
 
 
-class FROG_PT_timing(_OfChosen, bpy.types.Panel):
-    """When the chosen capture plays, and how fast."""
-
-    bl_label = "Timing"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and _is_moving(chosen_capture(context))
-
-    def draw(self, context: bpy.types.Context) -> None:
-        chosen = chosen_capture(context)
-        layout, settings = split(self.layout), chosen.frog
-        layout.prop(settings, "use_remap")
-        names = ("shown_frame",) if settings.use_remap else ("start_frame", "speed", "repeat")
-        for name in names:
-            layout.prop(settings, name)
-        if settings.use_remap:
-            return
-        told = _told_of_frames(chosen, context.scene)
-        if told:
-            wrapped_label(layout, told, context, icon="INFO")
-        row = layout.row(align=True)
-        row.operator("frog.play_in_real_time")
-        row.operator("frog.fit_frame_range")
-
-
-class FROG_PT_display(_OfChosen, bpy.types.Panel):
+class FROG_PT_display(OfChosen, bpy.types.Panel):
     """How other engines and shading modes show the chosen capture."""
 
     bl_label = "Display"
@@ -106,14 +78,14 @@ class FROG_PT_display(_OfChosen, bpy.types.Panel):
         layout.prop(chosen.frog, "render_density", text="In Renders", slider=True)
 
 
-class FROG_PT_bake(_OfChosen, bpy.types.Panel):
+class FROG_PT_bake(OfChosen, bpy.types.Panel):
     """Playback of large captures: what is kept in memory and on disk."""
 
     bl_label = "Playback"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and _is_moving(chosen_capture(context))
+        return super().poll(context) and is_moving(chosen_capture(context))
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)
@@ -123,20 +95,8 @@ class FROG_PT_bake(_OfChosen, bpy.types.Panel):
         row.operator("frog.clear_cache", text="", icon="TRASH")
 
 
-def _told_of_frames(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
-    """When a capture plays, if that is not the scene's range of frames, and how fast, if not as it was filmed."""
-    header = playback.open_scene(playback.file_of(obj)).header
-    frames, said = retiming.playing_frames(obj, scene, header.frame_count), []
-    if frames is not None and (round(frames[0]), round(frames[1])) != (scene.frame_start, scene.frame_end):
-        said.append(f"Plays in frames {frames[0]:,.0f} to {frames[1]:,.0f}.")
-        said.append(f"The scene has {scene.frame_start:,} to {scene.frame_end:,}.")
-    ratio = obj.frog.speed / max(retiming.real_time_speed(scene, header.frames_per_second), 1e-9)
-    if abs(ratio - 1) > _SAME_SPEED:
-        said.append(f"{ratio:.2g} times as fast as filmed.")
-    return " ".join(said)
-
-
-def _is_moving(obj: bpy.types.Object) -> bool:
+def is_moving(obj: bpy.types.Object) -> bool:
+    """Whether a capture, whose file can be played, has several frames."""
     return playback.open_scene(playback.file_of(obj)).header.frame_count > 1
 
 
@@ -185,5 +145,5 @@ def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.t
     column.prop(obj.frog, "bake_megabytes", text="Limit (MB)")
 
 
-_CLASSES = (FROG_PT_captures, FROG_PT_timing, FROG_PT_display, FROG_PT_bake)
+_CLASSES = (FROG_PT_captures, FROG_PT_display, FROG_PT_bake)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

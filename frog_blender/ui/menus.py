@@ -24,6 +24,13 @@ class FROG_MT_object(bpy.types.Menu):
         layout.operator("frog.show_as_filmed", icon="COLOR")
         layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
         layout.separator()
+        for name in ("split_capture", "reverse_capture", "freeze_frame", "ramp_speed", "timing_to_curve"):
+            layout.operator(f"frog.{name}")
+        for name in ("play_in_sequence", "fit_frame_range", "play_in_real_time"):
+            layout.operator(f"frog.{name}")
+        for name in ("add_sound_strip", "add_speaker", "update_sound"):
+            layout.operator(f"frog.{name}")
+        layout.separator()
         layout.operator("frog.train", icon="PLAY")
         layout.operator("frog.train_longer")
 

@@ -3,6 +3,7 @@
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
 
+import contextlib
 from typing import Any
 
 import bpy
@@ -17,7 +18,9 @@ from bpy.props import (
 )
 
 from .. import capture_files, point_cloud, relative_paths
+from ..engine.errors import FrogError
 from ..nodes import ellipsoid_nodes
+from ..scene_import import camera_clips
 from ..timeline import playback
 from .path_options import PATH_OPTIONS
 
@@ -27,6 +30,7 @@ DISPLAYS = (
 )
 
 
+_LAST_FRAME = 1_048_574  # to the end of any capture
 REPETITIONS = (
     ("HOLD", "Hold", "Hold the first and the last frame"),
     ("LOOP", "Loop", "Start again from the first frame"),
@@ -47,6 +51,14 @@ def _on_display(settings: Any, context: bpy.types.Context) -> None:
 def _on_play_setting(_settings: Any, context: bpy.types.Context) -> None:
     if not relative_paths.are_being_written():
         playback.refresh(context.scene)
+
+
+def _on_trim(settings: Any, context: bpy.types.Context) -> None:
+    if settings.use_trim and settings.last_frame == _LAST_FRAME:
+        with contextlib.suppress(FrogError):  # shown by the panel
+            settings.last_frame = playback.open_scene(playback.file_of(settings.id_data)).header.frame_count - 1
+    camera_clips.synchronize_again(settings.id_data)
+    _on_play_setting(settings, context)
 
 
 def _keep_path(settings: Any, path: str) -> str:
@@ -112,6 +124,56 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         description="Show the frame given below, which can be animated, instead of following the timeline",
         default=False,
         update=_on_play_setting,
+    )
+    use_trim: BoolProperty(
+        name="Trim",
+        description="Play a piece of the capture alone",
+        default=False,
+        options=set(),
+        update=_on_trim,
+    )
+    first_frame: IntProperty(
+        name="First Frame",
+        description="First frame of the piece, counted from zero; it is shown at the Start Frame",
+        default=0,
+        min=0,
+        options=set(),
+        update=_on_trim,
+    )
+    last_frame: IntProperty(
+        name="Last Frame",
+        description="Last frame of the piece, counted from zero",
+        default=_LAST_FRAME,
+        min=0,
+        options=set(),
+        update=_on_trim,
+    )
+    use_range: BoolProperty(
+        name="Limit",
+        description="Show the capture in a range of the timeline alone",
+        default=False,
+        options=set(),
+        update=_on_play_setting,
+    )
+    range_start: FloatProperty(
+        name="From",
+        description="First frame of the timeline at which the capture is there",
+        default=1.0,
+        options=set(),
+        update=_on_play_setting,
+    )
+    range_end: FloatProperty(
+        name="Until",
+        description="First frame of the timeline after that at which it is not",
+        default=251.0,
+        options=set(),
+        update=_on_play_setting,
+    )
+    sound: PointerProperty(
+        name="Sound",
+        description="The sound that was made of the capture's video for its strip and its speaker",
+        type=bpy.types.Sound,
+        options={"HIDDEN"},
     )
     laid_over: BoolProperty(
         name="Laid Over",

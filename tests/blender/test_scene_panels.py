@@ -17,7 +17,7 @@ from frog_blender.nodes import ellipsoid_nodes
 from frog_blender.scene_import.capture_objects import active_capture, root_of
 from frog_blender.timeline import playback
 from frog_blender.training_task import runner
-from frog_blender.ui import captures_panel, menus, render_panel, status_bar
+from frog_blender.ui import captures_panel, menus, render_panel, status_bar, timing_panel
 from frog_blender.ui.capture_list import FROG_UL_captures
 
 
@@ -47,8 +47,13 @@ def test_one_capture_is_a_handful_of_rows(empty, static_rig, said):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     rows = said(captures_panel.FROG_PT_captures)
     assert rows == "import_scene.frog filepath 60 Gaussians frog.align_to_floor frog.add_clips frog.hide_clips"
-    for panel, name in (("timing", "start_frame"), ("display", "density"), ("bake", "frog.bake")):
-        kind = getattr(captures_panel, f"FROG_PT_{panel}")
+    panels = {
+        timing_panel.FROG_PT_timing: "start_frame",
+        timing_panel.FROG_PT_sound: "frog.add_sound_strip",
+        captures_panel.FROG_PT_display: "density",
+        captures_panel.FROG_PT_bake: "frog.bake",
+    }
+    for kind, name in panels.items():
         assert name in said(kind) and kind.bl_options == {"DEFAULT_CLOSED"}
     assert said(render_panel.FROG_PT_render) == "engine frog.compose", "it was set up"
 
@@ -76,7 +81,7 @@ def test_several_captures_are_a_list_of_which_one_is_chosen(empty, static_rig, t
 def test_what_stands_still_has_no_time(empty, static_rig, tmp_path, said):
     write_splats(tmp_path / "still.ply", ScenePlayer.load(static_rig).at_frame(0))
     bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "still.ply"))
-    assert said(captures_panel.FROG_PT_timing) is None and said(captures_panel.FROG_PT_bake) is None
+    assert said(timing_panel.FROG_PT_timing) is None and said(captures_panel.FROG_PT_bake) is None
     assert "density" in said(captures_panel.FROG_PT_display)
 
 

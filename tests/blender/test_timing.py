@@ -8,7 +8,7 @@ import pytest
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import playback
-from frog_blender.ui import captures_panel
+from frog_blender.ui import timing_panel
 
 
 @pytest.fixture
@@ -20,9 +20,9 @@ def capture(empty, static_rig):
 def test_half_speed_takes_twice_the_frames(empty, capture):
     count = ScenePlayer.load(playback.file_of(capture)).header.frame_count
     assert (empty.frame_start, empty.frame_end) == (1, count)
-    assert captures_panel._told_of_frames(capture, empty) == ""
+    assert timing_panel._told_of_frames(capture, empty) == ""
     capture.frog.speed = 0.5
-    told = captures_panel._told_of_frames(capture, empty)
+    told = timing_panel._told_of_frames(capture, empty)
     assert f"Plays in frames 1 to {2 * count - 1}. The scene has 1 to {count}." in told and "0.5 times" in told
     assert bpy.ops.frog.fit_frame_range() == {"FINISHED"}
     assert (empty.frame_start, empty.frame_end) == (1, 2 * count - 1)

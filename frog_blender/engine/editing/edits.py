@@ -8,6 +8,7 @@ from ..playback.player import ScenePlayer
 from .crops import Crop
 from .grades import Grade
 from .marks import Marks
+from .timing import Timing
 
 MOST_CROPS, MOST_GRADES = 100, 100
 
@@ -20,15 +21,17 @@ class Edits:
         hidden: Gaussians that are not shown; None for none.
         crops: see ``crops.kept_of_all``.
         grades: applied one after the other.
+        timing: for those who go through frames (see ``retimed_scene``); None for the capture's own.
     """
 
     hidden: Marks | None = None
     crops: tuple[Crop, ...] = ()
     grades: tuple[Grade, ...] = ()
+    timing: Timing | None = None
 
     @property
     def are_none(self) -> bool:
-        """Whether they change nothing."""
+        """Whether they change nothing of any frame."""
         return self.hidden is None and not self.crops and all(grade.is_neutral for grade in self.grades)
 
     def fitted(self, scene: ScenePlayer) -> tuple[Edits, list[str]]:

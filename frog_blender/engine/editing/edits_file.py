@@ -10,6 +10,8 @@ An object with ``"frog_edits": 1`` and, each where there is something of it:
   the shown time counts. Vertices and triangles are a mesh's.
 - ``"grades"``: a list of ``{"exposure", "contrast", "saturation", "temperature", "tint", "opacity", "size": numbers as
   in ``grades.Grade``, "gains", "offsets": 3 numbers, "only": marks}``; what is left out changes nothing.
+- ``"time"``: ``{"start": frame number on a timeline, "rate": frames a second, "frames": of the capture, from 0}``, one
+  for each frame that is rendered or exported; ``null`` at either end shows nothing.
 
 Unknown names are refused: edits that are silently not made would be a lie.
 """
@@ -32,6 +34,7 @@ from .crops import MESH, SHAPES, Crop
 from .edits import MOST_CROPS, MOST_GRADES, Edits
 from .grades import RANGES, Grade
 from .marks import MOST, Marks
+from .timing import FASTEST_RATE, MOST_FRAMES, Timing
 
 KIND = "edits of a FRoG scene"
 _VERSION = 1
@@ -80,18 +83,22 @@ def to_json(edits: Edits) -> JsonObject:
     grades = [_grade_json(grade) for grade in edits.grades if not grade.is_neutral]
     if grades:
         found["grades"] = grades
+    if edits.timing is not None:
+        timing = edits.timing
+        found["time"] = {"start": timing.start, "rate": timing.rate, "frames": list(timing.frames)}
     return found
 
 
 def from_json(value: object) -> Edits:
     """Edits from plain values; ValueError (UnfitValue mostly) for what they cannot be."""
     found = entries(value, "the content")
-    _only(found, {"frog_edits", "hidden", "crops", "grades"}, "edits")
+    _only(found, {"frog_edits", "hidden", "crops", "grades", "time"}, "edits")
     whole(found.get("frog_edits"), "frog_edits", _VERSION, _VERSION)
     return Edits(
         _marks(found["hidden"], "hidden") if "hidden" in found else None,
         tuple(_crop(each) for each in items(found.get("crops", []), "crops", MOST_CROPS)),
         tuple(_grade(each) for each in items(found.get("grades", []), "grades", MOST_GRADES)),
+        _timing(found["time"]) if "time" in found else None,
     )
 
 
@@ -174,6 +181,17 @@ def _grade(value: object) -> Grade:
     if "only" in found:
         settings["only"] = _marks(found["only"], "a grade's selection")
     return Grade(**settings)
+
+
+def _timing(value: object) -> Timing:
+    found = entries(value, "a timing")
+    _only(found, {"start", "rate", "frames"}, "a timing")
+    start = whole(found.get("start", 1), "a timing's start", -MOST_FRAMES, MOST_FRAMES)
+    frames = [
+        None if each is None else number(each, "a timing's frame", -_LARGEST, _LARGEST)
+        for each in items(found.get("frames"), "frames", MOST_FRAMES)
+    ]
+    return Timing(tuple(frames), number(found.get("rate"), "a timing's rate", 0, FASTEST_RATE), start)
 
 
 def _one_of(value: object, what: str, known: tuple[str, ...]) -> str:

@@ -88,6 +88,10 @@ class Grade:
         return after[:, None] * matrix, after * offset + np.array(self.offsets)
 
 
+NOTHING = Grade(opacity=0.0)
+"""After which nothing is seen."""
+
+
 def of_coefficients(matrix: Array, offset: Array) -> tuple[Array, Array]:
     """(3, 3) and (3,) float32: what a first SH coefficient is multiplied by from the right, and what is added to it.
     Further coefficients are multiplied alone."""

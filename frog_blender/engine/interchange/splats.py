@@ -12,7 +12,7 @@ from pathlib import Path
 from ..arrays import Array
 from ..field.names import CANONICAL
 from ..gaussians import NumpyGaussians
-from ..playback.player import ScenePlayer
+from ..playback.render_files import PlayedFrames
 from ..playback.transform import transform
 from ..scene.morton_order import morton_order
 from ..scene.scene_file import SceneFile, write_scene
@@ -69,7 +69,7 @@ def write_frame(path: Path, gaussians: NumpyGaussians, *, promise: bool = False)
 
 
 def export_frames(
-    scene: ScenePlayer,
+    scene: PlayedFrames,
     frames: Iterable[int],
     folder: Path,
     stem: str,

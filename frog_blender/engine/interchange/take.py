@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Protocol
 
 from ..arrays import Array
+from ..editing.retimed_scene import RetimedScene
+from ..editing.timing import Timing
 from ..gaussians import NumpyGaussians
 from ..playback.player import ScenePlayer
 from ..scene.header import SceneHeader
@@ -23,10 +25,12 @@ class Sound:
     Attributes:
         path: a film with a track of sound, or a sound file.
         start: second of it that a take's first frame shows.
+        content: of a sound file, where it was made of the film for a retimed take; empty for the film's own sound.
     """
 
     path: Path
     start: float = 0.0
+    content: bytes = b""
 
 
 @dataclass(frozen=True)
@@ -90,23 +94,26 @@ def duration_of(take: Take) -> float:
 
 @dataclass(frozen=True)
 class SceneTake:
-    """Frames of a scene as it was captured: a ``Take``.
+    """Frames of a scene as it was captured, or as a retiming has it: a ``Take``.
 
     Attributes:
         scene: the scene.
         name: of the scene.
-        chosen: frames of the capture, counted from 0, ascending, at least one.
+        chosen: frames of the capture, or of the retiming, counted from 0, ascending, at least one.
         sound: see ``Take``.
+        timing: the retiming; None for none.
     """
 
     scene: ScenePlayer
     name: str
     chosen: range
     sound: Sound | None = None
+    timing: Timing | None = None
     numbers: Sequence[float] = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "numbers", tuple(float(frame + FIRST_NUMBER) for frame in self.chosen))
+        first = FIRST_NUMBER if self.timing is None else self.timing.start
+        object.__setattr__(self, "numbers", tuple(float(frame + first) for frame in self.chosen))
 
     @property
     def header(self) -> SceneHeader:
@@ -116,11 +123,15 @@ class SceneTake:
     @property
     def num_dynamic(self) -> int:
         """Gaussians that change over time."""
+        if self._appears:
+            return self.scene.count
         return self.scene.num_dynamic if self.changing else 0
 
     @property
     def changing(self) -> Sequence[str]:
         """Columns that change; none in a single frame."""
+        if self._appears:
+            return self.scene.columns
         return self.scene.changing if len(self.chosen) > 1 else ()
 
     @property
@@ -131,9 +142,20 @@ class SceneTake:
     @property
     def rate(self) -> float:
         """Frames a second."""
-        return self.header.frames_per_second
+        return self.header.frames_per_second if self.timing is None else self.timing.rate
 
     def frames(self) -> Iterator[TakeFrame]:
         """Each frame, in order."""
-        for frame in self.chosen:
-            yield TakeFrame(frame + FIRST_NUMBER, frame, self.scene.at_frame(frame))
+        if self.timing is None:
+            for frame in self.chosen:
+                yield TakeFrame(frame + FIRST_NUMBER, frame, self.scene.at_frame(frame))
+            return
+        retimed = RetimedScene(self.scene, self.timing)
+        for number, frame in zip(self.numbers, self.chosen, strict=True):
+            yield TakeFrame(number, self.timing.capture_frame(frame), retimed.at_frame(frame))
+
+    @property
+    def _appears(self) -> bool:
+        """Whether the scene is there in some frames and not in others."""
+        frames = () if self.timing is None else self.timing.frames
+        return len({frames[frame] is None for frame in self.chosen}) > 1 if frames else False

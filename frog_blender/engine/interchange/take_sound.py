@@ -1,40 +1,51 @@
-"""The sound of a scene's capture: the first of its films that has a track of sound."""
+"""What is heard with a take: the sound of the first of the capture's films that has any, or one made of it."""
 
 from __future__ import annotations
 
-import re
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
-from ..capture.ffmpeg import notes, program, whole_path
+from ..capture.ffmpeg import program, whole_path
 from ..errors import FrogError, brief
 from ..scene.header import SceneHeader
-from ..source_media.clips import capture_folders, find_clips
+from ..source_media.film_sound import find_sound
+from ..source_media.retimed_sound import retimed_sound
+from ..source_media.sound import read_sound, wav_of
 from .take import Sound
 
-_TRACK = re.compile(r"Stream #\d+:\d+.*: Audio: ")
 _PATIENCE = 120.0  # seconds in which ffmpeg must write a sound
 _RATE, _QUALITY = 48_000, "96k"
 
 
-def has_sound(path: Path) -> bool:
-    """Whether a film has a track of sound; False as well where there is no ffmpeg to tell."""
-    return bool(_TRACK.search(notes(path)))
+def sound_of(header: SceneHeader, scene_file: Path, shown: Sequence[float | None], rate: float) -> Sound | None:
+    """What is heard while frames of a capture are shown; None where no film with sound is found.
 
+    It is the film's own sound if the frames follow each other as they were filmed, otherwise a retimed one.
 
-def sound_of(header: SceneHeader, scene_file: Path, frame: float = 0.0) -> Sound | None:
-    """What was heard at a frame of the capture, counted from 0, and after it; None where no film with sound is found.
+    Args:
+        shown: the capture's frames, counted from 0; None where nothing is shown.
+        rate: frames a second at which they are shown.
 
-    Films are taken to begin with the capture's first frame.
+    Raises:
+        FrogError: for a sound that cannot be read.
     """
-    for folder in capture_folders(header, scene_file):
-        clips = find_clips(header, folder)
-        for clip in clips.values():
-            if clip.kind == "VIDEO" and has_sound(clip.path):
-                return Sound(clip.path, frame / header.frames_per_second)
-        if clips:
-            return None
-    return None
+    found = find_sound(header, scene_file)
+    if found is None:
+        return None
+    count, own_rate = header.frame_count, header.frames_per_second
+    start = found.start + (shown[0] or 0.0) / own_rate
+    if rate == own_rate and start >= 0 and _follow_each_other(shown, count):
+        return Sound(found.path, start)
+    read = read_sound(found.path, found.start, count / own_rate)
+    return Sound(found.path, 0.0, wav_of(retimed_sound(read, shown, rate, count, own_rate)))
+
+
+def _follow_each_other(shown: Sequence[float | None], count: int) -> bool:
+    first = shown[0]
+    return first is not None and all(
+        frame == min(first + place, max(first, count - 1)) for place, frame in enumerate(shown)
+    )
 
 
 def encoded(sound: Sound, seconds: float) -> bytes:
@@ -42,11 +53,14 @@ def encoded(sound: Sound, seconds: float) -> bytes:
     ffmpeg = program()
     if ffmpeg is None:
         raise FrogError(f"{sound.path}: writing its sound needs the Python package 'imageio-ffmpeg', found none.")
-    command = [ffmpeg, "-v", "error", "-nostdin", "-protocol_whitelist", "file,pipe", "-ss", f"{sound.start:.6f}"]
-    command += ["-i", whole_path(sound.path), "-t", f"{seconds:.6f}", "-vn", "-ac", "2", "-ar", str(_RATE)]
+    command = [ffmpeg, "-v", "error", "-nostdin", "-protocol_whitelist", "file,pipe"]
+    # Of a pipe, which cannot be rewound, ffmpeg would lose what it reads before it seeks.
+    command += ["-i", "pipe:0"] if sound.content else ["-ss", f"{sound.start:.6f}", "-i", whole_path(sound.path)]
+    command += ["-t", f"{seconds:.6f}", "-vn", "-ac", "2", "-ar", str(_RATE)]
     command += ["-c:a", "libopus", "-b:a", _QUALITY, "-fflags", "+bitexact", "-f", "ogg", "pipe:1"]
     try:
-        done = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)
+        content = sound.content or None
+        done = subprocess.run(command, input=content, capture_output=True, timeout=_PATIENCE, check=False)
     except (OSError, subprocess.SubprocessError) as error:
         raise FrogError(f"{sound.path}: its sound could not be read ({brief(error)}).") from error
     if done.returncode or not done.stdout:

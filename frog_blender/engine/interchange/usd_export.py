@@ -24,6 +24,7 @@ from ..arrays import Array
 from ..capture.camera import Camera
 from ..errors import FrogError
 from ..gaussians import NumpyGaussians
+from ..io.atomic_files import write_atomically
 from ..source_media.clips import camera_path
 from .take import Sound, Take, TakeFrame
 
@@ -124,17 +125,23 @@ def _written(unfinished: Path, path: Path, take: Take, full_precision: bool) -> 
             each.close()
     _add_cameras(stage, f"{root.GetPath()}/Cameras", take, shown)
     if take.sound is not None:
-        _add_sound(stage, f"{root.GetPath()}/Sound", take.sound, take.numbers[0], path.parent)
+        _add_sound(stage, f"{root.GetPath()}/Sound", take.sound, take.numbers[0], path)
     layer.Save()
 
 
-def _add_sound(stage: Usd.Stage, path: str, sound: Sound, number: float, folder: Path) -> None:
-    """A film's path is written where its track is what was recorded: hosts that play sound open it themselves."""
+def _add_sound(stage: Usd.Stage, path: str, sound: Sound, number: float, file: Path) -> None:
+    """The film's path is written, for hosts open it themselves, or that of a sound file beside the scene's, where one
+    was made."""
     from pxr import Sdf
+
+    played = sound.path
+    if sound.content:
+        played = file.with_name(f"{file.stem}_sound.wav")
+        write_atomically(played, sound.content)
 
     types, uniform = Sdf.ValueTypeNames, Sdf.VariabilityUniform
     prim = stage.DefinePrim(path, "SpatialAudio")
-    prim.CreateAttribute("filePath", types.Asset, False, uniform).Set(Sdf.AssetPath(_beside(sound.path, folder)))
+    prim.CreateAttribute("filePath", types.Asset, False, uniform).Set(Sdf.AssetPath(_beside(played, file.parent)))
     prim.CreateAttribute("auralMode", types.Token, False, uniform).Set("nonSpatial")
     prim.CreateAttribute("startTime", types.TimeCode, False, uniform).Set(Sdf.TimeCode(number))
     prim.CreateAttribute("mediaOffset", types.Double, False, uniform).Set(sound.start)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.camera import Camera
 from ..errors import FrogError
+from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..scene.header import SceneHeader
 from ..scene.scene_file import SceneFile
@@ -18,13 +20,31 @@ from ..source_media.clips import camera_path
 from .player import ScenePlayer
 from .render import render_image
 
-FrameRenderer = Callable[[float, Camera], NDArray[np.uint8]]
+FrameRenderer = Callable[[int, Camera], NDArray[np.uint8]]
 """A frame (counted from 0) and a camera to an (H, W, 3) sRGB image."""
 
 _SHOWN = 12  # names of cameras in an error
 
 
-def cpu_renderer(scene: ScenePlayer) -> FrameRenderer:
+class PlayedFrames(Protocol):
+    """What has frames: a scene, or one that is retimed."""
+
+    @property
+    def header(self) -> SceneHeader:
+        """Of the scene's file."""
+        ...
+
+    @property
+    def keeps_identity(self) -> bool:
+        """See ``ScenePlayer``."""
+        ...
+
+    def at_frame(self, frame: int) -> NumpyGaussians:
+        """Gaussians at a frame counted from 0."""
+        ...
+
+
+def cpu_renderer(scene: PlayedFrames) -> FrameRenderer:
     """Renders frames by the native library, without torch."""
     return lambda frame, camera: render_image(scene.at_frame(frame), camera, scene.header.background)
 
@@ -36,6 +56,7 @@ def render_frames(
     folder: Path,
     *,
     renderer: FrameRenderer | None = None,
+    shown: Callable[[int], float] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
     """Writes a PNG for each frame as one of the scene's cameras sees it; returns their paths.
@@ -44,6 +65,7 @@ def render_frames(
         camera_name: a camera of the scene. Of a moving camera each name is one pose, and "moving" follows its path.
         folder: made if it does not exist.
         renderer: renders the frames; ``cpu_renderer`` by default.
+        shown: the capture's frame at each frame, where a renderer retimes them, for a camera that moves.
         progress: called with the number of frames done and of all.
 
     Raises:
@@ -61,7 +83,8 @@ def render_frames(
     paths = []
     for frame in frames:
         path = folder / f"{_file_name(camera_name)}_{frame:04d}.png"
-        written, content = cv2.imencode(".png", cv2.cvtColor(renderer(frame, camera_at(frame)), cv2.COLOR_RGB2BGR))
+        camera = camera_at(frame if shown is None else shown(frame))
+        written, content = cv2.imencode(".png", cv2.cvtColor(renderer(frame, camera), cv2.COLOR_RGB2BGR))
         if not written:
             raise FrogError(f"{path}: the image could not be encoded.")
         write_atomically(path, content.tobytes())
@@ -71,7 +94,7 @@ def render_frames(
     return paths
 
 
-def _camera_at(header: SceneHeader, name: str) -> Callable[[int], Camera]:
+def _camera_at(header: SceneHeader, name: str) -> Callable[[float], Camera]:
     """The camera of that name at each frame; FrogError where the scene has none."""
     if header.is_moving and name == "moving":
         path = dict(camera_path(header))

@@ -1,0 +1,57 @@
+"""Which film of a scene's capture has sound, and when in it the capture begins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..capture.movie_header import read_movie_header
+from ..capture.readers import open_capture
+from ..errors import FrogError
+from ..scene.header import SceneHeader
+from .clips import capture_folders, find_clips
+from .sound import has_sound as ffmpeg_has_sound
+
+
+@dataclass(frozen=True)
+class FilmSound:
+    """A film that has sound.
+
+    Attributes:
+        path: of the film.
+        start: its second that the capture's frame 0 shows; negative if it began to film later.
+    """
+
+    path: Path
+    start: float
+
+
+def find_sound(
+    header: SceneHeader, scene_file: Path, has_sound: Callable[[Path], bool] = ffmpeg_has_sound
+) -> FilmSound | None:
+    """The first film of a capture that has sound; None where no such film is found."""
+    for folder in capture_folders(header, scene_file):
+        clips = find_clips(header, folder)
+        for clip in clips.values():
+            if clip.kind == "VIDEO" and has_sound(clip.path):
+                return FilmSound(clip.path, _start_of(folder, clip.path))
+        if clips:
+            return None
+    return None
+
+
+def _start_of(folder: Path, film: Path) -> float:
+    """By an image of the film that the capture has; 0 where the capture cannot be read any more."""
+    try:
+        capture = open_capture(folder)
+    except (FrogError, ImportError):
+        return 0.0
+    shot = next((shot for shot in capture.shots if shot.path == film), None)
+    if shot is None:
+        return 0.0
+    header = read_movie_header(film)
+    times = header.timestamps if header is not None else None
+    known = times is not None and shot.index < len(times)
+    seen = float(times[shot.index]) if times is not None and known else shot.index / capture.frames_per_second
+    return seen - (shot.frame + shot.offset) / capture.frames_per_second

@@ -1,0 +1,233 @@
+"""Split, Reverse, Freeze Frame, Ramp Speed, Timing to Curve and Play in Sequence: a capture in time."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+import math
+
+import bpy
+from bpy.props import FloatProperty, IntProperty
+
+from ..engine.errors import FrogError
+from ..scene_import.capture_objects import active_capture, root_of, select_capture
+from ..timeline import playback, retiming, timing_curve
+from .edit_operator import EditOperator, scene_of
+
+
+class _Retimes(EditOperator):
+    """Base of operators on a capture that moves."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not super().poll(context):
+            return False
+        problem = cls.problem(context, active_capture(context))
+        cls.poll_message_set(problem)  # type: ignore[attr-defined]  # of the Operator
+        return not problem
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        """Why a capture cannot be retimed so, or an empty string."""
+        return "" if _frames(obj) > 1 else "The capture does not move, or its file cannot be played."
+
+
+class _EditsCurve(_Retimes):
+    """Base of operators on the curve of the Shown Frame."""
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        return super().problem(context, obj) or timing_curve.problem(obj)
+
+
+class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
+    """Make two captures of one, which follow each other at the current frame. The file stays as it is"""
+
+    bl_idname = "frog.split_capture"
+    bl_label = "Split Capture"
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        if context.mode != "OBJECT":
+            return "Captures are split in Object Mode."
+        first, end = _range(context.scene, obj)
+        if not first < context.scene.frame_current_final < end:
+            return "Go to a frame between the first and the last one at which the capture is there."
+        return super().problem(context, obj)
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        frame, (first, end) = context.scene.frame_current_final, _range(context.scene, obj)
+        other = _copy(obj)
+        for half, start, stop in ((obj, first, frame), (other, frame, end)):
+            half.frog.range_start, half.frog.range_end, half.frog.use_range = start, stop, True
+        select_capture(context, other)
+        return f"{root_of(other).name} goes on where {root_of(obj).name} ends."
+
+
+class FROG_OT_reverse_capture(_Retimes, bpy.types.Operator):
+    """Play the capture backward in the same frames of the timeline"""
+
+    bl_idname = "frog.reverse_capture"
+    bl_label = "Reverse Capture"
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        found = super().problem(context, obj)
+        if found or not obj.frog.use_remap:
+            return found or ("" if obj.frog.speed else "Its speed is zero.")
+        return timing_curve.problem(obj) or ("" if retiming.shown_curve(obj) else "Its Shown Frame has no curve.")
+
+    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        settings, curve = obj.frog, retiming.shown_curve(obj)
+        if settings.use_remap and curve is not None:
+            timing_curve.reverse(curve)
+        else:
+            _, count = retiming.piece(settings, _frames(obj))
+            settings.start_frame += (count - 1) / settings.speed
+            settings.speed = -settings.speed
+        return ""
+
+
+class FROG_OT_freeze_frame(_EditsCurve, bpy.types.Operator):
+    """Hold the current frame of the capture for a while; the rest comes that much later. Its timing becomes a curve"""
+
+    bl_idname = "frog.freeze_frame"
+    bl_label = "Freeze Frame"
+
+    length: IntProperty(name="Frames", description="How long to hold it", default=24, min=1, soft_max=1000)
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        timing_curve.freeze(_curve(context, obj), context.scene.frame_current_final, self.length)
+        return ""
+
+
+class FROG_OT_ramp_speed(_EditsCurve, bpy.types.Operator):
+    """Go evenly from the speed at the current frame to another one, and on with that to the end. The timing becomes a \
+curve"""
+
+    bl_idname = "frog.ramp_speed"
+    bl_label = "Ramp Speed"
+
+    speed: FloatProperty(
+        name="Speed",
+        description="Frames of the capture for each frame of the timeline, after the ramp",
+        default=0.25,
+        soft_min=-4.0,
+        soft_max=4.0,
+    )
+    length: IntProperty(name="Frames", description="Length of the ramp", default=12, min=1, soft_max=1000)
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        curve, frame = _curve(context, obj), context.scene.frame_current_final
+        timing_curve.ramp(curve, frame, self.length, self.speed, _frames(obj))
+        return ""
+
+
+class FROG_OT_timing_to_curve(_EditsCurve, bpy.types.Operator):
+    """Make a curve of the capture's start, speed and repetition, to be edited in the Graph Editor"""
+
+    bl_idname = "frog.timing_to_curve"
+    bl_label = "Timing to Curve"
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        if obj.frog.use_remap:
+            return "Time Remapping decides already."
+        return super().problem(context, obj)
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        _curve(context, obj)
+        return ""
+
+
+class FROG_OT_play_in_sequence(EditOperator, bpy.types.Operator):
+    """Let the selected captures play one after another, in the order in which they start, each alone"""
+
+    bl_idname = "frog.play_in_sequence"
+    bl_label = "Play in Sequence"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        cls.poll_message_set("Select two captures or more of this file first.")
+        return len(_selected(context)) > 1
+
+    def edit(self, context: bpy.types.Context, _obj: bpy.types.Object) -> str:
+        spans = []
+        for obj in _selected(context):
+            span = retiming.span(obj, _frames(obj))
+            if span is None:
+                raise FrogError(f"{root_of(obj).name}: found no first and last frame that it plays, expected some.")
+            spans.append((*span, obj))
+        spans.sort(key=lambda each: each[:2])
+        at = math.floor(spans[0][0])
+        begin = at
+        for first, end, obj in spans:
+            timing_curve.move(obj, at - first)
+            following = at + max(math.ceil(end - first - 1e-4), 1)
+            obj.frog.range_start, obj.frog.range_end, obj.frog.use_range = at, following, True
+            at = following
+        return f"{len(spans)} captures play in frames {begin:,} to {at - 1:,}."
+
+
+def _frames(obj: bpy.types.Object) -> int:
+    """How many frames a capture has; 0 for a file that cannot be played."""
+    try:
+        return scene_of(obj).header.frame_count
+    except FrogError:  # shown by the panel
+        return 0
+
+
+def _range(scene: bpy.types.Scene, obj: bpy.types.Object) -> tuple[float, float]:
+    """The frames of the timeline at which a capture is there: all of the scene's and its own, if it has no limits."""
+    settings = obj.frog
+    if settings.use_range:
+        return settings.range_start, settings.range_end
+    first = retiming.stretched(scene, scene.frame_start)
+    end = retiming.stretched(scene, scene.frame_end + 1)
+    span = retiming.span(obj, max(_frames(obj), 1))
+    return (first, end) if span is None else (min(first, span[0]), max(end, span[1]))
+
+
+def _curve(context: bpy.types.Context, obj: bpy.types.Object) -> bpy.types.FCurve:
+    scene = context.scene
+    first, last = (retiming.stretched(scene, frame) for frame in (scene.frame_start, scene.frame_end))
+    return timing_curve.ensure_curve(obj, first, last)
+
+
+def _copy(obj: bpy.types.Object) -> bpy.types.Object:
+    """Another object that plays the same file, with a root of its own."""
+    root = root_of(obj)
+    other = obj.copy()
+    other.data = obj.data.copy()
+    if other.animation_data is not None and other.animation_data.action is not None:
+        slot = other.animation_data.action_slot
+        other.animation_data.action = other.animation_data.action.copy()
+        if slot is not None:
+            other.animation_data.action_slot = other.animation_data.action.slots.get(slot.identifier)
+    made = [(obj, other)]
+    if root != obj:
+        other_root = root.copy()
+        other.parent = other_root
+        other.matrix_parent_inverse = obj.matrix_parent_inverse
+        made.append((root, other_root))
+    for old, new in made:
+        for collection in old.users_collection:
+            collection.objects.link(new)
+    return other
+
+
+def _selected(context: bpy.types.Context) -> list[bpy.types.Object]:
+    captures = playback.captures(context.scene.objects)
+    selected = set(context.selected_objects)
+    return [obj for obj in captures if obj.library is None and (obj in selected or root_of(obj) in selected)]
+
+
+_CLASSES = (
+    FROG_OT_split_capture,
+    FROG_OT_reverse_capture,
+    FROG_OT_freeze_frame,
+    FROG_OT_ramp_speed,
+    FROG_OT_timing_to_curve,
+    FROG_OT_play_in_sequence,
+)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -1,0 +1,264 @@
+"""A capture's sound in the sequencer and as a speaker, in time with the capture however it is retimed.
+
+Blender can change a strip's speed, but follows no curve of time with it, and the strip of an NLA has one speed. So the
+sound itself is retimed (``engine.source_media.retimed_sound``) and packed into the .blend as a WAV file; strip and
+speaker play it as it is. When the timing has changed since, it is out of date until it is made again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..capture_files import file_of, named_file
+from ..engine.capture.ffmpeg import program
+from ..engine.errors import FrogError, brief
+from ..engine.source_media.film_sound import FilmSound, find_sound
+from ..engine.source_media.retimed_sound import heard_frames, retimed_sound
+from ..engine.source_media.sound import Samples, check_length, has_sound, read_sound, wav_of
+from ..timeline import playback
+from ..timeline.frame_timing import frame_rate, frames_shown
+from ..timeline.retiming import needs_evaluated_time, shown_curve
+from .capture_objects import root_of
+
+_MARK, _STAMP = "frog_capture", "frog_timing"
+"""Of sounds that this file makes: the name of the capture then, and what its timing was."""
+_TIMING = (
+    *("start_frame", "speed", "repeat", "use_remap"),
+    *("use_trim", "first_frame", "last_frame", "use_range", "range_start", "range_end"),
+)
+_OF_KEYS = {"co": 2, "handle_left": 2, "handle_right": 2}
+_STRIP_SETTINGS = ("name", "volume", "pan", "mute", "show_waveform")
+
+
+@dataclass(frozen=True)
+class MadeSound:
+    """Attributes:
+    sound: retimed.
+    start: frame of the timeline at which it begins.
+    frames: of the timeline that it lasts.
+    """
+
+    sound: Samples
+    start: int
+    frames: int
+
+
+def sound_of(obj: bpy.types.Object) -> bpy.types.Sound | None:
+    """The sound that was made of a capture, or None."""
+    sound = obj.frog.sound
+    if sound is None:
+        return None
+    users = [other for other in playback.captures(bpy.data.objects) if other.frog.sound == sound]
+    if len(users) < 2:
+        return sound
+    # Duplicates refer to it as well; the one that it was made for has the name that it had.
+    owner = next((other for other in users if other.name == sound.get(_MARK)), users[0])
+    return sound if owner == obj else None
+
+
+def strips_of(sound: bpy.types.Sound, scene: bpy.types.Scene) -> list[bpy.types.SoundStrip]:
+    """The strips of a scene that play a sound."""
+    editor = scene.sequence_editor
+    return [strip for strip in editor.strips if strip.type == "SOUND" and strip.sound == sound] if editor else []
+
+
+def speakers_of(sound: bpy.types.Sound, scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The speakers of a scene that play a sound."""
+    return [obj for obj in scene.objects if obj.type == "SPEAKER" and obj.data.sound == sound]
+
+
+def is_outdated(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool | None:
+    """Whether a capture's sound was made for another timing; None where only Blender's evaluation of each frame could
+    tell.
+    """
+    sound = sound_of(obj)
+    if sound is None:
+        return False
+    if needs_evaluated_time(obj):
+        return None
+    return bool(sound.get(_STAMP) != _stamp(obj, scene))
+
+
+def make(obj: bpy.types.Object, scene: bpy.types.Scene) -> MadeSound:
+    """The sound of a capture as a scene's range of frames plays it.
+
+    Raises:
+        FrogError: if none is found, none can be heard, or it cannot be read.
+    """
+    header = playback.open_scene(file_of(obj)).header
+    numbers = range(scene.frame_start, scene.frame_end + 1)
+    shown, rate = frames_shown(obj, scene, numbers), frame_rate(scene)
+    heard = heard_frames(shown, header.frame_count, rate / header.frames_per_second)
+    if not heard:
+        raise FrogError(
+            f"{obj.name}: found nothing to hear in frames {scene.frame_start:,} to {scene.frame_end:,}, expected a "
+            "range in which the capture plays."
+        )
+    film = find_sound(header, named_file(obj), _has_sound)
+    if film is None:
+        raise FrogError(f"{obj.name}: found no film of its capture with sound, expected one.")
+    read = _read(film, header.frame_count / header.frames_per_second)
+    part = shown[heard.start : heard.stop]
+    made = retimed_sound(read, part, rate, header.frame_count, header.frames_per_second)
+    return MadeSound(made, numbers[heard.start], len(heard))
+
+
+def place(
+    context: bpy.types.Context,
+    obj: bpy.types.Object,
+    made: MadeSound,
+    *,
+    strip: bool = False,
+    speaker: bool = False,
+) -> None:
+    """Packs a sound into the .blend and plays it wherever the capture's sound was played in this scene, or is to be.
+
+    Args:
+        strip, speaker: add one if there is none.
+    """
+    scene, old = context.scene, sound_of(obj)
+    strips = strips_of(old, scene) if old is not None else []
+    speakers = speakers_of(old, scene) if old is not None else []
+    name = f"{root_of(obj).name} Sound"
+    with tempfile.TemporaryDirectory(prefix="frog-sound-") as folder:
+        path = Path(folder) / f"{bpy.path.clean_name(name) or 'sound'}.wav"
+        path.write_bytes(wav_of(made.sound))
+        sound = bpy.data.sounds.load(str(path))
+        sound.name = name
+        sound.pack()
+        sound.filepath = f"//{path.name}"
+        sound[_MARK], sound[_STAMP] = obj.name, _stamp(obj, scene)
+        obj.frog.sound = sound
+        for each in strips:
+            _replace_strip(scene, each, sound, path, made)
+        if strip and not strips:
+            _add_strip(scene, sound, path, made, name)
+    for each in speakers:
+        each.data.sound = sound
+        _play_from(context, each, made)
+    if speaker and not speakers:
+        _add_speaker(context, obj, sound, made, name)
+    if old is not None and not old.users:
+        bpy.data.sounds.remove(old)
+
+
+def _stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
+    """Of all that a capture's sound depends on; of a time that needs evaluation, of all but that."""
+    settings, render = obj.frog, scene.render
+    values: list[object] = [getattr(settings, name) for name in _TIMING]
+    values += [render.fps, render.fps_base, render.frame_map_old, render.frame_map_new]
+    values += [scene.frame_start, scene.frame_end, named_file(obj).name]
+    digest = hashlib.blake2b(digest_size=16)
+    curve = shown_curve(obj) if settings.use_remap else None
+    if curve is None:
+        values.append(settings.shown_frame)
+    elif curve.modifiers:
+        values.append(frames_shown(obj, scene, range(scene.frame_start, scene.frame_end + 1)))
+    else:
+        points = curve.keyframe_points
+        for name, width in _OF_KEYS.items():
+            numbers = np.empty(len(points) * width, np.float32)
+            points.foreach_get(name, numbers)
+            digest.update(numbers.tobytes())
+        values += [curve.extrapolation, [(point.interpolation, point.easing) for point in points]]
+    digest.update(json.dumps(values).encode())
+    return digest.hexdigest()
+
+
+def _has_sound(film: Path) -> bool:
+    if program() is not None:
+        return has_sound(film)
+    import aud
+
+    try:
+        return bool(aud.Sound(str(film)).specs[1])
+    except aud.error:
+        return False
+
+
+def _read(film: FilmSound, seconds: float) -> Samples:
+    """A film's sound from the capture's beginning on: by ffmpeg where there is one, otherwise by Blender's own library,
+    which does not know of a track that starts later than the images.
+    """
+    if program() is not None:
+        return read_sound(film.path, film.start, seconds)
+    import aud
+
+    check_length(film.path, film.start + seconds)
+    try:
+        sound = aud.Sound(str(film.path)).limit(0, max(film.start + seconds, 0))
+        return Samples(sound.data(), int(sound.specs[0])).part(film.start, seconds)
+    except aud.error as error:
+        raise FrogError(f"{film.path}: its sound could not be read ({brief(error)}).") from error
+
+
+def _add_strip(
+    scene: bpy.types.Scene, sound: bpy.types.Sound, path: Path, made: MadeSound, name: str, channel: int = 0
+) -> bpy.types.SoundStrip:
+    editor = scene.sequence_editor or scene.sequence_editor_create()
+    if not channel:
+        channel = max((strip.channel for strip in editor.strips), default=0) + 1
+    strip = editor.strips.new_sound(name, str(path), channel, made.start)
+    loaded = strip.sound
+    strip.sound = sound
+    if loaded != sound and not loaded.users:
+        bpy.data.sounds.remove(loaded)
+    return strip
+
+
+def _replace_strip(
+    scene: bpy.types.Scene, old: bpy.types.SoundStrip, sound: bpy.types.Sound, path: Path, made: MadeSound
+) -> None:
+    """A strip keeps the length with which it was made, so another one takes its place, with its settings."""
+    settings = {name: getattr(old, name) for name in _STRIP_SETTINGS}
+    channel = old.channel
+    scene.sequence_editor.strips.remove(old)
+    strip = _add_strip(scene, sound, path, made, settings["name"], channel)
+    for name, value in settings.items():
+        setattr(strip, name, value)
+
+
+def _add_speaker(
+    context: bpy.types.Context, obj: bpy.types.Object, sound: bpy.types.Sound, made: MadeSound, name: str
+) -> None:
+    """By Blender's operator: the strips of sound in the NLA cannot be made otherwise."""
+    root, selected, active = root_of(obj), list(context.selected_objects), context.view_layer.objects.active
+    bpy.ops.object.speaker_add(align="WORLD", location=root.matrix_world.translation)
+    speaker = context.view_layer.objects.active
+    speaker.name, speaker.data.name = name, name
+    speaker.data.sound = sound
+    if root.type == "EMPTY":  # whose axes are a quarter of the capture's reach
+        speaker.data.distance_reference = max(4 * root.empty_display_size, 0.1)
+    speaker.parent, speaker.matrix_parent_inverse = root, root.matrix_world.inverted()
+    _play_from(context, speaker, made)
+    speaker.select_set(False)
+    for each in selected:
+        each.select_set(True)
+    context.view_layer.objects.active = active
+
+
+def _play_from(context: bpy.types.Context, speaker: bpy.types.Object, made: MadeSound) -> None:
+    for strip in _sound_strips(speaker):
+        strip.frame_end = max(made.start, strip.frame_start) + made.frames + 1
+        strip.frame_start = made.start
+        strip.frame_end = made.start + made.frames
+    # Blender's sound takes notice of a speaker's strips when the speaker appears.
+    hidden = speaker.hide_viewport
+    speaker.hide_viewport = True
+    context.view_layer.update()
+    speaker.hide_viewport = hidden
+    context.view_layer.update()
+
+
+def _sound_strips(speaker: bpy.types.Object) -> Iterator[bpy.types.NlaStrip]:
+    animation = speaker.animation_data
+    for track in animation.nla_tracks if animation is not None else ():
+        yield from (strip for strip in track.strips if strip.type == "SOUND")

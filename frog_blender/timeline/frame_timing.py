@@ -1,0 +1,94 @@
+"""A capture's retiming frame by frame: as it is stored with edits, and as its sound follows it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import bpy
+
+from . import playback, timing_curve
+from .retiming import capture_frame, is_shown, needs_evaluated_time, stretched
+
+if TYPE_CHECKING:
+    from ..engine.editing.timing import Timing
+
+
+_SAME = 1e-4  # of a frame: nobody sees it
+
+
+def frames_shown(obj: bpy.types.Object, scene: bpy.types.Scene, numbers: Sequence[int]) -> list[float | None]:
+    """The capture's frames, counted from 0 and held at its ends, that an object shows at frames of a scene's timeline;
+    None where it is not there.
+
+    If its time is driven or in the NLA, the scene is moved to each frame, and back.
+
+    Raises:
+        FrogError: for a file that cannot be played, or settings that lead to no frame.
+    """
+    count = playback.open_scene(playback.file_of(obj)).header.frame_count
+    if not needs_evaluated_time(obj):
+        return [_shown(obj, stretched(scene, number), count) for number in numbers]
+    stood, layer, found = (scene.frame_current, scene.frame_subframe), scene.view_layers[0], []
+    for number in numbers:
+        scene.frame_set(number)
+        layer.update()
+        found.append(_shown(obj, scene.frame_current_final, count, obj.evaluated_get(layer.depsgraph)))
+    scene.frame_set(stood[0], subframe=stood[1])
+    return found
+
+
+def timing_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Timing:
+    """How a capture plays in a scene's range of frames; see ``frames_shown``."""
+    from ..engine.editing.timing import Timing
+
+    numbers = range(scene.frame_start, scene.frame_end + 1)
+    return Timing(tuple(frames_shown(obj, scene, numbers)), frame_rate(scene), scene.frame_start)
+
+
+def write_timing(obj: bpy.types.Object, timing: Timing, scene: bpy.types.Scene) -> None:
+    """Makes a timing that of a capture: keys of its Shown Frame, as few as lie on straight lines, and its limits.
+
+    Raises:
+        FrogError: for a time that is driven or in the NLA, which keys would not change.
+    """
+    timing_curve.check_editable(obj)
+    there = [index for index, frame in enumerate(timing.frames) if frame is not None]
+    if there:
+        shown = [timing.capture_frame(index) for index in there]
+        numbers = [stretched(scene, timing.start + index) for index in there]
+        kept = _corners(numbers, shown)
+        timing_curve.write_keys(obj, [(numbers[index], shown[index], "LINEAR") for index in kept])
+    settings, is_cut = obj.frog, len(there) < len(timing.frames)
+    settings.use_range = is_cut
+    if is_cut:
+        first, end = (there[0], there[-1] + 1) if there else (0, 0)
+        settings.range_start = stretched(scene, timing.start + first)
+        settings.range_end = stretched(scene, timing.start + end)
+
+
+def _corners(numbers: list[float], shown: list[float]) -> list[int]:
+    """Indices of the values without which straight lines would miss one of the others."""
+    kept, begin = [0], 0
+    low, high = -math.inf, math.inf  # slopes of lines from there that miss nothing
+    for index in range(1, len(shown)):
+        length, rise = numbers[index] - numbers[begin], shown[index] - shown[begin]
+        if not low <= rise / length <= high:
+            begin = index - 1
+            kept.append(begin)
+            length, rise = numbers[index] - numbers[begin], shown[index] - shown[begin]
+            low, high = -math.inf, math.inf
+        low, high = max(low, (rise - _SAME) / length), min(high, (rise + _SAME) / length)
+    return [*kept, len(shown) - 1] if len(shown) > 1 else kept
+
+
+def frame_rate(scene: bpy.types.Scene) -> float:
+    """Frames a second of a scene's timeline."""
+    return scene.render.fps / scene.render.fps_base
+
+
+def _shown(obj: bpy.types.Object, frame: float, count: int, evaluated: bpy.types.Object | None = None) -> float | None:
+    if not is_shown(obj, frame):
+        return None
+    return min(max(capture_frame(obj, frame, count, evaluated), 0.0), count - 1.0)

@@ -1,0 +1,262 @@
+"""The curve of a capture's Shown Frame: made of its simpler settings, frozen, ramped, reversed and moved.
+
+A user may edit the same curve in the Graph Editor: these functions keep the shape of what they do not change.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import bpy
+
+from ..engine.errors import FrogError
+from . import playback
+from .retiming import REMAPPED, capture_frame, curves, needs_evaluated_time, piece, shown_curve, strip_curves
+
+_MOST_KEYS = 10_000
+_APART = 0.011  # frames within which Blender has one key
+_SOON = 0.05  # frames after which a loop that plays backward is at its end again
+_STEP = 0.05  # frames, within which a speed is measured
+
+
+def problem(obj: bpy.types.Object) -> str:
+    """Why a capture's time cannot be edited by its curve, or an empty string."""
+    if needs_evaluated_time(obj):
+        return "Its time is driven, in the NLA, or animated by other settings."
+    curve = shown_curve(obj)
+    if obj.frog.use_remap and curve is not None and curve.modifiers:
+        return "The curve of its Shown Frame has modifiers."
+    return ""
+
+
+def check_editable(obj: bpy.types.Object) -> None:
+    """FrogError for a capture whose time cannot be edited by its curve."""
+    why = problem(obj)
+    if why:
+        raise FrogError(f"{obj.name}: found a time that cannot be edited, expected settings or a curve. {why}")
+
+
+def ensure_curve(obj: bpy.types.Object, first: float, last: float) -> bpy.types.FCurve:
+    """The curve of the Shown Frame; made of start, speed, repetition and trim, if these decide now.
+
+    Args:
+        first, last: frames of the timeline within which repetitions become keys.
+
+    Raises:
+        FrogError: for a time that cannot be edited, or too many repetitions.
+    """
+    check_editable(obj)
+    if obj.frog.use_remap:
+        curve = shown_curve(obj)
+        if curve is not None and len(curve.keyframe_points):
+            return curve
+        return write_keys(obj, [(first, obj.frog.shown_frame, "LINEAR")])
+    return write_keys(obj, _keys_of(obj, first, last))
+
+
+def _keys_of(obj: bpy.types.Object, first: float, last: float) -> list[tuple[float, float, str]]:
+    """Frame, value and interpolation of the keys that play as start, speed, repetition and trim do."""
+    settings, frames = obj.frog, playback.open_scene(playback.file_of(obj)).header.frame_count
+    begin, count = piece(settings, frames)
+    start, speed = settings.start_frame, settings.speed
+    capture_frame(obj, start, frames)  # raises for what is no number
+    if not speed or count < 2:
+        return [(first, capture_frame(obj, first, frames), "LINEAR")]
+    if settings.repeat == "HOLD":
+        ends = [(start, float(begin)), (start + (count - 1) / speed, begin + count - 1.0)]
+        return [(frame, value, "LINEAR") for frame, value in sorted(ends)]
+    is_loop = settings.repeat == "LOOP"
+    length = (count if is_loop else count - 1) / abs(speed)
+    if (last - first) / length > _MOST_KEYS / 2:
+        raise FrogError(f"{obj.name}: found more than {_MOST_KEYS:,} repetitions, expected a shorter range of frames.")
+    keys: list[tuple[float, float, str]] = []
+    for turn in range(math.floor((first - start) / length), math.ceil((last - start) / length) + 1):
+        at = start + turn * length
+        if is_loop:
+            shown = (count - 1) / abs(speed)
+            low, high = float(begin), begin + count - 1.0
+            # One frame of the capture after its last one the first one is shown again: at once.
+            if speed > 0:
+                keys += [(at, low, "LINEAR"), (at + shown, high, "CONSTANT")]
+            else:
+                keys += [(at, low, "CONSTANT"), (at + _SOON, high, "CONSTANT"), (at + length - shown, high, "LINEAR")]
+        else:
+            keys.append((at, float(begin if turn % 2 == 0 else begin + count - 1), "LINEAR"))
+    return keys
+
+
+def write_keys(obj: bpy.types.Object, keys: list[tuple[float, float, str]]) -> bpy.types.FCurve:
+    """Makes keys (frame, value, interpolation) the whole curve of the Shown Frame, which decides from now on."""
+    old = shown_curve(obj)
+    if old is not None:
+        for point in reversed(old.keyframe_points):
+            old.keyframe_points.remove(point, fast=True)
+    for frame, _, _ in (keys[0], keys[-1]):  # which makes the curve, whatever holds curves in this Blender
+        obj.keyframe_insert(REMAPPED, frame=frame)
+    curve = _curve_with_keys(obj)
+    points = curve.keyframe_points
+    points.add(len(keys) - len(points))
+    for point, (frame, value, interpolation) in zip(points, keys, strict=True):
+        point.co = frame, value
+        point.interpolation = interpolation
+        point.handle_left_type = point.handle_right_type = "VECTOR"
+    curve.extrapolation = "CONSTANT"
+    curve.update()
+    obj.frog.use_remap = True
+    return curve
+
+
+def _curve_with_keys(obj: bpy.types.Object) -> bpy.types.FCurve:
+    animation = obj.animation_data
+    found = [*curves(animation), *strip_curves(animation)]
+    curve = next((each for each in found if each.data_path == REMAPPED), None)
+    if curve is None:
+        raise FrogError(f"{obj.name}: its Shown Frame could not be keyed, expected a curve that is not muted.")
+    return curve
+
+
+def freeze(curve: bpy.types.FCurve, frame: float, length: float) -> None:
+    """Holds what is shown at a frame of the timeline for so many frames; what comes later comes that much later."""
+    split(curve, frame)
+    points, value = curve.keyframe_points, curve.evaluate(frame)
+    begin = _key_at(curve, frame)
+    if begin is None:  # before all keys, or after them
+        begin = _insert(curve, frame, value)
+    _free(begin)
+    interpolation, right = begin.interpolation, tuple(begin.handle_right)
+    begin.interpolation = "CONSTANT"
+    for point in points:
+        if point.co.x > frame + _APART:
+            _shift(point, length)
+    end = _insert(curve, frame + length, value, interpolation)
+    _free(end)
+    end.handle_left, end.handle_right = (frame + length - 1, value), (right[0] + length, right[1])
+    curve.update()
+
+
+def ramp(curve: bpy.types.FCurve, frame: float, length: float, speed: float, frame_count: int) -> None:
+    """Goes from the speed at a frame of the timeline to another one within so many frames, evenly, and on with it to
+    the capture's end, or to its beginning.
+    """
+    value = curve.evaluate(frame)
+    is_first = frame <= curve.keyframe_points[0].co.x + _APART  # nothing moves before it
+    near = frame + (_STEP if is_first else -_STEP)
+    before = (curve.evaluate(near) - value) / (near - frame)
+    split(curve, frame)
+    points = curve.keyframe_points
+    for point in reversed(points):
+        if point.co.x > frame + _APART:
+            points.remove(point, fast=True)
+    # A cubic with handles at the thirds is even in time: its slope goes evenly from one speed to the other.
+    third = length / 3
+    begin = _key_at(curve, frame) or _insert(curve, frame, value)
+    _free(begin)
+    begin.handle_right, begin.interpolation = (frame + third, value + before * third), "BEZIER"
+    reached = value + (before + speed) / 2 * length
+    end = _insert(curve, frame + length, reached)
+    _free(end)
+    end.handle_left = frame + length - third, reached - speed * third
+    goal = frame_count - 1.0 if speed > 0 else 0.0
+    if speed and (goal - reached) / speed > 0:
+        _insert(curve, frame + length + (goal - reached) / speed, goal)
+    curve.update()
+
+
+def split(curve: bpy.types.FCurve, frame: float) -> None:
+    """Adds a key at a frame between others, where the curve is; its shape stays, unless an easing made it."""
+    points = curve.keyframe_points
+    for before, after in pairwise(points):
+        if before.co.x + _APART < frame < after.co.x - _APART:
+            value, interpolation = curve.evaluate(frame), before.interpolation
+            for point in (before, after):  # automatic ones would follow the new key
+                _free(point)
+            if interpolation == "BEZIER":
+                _split_bezier(curve, before, after, frame)
+            else:
+                _insert(curve, frame, value, interpolation)
+            curve.update()
+            return
+
+
+def _split_bezier(curve: bpy.types.FCurve, before: bpy.types.Keyframe, after: bpy.types.Keyframe, frame: float) -> None:
+    """By de Casteljau's algorithm."""
+    corners = [tuple(before.co), tuple(before.handle_right), tuple(after.handle_left), tuple(after.co)]
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        share = (low + high) / 2
+        if _levels(corners, share)[-1][0][0] < frame:
+            low = share
+        else:
+            high = share
+    first, second, (middle,) = _levels(corners, (low + high) / 2)
+    _insert(curve, frame, middle[1], "BEZIER")
+    index = next(i for i, point in enumerate(curve.keyframe_points) if abs(point.co.x - frame) < _APART)
+    before, point, after = curve.keyframe_points[index - 1 : index + 2]
+    _free(point)
+    before.handle_right, after.handle_left = first[0], first[2]
+    point.handle_left, point.handle_right = second
+
+
+def _insert(curve: bpy.types.FCurve, frame: float, value: float, interpolation: str = "LINEAR") -> bpy.types.Keyframe:
+    """Adds a key. Depending on the user's preferences, Blender would divide the handles beside it as well."""
+    points = curve.keyframe_points
+    handles = [(tuple(point.handle_left), tuple(point.handle_right)) for point in points]
+    added = points.insert(frame, value, options={"FAST"})
+    added.interpolation = interpolation
+    others = [point for point in points if point != added] if len(points) > len(handles) else points
+    for point, (left, right) in zip(others, handles, strict=True):
+        point.handle_left, point.handle_right = left, right
+    return added
+
+
+def _key_at(curve: bpy.types.FCurve, frame: float) -> bpy.types.Keyframe | None:
+    return next((point for point in curve.keyframe_points if abs(point.co.x - frame) < _APART), None)
+
+
+def _free(point: bpy.types.Keyframe) -> None:
+    """Lets a key's handles stay where they are, whatever its neighbours do."""
+    left, right = tuple(point.handle_left), tuple(point.handle_right)
+    point.handle_left_type = point.handle_right_type = "FREE"
+    point.handle_left, point.handle_right = left, right
+
+
+def _levels(corners: list[tuple[float, ...]], share: float) -> list[list[tuple[float, ...]]]:
+    levels, current = [], corners
+    while len(current) > 1:
+        current = [
+            tuple(a + (b - a) * share for a, b in zip(one, other, strict=True)) for one, other in pairwise(current)
+        ]
+        levels.append(current)
+    return levels
+
+
+def reverse(curve: bpy.types.FCurve) -> None:
+    """Shows what was shown first last, and the other way round: the curve upside down, fast and slow where it was."""
+    points = curve.keyframe_points
+    values = [point.co.y for point in points]
+    total = min(values) + max(values)
+    for point in points:
+        handles = [(handle.x, total - handle.y) for handle in (point.handle_left, point.handle_right)]
+        point.co.y = total - point.co.y
+        point.handle_left, point.handle_right = handles
+    curve.update()
+
+
+def move(obj: bpy.types.Object, frames: float) -> None:
+    """Moves all that a capture plays along the timeline; FrogError for a time that cannot be edited."""
+    check_editable(obj)
+    settings, curve = obj.frog, shown_curve(obj)
+    settings.start_frame += frames
+    settings.range_start += frames
+    settings.range_end += frames
+    if curve is not None:
+        for point in curve.keyframe_points:
+            _shift(point, frames)
+        curve.update()
+
+
+def _shift(point: bpy.types.Keyframe, frames: float) -> None:
+    handles = [(handle.x + frames, handle.y) for handle in (point.handle_left, point.handle_right)]
+    point.co.x += frames
+    point.handle_left, point.handle_right = handles

@@ -1,0 +1,107 @@
+"""The panels Timing and Sound of the FRoG tab: when the chosen capture plays, how fast, and what is heard."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..engine.errors import FrogError
+from ..scene_import import capture_sound
+from ..timeline import playback, retiming
+from .capture_list import chosen_capture
+from .captures_panel import OfChosen, is_moving
+from .sidebar_panel import split
+from .text import wrapped_label
+
+_SAME_SPEED = 0.005  # of the speed: nobody sees less
+_OPERATORS: tuple[dict[str, str], ...] = (
+    {"play_in_real_time": "Real Time", "fit_frame_range": "Fit Frame Range"},
+    {"split_capture": "Split", "reverse_capture": "Reverse", "play_in_sequence": "Sequence"},
+    {"freeze_frame": "Freeze", "ramp_speed": "Ramp", "timing_to_curve": "Curve"},
+)
+
+
+class FROG_PT_timing(OfChosen, bpy.types.Panel):
+    """When the chosen capture plays, and how fast."""
+
+    bl_label = "Timing"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return super().poll(context) and is_moving(chosen_capture(context))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        chosen = chosen_capture(context)
+        layout, settings = split(self.layout), chosen.frog
+        layout.prop(settings, "use_remap")
+        names = ("shown_frame",) if settings.use_remap else ("start_frame", "speed", "repeat")
+        for name in names:
+            layout.prop(settings, name)
+        if not settings.use_remap:
+            _draw_pair(layout, settings, "use_trim", ("first_frame", "last_frame"))
+        _draw_pair(layout, settings, "use_range", ("range_start", "range_end"))
+        told = _told_of_frames(chosen, context.scene)
+        if told:
+            wrapped_label(layout, told, context, icon="INFO")
+        for row_of in _OPERATORS:
+            row = layout.row(align=True)
+            for name, text in row_of.items():
+                row.operator(f"frog.{name}", text=text)
+
+
+class FROG_PT_sound(OfChosen, bpy.types.Panel):
+    """The sound of the chosen capture, and whether it is still in time."""
+
+    bl_label = "Sound"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return super().poll(context) and is_moving(chosen_capture(context))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, chosen = self.layout, chosen_capture(context)
+        row = layout.row(align=True)
+        row.operator("frog.add_sound_strip", text="Strip", icon="SEQ_SEQUENCER")
+        row.operator("frog.add_speaker", text="Speaker", icon="SPEAKER")
+        if capture_sound.sound_of(chosen) is None:
+            return
+        try:
+            is_outdated = capture_sound.is_outdated(chosen, context.scene)
+        except FrogError:  # shown by the Scene panel
+            return
+        if is_outdated:
+            wrapped_label(layout, "The timing has changed since the sound was made.", context, icon="ERROR")
+        elif is_outdated is None:
+            sentence = "The time is driven or in the NLA: update the sound when that has changed."
+            wrapped_label(layout, sentence, context, icon="INFO")
+        layout.operator("frog.update_sound", icon="FILE_REFRESH")
+
+
+def _draw_pair(layout: bpy.types.UILayout, settings: Any, use: str, names: tuple[str, str]) -> None:
+    """A switch, and the two settings that it is about."""
+    row = layout.row(heading=settings.bl_rna.properties[use].name, align=True)
+    row.prop(settings, use, text="")
+    sub = row.row(align=True)
+    sub.active = getattr(settings, use)
+    for name in names:
+        sub.prop(settings, name, text="")
+
+
+def _told_of_frames(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
+    """When a capture plays, if that is not the scene's range of frames, and how fast, if not as it was filmed."""
+    header = playback.open_scene(playback.file_of(obj)).header
+    frames, said = retiming.playing_frames(obj, scene, header.frame_count), []
+    if frames is not None and (round(frames[0]), round(frames[1])) != (scene.frame_start, scene.frame_end):
+        said.append(f"Plays in frames {frames[0]:,.0f} to {frames[1]:,.0f}.")
+        said.append(f"The scene has {scene.frame_start:,} to {scene.frame_end:,}.")
+    if obj.frog.use_remap:
+        return " ".join(said)
+    ratio = obj.frog.speed / max(retiming.real_time_speed(scene, header.frames_per_second), 1e-9)
+    if abs(ratio - 1) > _SAME_SPEED:
+        said.append(f"{ratio:.2g} times as fast as filmed.")
+    return " ".join(said)
+
+
+_CLASSES = (FROG_PT_timing, FROG_PT_sound)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -1,0 +1,177 @@
+"""The sound of a capture in Blender: a strip and a speaker, in time with it whatever its timing, heard by a mixdown."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from base64 import b64decode
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from support.clicks import film_of_clicks, samples_of, times_of_clicks
+from support.small_scenes import rig_of_three, write_scene
+
+from frog_blender.engine.capture.ffmpeg import program
+from frog_blender.engine.scene.scene_file import SceneFile, read_scene
+from frog_blender.engine.scene.scene_file import write_scene as write_file
+from frog_blender.scene_import import capture_sound
+from frog_blender.scene_import.capture_objects import active_capture, root_of
+from frog_blender.timeline.frame_timing import frames_shown
+
+COUNT, RATE = 48, 24
+CLICKS = (3, 7, 11, 14, 20, 24, 27, 33, 38, 44)  # frames of the capture
+
+
+@pytest.fixture
+def capture(empty, tmp_path):
+    folder = tmp_path / "films"
+    folder.mkdir()
+    film_of_clicks(folder / "cam00.mp4", [frame / RATE for frame in CLICKS], COUNT / RATE, RATE)
+    path = write_scene(tmp_path / "x.frog", rig_of_three(), frame_count=COUNT)
+    scene = read_scene(path)
+    changes = {"capture_path": str(folder), "capture_format": "n3dv", "frames_per_second": float(RATE)}
+    write_file(path, SceneFile(replace(scene.header, **changes), scene.arrays))
+    bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True)
+    empty.frame_start, empty.frame_end = 1, 130
+    return active_capture(bpy.context)
+
+
+def by_a_curve(obj):
+    """Slow, fast, frozen, backward: bezier curves."""
+    obj.frog.use_remap = True
+    for frame, value in ((1, 0.0), (40, 12.0), (60, 36.0), (75, 36.0), (126, 1.0)):
+        obj.frog.shown_frame = value
+        obj.keyframe_insert("frog.shown_frame", frame=frame)
+
+
+def slowly(obj):
+    obj.frog.speed = 0.5
+
+
+def backward(obj):
+    obj.frog.speed, obj.frog.start_frame = -0.75, 90.0
+
+
+def cut(obj):
+    obj.frog.use_trim, obj.frog.first_frame, obj.frog.last_frame, obj.frog.repeat = True, 8, 39, "LOOP"
+    obj.frog.use_range, obj.frog.range_start, obj.frog.range_end = True, 18.0, 100.0
+
+
+def heard(scene, tmp_path):
+    """Frames of the timeline at which Blender's own mixdown clicks."""
+    out = tmp_path / "mix.wav"
+    options = {"container": "WAV", "codec": "PCM", "format": "S16"}
+    assert bpy.ops.sound.mixdown(filepath=str(out), **options) == {"FINISHED"}
+    return scene.frame_start + times_of_clicks(samples_of(out.read_bytes())) * scene.render.fps / scene.render.fps_base
+
+
+def expected(obj, scene):
+    """Frames of the timeline at which the capture shows an image that was filmed at a click."""
+    numbers = np.arange(scene.frame_start, scene.frame_end + 1)
+    shown = [np.nan if frame is None else frame for frame in frames_shown(obj, scene, numbers.tolist())]
+    found = []
+    for number, frame, following in zip(numbers, shown, [*shown[1:], np.nan], strict=True):
+        for click in CLICKS:
+            is_jump = abs(following - frame) > 8
+            if frame != following and not is_jump and min(frame, following) <= click < max(frame, following):
+                found.append(number + (click - frame) / (following - frame))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("way", ["strip", "speaker"])
+@pytest.mark.parametrize("retimed", [slowly, by_a_curve, backward, cut])
+def test_clicks_are_heard_while_their_images_are_shown(empty, capture, tmp_path, retimed, way):
+    """Within half a frame of the timeline."""
+    if retimed is by_a_curve:
+        empty.render.fps, empty.render.fps_base = 30, 1.001
+    retimed(capture)
+    if way == "strip":
+        assert bpy.ops.frog.add_sound_strip() == {"FINISHED"}
+    else:
+        assert bpy.ops.frog.add_speaker() == {"FINISHED"}
+        (speaker,) = (obj for obj in empty.objects if obj.type == "SPEAKER")
+        speaker.data.attenuation = 0.0  # heard from everywhere alike
+        assert speaker.parent == root_of(capture)
+    wanted, found = expected(capture, empty), heard(empty, tmp_path)
+    assert len(wanted) >= 10 and len(found) == len(wanted)
+    np.testing.assert_allclose(found, wanted, atol=0.5)
+    assert active_capture(bpy.context) == capture
+
+
+def test_a_changed_timing_is_told_and_one_click_mends_it(empty, capture, tmp_path):
+    assert not bpy.ops.frog.update_sound.poll()
+    bpy.ops.frog.add_sound_strip()
+    bpy.ops.frog.add_speaker()
+    bpy.ops.frog.add_sound_strip()
+    (strip,), (speaker,) = empty.sequence_editor.strips, [obj for obj in empty.objects if obj.type == "SPEAKER"]
+    assert len(bpy.data.sounds) == 1 and strip.sound == speaker.data.sound and strip.sound.packed_file is not None
+    strip.volume, strip.channel, speaker.data.attenuation, speaker.data.volume = 0.5, 3, 0.0, 0.0
+    assert capture_sound.is_outdated(capture, empty) is False
+    for change in (slowly, by_a_curve, lambda _obj: setattr(empty.render, "fps", 25)):
+        change(capture)
+        assert capture_sound.is_outdated(capture, empty) is True
+        assert bpy.ops.frog.update_sound() == {"FINISHED"}
+        assert capture_sound.is_outdated(capture, empty) is False
+        wanted, found = expected(capture, empty), heard(empty, tmp_path)
+        np.testing.assert_allclose(found, wanted, atol=0.5)
+    (strip,) = empty.sequence_editor.strips
+    assert (strip.volume, strip.channel) == (0.5, 3) and strip.sound == speaker.data.sound
+    assert len(bpy.data.sounds) == 1, "what nothing plays any more is gone"
+    capture.frog.driver_add("speed").driver.expression = "0.5"
+    assert capture_sound.is_outdated(capture, empty) is None
+
+
+def test_sound_is_in_the_blend(empty, capture, tmp_path):
+    slowly(capture)
+    bpy.ops.frog.add_sound_strip()
+    wanted = expected(capture, empty)
+    (tmp_path / "films" / "cam00.mp4").unlink()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
+    np.testing.assert_allclose(heard(bpy.context.scene, tmp_path), wanted, atol=0.5)
+    assert (
+        capture_sound.is_outdated(next(obj for obj in bpy.data.objects if obj.frog.filepath), bpy.context.scene)
+        is False
+    )
+    with pytest.raises(RuntimeError, match="found no film of its capture with sound"):
+        bpy.ops.frog.update_sound()
+
+
+def test_sound_is_undone(empty, capture):
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.frog.add_sound_strip()
+    bpy.ops.ed.undo_push(message="after")
+    bpy.ops.ed.undo()
+    editor = bpy.context.scene.sequence_editor
+    assert not bpy.data.sounds and not (editor and len(editor.strips))
+    bpy.ops.ed.redo()
+    assert len(bpy.data.sounds) == 1 and len(bpy.context.scene.sequence_editor.strips) == 1
+
+
+def test_blenders_own_library_reads_films(empty, capture, tmp_path, monkeypatch):
+    monkeypatch.setattr(capture_sound, "program", lambda: None)
+    slowly(capture)
+    assert bpy.ops.frog.add_sound_strip() == {"FINISHED"}
+    np.testing.assert_allclose(heard(empty, tmp_path), expected(capture, empty), atol=0.5)
+
+
+@pytest.mark.skipif(program() is None, reason="needs ffmpeg")
+def test_exports_have_the_same_sound(empty, capture, tmp_path):
+    by_a_curve(capture)
+    wanted = expected(capture, empty)
+    page, sound = tmp_path / "x.html", tmp_path / "x.wav"
+    assert bpy.ops.export_scene.frog_web_page(filepath=str(page)) == {"FINISHED"}
+    (found,) = re.findall(r'id="sound">data:audio/ogg;base64,([^<]+)<', page.read_text(encoding="utf-8"))
+    command = [program(), "-v", "error", "-i", "pipe:0", str(sound)]
+    subprocess.run(command, input=b64decode(found), check=True)
+    heard_there = 1 + times_of_clicks(samples_of(sound.read_bytes())) * RATE
+    np.testing.assert_allclose(heard_there, wanted, atol=0.5)
+
+
+def test_what_cannot_be_heard_is_said(empty, capture):
+    capture.frog.speed = 0.0
+    with pytest.raises(RuntimeError, match="found nothing to hear in frames 1 to 130"):
+        bpy.ops.frog.add_sound_strip()
+    assert not bpy.data.sounds

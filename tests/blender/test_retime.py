@@ -1,0 +1,283 @@
+"""Trim, split, reverse, freeze, ramp, sequence: what is shown when, in every consumer, and undone."""
+
+from __future__ import annotations
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+from support.small_scenes import expected_png, read_png, rig_of_three, write_scene
+
+from frog_blender import point_cloud
+from frog_blender.cli.main import main
+from frog_blender.engine.interchange.ply import read_splats
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.operators import retime
+from frog_blender.scene_import.capture_objects import active_capture, root_of, select_capture
+from frog_blender.timeline import playback, retiming, timing_curve
+from frog_blender.timeline.frame_timing import frames_shown, timing_of
+from frog_blender.ui import timing_panel
+
+COUNT = 30
+
+
+@pytest.fixture
+def path(tmp_path):
+    return write_scene(tmp_path / "figure.frog", rig_of_three(), frame_count=COUNT)
+
+
+@pytest.fixture
+def capture(empty, path):
+    bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True)
+    empty.frame_set(1)
+    return active_capture(bpy.context)
+
+
+def shown(obj, scene, frames):
+    return frames_shown(obj, scene, list(frames))
+
+
+def curve_of(obj):
+    return retiming.shown_curve(obj)
+
+
+def test_a_piece_is_played_alone(empty, capture):
+    capture.frog.use_trim = True
+    assert capture.frog.last_frame == COUNT - 1, "all of it, until the user says less"
+    capture.frog.first_frame, capture.frog.last_frame = 5, 8
+    capture.frog.start_frame = 3.0
+    assert shown(capture, empty, range(1, 10)) == [5, 5, 5, 6, 7, 8, 8, 8, 8]
+    capture.frog.repeat = "LOOP"
+    assert shown(capture, empty, range(1, 10)) == [7, 8, 5, 6, 7, 8, 5, 6, 7]
+    capture.frog.repeat = "PING_PONG"
+    assert shown(capture, empty, range(3, 12)) == [5, 6, 7, 8, 7, 6, 5, 6, 7]
+    capture.frog.speed = -0.5
+    assert shown(capture, empty, range(3, 7)) == [5, 5.5, 6, 6.5]
+    assert retiming.playing_frames(capture, empty, COUNT) == (-3, 3)
+    capture.frog.first_frame, capture.frog.last_frame = 99, 2
+    assert shown(capture, empty, [4]) == [COUNT - 1], "what cannot be is as near as can be"
+
+
+def test_what_is_not_there_is_seen_by_nobody(empty, capture, path, tmp_path, rendered):
+    capture.frog.range_start, capture.frog.range_end, capture.frog.use_range = 3.0, 6.0, True
+    full = expected_png(path, rig_of_three()[0], 3.0)
+    for frame, is_there in ((2, False), (3, True), (5, True), (6, False)):
+        empty.frame_set(frame)
+        assert bool(point_cloud.read(capture)["radiance:base"][:, 3].any()) == is_there
+        image = rendered(empty)[..., :3].astype(float)
+        assert (np.ptp(image, axis=(0, 1)).max() > 20) == is_there
+    empty.frame_set(4)
+    np.testing.assert_allclose(rendered(empty)[..., :3].astype(float), full, atol=1.0)
+    select_capture(bpy.context, capture)
+    options = {"frames": "CUSTOM", "first": 2, "last": 6, "apply_transform": False}
+    bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "x.ply"), **options)
+    files = [read_splats(file).arrays for file in sorted(tmp_path.glob("x*.ply"))]
+    assert [bool((file["opacity_logits"] > -20).any()) for file in files] == [False, True, True, True, False]
+    assert len({len(file["means"]) for file in files}) == 1, "files of a sequence have as many"
+
+
+def test_halves_follow_each_other(empty, capture, path):
+    capture.frog.speed = 0.5
+    before = shown(capture, empty, range(1, 60))
+    for frame in (1, 20):
+        root_of(capture).location.x = frame
+        root_of(capture).keyframe_insert("location", frame=frame)
+    empty.frame_set(21)
+    select_capture(bpy.context, capture)
+    assert bpy.ops.frog.split_capture() == {"FINISHED"}
+    other = active_capture(bpy.context)
+    assert other != capture and root_of(other) != root_of(capture) and other.data != capture.data
+    assert playback.file_of(other) == playback.file_of(capture)
+    numbers = range(empty.frame_start, empty.frame_end + 1)
+    halves = [shown(each, empty, numbers) for each in (capture, other)]
+    assert [a is None for a in halves[0]] == [b is not None for b in halves[1]]
+    assert [b if a is None else a for a, b in zip(*halves, strict=True)] == before[: len(numbers)]
+    assert halves[0][19] == before[19] and halves[1][20] == before[20]
+    other.frog.start_frame = 11.0
+    assert shown(capture, empty, numbers) == halves[0], "what is done to one half is not done to the other"
+    other.data.update_tag()
+    empty.frame_set(21)
+    points = ScenePlayer.load(path).at_frame(5.0).means
+    np.testing.assert_array_equal(point_cloud.read(other)["position"], points)
+    empty.frame_set(empty.frame_start)
+    assert not retime.FROG_OT_split_capture.poll(bpy.context), "there is nothing before the first frame"
+
+
+def test_halves_of_a_curve_have_one_each(empty, capture):
+    bpy.ops.frog.timing_to_curve()
+    empty.frame_set(11)
+    bpy.ops.frog.split_capture()
+    other = active_capture(bpy.context)
+    select_capture(bpy.context, other)
+    bpy.ops.frog.reverse_capture()
+    assert shown(capture, empty, [5]) == [4] and shown(other, empty, [15]) == [COUNT - 1 - 14]
+
+
+@pytest.mark.parametrize("repeat", ["HOLD", "LOOP", "PING_PONG"])
+@pytest.mark.parametrize("speed", [1.0, 0.4, -0.5])
+def test_a_curve_plays_as_the_settings_did(empty, capture, repeat, speed):
+    capture.frog.repeat, capture.frog.speed, capture.frog.start_frame = repeat, speed, 4.0
+    capture.frog.first_frame, capture.frog.last_frame, capture.frog.use_trim = 3, 17, True
+    empty.frame_start, empty.frame_end = 0, 90
+    numbers = range(91)
+    before = shown(capture, empty, numbers)
+    assert bpy.ops.frog.timing_to_curve() == {"FINISHED"} and capture.frog.use_remap
+    np.testing.assert_allclose(np.clip(shown(capture, empty, numbers), 3, 17), np.clip(before, 3, 17), atol=1e-3)
+    assert not bpy.ops.frog.timing_to_curve.poll()
+
+
+def test_backward_in_the_same_frames(empty, capture):
+    numbers = range(1, 61)
+    capture.frog.speed = 0.5
+    before = shown(capture, empty, numbers)
+    assert bpy.ops.frog.reverse_capture() == {"FINISHED"}
+    np.testing.assert_allclose(shown(capture, empty, numbers), COUNT - 1 - np.array(before), atol=1e-5)
+    bpy.ops.frog.reverse_capture()
+    np.testing.assert_allclose(shown(capture, empty, numbers), before, atol=1e-5)
+    bpy.ops.frog.timing_to_curve()
+    bpy.ops.frog.reverse_capture()
+    np.testing.assert_allclose(shown(capture, empty, numbers), COUNT - 1 - np.array(before), atol=1e-4)
+    capture.frog.use_remap, capture.frog.speed = False, 0.0
+    assert not bpy.ops.frog.reverse_capture.poll()
+
+
+def by_hand(obj):
+    """A curve with automatic handles, as a user makes one."""
+    obj.frog.use_remap = True
+    for frame, value in ((1, 0.0), (20, 6.0), (45, 26.0), (60, 20.0)):
+        obj.frog.shown_frame = value
+        obj.keyframe_insert("frog.shown_frame", frame=frame)
+
+
+@pytest.mark.parametrize("frame", [1, 13, 20, 31, 70])
+def test_a_frozen_frame_moves_what_comes_after_it(empty, capture, frame):
+    by_hand(capture)
+    before = shown(capture, empty, range(1, 81))
+    empty.frame_set(frame)
+    assert bpy.ops.frog.freeze_frame(length=10) == {"FINISHED"}
+    at = frame - 1
+    expected = [*before[: at + 1], *[before[at]] * 10, *before[at + 1 :]]
+    np.testing.assert_allclose(shown(capture, empty, range(1, 91)), expected, atol=2e-3)
+
+
+def test_a_ramp_goes_evenly_to_its_speed(empty, capture):
+    empty.frame_set(11)
+    assert bpy.ops.frog.ramp_speed(length=12, speed=0.25) == {"FINISHED"}
+    found = np.array(shown(capture, empty, range(1, 90)))
+    np.testing.assert_allclose(found[:11], np.arange(11), atol=1e-3)
+    times = np.arange(13)
+    np.testing.assert_allclose(found[10:23], 10 + times - 0.75 * times**2 / 24, atol=2e-3)
+    np.testing.assert_allclose(np.diff(found[22:60]), 0.25, atol=1e-3)
+    assert found[-1] == pytest.approx(COUNT - 1, abs=1e-3)
+    empty.frame_set(5)
+    bpy.ops.frog.ramp_speed(length=6, speed=-1.0)
+    found = np.array(shown(capture, empty, range(1, 30)))
+    np.testing.assert_allclose(found[:5], np.arange(5), atol=1e-3)
+    assert found[10] == pytest.approx(4.0, abs=2e-3) and found[-1] == 0
+
+
+def test_captures_play_one_after_another(empty, capture, path):
+    bpy.ops.import_scene.frog(filepath=str(path))
+    other = active_capture(bpy.context)
+    capture.frog.start_frame, capture.frog.speed, other.frog.start_frame = 5.0, 2.0, 8.0
+    assert not bpy.ops.frog.play_in_sequence.poll()
+    select_capture(bpy.context, capture, extend=True)
+    assert bpy.ops.frog.play_in_sequence() == {"FINISHED"}
+    numbers = range(1, 60)
+    halves = [shown(each, empty, numbers) for each in (capture, other)]
+    assert halves[0] == [*[None] * 4, *[2.0 * k for k in range(15)], *[None] * 40]
+    assert halves[1] == [*[None] * 19, *[float(k) for k in range(30)], *[None] * 10]
+
+
+def test_everything_is_undone(empty, capture):
+    bpy.ops.ed.undo_push(message="before")
+    name = capture.name
+
+    def state():
+        obj = bpy.data.objects[name]
+        curve = curve_of(obj)
+        keys = [tuple(point.co) for point in curve.keyframe_points] if curve is not None else []
+        settings = [getattr(obj.frog, each) for each in ("start_frame", "speed", "use_remap", "use_range")]
+        return keys, settings, len(bpy.data.objects)
+
+    bpy.context.scene.frame_set(11)
+    bpy.ops.ed.undo_push(message="frame")
+    states = [state()]
+    for step in ("reverse_capture", "timing_to_curve", "freeze_frame", "ramp_speed", "split_capture"):
+        select_capture(bpy.context, bpy.data.objects[name])
+        assert getattr(bpy.ops.frog, step)() == {"FINISHED"}
+        bpy.ops.ed.undo_push(message=step)
+        states.append(state())
+    for before in reversed(states[:-1]):
+        bpy.ops.ed.undo()
+        assert state() == before
+    for after in states[1:]:
+        bpy.ops.ed.redo()
+        assert state() == after
+
+
+def test_a_driven_time_is_left_alone(empty, capture, tmp_path):
+    capture.frog.use_remap = True
+    capture.driver_add("frog.shown_frame").driver.expression = "frame / 2"
+    for name in ("freeze_frame", "ramp_speed", "reverse_capture", "timing_to_curve"):
+        assert not getattr(bpy.ops.frog, name).poll()
+    assert "driven" in timing_curve.problem(capture)
+    saved = tmp_path / "e.json"
+    saved.write_text('{"frog_edits": 1, "time": {"rate": 24, "frames": [3, 4]}, "grades": [{"exposure": 1}]}')
+    with pytest.raises(RuntimeError, match="cannot be edited"):
+        bpy.ops.frog.load_edits(filepath=str(saved))
+    assert capture.frog_edits.grade.exposure == 0, "nothing has changed"
+    empty.frame_set(7)
+    assert shown(capture, empty, range(2, 6)) == [1, 1.5, 2, 2.5] and empty.frame_current == 7
+
+
+def test_a_file_of_edits_has_the_timing_and_gives_the_images_of_f12(empty, capture, path, tmp_path, rendered):
+    pytest.importorskip("cv2")
+    pytest.importorskip("tqdm")
+    bpy.ops.frog.save_edits(filepath=str(tmp_path / "plain.json"))
+    assert "time" not in json.loads((tmp_path / "plain.json").read_text())
+    empty.frame_set(5)
+    bpy.ops.frog.ramp_speed(length=8, speed=0.5)
+    capture.frog.range_start, capture.frog.range_end, capture.frog.use_range = 3.0, 20.0, True
+    saved, out = tmp_path / "e.json", tmp_path / "out"
+    assert bpy.ops.frog.save_edits(filepath=str(saved)) == {"FINISHED"}
+    expected = timing_of(capture, empty)
+    assert main(["render", str(path), "--camera", "cam00", "--edits", str(saved), "--out", str(out)]) == 0
+    files = sorted(out.glob("*.png"))
+    assert len(files) == empty.frame_end - empty.frame_start + 1
+    empty.render.film_transparent = False
+    for frame in (1, 8, 12, 19, 20):
+        empty.frame_set(frame)
+        ours = read_png(files[frame - 1]).astype(int)[..., :3]
+        assert np.abs(ours - rendered(empty).astype(int)[..., :3]).max() <= 1
+    for name in ("use_range", "use_remap"):
+        capture.frog.property_unset(name)
+    capture.animation_data_clear()
+    assert bpy.ops.frog.load_edits(filepath=str(saved)) == {"FINISHED"}
+    again = timing_of(capture, empty)
+    assert [frame is None for frame in again.frames] == [frame is None for frame in expected.frames]
+    values = [[frame for frame in each.frames if frame is not None] for each in (again, expected)]
+    np.testing.assert_allclose(*values, atol=1e-3)
+    assert len(curve_of(capture).keyframe_points) < 14, "straight lines are two keys"
+
+
+def test_timings_outlive_the_file(empty, capture, tmp_path):
+    capture.frog.first_frame, capture.frog.last_frame, capture.frog.use_trim = 4, 9, True
+    capture.frog.range_start, capture.frog.range_end, capture.frog.use_range = 2.0, 5.0, True
+    before = shown(capture, empty, range(1, 8))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
+    scene = bpy.context.scene
+    assert shown(next(playback.captures(scene.objects)), scene, range(1, 8)) == before
+
+
+def test_the_panel_tells_when_a_limited_capture_plays(empty, capture):
+    capture.frog.range_start, capture.frog.range_end, capture.frog.use_range = 3.0, 11.0, True
+    assert "Plays in frames 3 to 10." in timing_panel._told_of_frames(capture, empty)
+    assert bpy.ops.frog.fit_frame_range() == {"FINISHED"}
+    assert (empty.frame_start, empty.frame_end) == (3, 10)
+    capture.frog.use_range = False
+    by_hand(capture)
+    assert bpy.ops.frog.fit_frame_range() == {"FINISHED"}, "a curve says from its first key to its last"
+    assert (empty.frame_start, empty.frame_end) == (1, 60)

@@ -1,0 +1,128 @@
+"""A retiming that is stored with edits: written, read, refused, rendered and exported."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.builders import scene_file
+from support.clicks import film_of_clicks, samples_of, times_of_clicks
+
+from frog_blender.cli.main import main
+from frog_blender.engine.capture.ffmpeg import program
+from frog_blender.engine.editing.edits import Edits
+from frog_blender.engine.editing.edits_file import load_edits, save_edits
+from frog_blender.engine.editing.retimed_scene import RetimedScene
+from frog_blender.engine.editing.timing import Timing
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.interchange.ply import read_splats
+from frog_blender.engine.interchange.take import SceneTake
+from frog_blender.engine.interchange.take_sound import encoded, sound_of
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.playback.render import render_image
+from frog_blender.engine.scene.scene_file import SceneFile, write_scene
+
+TIMING = Timing((None, 0.0, 0.5, 1.25, 6.0, 3.0, None, None), 24.0, 10)
+
+
+def test_what_is_written_is_read(tmp_path):
+    save_edits(tmp_path / "e.json", Edits(timing=TIMING))
+    assert load_edits(tmp_path / "e.json") == Edits(timing=TIMING)
+    assert Edits(timing=TIMING).are_none, "it changes no frame by itself"
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ({"rate": 24, "frames": []}, "a timing of 0 frames"),
+        ({"rate": 24, "frames": [0, None, 1]}, "shows nothing between"),
+        ({"rate": 0, "frames": [0]}, "at 0 frames a second"),
+        ({"rate": 1e4, "frames": [0]}, "rate"),
+        ({"rate": 24, "frames": ["a"]}, "frame = a"),
+        ({"rate": 24, "frames": [1e300]}, "frame = "),
+        ({"rate": 24, "frames": {}}, "frames"),
+        ({"rate": 24, "frames": [0], "start": 0.5}, "start"),
+        ({"rate": 24, "frames": [0], "speed": 2}, "speed"),
+        ([], "a timing"),
+    ],
+)
+def test_what_cannot_be_is_said(tmp_path, value, said):
+    path = tmp_path / "e.json"
+    path.write_text(json.dumps({"frog_edits": 1, "time": value}))
+    with pytest.raises(FrogError, match=said) as error:
+        load_edits(path)
+    assert str(path) in str(error.value)
+
+
+@pytest.fixture
+def saved(tmp_path) -> Path:
+    save_edits(tmp_path / "e.json", Edits(timing=TIMING))
+    write_scene(tmp_path / "s.frog", scene_file(60))
+    return tmp_path
+
+
+def test_rendered_and_exported_frames_are_the_retimed_ones(saved, capsys):
+    cv2 = pytest.importorskip("cv2")
+    scene = ScenePlayer.load(saved / "s.frog")
+    camera, background = scene.header.cameras[0], scene.header.background
+    command = [str(saved / "s.frog"), "--edits", str(saved / "e.json"), "--out", str(saved / "out")]
+    assert main(["render", *command, "--camera", camera.name]) == 0
+    images = [cv2.imread(str(path))[..., ::-1] for path in sorted((saved / "out").glob("*.png"))]
+    assert len(images) == 8
+    for image, frame in zip(images[1:6], (0.0, 0.5, 1.25, 6.0, 3.0), strict=True):
+        assert np.abs(image.astype(int) - render_image(scene.at_frame(frame), camera, background)).max() <= 1
+    for image in (images[0], images[7]):
+        assert np.ptp(image, axis=(0, 1)).max() == 0, "nothing but the background"
+    assert main(["export", *command, "--frames", "0:4"]) == 0
+    first, *_, last = (read_splats(path).arrays for path in sorted((saved / "out").glob("*.ply")))
+    np.testing.assert_allclose(last["means"], scene.at_frame(1.25).means, atol=1e-6)
+    assert len(first["means"]) == len(last["means"]) and first["opacity_logits"].max() < -20
+    assert main(["export", *command, "--frames", "0:9"]) != 0 and "between 0:8" in capsys.readouterr().err
+
+
+def test_takes_are_as_long_and_as_fast_as_the_retiming():
+    scene = ScenePlayer(scene_file(60))
+    take = SceneTake(scene, "x", range(1, 8), timing=TIMING)
+    assert take.numbers == tuple(float(number) for number in range(11, 18)) and take.rate == 24
+    assert (take.num_dynamic, tuple(take.changing)) == (60, scene.columns), "all of it is there and then is not"
+    frames = list(take.frames())
+    assert [frame.time for frame in frames] == [0.0, 0.5, 1.25, 6.0, 3.0, 0.0, 0.0]
+    np.testing.assert_array_equal(frames[2].gaussians.means, scene.at_frame(1.25).means)
+    assert frames[4].gaussians.opacities.any() and not frames[5].gaussians.opacities.any()
+    within = replace(take, chosen=range(1, 6))
+    assert (within.num_dynamic, tuple(within.changing)) == (scene.num_dynamic, scene.changing)
+    retimed = RetimedScene(scene, TIMING)
+    assert len(retimed.at_frame(0)) == 60 and not retimed.at_frame(0).opacities.any()
+
+
+@pytest.mark.skipif(program() is None, reason="needs ffmpeg")
+def test_the_sound_of_an_export_is_retimed(tmp_path, capsys):
+    file = scene_file(60)
+    rate, count = file.header.frames_per_second, file.header.frame_count
+    header = replace(file.header, capture_path=str(tmp_path), capture_format="n3dv")
+    write_scene(tmp_path / "s.frog", SceneFile(header, file.arrays))
+    film_of_clicks(tmp_path / f"{header.cameras[0].name}.mp4", [3 / rate], count / rate, round(rate))
+    shown = (None, None, *(0.5 * k for k in range(2 * count - 1)))
+    sound = sound_of(header, tmp_path / "s.frog", shown, 24.0)
+    assert sound is not None
+    np.testing.assert_allclose(times_of_clicks(samples_of(sound.content)) * 24, [8], atol=0.5)
+    save_edits(tmp_path / "e.json", Edits(timing=Timing(shown, 24.0)))
+    command = ["export", str(tmp_path / "s.frog"), "--edits", str(tmp_path / "e.json")]
+    page = tmp_path / "x.html"
+    assert main([*command, "--html", "--out", str(page)]) == 0
+    assert "with sound" in capsys.readouterr().out and 'id="sound">data:audio/ogg' in page.read_text()
+    decode = [program(), "-v", "error", "-i", "pipe:0", str(tmp_path / "heard.wav")]
+    subprocess.run(decode, input=encoded(sound, len(shown) / 24), check=True)
+    again = samples_of((tmp_path / "heard.wav").read_bytes())
+    np.testing.assert_allclose(times_of_clicks(again) * 24, [8], atol=0.5)
+    assert len(again.values) / again.rate == pytest.approx(len(shown) / 24, abs=0.05)
+    if find_spec("pxr") is not None:
+        assert main([*command, "--usd", "--out", str(tmp_path / "x.usda")]) == 0
+        assert "@x_sound.wav@" in (tmp_path / "x.usda").read_text()
+        heard = times_of_clicks(samples_of((tmp_path / "x_sound.wav").read_bytes()))
+        np.testing.assert_allclose(heard * 24, [8], atol=0.5)

@@ -1,0 +1,67 @@
+"""Which film of a capture is heard, and from where on."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.builders import scene_file
+from support.clicks import film_of_clicks
+
+from frog_blender.engine.capture.ffmpeg import program
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.scene.header import SceneHeader
+from frog_blender.engine.source_media.film_sound import find_sound
+
+pytestmark = pytest.mark.skipif(program() is None, reason="needs ffmpeg")
+RATE, SECONDS, LATER = 10, 3.0, 0.5
+
+
+@pytest.fixture
+def header(tmp_path: Path) -> SceneHeader:
+    """Of two films, one of them silent, the other one, which has sound, begun half a second after it."""
+    film_of_clicks(tmp_path / "b.mp4", [0.5], SECONDS, RATE)
+    command = [program(), "-v", "error", "-i", str(tmp_path / "b.mp4"), "-an", "-c", "copy", str(tmp_path / "a.mp4")]
+    subprocess.run(command, check=True)
+    matrix = [[40, 0, 16], [0, 40, 16], [0, 0, 1]]
+    of_each = {"width": 32, "height": 32, "K": matrix, "R": np.eye(3).tolist(), "dist": []}
+    cameras = [{"name": "a", "t": [0, 0, 1]}, {"name": "b", "t": [0.1, 0, 1], "offset": LATER}]
+    content = {"cameras": [of_each | camera for camera in cameras]}
+    (tmp_path / "cameras_opencv.json").write_text(json.dumps(content))
+    capture = open_capture(tmp_path)
+    header = scene_file().header
+    shots = tuple(
+        tuple(shot.frame for shot in capture.shots if shot.camera == index) for index in range(len(capture.cameras))
+    )
+    return replace(
+        header,
+        capture_path=str(tmp_path),
+        capture_format="calibrated_videos",
+        cameras=tuple(capture.cameras),
+        camera_shots=shots,
+        test_cameras=(),
+        frame_count=capture.frame_count,
+        frames_per_second=capture.frames_per_second,
+    )
+
+
+def test_a_film_is_heard_from_the_captures_first_frame_on(header, tmp_path):
+    found = find_sound(header, tmp_path / "x.frog")
+    assert found is not None and found.path.name == "b.mp4"
+    capture = open_capture(tmp_path)
+    names = [camera.name for camera in capture.cameras]
+    second = next(shot for shot in capture.shots if names[shot.camera] == "a" and shot.index == RATE)
+    heard = found.start + (second.frame + second.offset) / capture.frames_per_second
+    assert heard == pytest.approx(1.0 - LATER, abs=0.5 / RATE), "a's second 1 is b's half a second"
+
+
+def test_without_the_calibration_films_begin_with_the_capture(header, tmp_path):
+    (tmp_path / "cameras_opencv.json").write_text("{}")
+    found = find_sound(header, tmp_path / "x.frog")
+    assert found is not None and found.start == 0
+    (tmp_path / "b.mp4").unlink()
+    assert find_sound(header, tmp_path / "x.frog") is None
