@@ -39,6 +39,7 @@ _ROOMS = (
     "ui.captures_panel",
     "ui.edit_panel",
     "ui.render_panel",
+    "ui.light_panel",
     "ui.render_panels",
     "ui.menus",
     "ui.status_bar",

@@ -140,6 +140,8 @@ def _surfaces(depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[np.ndarray, np.n
         obj = instance.object
         if obj.type not in _SURFACES or is_capture(obj.original) or obj.is_shadow_catcher:
             continue
+        if obj.original.frog.is_proxy:  # the splats themselves, coarsely
+            continue
         if not is_seen(instance, depsgraph.view_layer):
             continue
         mesh = obj.to_mesh()
