@@ -47,8 +47,9 @@ def place(obj: bpy.types.Object, proxy: Proxy, first_frame: int, use: str) -> li
         _set_use(made[-1], use, casts_shadows=True)
     for each in made:
         each.frog.is_proxy = True
-        each.parent, each.matrix_parent_inverse = obj.parent, obj.matrix_parent_inverse
-        each.matrix_basis = obj.matrix_basis
+        each.parent = root_of(obj)
+        if obj.parent is not None:  # without a root the capture itself moves them
+            each.matrix_parent_inverse, each.matrix_basis = obj.matrix_parent_inverse, obj.matrix_basis
         each.lock_location = each.lock_rotation = each.lock_scale = (True, True, True)
         for collection in obj.users_collection:
             collection.objects.link(each)

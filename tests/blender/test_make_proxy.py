@@ -106,6 +106,17 @@ def test_it_moves_with_the_capture_and_replaces_the_earlier_one(empty, capture):
     np.testing.assert_allclose(np.array(again.matrix_world), np.array(capture.matrix_world), atol=1e-6)
 
 
+def test_a_capture_without_a_root_moves_it_itself(empty, floor):
+    floor.parent = None
+    floor.lock_location = (False, False, False)
+    floor.location.x = 2.0
+    bpy.context.view_layer.objects.active = floor
+    make()
+    (again,) = make()
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(np.array(again.matrix_world), np.array(floor.matrix_world), atol=1e-6)
+
+
 def test_it_survives_save_and_reload(empty, capture, tmp_path):
     (*_, moving) = make()
     empty.frame_set(4)

@@ -78,7 +78,8 @@ def _over_corners(combine: np.ufunc, values: Array) -> Array:
     """Combines the values at the eight corners of each cell."""
     for axis in range(3):
         ahead = np.moveaxis(values, axis, 0)
-        values = np.moveaxis(combine(ahead[:-1], ahead[1:]), 0, axis)
+        combined: Array = combine(ahead[:-1], ahead[1:])
+        values = np.moveaxis(combined, 0, axis)
     return values
 
 
