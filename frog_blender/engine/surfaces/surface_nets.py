@@ -78,8 +78,7 @@ def _over_corners(combine: np.ufunc, values: Array) -> Array:
     """Combines the values at the eight corners of each cell."""
     for axis in range(3):
         ahead = np.moveaxis(values, axis, 0)
-        combined: Array = combine(ahead[:-1], ahead[1:])
-        values = np.moveaxis(combined, 0, axis)
+        values = np.moveaxis(combine(ahead[:-1], ahead[1:]), 0, axis)
     return values
 
 
@@ -96,7 +95,8 @@ def _quads_across(field: Array, number: Array, axis: int) -> Array:
     kept = (quads >= 0).all(1)
     outwards = low[tuple(place.T)] != (axis == 1)  # moveaxis mirrors the axes of the middle one
     quads = np.where(outwards[:, None], quads, quads[:, ::-1])
-    return quads[kept].astype(np.int32)
+    result: Array = quads[kept].astype(np.int32)
+    return result
 
 
 def _used(mesh: Mesh) -> Mesh:
