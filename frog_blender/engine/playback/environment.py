@@ -37,6 +37,7 @@ def free_place(gaussians: NumpyGaussians, middle: Float64s, reach: float) -> Flo
     offsets = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
     offsets = offsets[np.argsort(np.linalg.norm(offsets, axis=1), kind="stable")]
     best, most_room = np.asarray(middle, np.float64), -np.inf
+    place: Float64s
     for place in middle + offsets:
         room = float((np.linalg.norm(means - place, axis=1) - sizes).min()) if len(means) else np.inf
         if room > most_room:
@@ -103,7 +104,8 @@ def filled(colors: Array, weights: Array) -> Array:
     result = kept[-1] * known[-1] + (1 - kept[-1]) * result
     for finer, share in zip(known[-2::-1], kept[-2::-1], strict=True):
         result = share * finer + (1 - share) * _doubled(result)
-    return result.astype(np.float32)
+    colored: Array = result.astype(np.float32)
+    return colored
 
 
 def _halved(values: Array) -> Array:
