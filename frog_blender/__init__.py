@@ -42,6 +42,7 @@ _ROOMS = (
     "ui.timing_panel",
     "ui.edit_panel",
     "ui.render_panel",
+    "ui.light_panel",
     "ui.render_panels",
     "ui.menus",
     "ui.status_bar",

@@ -18,6 +18,7 @@ import bpy
 import numpy as np
 
 from .nodes import ellipsoid_nodes, splat_nodes
+from .nodes.node_builder import set_input
 
 if TYPE_CHECKING:
     from .engine.gaussians import GaussianArrays
@@ -124,18 +125,9 @@ def middle_of(means: np.ndarray) -> tuple[np.ndarray, float]:
 def _limit_in_viewports(modifier: bpy.types.Modifier, means: np.ndarray) -> None:
     """Sets the points' largest radius in viewports and the box that they lie in, for points (N, 3)."""
     low, high = _viewport_box(means).tolist()
-    _set_input(modifier, splat_nodes.LIMIT, _viewport_radius(means))
-    _set_input(modifier, splat_nodes.LOW, low)
-    _set_input(modifier, splat_nodes.HIGH, high)
-
-
-def _set_input(modifier: bpy.types.Modifier, name: str, value: float | list[float]) -> None:
-    """Sets an input of a modifier's nodes, of which a modifier knows only an identifier."""
-    identifier = modifier.node_group.interface.items_tree[name].identifier
-    if hasattr(modifier, "properties"):  # since Blender 5.2, which refuses the other way
-        getattr(modifier.properties.inputs, identifier).value = value
-    else:
-        modifier[identifier] = value
+    set_input(modifier, splat_nodes.LIMIT, _viewport_radius(means))
+    set_input(modifier, splat_nodes.LOW, low)
+    set_input(modifier, splat_nodes.HIGH, high)
 
 
 def _add_modifier(obj: bpy.types.Object, name: str, group: bpy.types.GeometryNodeTree) -> bpy.types.Modifier:

@@ -25,6 +25,15 @@ def new_material(name: str) -> Any:
     return made
 
 
+def set_input(modifier: bpy.types.Modifier, name: str, value: Any) -> None:
+    """Sets an input of a modifier's nodes, of which a modifier knows only an identifier."""
+    identifier = modifier.node_group.interface.items_tree[name].identifier
+    if hasattr(modifier, "properties"):  # since Blender 5.2, which refuses the other way
+        getattr(modifier.properties.inputs, identifier).value = value
+    else:
+        modifier[identifier] = value
+
+
 class Builder:
     """Nodes as expressions: each method adds a node and returns its output socket."""
 

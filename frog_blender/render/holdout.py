@@ -146,6 +146,8 @@ def surfaces(
         obj = instance.object
         if obj.type not in _SURFACES or is_capture(obj.original) or obj.is_shadow_catcher:
             continue
+        if obj.original.frog.is_proxy:  # the splats themselves, coarsely
+            continue
         if not is_seen(instance, depsgraph.view_layer):
             continue
         if space is not None and not instance.is_instance and not obj.original.visible_in_viewport_get(space):

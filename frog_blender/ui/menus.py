@@ -23,6 +23,9 @@ class FROG_MT_object(bpy.types.Menu):
         layout.operator("frog.set_up_scene", icon="SCENE_DATA")
         layout.operator("frog.show_as_filmed", icon="COLOR")
         layout.operator_menu_enum("frog.compose", "engine", icon="NODE_COMPOSITING")
+        layout.operator("frog.light_objects", icon="WORLD")
+        layout.operator("frog.use_own_world")
+        layout.operator("frog.make_proxy", icon="MESH_DATA")
         layout.separator()
         for name in ("split_capture", "reverse_capture", "freeze_frame", "ramp_speed", "timing_to_curve"):
             layout.operator(f"frog.{name}")

@@ -181,6 +181,11 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         default=False,
         options={"HIDDEN"},
     )
+    is_proxy: BoolProperty(
+        name="Proxy Mesh",
+        description="This is the proxy mesh of the capture that its parent moves",
+        options={"HIDDEN"},
+    )
     bake_folder: StringProperty(
         name="Bake Folder",
         description="Folder of this capture's baked playback. Empty for the folder of the .frog file",

@@ -146,6 +146,13 @@ class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGr
         options={"HIDDEN"},
     )
 
+    own_world: PointerProperty(
+        name="Own World",
+        description="The scene's world before a capture lit its objects",
+        type=bpy.types.World,
+        options={"HIDDEN"},
+    )
+
     viewport_drawing: EnumProperty(
         name="In Viewports",
         description="What viewports show of captures in Solid, Material Preview, Wireframe and other engines' Rendered "

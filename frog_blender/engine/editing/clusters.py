@@ -36,7 +36,7 @@ def clusters(gaussians: NumpyGaussians) -> Array:
         start, end = _touching(points, own, most / 2.0**each)
         starts.append(start)
         ends.append(end)
-    return _components(np.concatenate(starts), np.concatenate(ends), count)
+    return components(np.concatenate(starts), np.concatenate(ends), count)
 
 
 def _touching(points: Array, own: Array, size: float) -> tuple[Array, Array]:
@@ -57,7 +57,7 @@ def _touching(points: Array, own: Array, size: float) -> tuple[Array, Array]:
     return np.concatenate(starts), np.concatenate(ends)
 
 
-def _components(starts: Array, ends: Array, count: int) -> Array:
+def components(starts: Array, ends: Array, count: int) -> Array:
     """(count,) numbers of the connected components of a graph: each takes the least of its neighbours' until none
     changes, with shortcuts (Shiloach and Vishkin, 1982)."""
     label = np.arange(count)

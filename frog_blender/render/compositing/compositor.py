@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import bpy
 
 _LABEL = "FRoG"  # of the node that lays one image over the other
+_SHADOWS = "FRoG Shadows"  # of the node that darkens FRoG's image
 _HAS_GROUPS = bpy.app.version >= (5, 0, 0)  # a scene's nodes are a data-block, which several scenes may share
 
 
@@ -88,6 +89,38 @@ def overlay_scene(scene: bpy.types.Scene, other: bpy.types.Scene) -> None:
         _place(tree, over, output)
     layers.mute = False
     _read(layers, other)
+
+
+def multiply_shadows(scene: bpy.types.Scene) -> None:
+    """Darkens the image that is laid over a scene's own by what Cycles' shadow catchers lose of their light there."""
+    tree = tree_of(scene)
+    nodes = () if tree is None else tree.nodes
+    over = next((node for node in nodes if node.label == _LABEL and node.type == "ALPHAOVER"), None)
+    if tree is None or over is None:
+        return
+    for layer in scene.view_layers:
+        layer.cycles.use_pass_shadow_catcher = True
+    target = _images(over)[1]
+    known = next((node for node in _before(target) if node.label == _SHADOWS), None)
+    if known is not None:
+        known.mute = False
+        return
+    if _HAS_GROUPS:
+        mix = tree.nodes.new("ShaderNodeMix")
+        mix.data_type = "RGBA"
+    else:
+        mix = tree.nodes.new("CompositorNodeMixRGB")
+    mix.blend_type, mix.label = "MULTIPLY", _SHADOWS
+    mix.location = (over.location.x - 180, over.location.y - 200)
+    factor, image, shadow = (socket for socket in mix.inputs if socket.enabled)
+    factor.default_value = 1.0
+    layers = next((node for node in tree.nodes if node.type == "R_LAYERS" and node.scene == scene), None)
+    if layers is None:
+        layers = _layers(tree, scene)
+    if target.is_linked:
+        tree.links.new(target.links[0].from_socket, image)
+    tree.links.new(layers.outputs["Shadow Catcher"], shadow)
+    tree.links.new(next(socket for socket in mix.outputs if socket.enabled), target)
 
 
 def own_tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, bpy.types.Node]:

@@ -1,0 +1,126 @@
+"""The light that arrives at a place inside a scene, as an environment image that has no holes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import Array, Float64s
+from ..capture.camera import Camera
+from ..errors import FrogError
+from ..gaussians import NumpyGaussians
+from ..srgb import srgb_to_linear
+from .panorama import draw_panorama, equirectangular
+from .render import Drawing, draw
+
+_OPAQUE = 0.3  # opacity from which a Gaussian stands in the way
+_MOST = 20_000  # Gaussians that are looked at for a free place
+_GRID, _SPAN = 7, 0.5  # places tried along each axis, and how far from the middle, in reaches
+_FREE = 0.15  # of the reach: the distance to what is around that a free place has
+_LARGEST = 0.25  # of the reach: a sky of large Gaussians does not fill the scene
+_SEEN = 1e-4  # coverage below which a colour is noise
+
+
+def free_place(gaussians: NumpyGaussians, middle: Float64s, reach: float) -> Float64s:
+    """(3,) the place nearest the middle of a scene that nothing stands close to, or else the one with the most room.
+
+    From the inside of a filmed subject there is nothing to see but its inside.
+
+    Args:
+        middle: (3,), world units.
+        reach: from there to the ends of the scene, world units.
+    """
+    opaque = np.flatnonzero(gaussians.opacities > _OPAQUE)
+    opaque = opaque[:: max(1, -(-len(opaque) // _MOST))]
+    means = gaussians.means[opaque].astype(np.float64)
+    sizes = np.minimum(np.median(gaussians.scales[opaque], axis=1), _LARGEST * reach)
+    steps = np.linspace(-_SPAN, _SPAN, _GRID) * reach
+    offsets = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    offsets = offsets[np.argsort(np.linalg.norm(offsets, axis=1), kind="stable")]
+    best, most_room = np.asarray(middle, np.float64), -np.inf
+    place: Float64s
+    for place in middle + offsets:
+        room = float((np.linalg.norm(means - place, axis=1) - sizes).min()) if len(means) else np.inf
+        if room > most_room:
+            best, most_room = place, room
+        if room >= _FREE * reach:
+            return place
+    return best
+
+
+def environment(gaussians: NumpyGaussians, world_to_camera: Float64s, width: int) -> Array:
+    """The light from everywhere around a camera, as an equirectangular image.
+
+    Where no Gaussian is seen, the colours of what is seen around it continue.
+
+    Args:
+        world_to_camera: (4, 4), rigid. The middle of the image is straight ahead.
+        width: pixels, a power of two from 4 on; the height is half of it.
+
+    Returns:
+        (width / 2, width, 3) float32, linear light with Rec. 709 primaries, not negative.
+
+    Raises:
+        FrogError: where no Gaussian is seen at all.
+    """
+    if width < 4 or width & (width - 1):
+        raise ValueError(f"width: {width}, expected a power of two from 4 on")
+
+    def draw_face(camera: Camera) -> Drawing:
+        return draw(gaussians, camera)
+
+    drawing = draw_panorama(equirectangular(width, width // 2), world_to_camera, draw_face)
+    alpha = np.clip(drawing.alpha, 0.0, 1.0)
+    if not (alpha > _SEEN).any():
+        raise FrogError("No Gaussian is seen from where the light was to be taken. Choose another place.")
+    straight = np.clip(drawing.rgb / np.maximum(alpha, _SEEN)[..., None], 0.0, None)
+    return filled(srgb_to_linear(straight), np.where(alpha > _SEEN, alpha, 0.0))
+
+
+def filled(colors: Array, weights: Array) -> Array:
+    """An equirectangular image whose holes have the colours around them, by averages of growing regions.
+
+    Gortler et al., "The Lumigraph" (1996), section 3.5 (pull and push). Pixels count by the part of the sphere that
+    they cover.
+
+    Args:
+        colors: (H, W, 3), H and W powers of two.
+        weights: (H, W) in [0, 1]: 1 keeps a colour, 0 ignores it. Not all 0.
+
+    Returns:
+        (H, W, 3) float32.
+    """
+    height = weights.shape[0]
+    areas = np.cos(((np.arange(height) + 0.5) / height - 0.5) * np.pi)[:, None] * np.ones_like(weights)
+    known, kept, area = [], [], areas
+    weighted, total = colors * (weights * areas)[..., None], weights * areas
+    while True:
+        known.append(weighted / np.maximum(total, 1e-30)[..., None])
+        kept.append(np.clip(total / area, 0.0, 1.0)[..., None])
+        if min(total.shape) == 1:
+            break
+        weighted, total, area = _halved(weighted), _halved(total), _halved(area)
+    last = total[..., None]
+    result = np.broadcast_to((known[-1] * last).sum((0, 1)) / last.sum(), known[-1].shape)
+    result = kept[-1] * known[-1] + (1 - kept[-1]) * result
+    for finer, share in zip(known[-2::-1], kept[-2::-1], strict=True):
+        result = share * finer + (1 - share) * _doubled(result)
+    colored: Array = result.astype(np.float32)
+    return colored
+
+
+def _halved(values: Array) -> Array:
+    """Sums of 2 x 2 pixels."""
+    rows = values[::2] + values[1::2]
+    result: Array = rows[:, ::2] + rows[:, 1::2]
+    return result
+
+
+def _doubled(values: Array) -> Array:
+    """Twice as many pixels along both axes, linear between them; the left edge continues at the right one."""
+    above, below = np.concatenate([values[:1], values[:-1]]), np.concatenate([values[1:], values[-1:]])
+    rows = np.stack([0.75 * values + 0.25 * above, 0.75 * values + 0.25 * below], axis=1)
+    rows = rows.reshape(-1, *values.shape[1:])
+    left, right = np.roll(rows, 1, axis=1), np.roll(rows, -1, axis=1)
+    both = np.stack([0.75 * rows + 0.25 * left, 0.75 * rows + 0.25 * right], axis=2)
+    result: Array = both.reshape(len(rows), -1, values.shape[2])
+    return result

@@ -1,0 +1,138 @@
+"""The proxy mesh of a capture: objects that its root moves, for shadows, holdouts, collisions and other programs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
+
+from ..nodes.node_builder import Builder, new_material, set_input
+from ..nodes.proxy_nodes import COUNT, FIRST, FRAMES, frames_group
+from ..scene_import.capture_objects import root_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from ..engine.surfaces.proxy import Proxy
+    from ..engine.surfaces.surface_nets import Mesh
+
+SHADOWS, HOLDOUT, PLAIN = "SHADOWS", "HOLDOUT", "PLAIN"
+"""What a proxy is for."""
+_MODIFIER, _MATERIAL = "Frames", "FRoG Proxy"
+
+
+def proxies_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """The proxy meshes of a capture: of what stays and of what moves, those that there are."""
+    return [child for child in root_of(obj).children if child.frog.is_proxy]
+
+
+def place(obj: bpy.types.Object, proxy: Proxy, first_frame: int, use: str) -> list[bpy.types.Object]:
+    """Gives a capture its proxy mesh, in place of an earlier one.
+
+    Args:
+        first_frame: of the timeline, at which the first mesh of what moves is shown.
+        use: SHADOWS, HOLDOUT or PLAIN.
+    """
+    for earlier in proxies_of(obj):
+        _remove(earlier)
+    name, material, made = f"{root_of(obj).name} Proxy", _material() if use == SHADOWS else None, []
+    if len(proxy.still.quads):
+        made.append(bpy.data.objects.new(name, _mesh(name, proxy.still, material)))
+        _set_use(made[-1], use, casts_shadows=False)
+    if proxy.moving:
+        made.append(bpy.data.objects.new(f"{name} Moving", bpy.data.meshes.new(f"{name} Moving")))
+        frames = [_mesh(f"{name} Moving", mesh, material) for mesh in proxy.moving]
+        _play(made[-1], frames, first_frame)
+        _set_use(made[-1], use, casts_shadows=True)
+    for each in made:
+        each.frog.is_proxy = True
+        each.parent = root_of(obj)
+        if obj.parent is not None:  # without a root the capture itself moves them
+            each.matrix_parent_inverse, each.matrix_basis = obj.matrix_parent_inverse, obj.matrix_basis
+        each.lock_location = each.lock_rotation = each.lock_scale = (True, True, True)
+        for collection in obj.users_collection:
+            collection.objects.link(each)
+    return made
+
+
+def _set_use(obj: bpy.types.Object, use: str, *, casts_shadows: bool) -> None:
+    """Sets what other engines show of a proxy.
+
+    A room casts no shadows although it catches them: its walls would keep the world's light out, which stands for the
+    light of the very same walls.
+    """
+    obj.is_shadow_catcher, obj.is_holdout = use == SHADOWS, use == HOLDOUT
+    obj.visible_shadow = use == PLAIN or (use == SHADOWS and casts_shadows)
+    for rays in ("diffuse", "glossy", "transmission", "volume_scatter"):
+        setattr(obj, f"visible_{rays}", use == PLAIN)
+    obj.display_type = "TEXTURED" if use == PLAIN else "BOUNDS"  # viewports show the splats
+
+
+def catches_shadows(objects: Iterable[bpy.types.Object]) -> bool:
+    """Whether any of a scene's objects is a proxy that catches shadows."""
+    return any(obj.frog.is_proxy and obj.is_shadow_catcher for obj in objects)
+
+
+def _play(obj: bpy.types.Object, meshes: list[bpy.types.Mesh], first_frame: int) -> None:
+    """Shows a mesh a frame on an object."""
+    frames = bpy.data.collections.new(f"{obj.name} Frames")
+    for number, mesh in enumerate(meshes):  # which Blender takes in the order of their names
+        frames.objects.link(bpy.data.objects.new(f"{obj.name} {number:06d}", mesh))
+    modifier = obj.modifiers.new(_MODIFIER, "NODES")
+    modifier.node_group = frames_group()
+    for name, value in ((FRAMES, frames), (FIRST, first_frame), (COUNT, len(meshes))):
+        set_input(modifier, name, value)
+
+
+def _material() -> bpy.types.Material:
+    """Grey in Cycles, whose shadow catchers need a surface. EEVEE has none: there cameras see through it."""
+    found = bpy.data.materials.get(_MATERIAL)
+    if found is not None:
+        return found
+    made = new_material(_MATERIAL)
+    build = Builder(made.node_tree)
+    grey, rays, clear = (build.node(f"ShaderNode{kind}") for kind in ("BsdfDiffuse", "LightPath", "BsdfTransparent"))
+    mix = build.node("ShaderNodeMixShader")
+    build.link(rays.outputs["Is Camera Ray"], mix.inputs[0])
+    build.link(grey.outputs[0], mix.inputs[1])
+    build.link(clear.outputs[0], mix.inputs[2])
+    for engine, shader in (("CYCLES", grey), ("EEVEE", mix)):
+        output = build.node("ShaderNodeOutputMaterial")
+        output.target = engine
+        build.link(shader.outputs[0], output.inputs["Surface"])
+    build.arrange()
+    return made
+
+
+def _mesh(name: str, content: Mesh, material: bpy.types.Material | None) -> bpy.types.Mesh:
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(len(content.vertices))
+    mesh.vertices.foreach_set("co", content.vertices.ravel())
+    mesh.loops.add(content.quads.size)
+    mesh.loops.foreach_set("vertex_index", content.quads.ravel())
+    mesh.polygons.add(len(content.quads))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, content.quads.size, 4, dtype=np.int32))
+    mesh.update(calc_edges=True)
+    mesh.shade_smooth()
+    if material is not None:
+        mesh.materials.append(material)
+    return mesh
+
+
+def _remove(obj: bpy.types.Object) -> None:
+    """Removes a proxy with everything that only it uses."""
+    blocks: list[bpy.types.ID] = [obj, *([obj.data] if obj.data.users == 1 else [])]
+    modifier = obj.modifiers.get(_MODIFIER)
+    frames = _frames(modifier) if modifier is not None else None
+    if frames is not None and frames.users == 1:
+        blocks += [frames, *frames.objects, *(each.data for each in frames.objects)]
+    bpy.data.batch_remove(blocks)
+
+
+def _frames(modifier: bpy.types.Modifier) -> bpy.types.Collection | None:
+    identifier = modifier.node_group.interface.items_tree[FRAMES].identifier
+    if hasattr(modifier, "properties"):  # since Blender 5.2
+        found: bpy.types.Collection | None = getattr(modifier.properties.inputs, identifier).value
+        return found
+    return modifier[identifier]

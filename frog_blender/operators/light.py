@@ -1,0 +1,93 @@
+"""Light Objects by This Capture, and back to the scene's own world."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty
+
+from .. import point_cloud
+from ..color_spaces import into_working_space, to_linear
+from ..engine.errors import FrogError
+from ..lighting import world
+from ..render.collect_instances import placed
+from ..scene_import.capture_objects import active_capture
+from ..timeline import playback
+
+_WIDTHS = ("128", "256", "512", "1024", "2048", "4096")
+
+
+class FROG_OT_light_objects(bpy.types.Operator):
+    """Light the objects of this scene with what the capture shows at the current frame. Cameras see the world as \
+before. Press again after changes to take the light anew"""
+
+    bl_idname = "frog.light_objects"
+    bl_label = "Light Objects by This Capture"
+    bl_options = {"REGISTER", "UNDO"}
+
+    place: EnumProperty(
+        name="Taken From",
+        description="Where the light is taken",
+        items=(
+            ("MIDDLE", "Capture's Middle", "The place nearest the middle of the capture that nothing stands close to"),
+            ("CURSOR", "3D Cursor", "The place of the 3D cursor"),
+        ),
+        default="MIDDLE",
+    )
+    width: EnumProperty(
+        name="Width",
+        description="Pixels of the environment image. More of them make sharper reflections and a larger .blend",
+        items=tuple((width, width, f"{width} x {int(width) // 2} pixels") for width in _WIDTHS),
+        default="1024",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        cls.poll_message_set("Select one of the scene's captures first.")
+        return active_capture(context) is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..engine.playback.environment import environment, free_place
+
+        obj, scene = active_capture(context), world.lit_scene(context.scene)
+        evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
+        try:
+            shown = playback.scene_time(obj, context.scene.frame_current_final, evaluated)
+            gaussians = placed(shown.gaussians(), np.array(evaluated.matrix_world, np.float64), obj.name)
+            if self.place == "CURSOR":
+                place = np.array(context.scene.cursor.location, np.float64)
+            else:
+                place = free_place(gaussians, *point_cloud.middle_of(gaussians.means))
+            camera = world.AHEAD.copy()
+            camera[:3, 3] = -camera[:3, :3] @ place
+            light = environment(gaussians, camera, int(self.width))
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        filmed = into_working_space(to_linear(np.array(shown.scene.header.background, np.float64)))
+        world.light_with(scene, light, filmed)
+        self.report({"INFO"}, f"The objects of {scene.name} are lit by frame {context.scene.frame_current}.")
+        return {"FINISHED"}
+
+
+class FROG_OT_use_own_world(bpy.types.Operator):
+    """Light the objects of this scene with its own world again"""
+
+    bl_idname = "frog.use_own_world"
+    bl_label = "Use My Own World"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        cls.poll_message_set("The scene has its own world.")
+        return world.is_lit(world.lit_scene(context.scene))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        world.restore(world.lit_scene(context.scene))
+        return {"FINISHED"}
+
+
+_CLASSES = (FROG_OT_light_objects, FROG_OT_use_own_world)
+register, unregister = bpy.utils.register_classes_factory(_CLASSES)

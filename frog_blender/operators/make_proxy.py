@@ -1,0 +1,136 @@
+"""Make Proxy Mesh: what the capture shows in the scene's frames, as meshes that other engines and programs use."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from functools import partial
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.props import EnumProperty, IntProperty
+
+from ..engine.errors import FrogError
+from ..lighting import proxy
+from ..render.compositing import compositor, scenes
+from ..scene_import.capture_objects import active_capture
+from ..timeline import playback
+from .modal_operator import ModalOperator
+from .timeline_visit import TimelineVisit
+
+if TYPE_CHECKING:
+    from ..engine.gaussians import NumpyGaussians
+
+
+class FROG_OT_make_proxy(ModalOperator, bpy.types.Operator):
+    """Fuse what the capture's cameras see of it into a mesh that moves with it, in place of an earlier one. Crops and \
+other edits count; after another edit or another timing, make it again. Press Esc or the right mouse button to stop"""
+
+    bl_idname = "frog.make_proxy"
+    bl_label = "Make Proxy Mesh"
+    bl_options = {"REGISTER", "UNDO"}
+
+    use: EnumProperty(
+        name="For",
+        description="What the mesh is for",
+        items=(
+            (
+                proxy.SHADOWS,
+                "Shadows",
+                "Catches shadows of your objects in Cycles; what moves casts shadows on them. Nothing else shows",
+            ),
+            (proxy.HOLDOUT, "Holdout", "Cuts holes where the capture hides your objects"),
+            (proxy.PLAIN, "Mesh", "An ordinary mesh, for collisions and other programs"),
+        ),
+        default=proxy.SHADOWS,
+    )
+    resolution: IntProperty(
+        name="Resolution",
+        description="Voxels along the longest side of what the cameras see: twice as many take eight times as long",
+        default=128,
+        min=8,
+        soft_min=32,
+        soft_max=256,
+        max=512,
+    )
+    frames: EnumProperty(
+        name="Frames",
+        description="Frames of the timeline in which to follow what moves",
+        items=(
+            ("SCENE", "Scene Range", "A mesh of what moves for each frame of the scene's frame range"),
+            ("CURRENT", "Current Frame", "One mesh of everything, at the current frame"),
+        ),
+        default="SCENE",
+    )
+
+    doing = "Making the proxy mesh: step {done:,} of {total:,}"
+    slice_seconds = 0.03
+    is_interactive = False  # by a user, who was asked for the settings
+    _visit: TimelineVisit | None = None
+    _told = ""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        cls.poll_message_set("Select a capture of this file first.")
+        obj = active_capture(context)
+        return obj is not None and obj.library is None
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        self.is_interactive = True
+        return context.window_manager.invoke_props_dialog(self, title="Make Proxy Mesh")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..engine.surfaces.proxy import steps_of
+
+        in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
+        obj, scene = active_capture(context), context.scene
+        numbers = list(range(scene.frame_start, scene.frame_end + 1))
+        if self.frames == "CURRENT":
+            numbers = [scene.frame_current]
+        try:
+            playing = playback.scene_time(obj, numbers[0]).scene
+        except FrogError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if not playing.source.changing and not playback.needs_evaluation(obj):
+            numbers = numbers[:1]
+        self._visit = TimelineVisit.of(context, obj, obj.name)
+        steps = self._made(numbers, playing.keeps_identity)
+        run = self.run_in_window if in_steps and self.has_window(context) else self.run_all_steps
+        return run(context, steps, steps_of(len(numbers)))
+
+    def _made(self, numbers: list[int], keeps_identity: bool) -> Generator[int, None, None]:
+        from ..engine.surfaces.proxy import make_proxy
+
+        assert self._visit is not None
+        obj, _ = self._visit.found()
+        cameras = playback.open_scene(playback.file_of(obj)).header.cameras
+        frames = [partial(self._gaussians_at, number) for number in numbers]
+        made = yield from make_proxy(frames, cameras, self.resolution, keeps_identity=keeps_identity)
+        obj, scene = self._visit.found()
+        proxy.place(obj, made, numbers[0], self.use)
+        if self.use == proxy.SHADOWS and scenes.overlay_of(scene) is not None and scene.render.engine == "CYCLES":
+            compositor.multiply_shadows(scene)
+        quads = len(made.still.quads), [len(mesh.quads) for mesh in made.moving]
+        moving = f", and {max(quads[1]):,} at most in {len(quads[1]):,} frames of what moves" if quads[1] else ""
+        self._told = f"The proxy mesh has {quads[0]:,} faces{moving}; its detail is {made.voxel:.3g}."
+
+    def _gaussians_at(self, number: int) -> NumpyGaussians:
+        """In the capture's own space."""
+        assert self._visit is not None
+        obj, scene, evaluated = self._visit.evaluated_at(number)
+        return playback.gaussians_at(obj, scene.frame_current_final, evaluated)
+
+    def restore(self) -> None:
+        assert self._visit is not None
+        self._visit.restore()
+
+    def finished_message(self) -> str:
+        return self._told
+
+    def stopped_message(self) -> str:
+        return "The proxy mesh was stopped. Nothing was changed."
+
+
+register, unregister = bpy.utils.register_classes_factory((FROG_OT_make_proxy,))

@@ -1,0 +1,190 @@
+"""Light Objects by This Capture: which light arrives where, what cameras still see, and the way back."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from support.composed_scene import compose, splats_of
+from support.exr import pass_of, render_channels
+from support.small_scenes import rig_of_three, write_scene
+from support.training_panel import Written
+from support.users_scene import users_scene
+
+from frog_blender.engine.playback.environment import environment
+from frog_blender.lighting import world
+from frog_blender.render.world import background_of
+from frog_blender.scene_import.capture_objects import active_capture
+from frog_blender.timeline import playback
+from frog_blender.ui.light_panel import FROG_PT_light
+
+
+@pytest.fixture
+def capture(empty, tmp_path):
+    bpy.ops.import_scene.frog(filepath=str(write_scene(tmp_path / "scene.frog", rig_of_three(), count=200)))
+    return active_capture(bpy.context)
+
+
+def light(**settings):
+    assert bpy.ops.frog.light_objects(**{"width": "128", "place": "CURSOR"} | settings) == {"FINISHED"}
+
+
+def image_of(lit):
+    return next(node.image for node in lit.node_tree.nodes if node.type == "TEX_ENVIRONMENT" and node.image)
+
+
+def pixels_of(image):
+    """(H, W, 3), rows from the top."""
+    values = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
+    image.pixels.foreach_get(values)
+    return values.reshape(image.size[1], image.size[0], -1)[::-1, :, :3]
+
+
+def in_cycles(scene, place, look, tmp_path):
+    """(H, W, 4) scene-linear pixels of Cycles' render of a scene by a narrow camera."""
+    data = bpy.data.cameras.new("eye")
+    data.angle, data.clip_start = 0.02, 0.001
+    scene.camera = bpy.data.objects.new("eye", data)
+    scene.collection.objects.link(scene.camera)
+    scene.camera.location, scene.camera.rotation_euler = place, look
+    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 4, False
+    scene.render.resolution_x = scene.render.resolution_y = 4
+    scene.render.resolution_percentage, scene.render.film_transparent = 100, False
+    return pass_of(render_channels(scene, tmp_path / "out.exr"), "Combined", "RGBA")
+
+
+def mirror(scene):
+    """A mirror in the plane z = 0 that reflects what is above it."""
+    mesh = bpy.data.meshes.new("mirror")
+    mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
+    material = bpy.data.materials.new("mirror")
+    if material.node_tree is None:
+        material.use_nodes = True
+    nodes = material.node_tree.nodes
+    nodes.clear()
+    glossy, output = nodes.new("ShaderNodeBsdfAnisotropic"), nodes.new("ShaderNodeOutputMaterial")
+    glossy.inputs["Roughness"].default_value, glossy.inputs["Color"].default_value = 0.0, (1, 1, 1, 1)
+    material.node_tree.links.new(glossy.outputs[0], output.inputs["Surface"])
+    mesh.materials.append(material)
+    scene.collection.objects.link(bpy.data.objects.new("mirror", mesh))
+
+
+def test_light_arrives_from_where_the_capture_shows_it(empty, capture, tmp_path):
+    empty.cursor.location = (0.0, 0.0, 0.0)
+    light()
+    mirror(empty)
+    capture.hide_render = True
+    seen = []
+    for turn in (0.4, 1.1, 2.3, 5.5):  # seen at 45 degrees from above, it reflects what lies at 45 degrees above
+        place = np.array([np.sin(turn), -np.cos(turn), 1.0]) * 2
+        found = in_cycles(empty, place.tolist(), (np.pi / 4, 0, turn), tmp_path)[..., :3].mean((0, 1))
+        ray = np.array([-np.sin(turn), np.cos(turn), 1.0]) / np.sqrt(2)
+        across, up = 0.5 - np.arctan2(ray[1], ray[0]) / (2 * np.pi), np.arcsin(ray[2]) / np.pi + 0.5
+        panorama = pixels_of(image_of(empty.world))
+        expected = panorama[int((1 - up) * 64), int((across % 1) * 128)]
+        np.testing.assert_allclose(found, expected, atol=0.02)
+        seen.append(expected)
+    assert np.ptp(seen, axis=0).max() > 0.1, "there is something to be told apart"
+
+
+def test_the_image_is_what_the_engine_sees_from_there(empty, capture):
+    empty.frame_set(4)
+    empty.cursor.location = (0.3, -0.2, 0.1)
+    light()
+    camera = world.AHEAD.copy()
+    camera[:3, 3] = -camera[:3, :3] @ np.array(empty.cursor.location)
+    expected = environment(playback.gaussians_at(capture, 4), camera, 128)
+    np.testing.assert_allclose(pixels_of(image_of(empty.world)), expected, atol=1e-3)
+
+
+def test_cameras_and_frog_see_the_world_as_before(empty, capture, tmp_path):
+    color = np.array([0.3, 0.05, 0.2])
+    empty.world = own = bpy.data.worlds.new("Mine")
+    if bpy.app.version < (5, 0, 0):
+        own.use_nodes = True
+    node = next(node for node in own.node_tree.nodes if node.type == "BACKGROUND")
+    node.inputs["Color"].default_value = (*color, 1)
+    seen = background_of(empty, np.zeros(3))
+    light()
+    assert empty.world != own
+    np.testing.assert_array_equal(background_of(empty, np.zeros(3)), seen)
+    capture.hide_render = True
+    found = in_cycles(empty, (0, 0, 50), (0, 0, 0), tmp_path)
+    np.testing.assert_allclose(found[..., :3], np.broadcast_to(color, (4, 4, 3)), atol=1e-3)
+
+
+def test_without_a_world_cameras_see_the_captures_background(empty, capture):
+    empty.world, filmed = None, np.array([0.1, 0.2, 0.3])
+    light()
+    np.testing.assert_allclose(background_of(empty, np.zeros(3)), filmed, atol=1e-5)
+    assert bpy.ops.frog.use_own_world() == {"FINISHED"} and empty.world is None
+
+
+def test_one_click_brings_the_own_world_back(empty, capture, tmp_path):
+    own = users_scene(empty)
+    nodes = [node.type for node in own.node_tree.nodes]
+    assert not bpy.ops.frog.use_own_world.poll()
+    light()
+    lit = empty.world
+    world.light_node(lit).inputs["Strength"].default_value = 2.5
+    before = pixels_of(image_of(lit)).copy()
+    empty.frame_set(8)
+    light(width="256")
+    assert empty.world == lit and empty.frog.own_world == own
+    assert world.light_node(lit).inputs["Strength"].default_value == 2.5
+    assert tuple(image_of(lit).size) == (256, 128) and before.shape == (64, 128, 3)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
+    kept = pixels_of(image_of(lit)).copy()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
+    scene = bpy.context.scene
+    assert image_of(scene.world).packed_file is not None
+    np.testing.assert_array_equal(pixels_of(image_of(scene.world)), kept)
+    assert bpy.ops.frog.use_own_world() == {"FINISHED"}
+    assert scene.world.name == "My studio lights" and not world.is_lit(scene)
+    assert [node.type for node in scene.world.node_tree.nodes] == nodes
+    assert scene.frog.own_world is None
+
+
+def test_a_world_that_took_its_place_is_the_own_one(empty, capture):
+    first = users_scene(empty)
+    light()
+    empty.world = second = bpy.data.worlds.new("Second")
+    light()
+    assert empty.frog.own_world == second and first.use_fake_user
+    bpy.ops.frog.use_own_world()
+    assert empty.world == second
+
+
+def test_objects_are_lit_in_composed_renders(empty, capture, tmp_path):
+    compose(empty)
+    splats = splats_of(empty)
+    bpy.context.window.scene = splats
+    try:
+        light()
+    finally:
+        bpy.context.window.scene = empty
+    bpy.context.view_layer.update()
+    assert world.is_lit(empty) and splats.world == empty.world
+
+
+def test_the_root_may_be_moved(empty, capture):
+    light()
+    before = pixels_of(image_of(empty.world)).copy()
+    capture.parent.location.x += 3.0
+    empty.cursor.location.x += 3.0
+    bpy.context.view_layer.update()
+    light()
+    np.testing.assert_allclose(pixels_of(image_of(empty.world)), before, atol=0.02)
+
+
+def test_the_panel_offers_what_can_be_done(empty, capture):
+    def said():
+        layout = Written()
+        FROG_PT_light.draw(SimpleNamespace(layout=layout), bpy.context)
+        return layout.said
+
+    assert said()[:1] == ["frog.light_objects"] and "frog.use_own_world" not in said()
+    light(place="MIDDLE")
+    assert said()[:3] == ["frog.light_objects", "frog.use_own_world", "default_value"]

@@ -1,0 +1,219 @@
+"""Proxy meshes: spheres and planes of splats become spheres and planes, and what moves is told from what stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.surfaces.fusion import MOST_VOXELS, Grid, fuse
+from frog_blender.engine.surfaces.proxy import Motion, make_proxy, steps_of
+from frog_blender.engine.surfaces.surface_depth import surface_depth
+from frog_blender.engine.surfaces.surface_nets import Mesh, surface_nets, without_islands
+
+
+def turned_to(normals):
+    """(N, 4) quaternions that turn z to unit normals (N, 3)."""
+    half = normals + np.array([0, 0, 1])
+    half[np.linalg.norm(half, axis=1) < 1e-6] = [1, 0, 0]
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    return np.concatenate([half[:, 2:] * 0, half], axis=1)  # half a turn about what lies between
+
+
+def discs(places, normals, size, thickness=0.002):
+    """Opaque flat Gaussians (N, 3) on a surface."""
+    count = len(places)
+    scales = np.tile([size, size, thickness], (count, 1))
+    arrays = places, turned_to(normals.astype(np.float64)), scales, np.full(count, 0.98), np.zeros((count, 1, 3))
+    return GaussianArrays(*arrays).checked()
+
+
+def sphere(center=(0.0, 0.0, 0.0), radius=1.0, count=1500):
+    heights = 1 - 2 * (np.arange(count) + 0.5) / count
+    angles = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    flat = np.sqrt(1 - heights**2)
+    normals = np.stack([flat * np.cos(angles), flat * np.sin(angles), heights], axis=1)
+    return discs(normals * radius + center, normals, 2.5 * radius / np.sqrt(count))
+
+
+def together(*parts):
+    return GaussianArrays(
+        *(np.concatenate(arrays) for arrays in zip(*(vars(part).values() for part in parts), strict=True))
+    )
+
+
+def looking_down(height=4.0, size=64):
+    """A camera above the origin that looks at it."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = height
+    return Camera("above", size, size, np.array([[size, 0, size / 2], [0, size, size / 2], [0, 0, 1]]), pose)
+
+
+def result_of(steps):
+    """What a generator returns, and what it yielded."""
+    said = []
+    while True:
+        try:
+            said.append(next(steps))
+        except StopIteration as end:
+            return end.value, said
+
+
+def normals_of(mesh):
+    a, b, c, d = (mesh.vertices[mesh.quads[:, corner]] for corner in range(4))
+    return np.cross(c - a, d - b)
+
+
+def edges_of(mesh):
+    """How many quads each edge belongs to."""
+    pairs = np.sort(np.stack([mesh.quads, np.roll(mesh.quads, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    return np.unique(pairs, axis=0, return_counts=True)[1]
+
+
+def test_surface_nets_of_a_ball_are_closed_and_face_outwards():
+    points = np.stack(np.meshgrid(*[np.arange(24.0)] * 3, indexing="ij"), axis=-1)
+    mesh = surface_nets(np.linalg.norm(points - 11.3, axis=-1) - 7.0)
+    assert np.abs(np.linalg.norm(mesh.vertices - 11.3, axis=1) - 7.0).max() < 0.2
+    assert (edges_of(mesh) == 2).all()
+    middles = mesh.vertices[mesh.quads].mean(1) - 11.3
+    assert ((normals_of(mesh) * middles).sum(1) > 0).all()
+    area = 0.5 * np.linalg.norm(normals_of(mesh), axis=1).sum()
+    assert area == pytest.approx(4 * np.pi * 49, rel=0.03)
+
+
+def test_the_surface_ends_where_nothing_is_known():
+    field = np.broadcast_to(np.arange(12.0)[:, None, None] - 5.4, (12, 12, 12)).copy()
+    whole = surface_nets(field)
+    field[:, :6] = np.nan
+    half = surface_nets(field)
+    np.testing.assert_allclose(half.vertices[:, 0], 5.4, atol=1e-6)
+    assert 0 < len(half.quads) < len(whole.quads) and half.vertices[:, 1].min() >= 6
+    assert not len(surface_nets(np.full((4, 4, 4), np.nan)).quads) and not len(surface_nets(np.ones((1, 4, 4))).quads)
+
+
+def test_small_islands_are_left_out():
+    points = np.stack(np.meshgrid(*[np.arange(24.0)] * 3, indexing="ij"), axis=-1)
+    large, small = np.linalg.norm(points - 8, axis=-1) - 5.2, np.linalg.norm(points - 20, axis=-1) - 1.2
+    both, one = surface_nets(np.minimum(large, small)), surface_nets(large)
+    assert len(without_islands(both, 100).quads) == len(one.quads) < len(both.quads)
+    assert len(without_islands(both, 2).quads) == len(both.quads)
+    empty = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 4), np.int32))
+    assert without_islands(empty, 3) is empty
+
+
+def test_the_depth_of_a_slanted_floor_has_no_steps():
+    normal = np.array([0.0, -0.5, 1.0]) / np.sqrt(1.25)
+    steps = np.linspace(-2, 2, 9)
+    x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
+    floor = discs(np.stack([x, y, 0.5 * y], axis=1), np.tile(normal, (len(x), 1)), 0.5)
+    camera = looking_down()
+    depth = surface_depth(floor, camera)
+    rows, columns = np.nonzero(np.isfinite(depth))
+    assert len(rows) > 3000
+    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
+    points = camera.center + pixels @ np.linalg.inv(camera.intrinsics).T @ camera.rotation * depth[rows, columns, None]
+    inside = np.abs(points[:, :2]).max(1) < 1.5
+    assert np.abs(points[inside] @ normal).max() < 0.02
+
+
+def test_what_is_seen_through_has_no_depth():
+    scene = discs(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), 0.3)
+    depth = surface_depth(scene, looking_down())
+    assert depth[32, 32] == pytest.approx(4.0, abs=0.01) and np.isnan(depth[0, 0])
+    scene.opacities[:] = 0.3
+    assert np.isnan(surface_depth(scene, looking_down())).all()
+
+
+def test_a_sphere_of_splats_becomes_a_sphere_within_a_voxel():
+    scene, resolution = sphere(), 32
+    proxy, said = result_of(make_proxy([lambda: scene], [], resolution))
+    away = np.abs(np.linalg.norm(proxy.still.vertices, axis=1) - 1.0)
+    assert proxy.voxel == pytest.approx(2 / resolution, rel=0.1)
+    assert away.max() < proxy.voxel and away.mean() < 0.5 * proxy.voxel
+    assert (edges_of(proxy.still) % 2 == 0).all(), "it is closed"
+    middles = proxy.still.vertices[proxy.still.quads].mean(1)
+    assert ((normals_of(proxy.still) * middles).sum(1) > 0).all()
+    assert proxy.moving == [] and said[-1] == 2 < steps_of(1)
+
+
+def test_what_cameras_do_not_see_stays_open():
+    proxy, _ = result_of(make_proxy([lambda: sphere()], [looking_down()], 24))
+    assert 0.9 < proxy.still.vertices[:, 2].max() < 1.1 and proxy.still.vertices[:, 2].min() > -0.2
+    assert (edges_of(proxy.still) == 1).any()
+
+
+def test_a_floor_that_is_seen_from_the_side_is_flat():
+    steps = np.linspace(-1.5, 1.5, 21)
+    x, y = (axis.ravel() for axis in np.meshgrid(steps, steps))
+    floor = discs(np.stack([x, y, 0 * x], axis=1), np.tile([0.0, 0.0, 1.0], (len(x), 1)), 0.15)
+    cameras = []
+    for angle in (0.0, 0.7, -0.7):
+        back = np.array([np.sin(angle), -np.cos(angle), 0.25]) / np.sqrt(1.0625)
+        right = np.cross([0, 0, 1], back)
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3, :3] = [right, np.cross(-back, right), -back]
+        pose[2, 3] = 4.0
+        cameras.append(Camera(f"{angle}", 96, 64, np.array([[90.0, 0, 48], [0, 90, 32], [0, 0, 1]]), pose))
+    proxy, _ = result_of(make_proxy([lambda: floor], cameras, 32))
+    inside = np.abs(proxy.still.vertices[:, :2]).max(1) < 0.8
+    heights = np.abs(proxy.still.vertices[inside, 2])
+    assert np.quantile(heights, 0.95) < 0.2 * proxy.voxel, "but below its rim, which the cameras see past"
+    middles = np.abs(proxy.still.vertices[proxy.still.quads].mean(1))
+    slopes = normals_of(proxy.still)[middles[:, :2].max(1) < 0.8]
+    assert np.median(slopes[:, 2] / np.linalg.norm(slopes, axis=1)) > 0.98
+
+
+def test_what_moves_has_a_mesh_a_frame():
+    room = sphere(center=(0, 0, 0), radius=1.0)
+    frames = [lambda x=x: together(room, sphere((2.5 + x, 0, 0), 0.4, 600)) for x in (0.0, 0.3, 0.6)]
+    proxy, said = result_of(make_proxy(frames, [], 40))
+    assert np.linalg.norm(proxy.still.vertices, axis=1).max() < 1.0 + proxy.voxel
+    assert len(proxy.moving) == 3
+    for mesh, x in zip(proxy.moving, (2.5, 2.8, 3.1), strict=True):
+        away = np.abs(np.linalg.norm(mesh.vertices - (x, 0, 0), axis=1) - 0.4)
+        assert away.max() < proxy.voxel
+    assert said[-1] == steps_of(3) and sorted(said) == said
+
+
+def test_without_identity_everything_moves():
+    scenes = [sphere(), sphere(radius=0.9, count=1400)]
+    frames = [lambda scene=scene: scene for scene in scenes]
+    proxy, _ = result_of(make_proxy(frames, [], 24, keeps_identity=False))
+    assert not len(proxy.still.quads) and all(len(mesh.quads) for mesh in proxy.moving)
+    assert np.linalg.norm(proxy.moving[1].vertices, axis=1).mean() == pytest.approx(0.9, abs=0.5 * proxy.voxel)
+    assert len(result_of(make_proxy(frames, [], 24))[0].moving) == 2, "their numbers differ"
+
+
+def test_motion_is_of_place_or_opacity():
+    scene = sphere(count=10)
+    motion = Motion()
+    assert motion.moves(0.1) is None
+    motion.add(scene)
+    other = GaussianArrays(*(array.copy() for array in vars(scene).values()))
+    other.means[3] += 0.2
+    other.opacities[5] = 0.1
+    motion.add(other)
+    motion.add(scene)
+    np.testing.assert_array_equal(np.flatnonzero(motion.moves(0.1)), [3, 5])
+
+
+def test_nothing_to_see_and_too_much_are_said():
+    faint = sphere()
+    faint.opacities[:] = 0.01
+    with pytest.raises(FrogError, match="no surface"):
+        result_of(make_proxy([lambda: faint], [], 16))
+    with pytest.raises(FrogError, match=f"{MOST_VOXELS:,}"):
+        Grid.around(np.zeros(3), np.full(3, 1e6), 0.1)
+    with pytest.raises(ValueError, match="resolution"):
+        result_of(make_proxy([lambda: faint], [], 4))
+
+
+def test_fusing_tells_how_far_it_is():
+    camera = looking_down(size=32)
+    views = [(camera, np.full((32, 32), 4.0, np.float32))]
+    mesh, said = result_of(fuse(Grid.around(np.full(3, -1.0), np.full(3, 1.0), 0.02), views))
+    assert said[-1] == 1.0 and len(said) > 3 and sorted(said) == said
+    np.testing.assert_allclose(mesh.vertices[:, 2], 0.0, atol=1e-3)
