@@ -25,11 +25,12 @@ class FROG_PT_light(SidebarPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)
         lit = world.lit_scene(context.scene)
-        if world.is_lit(lit):
+        strength = world.light_node(lit.world) if lit.world is not None else None
+        if strength is not None:
             row = layout.row(align=True)
             row.operator("frog.light_objects", text="Update Light", icon="FILE_REFRESH")
             row.operator("frog.use_own_world", icon="LOOP_BACK")
-            layout.prop(world.light_node(lit.world).inputs["Strength"], "default_value", text="Strength")
+            layout.prop(strength.inputs["Strength"], "default_value", text="Strength")
         else:
             layout.operator("frog.light_objects", icon="WORLD")
         layout.operator("frog.make_proxy", icon="MESH_DATA")

@@ -131,7 +131,7 @@ def _projected(grid: Grid, camera: Camera) -> tuple[Array, Array, Array]:
     """Homogeneous pixel positions of the points: sums of one part for each axis of the grid."""
     matrix = camera.intrinsics @ camera.world_to_camera[:3]
     x, y, z = (grid.low[axis] + grid.voxel * np.arange(count) for axis, count in enumerate(grid.shape))
-    return tuple(  # type: ignore[return-value]
+    return tuple(
         (row[0] * x + row[3]).astype(np.float32)[:, None, None]
         + (row[1] * y).astype(np.float32)[None, :, None]
         + (row[2] * z).astype(np.float32)[None, None, :]
