@@ -9,7 +9,6 @@ decoded until an image is looked at.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +27,9 @@ if TYPE_CHECKING:
     from ..engine.scene.header import SceneHeader
 
 OPACITY = 0.5
-_MARK = "frog_clip"  # of the images that this file loads: a clip's first number, step and count
+_MARK = "frog_clip"
+"""Of the images that this file loads, which captures may share, and of a camera that shows one: first number, step and
+count of the clip."""
 _TIMING = dict(zip("svrmw", TIMING, strict=True))  # variables of drivers
 
 
@@ -125,7 +126,8 @@ def load_image(clip: Clip) -> bpy.types.Image:
     image.reload()  # the file may have been rewritten
     if clip.kind == "SEQUENCE":
         image.source = "SEQUENCE"
-    image[_MARK] = [clip.first, clip.step, clip.count]
+    if _MARK not in image:
+        image[_MARK] = True
     return image
 
 
@@ -136,6 +138,7 @@ def _synchronize(
     index = next(i for i, each in enumerate(data.background_images) if each == background)
     path = f"background_images[{index}].image_user.frame_offset"
     data.driver_remove(path)
+    data[_MARK] = [clip.first, clip.step, clip.count]
     if clip.kind == "IMAGE":
         return
     user = background.image_user
@@ -177,12 +180,12 @@ def synchronize_again(obj: bpy.types.Object) -> None:
         background, animation = clip_of(camera), camera.data.animation_data
         if background is None or animation is None or camera.data.library is not None:
             continue
-        numbers = background.image[_MARK]
-        if not isinstance(numbers, Iterable):  # of an earlier version
+        numbers = camera.data.get(_MARK)
+        if not hasattr(numbers, "to_list"):  # of an earlier version
             continue
         for curve in animation.drivers:
             if any(variable.targets[0].data_path in TIMING for variable in curve.driver.variables):
-                curve.driver.expression = _expression(obj, *numbers)
+                curve.driver.expression = _expression(obj, *numbers.to_list())
 
 
 def hide_clip(camera: bpy.types.Object) -> None:
@@ -192,6 +195,7 @@ def hide_clip(camera: bpy.types.Object) -> None:
         index = next(i for i, each in enumerate(camera.data.background_images) if each == background)
         camera.data.driver_remove(f"background_images[{index}].image_user.frame_offset")
         camera.data.background_images.remove(background)
+        camera.data.pop(_MARK, None)
 
 
 def refresh_drivers() -> None:

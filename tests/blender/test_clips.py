@@ -77,6 +77,24 @@ def number_shown(camera, frame):
     return clip_of(evaluated).image_user.frame_offset + 1
 
 
+def test_a_piece_has_its_images_whatever_else_plays_the_film(mono, tmp_path):
+    obj = imported(mono)
+    (camera,) = cameras_of(obj)
+    folder = tmp_path / "film"
+    cameras = [replace(each, name=f"frame_{5 + 2 * i:03d}") for i, each in enumerate(moving_camera(4))]
+    shots = [(frame,) for frame in range(4)]
+    path = write_scene(tmp_path / "short.frog", cameras, shots=shots, frame_count=4)
+    scene = read_scene(path)
+    header = replace(scene.header, capture_path=str(folder), capture_format="transforms")
+    write_file(path, SceneFile(header, scene.arrays))
+    (other,) = cameras_of(imported(path))
+    assert clip_of(other).image == clip_of(camera).image
+    obj.frog.first_frame, obj.frog.last_frame, obj.frog.use_trim = 6, 8, True
+    found = [number_shown(camera, frame) for frame in range(1, 6)]
+    assert found == [5 + 2 * frame for frame in (6, 7, 8, 8, 8)]
+    assert number_shown(other, 3) == 5 + 2 * 2
+
+
 def test_each_camera_has_its_own_image(still):
     obj = imported(still)
     cameras = cameras_of(obj)
