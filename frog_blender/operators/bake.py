@@ -7,6 +7,7 @@ Playback Cache.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from .. import point_cloud
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import named_or_active_capture
 from ..timeline import open_scenes, playback, playback_cache
+from ..timeline.frame_timing import evaluated_frames
 from ..timeline.retiming import needs_evaluated_time, stretched
 from .modal_operator import ModalOperator
 
@@ -61,15 +63,12 @@ def _times(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> set[float
     frames = range(scene.frame_start, scene.frame_end + 1)
     if not any(needs_evaluated_time(obj) for obj in objects):
         return {playback.scene_time(obj, stretched(scene, frame)).time for obj in objects for frame in frames}
-    stood, layer, found = (scene.frame_current, scene.frame_subframe), scene.view_layers[0], set()
-    for frame in frames:
-        scene.frame_set(frame)
-        layer.update()
-        evaluated = [obj.evaluated_get(layer.depsgraph) for obj in objects]
-        shown = zip(objects, evaluated, strict=True)
-        found |= {playback.scene_time(obj, scene.frame_current_final, each).time for obj, each in shown}
-    scene.frame_set(stood[0], subframe=stood[1])
-    return found
+    with closing(evaluated_frames(scene, frames)) as depsgraphs:
+        return {
+            playback.scene_time(obj, scene.frame_current_final, obj.evaluated_get(depsgraph)).time
+            for depsgraph in depsgraphs
+            for obj in objects
+        }
 
 
 class _CaptureOperator:

@@ -60,7 +60,7 @@ class FROG_OT_save_edits(EditOperator, bpy.types.Operator, ExportHelper):
         is_animated = needs_evaluation(obj, even_unused=True)
         evaluated = obj.evaluated_get(context.evaluated_depsgraph_get()) if is_animated else None
         edits = edits_of(obj, evaluated, even_unused=True) or Edits()
-        if not is_plain(obj.frog) or needs_evaluated_time(obj):
+        if not is_plain(obj.frog, context.scene) or needs_evaluated_time(obj):
             edits = replace(edits, timing=timing_of(obj, context.scene))
         save_edits(path, edits)
         animated = " as they are at this frame" if evaluated is not None else ""

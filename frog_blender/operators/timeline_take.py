@@ -12,6 +12,7 @@ import numpy as np
 from ..engine.interchange.take import Sound, TakeFrame
 from ..timeline import playback
 from ..timeline.edits import needs_evaluation
+from ..timeline.retiming import is_shown, stretched
 from .timeline_visit import TimelineVisit
 
 if TYPE_CHECKING:
@@ -49,7 +50,8 @@ class TimelineTake:
         """What ``obj`` shows in the current scene; FrogError if its file cannot be played."""
         scene, playing = context.scene, playback.scene_time(obj, numbers[0]).scene
         several = len(numbers) > 1
-        all_change = needs_evaluation(obj) or obj.frog.use_range  # edits that are animated, and where it is not there
+        appears = len({is_shown(obj, stretched(scene, number)) for number in numbers}) > 1
+        all_change = needs_evaluation(obj) or appears  # edits that are animated, and where it is not there
         return cls(
             visit=TimelineVisit.of(context, obj, obj.parent.name if obj.parent is not None else obj.name),
             numbers=numbers,

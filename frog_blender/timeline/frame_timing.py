@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import bpy
 
+from ..engine.errors import FrogError
 from . import playback, timing_curve
 from .retiming import capture_frame, is_shown, needs_evaluated_time, stretched
 
@@ -30,42 +32,57 @@ def frames_shown(obj: bpy.types.Object, scene: bpy.types.Scene, numbers: Sequenc
     count = playback.open_scene(playback.file_of(obj)).header.frame_count
     if not needs_evaluated_time(obj):
         return [_shown(obj, stretched(scene, number), count) for number in numbers]
-    stood, layer, found = (scene.frame_current, scene.frame_subframe), scene.view_layers[0], []
-    for number in numbers:
-        scene.frame_set(number)
-        layer.update()
-        found.append(_shown(obj, scene.frame_current_final, count, obj.evaluated_get(layer.depsgraph)))
-    scene.frame_set(stood[0], subframe=stood[1])
-    return found
+    with closing(evaluated_frames(scene, numbers)) as depsgraphs:
+        return [_shown(obj, scene.frame_current_final, count, obj.evaluated_get(depsgraph)) for depsgraph in depsgraphs]
+
+
+def evaluated_frames(scene: bpy.types.Scene, numbers: Iterable[int]) -> Generator[bpy.types.Depsgraph, None, None]:
+    """Moves a scene to frames of its timeline, and back when it is closed."""
+    stood, layer = (scene.frame_current, scene.frame_subframe), scene.view_layers[0]
+    try:
+        for number in numbers:
+            scene.frame_set(number)
+            layer.update()
+            yield layer.depsgraph
+    finally:
+        scene.frame_set(stood[0], subframe=stood[1])
 
 
 def timing_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Timing:
     """How a capture plays in a scene's range of frames; see ``frames_shown``."""
     from ..engine.editing.timing import Timing
 
-    numbers = range(scene.frame_start, scene.frame_end + 1)
-    return Timing(tuple(frames_shown(obj, scene, numbers)), frame_rate(scene), scene.frame_start)
+    shown = frames_shown(obj, scene, range(scene.frame_start, scene.frame_end + 1))
+    try:
+        return Timing(tuple(shown), frame_rate(scene), scene.frame_start)
+    except ValueError as error:
+        raise FrogError(f"{scene.name}: found {error}, expected one that a file of edits can hold.") from error
 
 
 def write_timing(obj: bpy.types.Object, timing: Timing, scene: bpy.types.Scene) -> None:
-    """Makes a timing that of a capture: keys of its Shown Frame, as few as lie on straight lines, and its limits.
+    """Makes a timing that of a capture: keys of its Shown Frame, as few as lie on straight lines, and its limits. It
+    lasts as long, whatever the scene's rate.
 
     Raises:
         FrogError: for a time that is driven or in the NLA, which keys would not change.
     """
     timing_curve.check_editable(obj)
+    length = frame_rate(scene) / timing.rate  # frames of the timeline
+
+    def at(index: int) -> float:
+        return stretched(scene, timing.start + index * length)
+
     there = [index for index, frame in enumerate(timing.frames) if frame is not None]
     if there:
         shown = [timing.capture_frame(index) for index in there]
-        numbers = [stretched(scene, timing.start + index) for index in there]
+        numbers = [at(index) for index in there]
         kept = _corners(numbers, shown)
         timing_curve.write_keys(obj, [(numbers[index], shown[index], "LINEAR") for index in kept])
     settings, is_cut = obj.frog, len(there) < len(timing.frames)
     settings.use_range = is_cut
     if is_cut:
         first, end = (there[0], there[-1] + 1) if there else (0, 0)
-        settings.range_start = stretched(scene, timing.start + first)
-        settings.range_end = stretched(scene, timing.start + end)
+        settings.range_start, settings.range_end = at(first), at(end)
 
 
 def _corners(numbers: list[float], shown: list[float]) -> list[int]:

@@ -15,7 +15,9 @@ REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""
 TIMING = ("frog.start_frame", "frog.speed", "frog.repeat", "frog.use_remap", REMAPPED)
 """All properties that affect the shown frame and can be animated."""
-_ROUNDING = 1e-6  # frames: what numbers of single precision lose
+FAR = 1_048_574.0
+"""The last frame of any timeline: a limit there, or as far before frame 0, is none."""
+_ROUNDING = 1e-3  # frames: what numbers of single precision lose
 
 
 class BadTiming(FrogError):
@@ -78,7 +80,7 @@ def playing_frames(obj: bpy.types.Object, scene: bpy.types.Scene, frame_count: i
         return None
     first, last = min(ends), max(ends)
     if obj.frog.use_range:
-        first, last = max(first, obj.frog.range_start), min(last, obj.frog.range_end - 1)
+        first, last = max(first, obj.frog.range_start), min(last, obj.frog.range_end - stretched(scene, 1))
     stretch = scene.render.frame_map_new / scene.render.frame_map_old
     return (first * stretch, last * stretch) if first <= last else None
 
@@ -170,10 +172,10 @@ def needs_evaluated_time(obj: bpy.types.Object) -> bool:
     return any(curve.data_path in TIMING for curve in strip_curves(animation))
 
 
-def is_plain(settings: Any) -> bool:
-    """Whether a capture plays frame by frame, wherever it begins."""
+def is_plain(settings: Any, scene: bpy.types.Scene) -> bool:
+    """Whether a capture plays frame by frame in a scene, wherever it begins."""
     simple = not (settings.use_remap or settings.use_trim or settings.use_range)
-    return bool(simple and settings.speed == 1 and settings.repeat == "HOLD")
+    return bool(simple and settings.speed == 1 and settings.repeat == "HOLD" and stretched(scene, 1) == 1)
 
 
 def shown_curve(obj: bpy.types.Object) -> bpy.types.FCurve | None:
