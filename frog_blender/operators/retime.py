@@ -53,10 +53,12 @@ class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
         first, end = _range(context.scene, obj)
         if not first < context.scene.frame_current_final < end:
             return "Go to a frame between the first and the last one at which the capture is there."
+        if any(context.view_layer.objects.get(each.name) != each for each in (obj, root_of(obj))):
+            return "The capture is in a collection that is excluded from the view layer."
         return super().problem(context, obj)
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        frame, (first, end) = context.scene.frame_current_final, _range(context.scene, obj)
+        frame, (first, end) = context.scene.frame_current_final, _limits(obj)
         other = _copy(obj)
         for half, start, stop in ((obj, first, frame), (other, frame, end)):
             half.frog.range_start, half.frog.range_end, half.frog.use_range = start, stop, True
@@ -72,19 +74,32 @@ class FROG_OT_reverse_capture(_Retimes, bpy.types.Operator):
 
     @classmethod
     def problem(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        found = super().problem(context, obj)
+        found = super().problem(context, obj) or timing_curve.problem(obj)
         if found or not obj.frog.use_remap:
             return found or ("" if obj.frog.speed else "Its speed is zero.")
-        return timing_curve.problem(obj) or ("" if retiming.shown_curve(obj) else "Its Shown Frame has no curve.")
+        return "" if retiming.shown_curve(obj) else "Its Shown Frame has no curve."
 
-    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        settings, curve = obj.frog, retiming.shown_curve(obj)
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        settings, curve, scene = obj.frog, retiming.shown_curve(obj), context.scene
+        low, end = _limits(obj)
+        high = end - retiming.stretched(scene, 1)  # the last frame at which it is there
         if settings.use_remap and curve is not None:
-            timing_curve.reverse(curve)
-        else:
-            _, count = retiming.piece(settings, _frames(obj))
-            settings.start_frame += (count - 1) / settings.speed
-            settings.speed = -settings.speed
+            timing_curve.reverse(curve, low, high)
+            return ""
+        frames = _frames(obj)
+        _, count = retiming.piece(settings, frames)
+        begin, stop = sorted((settings.start_frame, settings.start_frame + (count - 1) / settings.speed))
+        first, last = max(begin, low), min(stop, high)
+        if first > last or (settings.use_range and settings.repeat != "HOLD"):  # it plays, or holds, all the time
+            first = low if low > -retiming.FAR else retiming.stretched(scene, scene.frame_start)
+            last = high if end < retiming.FAR else retiming.stretched(scene, scene.frame_end)
+        elif (begin < first and last < high) or (last < stop and low < first):
+            # Backward, it would go on where it was held until now, with what its limits cut off.
+            shown = [retiming.capture_frame(obj, frame, frames) for frame in (last, first)]
+            timing_curve.write_keys(obj, [(first, shown[0], "LINEAR"), (last, shown[1], "LINEAR")])
+            return ""
+        settings.start_frame = first + last - settings.start_frame
+        settings.speed = -settings.speed
         return ""
 
 
@@ -97,7 +112,11 @@ class FROG_OT_freeze_frame(_EditsCurve, bpy.types.Operator):
     length: IntProperty(name="Frames", description="How long to hold it", default=24, min=1, soft_max=1000)
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        timing_curve.freeze(_curve(context, obj), context.scene.frame_current_final, self.length)
+        settings, frame = obj.frog, context.scene.frame_current_final
+        timing_curve.freeze(_curve(context, obj), frame, self.length)
+        for name in ("range_start", "range_end") if settings.use_range else ():
+            if frame < getattr(settings, name) < retiming.FAR:
+                setattr(settings, name, getattr(settings, name) + self.length)
         return ""
 
 
@@ -119,7 +138,8 @@ curve"""
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         curve, frame = _curve(context, obj), context.scene.frame_current_final
-        timing_curve.ramp(curve, frame, self.length, self.speed, _frames(obj))
+        first, count = retiming.piece(obj.frog, _frames(obj))
+        timing_curve.ramp(curve, frame, self.length, self.speed, (first, first + count - 1.0))
         return ""
 
 
@@ -153,8 +173,10 @@ class FROG_OT_play_in_sequence(EditOperator, bpy.types.Operator):
 
     def edit(self, context: bpy.types.Context, _obj: bpy.types.Object) -> str:
         spans = []
-        for obj in _selected(context):
-            span = retiming.span(obj, _frames(obj))
+        for obj in _selected(context):  # all of them before the first one is changed
+            timing_curve.check_editable(obj)
+            frames = _frames(obj)
+            span = retiming.span(obj, frames) if frames else None
             if span is None:
                 raise FrogError(f"{root_of(obj).name}: found no first and last frame that it plays, expected some.")
             spans.append((*span, obj))
@@ -177,15 +199,20 @@ def _frames(obj: bpy.types.Object) -> int:
         return 0
 
 
-def _range(scene: bpy.types.Scene, obj: bpy.types.Object) -> tuple[float, float]:
-    """The frames of the timeline at which a capture is there: all of the scene's and its own, if it has no limits."""
+def _limits(obj: bpy.types.Object) -> tuple[float, float]:
     settings = obj.frog
-    if settings.use_range:
-        return settings.range_start, settings.range_end
+    return (settings.range_start, settings.range_end) if settings.use_range else (-retiming.FAR, retiming.FAR)
+
+
+def _range(scene: bpy.types.Scene, obj: bpy.types.Object) -> tuple[float, float]:
+    """The frames of the timeline at which a capture is there: all of the scene's and its own, where it has no limit."""
+    low, high = _limits(obj)
     first = retiming.stretched(scene, scene.frame_start)
     end = retiming.stretched(scene, scene.frame_end + 1)
     span = retiming.span(obj, max(_frames(obj), 1))
-    return (first, end) if span is None else (min(first, span[0]), max(end, span[1]))
+    if span is not None:
+        first, end = min(first, span[0]), max(end, span[1])
+    return (low if low > -retiming.FAR else first, high if high < retiming.FAR else end)
 
 
 def _curve(context: bpy.types.Context, obj: bpy.types.Object) -> bpy.types.FCurve:
@@ -199,11 +226,7 @@ def _copy(obj: bpy.types.Object) -> bpy.types.Object:
     root = root_of(obj)
     other = obj.copy()
     other.data = obj.data.copy()
-    if other.animation_data is not None and other.animation_data.action is not None:
-        slot = other.animation_data.action_slot
-        other.animation_data.action = other.animation_data.action.copy()
-        if slot is not None:
-            other.animation_data.action_slot = other.animation_data.action.slots.get(slot.identifier)
+    other.frog.sound = None  # it was made for the whole
     made = [(obj, other)]
     if root != obj:
         other_root = root.copy()
@@ -211,9 +234,21 @@ def _copy(obj: bpy.types.Object) -> bpy.types.Object:
         other.matrix_parent_inverse = obj.matrix_parent_inverse
         made.append((root, other_root))
     for old, new in made:
+        _own_action(new)
         for collection in old.users_collection:
             collection.objects.link(new)
     return other
+
+
+def _own_action(copied: bpy.types.Object) -> None:
+    """Gives an object a copy of its action, which so far it shares."""
+    animation = copied.animation_data
+    if animation is None or animation.action is None:
+        return
+    slot = animation.action_slot
+    animation.action = animation.action.copy()
+    if slot is not None:
+        animation.action_slot = animation.action.slots.get(slot.identifier)
 
 
 def _selected(context: bpy.types.Context) -> list[bpy.types.Object]:

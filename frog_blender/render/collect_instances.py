@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 
 def gather(
-    depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None = None, problems: list[str] | None = None
+    depsgraph: bpy.types.Depsgraph,
+    space: bpy.types.SpaceView3D | None = None,
+    problems: list[str] | None = None,
+    image_frame: float | None = None,
 ) -> tuple[GaussianArrays | None, np.ndarray]:
     """All visible captures at the evaluated frame, in world space, and the first one's display background (3,).
 
@@ -28,12 +31,13 @@ def gather(
     Args:
         space: the 3D viewport that is drawn; None for a render.
         problems: takes a sentence for each capture that cannot be played, which is then left out instead of raising.
+        image_frame: of a render's image, where the evaluated frame is a sample of its shutter time.
     """
     parts: list[GaussianArrays] = []
     background = np.zeros(3, dtype=np.float32)
     for obj, shown, matrix in visible_captures(depsgraph, space):
         try:
-            part = placed(scene_time(depsgraph, obj, shown, space).gaussians(), matrix, obj.name)
+            part = placed(scene_time(depsgraph, obj, shown, space, image_frame).gaussians(), matrix, obj.name)
         except FrogError as error:
             if problems is None:
                 raise
@@ -50,15 +54,17 @@ def scene_time(
     obj: bpy.types.Object,
     evaluated: bpy.types.Object,
     space: bpy.types.SpaceView3D | None = None,
+    image_frame: float | None = None,
 ) -> SceneTime:
     """What a capture shows at the evaluated frame; FrogError for one that cannot be played.
 
     Args:
         obj, evaluated: as ``visible_captures`` gives them.
         space: the 3D viewport that is drawn, which may show more than a render; None for a render.
+        image_frame: see ``gather``.
     """
     frame, playing = depsgraph.scene.frame_current_final, playback.opened(obj, is_thinned=False)
-    return playing.whole(frame, evaluated) if space is None else playing.in_viewport(frame, evaluated)
+    return playing.in_viewport(frame, evaluated) if space is not None else playing.whole(frame, evaluated, image_frame)
 
 
 def visible_captures(

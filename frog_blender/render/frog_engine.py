@@ -160,14 +160,14 @@ def render_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph)
     blur.note_seconds(time.perf_counter() - started, depth.size)
     if not samples:
         return combined, depth, surface
-    light = np.zeros_like(combined)
+    light, image_frame = np.zeros_like(combined), depsgraph.scene.frame_current_final
     with _restoring_frame(engine, depsgraph):
         for number, sample in enumerate(samples):
             if engine.test_break():
                 break
             if sample.frame is not None:
                 engine.frame_set(math.floor(sample.frame), sample.frame % 1.0)  # cameras and roots move as well
-                gathered = _gathered(engine, depsgraph)
+                gathered = _gathered(engine, depsgraph, image_frame)
                 lens = blur.lens_of(eye_of(engine, depsgraph), depsgraph)
             through = None
             if sample.point is not None and lens is not None:
@@ -212,9 +212,11 @@ def render_instant(
     return combined, depth, drawing.median_index if drawing is not None else None
 
 
-def _gathered(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Gathered:
+def _gathered(
+    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, image_frame: float | None = None
+) -> Gathered:
     engine.update_stats("", "Deforming Gaussians")
-    return gather(depsgraph)
+    return gather(depsgraph, image_frame=image_frame)
 
 
 def _warn_if_slow(engine: bpy.types.RenderEngine, drawing: Drawing) -> None:

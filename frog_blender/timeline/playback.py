@@ -90,32 +90,46 @@ class Opened:
     bake: Bake | None
     fewer: level_of_detail.Fewer | None
 
-    def whole(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
-        """See ``scene_time``."""
-        return self._edited(self._unedited(scene_frame, evaluated), edits_of(self.obj, evaluated), scene_frame)
+    def whole(
+        self, scene_frame: float, evaluated: bpy.types.Object | None = None, image_frame: float | None = None
+    ) -> SceneTime:
+        """See ``scene_time``.
+
+        Args:
+            image_frame: of the image that this is a sample of, which decides whether the object is there: motion blur
+                looks at frames before and after it.
+        """
+        is_there = self._is_there(scene_frame if image_frame is None else image_frame)
+        shown = self._unedited(scene_frame, evaluated, is_there=is_there)
+        return self._edited(shown, edits_of(self.obj, evaluated), is_there=is_there)
 
     def in_viewport(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """What a viewport of the FROG engine shows: ``whole``, where selected Gaussians stand out."""
-        edits = with_selection(self.obj, edits_of(self.obj, evaluated))
-        return self._edited(self._unedited(scene_frame, evaluated), edits, scene_frame)
+        edits, is_there = with_selection(self.obj, edits_of(self.obj, evaluated)), self._is_there(scene_frame)
+        return self._edited(self._unedited(scene_frame, evaluated, is_there=is_there), edits, is_there=is_there)
 
     def displayed(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """See ``displayed``."""
-        shown = self._unedited(scene_frame, evaluated)
+        is_there = self._is_there(scene_frame)
+        shown = self._unedited(scene_frame, evaluated, is_there=is_there)
         if self.fewer is not None:
             shown = SceneTime(self.fewer[0], shown.time, shown.bake, self.fewer[1])
         edits = edits_of(self.obj, evaluated)
         if not level_of_detail.is_for_render():
             edits = with_selection(self.obj, edits)
-        return self._edited(shown, edits, scene_frame)
+        return self._edited(shown, edits, is_there=is_there)
 
-    def _edited(self, shown: SceneTime, edits: Edits | None, scene_frame: float) -> SceneTime:
-        if not retiming.is_shown(self.obj, scene_frame):
+    def _is_there(self, scene_frame: float) -> bool:
+        return retiming.is_shown(self.obj, scene_frame)
+
+    def _edited(self, shown: SceneTime, edits: Edits | None, *, is_there: bool) -> SceneTime:
+        if not is_there:
             edits = without_anything(edits)
         return _edited(self.obj, shown, edits)
 
-    def _unedited(self, scene_frame: float, evaluated: bpy.types.Object | None) -> SceneTime:
-        held = retiming.within_range(self.obj, scene_frame)  # where nothing is shown, nothing moves
+    def _unedited(self, scene_frame: float, evaluated: bpy.types.Object | None, *, is_there: bool) -> SceneTime:
+        # Where nothing is shown, nothing moves.
+        held = scene_frame if is_there else retiming.within_range(self.obj, scene_frame)
         frame = capture_frame(self.obj, held, self.scene.header.frame_count, evaluated)
         return SceneTime(self.scene, self.scene.time_of(frame), self.bake)
 

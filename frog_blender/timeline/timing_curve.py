@@ -18,6 +18,8 @@ _MOST_KEYS = 10_000
 _APART = 0.011  # frames within which Blender has one key
 _SOON = 0.05  # frames after which a loop that plays backward is at its end again
 _STEP = 0.05  # frames, within which a speed is measured
+_STEPS = 256  # at which a ramp is looked at
+_SAME = 1e-3  # frames of the capture: nobody sees less
 
 
 def problem(obj: bpy.types.Object) -> str:
@@ -135,13 +137,15 @@ def freeze(curve: bpy.types.FCurve, frame: float, length: float) -> None:
     curve.update()
 
 
-def ramp(curve: bpy.types.FCurve, frame: float, length: float, speed: float, frame_count: int) -> None:
+def ramp(curve: bpy.types.FCurve, frame: float, length: float, speed: float, ends: tuple[float, float]) -> None:
     """Goes from the speed at a frame of the timeline to another one within so many frames, evenly, and on with it to
-    the capture's end, or to its beginning.
+    the last frame that is played, or to the first one.
+
+    Args:
+        ends: these two frames of the capture.
     """
     value = curve.evaluate(frame)
-    is_first = frame <= curve.keyframe_points[0].co.x + _APART  # nothing moves before it
-    near = frame + (_STEP if is_first else -_STEP)
+    near = frame + (_STEP if _begins(curve, frame) else -_STEP)
     before = (curve.evaluate(near) - value) / (near - frame)
     split(curve, frame)
     points = curve.keyframe_points
@@ -157,10 +161,51 @@ def ramp(curve: bpy.types.FCurve, frame: float, length: float, speed: float, fra
     end = _insert(curve, frame + length, reached)
     _free(end)
     end.handle_left = frame + length - third, reached - speed * third
-    goal = frame_count - 1.0 if speed > 0 else 0.0
-    if speed and (goal - reached) / speed > 0:
+    curve.update()
+    left = _left(curve, (frame, frame + length), (min(ends[0], value), max(ends[1], value)))
+    goal = ends[1] if speed > 0 else ends[0]
+    if left is not None:
+        _end_at(curve, frame, left)
+    elif speed and (goal - reached) / speed > 0:
         _insert(curve, frame + length + (goal - reached) / speed, goal)
     curve.update()
+
+
+def _begins(curve: bpy.types.FCurve, frame: float) -> bool:
+    """Whether a curve begins at a frame, or again, as a loop does: what was before says nothing of the speed there."""
+    points = curve.keyframe_points
+    if frame <= points[0].co.x + _APART:
+        return True
+    return any(
+        before.interpolation == "CONSTANT" and frame - _STEP - _APART < after.co.x <= frame + _APART
+        for before, after in pairwise(points)
+    )
+
+
+def _left(curve: bpy.types.FCurve, frames: tuple[float, float], ends: tuple[float, float]) -> float | None:
+    """The frame between two of the timeline at which a curve leaves a range of values; None if it does not."""
+    begin, length = frames[0], frames[1] - frames[0]
+
+    def is_outside(share: float) -> bool:
+        return not ends[0] - _SAME <= curve.evaluate(begin + share * length) <= ends[1] + _SAME
+
+    outside = next((step for step in range(1, _STEPS + 1) if is_outside(step / _STEPS)), None)
+    if outside is None:
+        return None
+    low, high = (outside - 1) / _STEPS, outside / _STEPS
+    for _ in range(30):
+        middle = (low + high) / 2
+        low, high = (low, middle) if is_outside(middle) else (middle, high)
+    return begin + low * length
+
+
+def _end_at(curve: bpy.types.FCurve, begin: float, end: float) -> None:
+    """Lets what begins at a frame hold from another one on."""
+    split(curve, end)
+    points = curve.keyframe_points
+    for point in reversed(points):
+        if point.co.x > max(end, begin) + _APART:
+            points.remove(point, fast=True)
 
 
 def split(curve: bpy.types.FCurve, frame: float) -> None:
@@ -231,10 +276,17 @@ def _levels(corners: list[tuple[float, ...]], share: float) -> list[list[tuple[f
     return levels
 
 
-def reverse(curve: bpy.types.FCurve) -> None:
-    """Shows what was shown first last, and the other way round: the curve upside down, fast and slow where it was."""
+def reverse(curve: bpy.types.FCurve, first: float, last: float) -> None:
+    """Shows what was shown first last, and the other way round: the curve upside down, fast and slow where it was.
+
+    Args:
+        first, last: frames of the timeline at which the capture is there: what it shows before and after does not
+            count.
+    """
     points = curve.keyframe_points
-    values = [point.co.y for point in points]
+    begin, end = (min(max(edge, points[0].co.x), points[-1].co.x) for edge in (first, last))
+    values = [curve.evaluate(begin), curve.evaluate(end)]
+    values += [point.co.y for point in points if begin < point.co.x < end]
     total = min(values) + max(values)
     for point in points:
         handles = [(handle.x, total - handle.y) for handle in (point.handle_left, point.handle_right)]

@@ -21,7 +21,7 @@ from .. import capture_files, point_cloud, relative_paths
 from ..engine.errors import FrogError
 from ..nodes import ellipsoid_nodes
 from ..scene_import import camera_clips
-from ..timeline import playback
+from ..timeline import edits_in_progress, playback
 from .path_options import PATH_OPTIONS
 
 DISPLAYS = (
@@ -49,7 +49,7 @@ def _on_display(settings: Any, context: bpy.types.Context) -> None:
 
 
 def _on_play_setting(_settings: Any, context: bpy.types.Context) -> None:
-    if not relative_paths.are_being_written():
+    if not (relative_paths.are_being_written() or edits_in_progress.are_any()):
         playback.refresh(context.scene)
 
 

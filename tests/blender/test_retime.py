@@ -14,6 +14,7 @@ from frog_blender.cli.main import main
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.operators import retime
+from frog_blender.operators.timeline_take import TimelineTake
 from frog_blender.scene_import.capture_objects import active_capture, root_of, select_capture
 from frog_blender.timeline import playback, retiming, timing_curve
 from frog_blender.timeline.frame_timing import frames_shown, timing_of
@@ -111,7 +112,81 @@ def test_halves_of_a_curve_have_one_each(empty, capture):
     other = active_capture(bpy.context)
     select_capture(bpy.context, other)
     bpy.ops.frog.reverse_capture()
-    assert shown(capture, empty, [5]) == [4] and shown(other, empty, [15]) == [COUNT - 1 - 14]
+    assert shown(capture, empty, range(1, 11)) == list(range(10))
+    np.testing.assert_allclose(shown(other, empty, range(11, 31)), range(COUNT - 1, 9, -1), atol=1e-4)
+
+
+@pytest.mark.parametrize("repeat", ["HOLD", "LOOP", "PING_PONG"])
+@pytest.mark.parametrize("is_first", [True, False])
+def test_a_half_backward_shows_itself_alone(empty, capture, repeat, is_first):
+    capture.frog.repeat, capture.frog.speed, empty.frame_end = repeat, 0.5, 70
+    empty.frame_set(21)
+    bpy.ops.frog.split_capture()
+    half = capture if is_first else active_capture(bpy.context)
+    select_capture(bpy.context, half)
+    numbers = range(1, 21) if is_first else range(21, 71)
+    before = shown(half, empty, numbers)
+    assert bpy.ops.frog.reverse_capture() == {"FINISHED"}
+    found = shown(half, empty, numbers)
+    if repeat == "HOLD" and not is_first:  # frame 59 is the capture's last
+        wanted = [*before[38::-1], *[before[0]] * 11]
+        np.testing.assert_allclose(found, wanted, atol=1e-3)
+    else:
+        np.testing.assert_allclose(found, before[::-1], atol=1e-3)
+    assert bpy.ops.frog.reverse_capture() == {"FINISHED"}
+    np.testing.assert_allclose(shown(half, empty, numbers), before, atol=1e-3)
+
+
+def test_halves_have_a_limit_at_the_cut_alone(empty, capture, rendered):
+    capture.frog.repeat = "LOOP"
+    empty.frame_set(11)
+    bpy.ops.frog.split_capture()
+    other = active_capture(bpy.context)
+    empty.frame_end = 300
+    assert shown(other, empty, [300]) == [299 % COUNT] and shown(capture, empty, [-5]) == [COUNT - 6]
+    assert shown(other, empty, [10]) == shown(capture, empty, [11]) == [None]
+    empty.render.use_motion_blur, empty.render.motion_blur_shutter = True, 0.5
+    bpy.data.objects.remove(capture)
+    cut = rendered(empty).astype(int)
+    other.frog.use_range = False
+    np.testing.assert_array_equal(cut, rendered(empty).astype(int))
+
+
+def test_freezing_within_a_half_loses_nothing(empty, capture):
+    empty.frame_set(11)
+    bpy.ops.frog.split_capture()
+    select_capture(bpy.context, capture)
+    empty.frame_set(5)
+    assert bpy.ops.frog.freeze_frame(length=3) == {"FINISHED"}
+    np.testing.assert_allclose(shown(capture, empty, range(1, 14)), [0, 1, 2, 3, 4, 4, 4, 4, 5, 6, 7, 8, 9], atol=1e-3)
+    assert shown(capture, empty, [14]) == [None]
+
+
+def test_halves_share_nothing_that_is_edited(empty, capture):
+    root = root_of(capture)
+    for frame in (1, 20):
+        root.location.x = frame
+        root.keyframe_insert("location", frame=frame)
+    empty.frame_set(11)
+    bpy.ops.frog.split_capture()
+    other = root_of(active_capture(bpy.context))
+    assert other.animation_data.action != root.animation_data.action
+    assert other.animation_data.action_slot is not None
+    empty.frame_set(20)
+    assert other.location.x == root.location.x == 20
+
+
+def test_what_cannot_be_selected_is_not_split(empty, capture):
+    collection = bpy.data.collections.new("away")
+    empty.collection.children.link(collection)
+    for each in {capture, root_of(capture)}:
+        collection.objects.link(each)
+        for old in [old for old in each.users_collection if old != collection]:
+            old.objects.unlink(each)
+    empty.frame_set(11)
+    assert not retime.FROG_OT_split_capture.problem(bpy.context, capture)
+    bpy.context.view_layer.layer_collection.children["away"].exclude = True
+    assert "excluded" in retime.FROG_OT_split_capture.problem(bpy.context, capture)
 
 
 @pytest.mark.parametrize("repeat", ["HOLD", "LOOP", "PING_PONG"])
@@ -171,10 +246,68 @@ def test_a_ramp_goes_evenly_to_its_speed(empty, capture):
     np.testing.assert_allclose(np.diff(found[22:60]), 0.25, atol=1e-3)
     assert found[-1] == pytest.approx(COUNT - 1, abs=1e-3)
     empty.frame_set(5)
-    bpy.ops.frog.ramp_speed(length=6, speed=-1.0)
+    assert bpy.ops.frog.ramp_speed(length=6, speed=-1.0) == {"FINISHED"}
     found = np.array(shown(capture, empty, range(1, 30)))
     np.testing.assert_allclose(found[:5], np.arange(5), atol=1e-3)
     assert found[10] == pytest.approx(4.0, abs=2e-3) and found[-1] == 0
+
+
+@pytest.mark.parametrize("speed", [1.0, -1.0])
+def test_a_ramp_where_a_loop_restarts_goes_on_at_its_speed(empty, capture, speed):
+    capture.frog.repeat, capture.frog.speed, empty.frame_end = "LOOP", speed, 100
+    restart = 31 if speed > 0 else 32
+    empty.frame_set(restart)
+    assert bpy.ops.frog.ramp_speed(length=10, speed=speed / 2) == {"FINISHED"}
+    found = np.array(shown(capture, empty, range(restart, restart + 11)))
+    begin, times = (0 if speed > 0 else COUNT - 1), np.arange(11)
+    np.testing.assert_allclose(found, begin + speed * (times - 0.5 * times**2 / 20), atol=5e-3)
+
+
+def test_a_ramp_stays_within_the_piece_that_is_played(empty, capture):
+    capture.frog.first_frame, capture.frog.last_frame, capture.frog.use_trim = 5, 20, True
+    empty.frame_set(11)
+    assert bpy.ops.frog.ramp_speed(length=4, speed=0.5) == {"FINISHED"}
+    found = shown(capture, empty, range(1, 90))
+    assert found[10] == pytest.approx(15) and max(found) == pytest.approx(20, abs=1e-3) and found[-1] == max(found)
+    empty.frame_set(14)
+    assert bpy.ops.frog.ramp_speed(length=40, speed=0.25) == {"FINISHED"}, "which is over before the ramp is"
+    assert max(shown(capture, empty, range(1, 90))) == pytest.approx(20, abs=2e-3)
+    empty.frame_set(8)
+    assert bpy.ops.frog.ramp_speed(length=4, speed=-2.0) == {"FINISHED"}
+    assert shown(capture, empty, range(8, 90))[-1] == pytest.approx(5, abs=2e-3)
+
+
+def test_sequences_change_all_or_nothing(empty, capture, path):
+    bpy.ops.import_scene.frog(filepath=str(path))
+    other = active_capture(bpy.context)
+    capture.frog.start_frame, other.frog.start_frame = 5.0, 8.0
+    other.driver_add("frog.speed").driver.expression = "0.5"
+    select_capture(bpy.context, capture, extend=True)
+    with pytest.raises(RuntimeError, match="cannot be edited"):
+        bpy.ops.frog.play_in_sequence()
+    assert (capture.frog.start_frame, capture.frog.use_range, other.frog.use_range) == (5, False, False)
+
+
+def test_limits_hold_under_time_stretching(empty, capture):
+    empty.render.frame_map_old, empty.render.frame_map_new = 100, 300
+    capture.frog.range_start, capture.frog.range_end = (retiming.stretched(empty, frame) for frame in (7, 61))
+    capture.frog.use_range = True
+    found = shown(capture, empty, range(1, 80))
+    assert [index + 1 for index, frame in enumerate(found) if frame is not None] == list(range(7, 61))
+    assert bpy.ops.frog.fit_frame_range() == {"FINISHED"} and (empty.frame_start, empty.frame_end) == (7, 60)
+
+
+def test_only_what_comes_and_goes_is_exported_whole(empty, capture):
+    numbers = [float(number) for number in range(3, 9)]
+
+    def take():
+        return TimelineTake.of(bpy.context, capture, numbers, placed=True)
+
+    plain = take()
+    capture.frog.use_range, capture.frog.range_start, capture.frog.range_end = True, 2.0, 20.0
+    assert (take().num_dynamic, tuple(take().changing)) == (plain.num_dynamic, tuple(plain.changing))
+    capture.frog.range_start = 5.0
+    assert take().num_dynamic == playback.open_scene(playback.file_of(capture)).count
 
 
 def test_captures_play_one_after_another(empty, capture, path):
@@ -230,6 +363,31 @@ def test_a_driven_time_is_left_alone(empty, capture, tmp_path):
     assert capture.frog_edits.grade.exposure == 0, "nothing has changed"
     empty.frame_set(7)
     assert shown(capture, empty, range(2, 6)) == [1, 1.5, 2, 2.5] and empty.frame_current == 7
+
+
+@pytest.mark.parametrize("way", ["keyed", "driven"])
+def test_a_speed_that_is_animated_is_not_reversed(empty, capture, way):
+    if way == "keyed":
+        capture.keyframe_insert("frog.start_frame", frame=1)
+    else:
+        capture.driver_add("frog.speed").driver.expression = "0.5"
+    assert not bpy.ops.frog.reverse_capture.poll()
+
+
+def test_a_timing_lasts_as_long_at_any_rate(empty, capture, tmp_path):
+    saved = tmp_path / "e.json"
+    empty.render.fps, empty.render.frame_map_new = 24, 200
+    assert bpy.ops.frog.save_edits(filepath=str(saved)) == {"FINISHED"}
+    assert json.loads(saved.read_text())["time"]["frames"][:3] == [0, 0, 0.5], "stretched time is no plain one"
+    empty.render.frame_map_new, capture.frog.start_frame = 100, 1.0
+    saved.write_text('{"frog_edits": 1, "time": {"rate": 24, "frames": [3, 4, 5, 6, null]}}')
+    empty.render.fps = 48
+    assert bpy.ops.frog.load_edits(filepath=str(saved)) == {"FINISHED"}
+    np.testing.assert_allclose(shown(capture, empty, range(1, 8)), [3, 3.5, 4, 4.5, 5, 5.5, 6], atol=1e-3)
+    assert shown(capture, empty, [8, 9])[1] is None
+    empty.render.fps, empty.render.fps_base = 32_000, 1.0
+    with pytest.raises(RuntimeError, match="frames a second"):
+        bpy.ops.frog.save_edits(filepath=str(saved))
 
 
 def test_a_file_of_edits_has_the_timing_and_gives_the_images_of_f12(empty, capture, path, tmp_path, rendered):
