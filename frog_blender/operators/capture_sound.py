@@ -51,7 +51,6 @@ class FROG_OT_update_sound(EditOperator, bpy.types.Operator):
         if not super().poll(context):
             return False
         obj = active_capture(context)
-        obj = active_capture(context)
         cls.poll_message_set("Add a sound strip or a speaker of the capture first.")
         return obj is not None and capture_sound.sound_of(obj) is not None
 

@@ -137,9 +137,17 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        try:
+            return self._gone_on(context, event)
+        except Exception:  # Blender ends the operator, but not its drawing
+            self.cancel(context)
+            raise
+
+    def _gone_on(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type in _MOVES:
             self._move(event)
-            context.area.tag_redraw()
+            if context.area is not None:
+                context.area.tag_redraw()
         elif event.type in _STOPS and event.value == "PRESS":
             self.cancel(context)
             return {"CANCELLED"}

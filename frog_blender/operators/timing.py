@@ -30,6 +30,14 @@ def _moving(context: bpy.types.Context) -> tuple[bpy.types.Object, SceneHeader] 
     return None if chosen is None or header is None or header.frame_count < 2 else (chosen, header)
 
 
+def _unknown(obj: bpy.types.Object) -> str:
+    """Why it is not known when a capture plays, if it is not."""
+    settings = obj.frog
+    if settings.use_remap and retiming.shown_curve(obj) is None:
+        return "Time Remapping decides when it plays."
+    return "Its limits leave nothing of it." if settings.use_remap or settings.speed else "Its speed is zero."
+
+
 class FROG_OT_fit_frame_range(bpy.types.Operator):
     """Make the scene begin and end with the chosen capture, as its Start Frame and Speed have it"""
 
@@ -40,8 +48,11 @@ class FROG_OT_fit_frame_range(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         found = _moving(context)
-        cls.poll_message_set("Time Remapping decides when it plays." if found is not None else _NONE)
-        return found is not None and retiming.playing_frames(found[0], context.scene, found[1].frame_count) is not None
+        if found is None:
+            cls.poll_message_set(_NONE)
+            return False
+        cls.poll_message_set(_unknown(found[0]))
+        return retiming.playing_frames(found[0], context.scene, found[1].frame_count) is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         found, scene = _moving(context), context.scene

@@ -25,7 +25,7 @@ from ..engine.source_media.retimed_sound import heard_frames, retimed_sound
 from ..engine.source_media.sound import Samples, check_length, has_sound, read_sound, wav_of
 from ..timeline import playback
 from ..timeline.frame_timing import frame_rate, frames_shown
-from ..timeline.retiming import needs_evaluated_time, shown_curve
+from ..timeline.retiming import curves, needs_evaluated_time, shown_curve, strip_curves
 from .capture_objects import root_of
 
 _MARK, _STAMP = "frog_capture", "frog_timing"
@@ -52,9 +52,9 @@ class MadeSound:
 
 
 def sound_of(obj: bpy.types.Object) -> bpy.types.Sound | None:
-    """The sound that was made of a capture, or None."""
+    """The sound that was made of a capture and that something still plays, or None."""
     sound = obj.frog.sound
-    if sound is None:
+    if sound is None or not _is_played(sound):
         return None
     users = [other for other in playback.captures(bpy.data.objects) if other.frog.sound == sound]
     if len(users) < 2:
@@ -65,14 +65,20 @@ def sound_of(obj: bpy.types.Object) -> bpy.types.Sound | None:
 
 
 def strips_of(sound: bpy.types.Sound, scene: bpy.types.Scene) -> list[bpy.types.SoundStrip]:
-    """The strips of a scene that play a sound."""
+    """The strips of a scene that play a sound, those in meta strips included."""
     editor = scene.sequence_editor
-    return [strip for strip in editor.strips if strip.type == "SOUND" and strip.sound == sound] if editor else []
+    return [strip for strip in editor.strips_all if strip.type == "SOUND" and strip.sound == sound] if editor else []
 
 
 def speakers_of(sound: bpy.types.Sound, scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The speakers of a scene that play a sound."""
     return [obj for obj in scene.objects if obj.type == "SPEAKER" and obj.data.sound == sound]
+
+
+def _is_played(sound: bpy.types.Sound) -> bool:
+    if any(speaker.sound == sound and speaker.users for speaker in bpy.data.speakers):
+        return True
+    return any(strips_of(sound, scene) for scene in bpy.data.scenes)
 
 
 def is_outdated(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool | None:
@@ -82,7 +88,8 @@ def is_outdated(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool | None:
     sound = sound_of(obj)
     if sound is None:
         return False
-    if needs_evaluated_time(obj):
+    curve = shown_curve(obj) if obj.frog.use_remap else None
+    if needs_evaluated_time(obj) or (curve is not None and curve.modifiers):
         return None
     return bool(sound.get(_STAMP) != _stamp(obj, scene))
 
@@ -123,10 +130,15 @@ def place(
 
     Args:
         strip, speaker: add one if there is none.
+
+    Raises:
+        FrogError: for a strip that would lose what was done to it. Then nothing has changed.
     """
-    scene, old = context.scene, sound_of(obj)
+    scene, old, unplayed = context.scene, sound_of(obj), obj.frog.sound
     strips = strips_of(old, scene) if old is not None else []
     speakers = speakers_of(old, scene) if old is not None else []
+    for each in strips:
+        _check_replaceable(each, strips, scene)
     name = f"{root_of(obj).name} Sound"
     with tempfile.TemporaryDirectory(prefix="frog-sound-") as folder:
         path = Path(folder) / f"{bpy.path.clean_name(name) or 'sound'}.wav"
@@ -146,8 +158,28 @@ def place(
         _play_from(context, each, made)
     if speaker and not speakers:
         _add_speaker(context, obj, sound, made, name)
-    if old is not None and not old.users:
-        bpy.data.sounds.remove(old)
+    if unplayed is not None and not unplayed.users:
+        bpy.data.sounds.remove(unplayed)
+
+
+def _check_replaceable(strip: bpy.types.SoundStrip, strips: list[bpy.types.SoundStrip], scene: bpy.types.Scene) -> None:
+    """FrogError for a strip to which something was done that ``_replace_strip`` would undo."""
+    path, animation = f'["{bpy.utils.escape_identifier(strip.name)}"].', scene.animation_data
+    drawn = [*curves(animation), *strip_curves(animation), *animation.drivers] if animation is not None else []
+    done = {
+        "that was cut or copied": len(strips) > 1,
+        "that was trimmed": max(abs(strip.frame_offset_start), abs(strip.frame_offset_end)) >= 1,
+        "that was retimed": len(strip.retiming_keys) > 0,
+        "with modifiers": len(strip.modifiers) > 0,
+        "with animated settings": any(path in each.data_path for each in drawn),
+        "in a meta strip": scene.sequence_editor.strips.get(strip.name) != strip,
+    }
+    what = next((what for what, is_so in done.items() if is_so), None)
+    if what is not None:
+        raise FrogError(
+            f"{strip.name}: found a strip {what}, which a new one would undo. Delete it in the sequencer first, and "
+            "add the sound again."
+        )
 
 
 def _stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
@@ -158,11 +190,9 @@ def _stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
     values += [scene.frame_start, scene.frame_end, named_file(obj).name]
     digest = hashlib.blake2b(digest_size=16)
     curve = shown_curve(obj) if settings.use_remap else None
-    if curve is None:
+    if settings.use_remap and curve is None:
         values.append(settings.shown_frame)
-    elif curve.modifiers:
-        values.append(frames_shown(obj, scene, range(scene.frame_start, scene.frame_end + 1)))
-    else:
+    elif curve is not None:
         points = curve.keyframe_points
         for name, width in _OF_KEYS.items():
             numbers = np.empty(len(points) * width, np.float32)
@@ -192,10 +222,11 @@ def _read(film: FilmSound, seconds: float) -> Samples:
         return read_sound(film.path, film.start, seconds)
     import aud
 
-    check_length(film.path, film.start + seconds)
+    check_length(film.path, seconds)
+    begin = max(film.start, 0.0)
     try:
-        sound = aud.Sound(str(film.path)).limit(0, max(film.start + seconds, 0))
-        return Samples(sound.data(), int(sound.specs[0])).part(film.start, seconds)
+        sound = aud.Sound(str(film.path)).limit(begin, max(film.start + seconds, begin))
+        return Samples(sound.data(), int(sound.specs[0])).part(film.start - begin, seconds)
     except aud.error as error:
         raise FrogError(f"{film.path}: its sound could not be read ({brief(error)}).") from error
 

@@ -73,7 +73,7 @@ class FROG_PT_sound(OfChosen, bpy.types.Panel):
         if is_outdated:
             wrapped_label(layout, "The timing has changed since the sound was made.", context, icon="ERROR")
         elif is_outdated is None:
-            sentence = "The time is driven or in the NLA: update the sound when that has changed."
+            sentence = "The time is driven, in the NLA or modified: update the sound when that has changed."
             wrapped_label(layout, sentence, context, icon="INFO")
         layout.operator("frog.update_sound", icon="FILE_REFRESH")
 

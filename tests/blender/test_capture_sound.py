@@ -123,6 +123,56 @@ def test_a_changed_timing_is_told_and_one_click_mends_it(empty, capture, tmp_pat
     assert capture_sound.is_outdated(capture, empty) is None
 
 
+def refused(what):
+    with pytest.raises(RuntimeError, match=f"found a strip {what}.*Delete it in the sequencer first"):
+        bpy.ops.frog.update_sound()
+
+
+def test_what_was_done_to_a_strip_is_not_undone(empty, capture):
+    bpy.ops.frog.add_sound_strip()
+    (strip,) = empty.sequence_editor.strips
+    slowly(capture)
+    strip.volume = 0.25
+    strip.keyframe_insert("volume", frame=10)
+    refused("with animated settings")
+    assert empty.sequence_editor.strips[0] == strip and strip.volume == 0.25
+    empty.animation_data_clear()
+    strip.frame_final_end = strip.frame_final_start + 20
+    refused("that was trimmed")
+    strip.frame_final_end = strip.frame_final_start + strip.frame_duration
+    meta = empty.sequence_editor.strips.new_meta("meta", 5, 1)
+    strip.move_to_meta(meta)
+    refused("in a meta strip")
+    empty.sequence_editor.strips.remove(meta)
+    assert not bpy.ops.frog.update_sound.poll() and capture_sound.sound_of(capture) is None
+    assert bpy.ops.frog.add_sound_strip() == {"FINISHED"} and len(bpy.data.sounds) == 1
+    editor = empty.sequence_editor
+    editor.strips.new_sound("piece", bpy.data.filepath, 4, 1).sound = editor.strips[0].sound
+    refused("that was cut or copied")
+
+
+def test_halves_have_no_sound_until_they_are_given_one(empty, capture):
+    bpy.ops.frog.add_sound_strip()
+    empty.frame_set(20)
+    assert bpy.ops.frog.split_capture() == {"FINISHED"}
+    other = active_capture(bpy.context)
+    assert capture_sound.sound_of(other) is None and capture_sound.sound_of(capture) is not None
+    assert other.frog.sound is None
+
+
+def test_what_the_timing_does_not_depend_on_makes_nothing_old(empty, capture):
+    by_a_curve(capture)
+    capture.frog.use_remap = False
+    bpy.ops.frog.add_sound_strip()
+    empty.frame_set(50)
+    assert capture_sound.is_outdated(capture, empty) is False
+    capture.frog.use_remap = True
+    assert capture_sound.is_outdated(capture, empty) is True
+    bpy.ops.frog.update_sound()
+    capture.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[0].modifiers.new("NOISE")
+    assert capture_sound.is_outdated(capture, empty) is None, "each frame would have to be looked at"
+
+
 def test_sound_is_in_the_blend(empty, capture, tmp_path):
     slowly(capture)
     bpy.ops.frog.add_sound_strip()

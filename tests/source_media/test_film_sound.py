@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.builders import scene_file
-from support.clicks import film_of_clicks
+from support.clicks import film_of_clicks, times_of_clicks
 
 from frog_blender.engine.capture.ffmpeg import program
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.source_media.film_sound import find_sound
+from frog_blender.engine.source_media.sound import read_sound
 
 pytestmark = pytest.mark.skipif(program() is None, reason="needs ffmpeg")
 RATE, SECONDS, LATER = 10, 3.0, 0.5
@@ -57,6 +58,20 @@ def test_a_film_is_heard_from_the_captures_first_frame_on(header, tmp_path):
     second = next(shot for shot in capture.shots if names[shot.camera] == "a" and shot.index == RATE)
     heard = found.start + (second.frame + second.offset) / capture.frames_per_second
     assert heard == pytest.approx(1.0 - LATER, abs=0.5 / RATE), "a's second 1 is b's half a second"
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "mkv"])
+def test_clicks_are_where_their_images_are_in_films_that_begin_later(header, tmp_path, suffix):
+    """As cameras write them that began to record before the film that was kept of it."""
+    film = (tmp_path / "b.mp4").rename(tmp_path / "source.mp4_")
+    command = [program(), "-v", "error", "-f", "mp4", "-i", str(film), "-c", "copy", "-output_ts_offset", "0.7"]
+    subprocess.run([*command, str(tmp_path / f"b.{suffix}")], check=True)
+    found = find_sound(header, tmp_path / "x.frog")
+    assert found is not None
+    capture = open_capture(tmp_path)
+    shot = next(shot for shot in capture.shots if shot.path == found.path and shot.index == round(0.5 * RATE))
+    (click,) = times_of_clicks(read_sound(found.path, found.start, SECONDS))
+    assert click == pytest.approx((shot.frame + shot.offset) / capture.frames_per_second, abs=0.03)
 
 
 def test_without_the_calibration_films_begin_with_the_capture(header, tmp_path):

@@ -96,11 +96,21 @@ def test_films_are_read_from_their_first_image_on(tmp_path: Path):
     early = read_sound(late, -0.5, 2.0)
     np.testing.assert_allclose(times_of_clicks(early), [1.3], atol=0.002)
     assert len(early.values) == 2 * RATE
+    long = film_of_clicks(tmp_path / "long.mp4", [0.25 + time for time in range(60)], 60.0, 5)
+    subprocess.run([program(), "-v", "error", "-i", str(long), "-c", "copy", str(long.with_suffix(".mkv"))], check=True)
+    for each in (long, long.with_suffix(".mkv")):
+        for start in (9.0, 31.5, 57.0):
+            found = times_of_clicks(read_sound(each, start, 4.0))
+            wanted = [time + 0.25 - start for time in range(60) if 0 < time + 0.25 - start < 4]
+            np.testing.assert_allclose(found, wanted, atol=0.002)
+    assert not read_sound(long, 7200.0, 4.0).values.any(), "there is no more"
     (tmp_path / "b.mp4").write_bytes(b"nothing")
     with pytest.raises(FrogError, match=r"b\.mp4: its sound could not be read"):
         read_sound(tmp_path / "b.mp4", 0.0, 2.0)
     with pytest.raises(FrogError, match="expected at most"):
         check_length(film, 1e5)
+    with pytest.raises(FrogError, match="expected at most"):
+        retimed_sound(early, [0.0, 1.0], 1e-4, COUNT, OWN_RATE)
 
 
 def test_files_hold_what_they_were_given(sound):

@@ -131,7 +131,7 @@ def read_facts(path: Path) -> VideoFacts:
                 raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
             turns = _turns(video)
             height, width = turned(image, turns).shape[:2]
-            rate = float(rate) if np.isfinite(rate) and 0.1 <= rate <= 1000 else 30.0
+            rate = _usable(rate)
             count = int(declared) if np.isfinite(declared) and declared > 0 else 0
             is_estimate = planned is None and (not count or header is not None or _estimates(path))
             start = 0.0 if header is None else header.start
@@ -148,6 +148,23 @@ def read_facts(path: Path) -> VideoFacts:
     finally:
         video.release()
     return VideoFacts(width, height, len(times), rate, times, 90 * turns, transfer_of(path, header))
+
+
+def frame_rate(path: Path) -> float:
+    """Frames a second of a video, the mean as the file says it; nothing is decoded.
+
+    Raises:
+        FrogError: if the file is missing, empty or no video.
+    """
+    video = _open(path)
+    try:
+        return _usable(video.get(load_opencv().CAP_PROP_FPS))
+    finally:
+        video.release()
+
+
+def _usable(rate: float) -> float:
+    return float(rate) if np.isfinite(rate) and 0.1 <= rate <= 1000 else 30.0
 
 
 def _estimates(path: Path) -> bool:

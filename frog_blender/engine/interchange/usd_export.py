@@ -11,6 +11,7 @@ sRGB as filmed, which the prims' ``customData`` says.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import tempfile
@@ -137,6 +138,9 @@ def _add_sound(stage: Usd.Stage, path: str, sound: Sound, number: float, file: P
     played = sound.path
     if sound.content:
         played = file.with_name(f"{file.stem}_sound.wav")
+        if played.exists() and played.read_bytes() != sound.content:  # which may be anybody's
+            digest = hashlib.blake2b(sound.content, digest_size=4).hexdigest()
+            played = file.with_name(f"{file.stem}_sound_{digest}.wav")
         write_atomically(played, sound.content)
 
     types, uniform = Sdf.ValueTypeNames, Sdf.VariabilityUniform

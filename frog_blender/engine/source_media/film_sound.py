@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..capture.movie_header import read_movie_header
 from ..capture.readers import open_capture
+from ..capture.video import frame_rate
 from ..errors import FrogError
 from ..scene.header import SceneHeader
 from .clips import capture_folders, find_clips
@@ -45,13 +46,19 @@ def _start_of(folder: Path, film: Path) -> float:
     """By an image of the film that the capture has; 0 where the capture cannot be read any more."""
     try:
         capture = open_capture(folder)
+        shot = next((shot for shot in capture.shots if shot.path == film), None)
+        return (
+            0.0
+            if shot is None
+            else _second_of(film, shot.index) - (shot.frame + shot.offset) / capture.frames_per_second
+        )
     except (FrogError, ImportError):
         return 0.0
-    shot = next((shot for shot in capture.shots if shot.path == film), None)
-    if shot is None:
-        return 0.0
+
+
+def _second_of(film: Path, index: int) -> float:
+    """At which a film shows an image."""
     header = read_movie_header(film)
-    times = header.timestamps if header is not None else None
-    known = times is not None and shot.index < len(times)
-    seen = float(times[shot.index]) if times is not None and known else shot.index / capture.frames_per_second
-    return seen - (shot.frame + shot.offset) / capture.frames_per_second
+    if header is not None and header.timestamps is not None and index < len(header.timestamps):
+        return float(header.timestamps[index])
+    return (header.start if header is not None else 0.0) + index / frame_rate(film)

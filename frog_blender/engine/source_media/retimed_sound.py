@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arrays import Array
-from .sound import Samples
+from .sound import Samples, check_length
 
 _FASTEST, _SLOWEST = 16.0, 1 / 32
 """Speeds beyond which sound fades: nobody hears what it was, and a frozen image has none."""
@@ -33,9 +33,7 @@ def frame_speeds(shown: Array) -> Array:
     if len(present) == 0:
         return speeds
     steps = np.diff(shown[present])
-    if len(steps) == 0:
-        steps = np.ones(1)  # a single frame
-    steps = np.append(steps, steps[-1])
+    steps = np.append(steps, steps[-1] if len(steps) else 1.0)  # of a single frame
     around = np.stack([np.append(steps[0], steps[:-1]), steps, np.append(steps[1:], steps[-1])])
     speeds[present] = np.median(around, axis=0)
     return speeds
@@ -67,7 +65,11 @@ def retimed_sound(
 
     Returns:
         float32 samples at the sound's own rate.
+
+    Raises:
+        FrogError: for more than an hour of them.
     """
+    check_length("The retimed capture", len(shown) / rate)
     frames = np.array([np.nan if frame is None else frame for frame in shown], np.float64)
     speeds = frame_speeds(frames)
     ratio = rate / frames_per_second

@@ -20,6 +20,7 @@ RATE = 48_000
 _CHANNELS = 2
 _TRACK = re.compile(r"Stream #\d+:\d+.*: Audio: ")
 _PATIENCE = 300.0  # seconds for ffmpeg
+_MARGIN = 10.0  # seconds before what is read, in which ffmpeg finds its place
 _LONGEST = 3600.0  # seconds that are held in memory
 _FULL_SCALE = 32767
 
@@ -53,16 +54,20 @@ def read_sound(path: Path, start: float, seconds: float) -> Samples:
     """So many seconds of a film's sound from a second of it on, in stereo; silence before its begin and after its end.
 
     Raises:
-        FrogError: where ffmpeg is missing or fails, or for more than an hour.
+        FrogError: where ffmpeg is missing or fails, or for more than an hour of sound.
     """
     ffmpeg = program()
     if ffmpeg is None:
         raise FrogError(f"{path}: reading its sound needs the Python package 'imageio-ffmpeg', found none.")
-    check_length(path, start + seconds)
-    # Samples count from the film's time 0, as images do, with silence where the track starts later.
-    steady = "aresample=async=1:first_pts=0"
-    command = [ffmpeg, "-v", "error", "-nostdin", "-protocol_whitelist", "file,pipe", "-copyts", "-i", whole_path(path)]
-    command += ["-t", f"{max(start + seconds, 0):.6f}", "-vn", "-af", steady, "-ac", str(_CHANNELS), "-ar", str(RATE)]
+    check_length(path, seconds)
+    first, last = (max(round(second * RATE), 0) for second in (start, start + seconds))
+    # Samples count from the film's time 0, as images do, with silence where the track starts later. ffmpeg lands
+    # somewhere before what it seeks, so that it looks for somewhat earlier sound, and times tell what is not needed.
+    steady = f"aresample={RATE}:async=1:first_pts={first},asetpts=N,atrim=end_sample={max(last - first, 1)}"
+    command = [ffmpeg, "-v", "error", "-nostdin", "-protocol_whitelist", "file,pipe", "-copyts"]
+    if first > _MARGIN * RATE:
+        command += ["-noaccurate_seek", "-seek_timestamp", "1", "-ss", f"{first / RATE - _MARGIN:.6f}"]
+    command += ["-i", whole_path(path), "-vn", "-af", steady, "-ac", str(_CHANNELS), "-ar", str(RATE)]
     command += ["-f", "s16le", "pipe:1"]
     try:
         done = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)
@@ -73,15 +78,13 @@ def read_sound(path: Path, start: float, seconds: float) -> Samples:
         raise FrogError(f"{path}: its sound could not be read ({reason}).")
     whole = len(done.stdout) // (2 * _CHANNELS) * (2 * _CHANNELS)
     read = Samples(np.frombuffer(done.stdout[:whole], "<i2").reshape(-1, _CHANNELS), RATE)
-    return read.part(start, seconds)
+    return read.part(start - first / RATE, seconds)
 
 
-def check_length(path: Path, seconds: float) -> None:
+def check_length(what: Path | str, seconds: float) -> None:
     """FrogError for a sound that is too long to be held in memory."""
     if seconds > _LONGEST:
-        raise FrogError(
-            f"{path}: found a capture of {seconds:,.0f} seconds, expected at most {_LONGEST:,.0f} for sound."
-        )
+        raise FrogError(f"{what}: found {seconds:,.0f} seconds of sound, expected at most {_LONGEST:,.0f}.")
 
 
 def wav_of(samples: Samples) -> bytes:
