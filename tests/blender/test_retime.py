@@ -295,6 +295,11 @@ def test_limits_hold_under_time_stretching(empty, capture):
     found = shown(capture, empty, range(1, 80))
     assert [index + 1 for index, frame in enumerate(found) if frame is not None] == list(range(7, 61))
     assert bpy.ops.frog.fit_frame_range() == {"FINISHED"} and (empty.frame_start, empty.frame_end) == (7, 60)
+    for frame in range(3001, 3010):  # thirds of which single precision rounds up and down
+        capture.frog.range_start = retiming.stretched(empty, frame)
+        capture.frog.range_end = retiming.stretched(empty, frame + 2)
+        found = [number is not None for number in shown(capture, empty, range(frame - 1, frame + 4))]
+        assert found == [False, True, True, False, False]
 
 
 def test_only_what_comes_and_goes_is_exported_whole(empty, capture):
