@@ -138,25 +138,22 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         try:
-            return self._gone_on(context, event)
-        except Exception:  # Blender ends the operator, but not its drawing
+            if event.type in _MOVES:
+                self._move(event)
+                if context.area is not None:
+                    context.area.tag_redraw()
+            elif event.type in _STOPS and event.value == "PRESS":
+                self.cancel(context)
+                return {"CANCELLED"}
+            elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
+                for x, y in self._gesture.path:
+                    self.path.add().loc = x, self._seen.height - y
+                ended = self.execute(context)
+                self.cancel(context)
+                return ended
+        except Exception:  # Blender ends the operator then, but not its drawing
             self.cancel(context)
             raise
-
-    def _gone_on(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.type in _MOVES:
-            self._move(event)
-            if context.area is not None:
-                context.area.tag_redraw()
-        elif event.type in _STOPS and event.value == "PRESS":
-            self.cancel(context)
-            return {"CANCELLED"}
-        elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
-            for x, y in self._gesture.path:
-                self.path.add().loc = x, self._seen.height - y
-            ended = self.execute(context)
-            self.cancel(context)
-            return ended
         return {"RUNNING_MODAL"}
 
     def cancel(self, context: bpy.types.Context) -> None:

@@ -277,6 +277,16 @@ def test_a_training_that_ends_during_a_gesture_is_not_marked_by_it(empty, captur
     assert "another training" in mouse.said[-1] and edits.marks_of(capture.frog_edits.selection) is None
 
 
+def test_a_gesture_that_fails_leaves_no_drawing(empty, capture):
+    mouse = Mouse()
+    mouse.press(700, 450)
+    mouse.context.area = None  # as in a window that is closed
+    assert mouse.go_on(705, 450) == {"RUNNING_MODAL"} and gesture_overlay.is_drawing()
+    with pytest.raises(AttributeError):
+        mouse.operator.modal(mouse.context, SimpleNamespace(type="MOUSEMOVE"))
+    assert not gesture_overlay.is_drawing()
+
+
 def test_the_outline_is_that_of_the_shape():
     path = [(1.0, 2.0), (5.0, 9.0), (7.0, 4.0)]
     around = np.array(gesture_overlay.outline_of("BRUSH", path, 3.0))
