@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -166,13 +167,20 @@ def test_only_one_at_a_time(importing):
     assert finish(again) == {"FINISHED"} and len(captures()) == 1
 
 
-def test_switched_off_it_leaves_no_thread(importing, monkeypatch):
-    running = importing()
-    monkeypatch.setattr(foreign_import.ForeignImport, "quit_seconds", PATIENCE)
-    threading.Timer(0.1, running.gate.set).start()
-    foreign_import.stop()
-    assert worker() is None and not foreign_import.current().task.is_running
-    assert not list(running.path.parent.glob("a*.frog"))
+def test_switched_off_it_leaves_no_thread(addon):
+    def endless(progress):
+        while True:
+            progress(0, 1)
+            time.sleep(0.005)
+
+    task = foreign_import.current().convert(Path("x.ply"), endless)
+    assert bpy.app.timers.is_registered(foreign_import.tick)
+    addon.unregister()
+    try:
+        assert not task.is_running and worker() is None
+        assert not bpy.app.timers.is_registered(foreign_import.tick)
+    finally:
+        addon.register()
 
 
 @pytest.mark.parametrize("given", [{}, {"set_up_scene": True}], ids=["by itself", "asked for"])
