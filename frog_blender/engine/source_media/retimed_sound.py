@@ -32,9 +32,10 @@ def frame_speeds(shown: Array) -> Array:
     speeds = np.full(len(shown), np.nan)
     if len(present) == 0:
         return speeds
+    if len(present) == 1:
+        speeds[present] = 1.0
+        return speeds
     steps = np.diff(shown[present])
-    if len(steps) == 0:
-        steps = np.ones(1)  # a single frame
     steps = np.append(steps, steps[-1])
     around = np.stack([np.append(steps[0], steps[:-1]), steps, np.append(steps[1:], steps[-1])])
     speeds[present] = np.median(around, axis=0)
