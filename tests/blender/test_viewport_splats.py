@@ -5,6 +5,8 @@ Drawing is tested where Blender has graphics without a window: 5.2 and later, wi
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from support.blender_windows import viewport
 from support.builders import scene_file
 from support.small_scenes import rig_of_three, write_scene
 
-from frog_blender import point_cloud
+from frog_blender import point_cloud, redrawing
 from frog_blender.cameras import pose_of, view_camera
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.playback.player import ScenePlayer
@@ -22,12 +24,14 @@ from frog_blender.engine.playback.transform import transform
 from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
 from frog_blender.render.collect_instances import joined, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
+from frog_blender.timeline import playback
 from frog_blender.timeline.playback_cache import SceneTime
-from frog_blender.viewport import drawing, hiding, shaders
+from frog_blender.viewport import drawing, hiding, layout, shaders
 from frog_blender.viewport.card import GraphicsCard, Layer
 from frog_blender.viewport.clouds import Clouds
 from frog_blender.viewport.layout import starts_of
 from frog_blender.viewport.order import OrderRequest, Part
+from frog_blender.viewport.picture import Picture
 from frog_blender.viewport.projection import view_of
 
 NEAR, FAR = 0.05, 200.0
@@ -260,6 +264,62 @@ def test_without_a_window_nothing_is_drawn(empty, static_rig):
         empty.frog.viewport_drawing = choice
         assert not drawing.is_wanted(empty) and point_cloud.is_drawn_in_viewports(active_capture(bpy.context))
     assert drawing.state().handler is None
+
+
+@pytest.fixture
+def look(empty, monkeypatch):
+    """A function that does what drawing a viewport begins with, and gives the names of what is shown."""
+    monkeypatch.setattr(drawing, "is_wanted", lambda _scene: True)
+    splats, picture = drawing.state(), Picture()
+
+    def find():
+        there = viewport()
+        there["space_data"].shading.type = "SOLID"
+        context = SimpleNamespace(scene=empty, view_layer=bpy.context.view_layer, **there)
+        splats.pictures[there["region"].as_pointer()] = picture
+        drawing._look(splats, picture, context, bpy.context.evaluated_depsgraph_get())
+        return {shown.name for shown in picture.shown}
+
+    yield find
+    drawing._on_load()
+
+
+def test_captures_without_room_are_points_and_the_panel_says_so(empty, static_rig, look, monkeypatch, capsys):
+    for _ in range(3):
+        assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    captures = playback.captures_in(empty)
+    names = {obj.name for obj in captures}
+    assert look() == names and not drawing.problem(empty)
+    drawing.apply()
+    assert not any(point_cloud.is_drawn_in_viewports(obj) for obj in captures)
+
+    monkeypatch.setattr(layout, "MOST", 2 * layout.ROW)
+    shown = look()
+    left = next(obj for obj in captures if obj.name not in shown)
+    drawing.apply()
+    assert len(shown) == 2 and look() == shown, "what is drawn as points does not change that"
+    assert {obj.name for obj in captures if point_cloud.is_drawn_in_viewports(obj)} == {left.name}
+    assert "One capture is shown as points" in drawing.problem(empty)
+    assert capsys.readouterr().err.count("shown as points") == 1
+
+    other = next(obj for obj in captures if obj != left)
+    other.hide_set(True)
+    bpy.context.view_layer.update()
+    assert look() == names - {other.name} and not drawing.problem(empty)
+    drawing.apply()
+    assert not point_cloud.is_drawn_in_viewports(left)
+
+
+def test_a_viewport_that_is_closed_leaves_no_capture_out(empty, static_rig, look):
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    obj = active_capture(bpy.context)
+    splats = drawing.state()
+    splats.pictures[next(region for region in redrawing.open_regions() if region.type == "UI").as_pointer()] = Picture(
+        too_many=frozenset([obj.session_uid])
+    )
+    assert look() == set(), "an object is points in all viewports"
+    splats.pictures = {1: Picture(too_many=frozenset([obj.session_uid]))}
+    assert look() == {obj.name} and 1 not in splats.pictures
 
 
 def test_how_much_is_seen_through_objects(empty):
