@@ -67,7 +67,6 @@ class ViewportSplats:
         self.clouds = Clouds()
         self.sorter = Sorter()
         self.ranks = Ranks()
-        self.surfaces = hiding.Surfaces()
         self.colors = Looks(lambda: _later(_make_tables))
         self.changes = 0
         self.pictures: dict[int, Picture] = {}
@@ -175,7 +174,7 @@ def draw_in(context: bpy.types.Context) -> None:
 def _looked_at(splats: ViewportSplats, context: bpy.types.Context) -> tuple[Any, ...]:
     """What determines which captures a viewport shows, and what they show."""
     space = context.space_data
-    kinds = space.show_object_viewport_mesh, space.show_object_viewport_pointcloud, space.local_view is None
+    kinds = *hiding.shown_kinds(space), space.local_view is None
     draws = _draws(context.scene, space)
     shown = splats.changes, splats.left_out, context.scene.frame_current_final, draws, kinds
     return (*shown, context.scene.as_pointer(), context.view_layer.name)
@@ -239,7 +238,7 @@ def _update(
         _later(viewports, _SOON)  # while textures are made, what else is drawn into the viewport may be lost
     if picture.canvas is None or picture.size != size:
         picture.canvas, picture.size = card.canvas(size), size
-    depth = _depth_before(splats, picture, context, depsgraph)
+    depth = _depth_before(card, picture, context)
     card.draw(picture.canvas, layers, picture.order_texture, len(order.numbers), depth, through)
     picture.key, picture.step, picture.order = key, step, order
     picture.is_final = step == 1 and order.key == _order_key(seen)
@@ -296,9 +295,14 @@ def _layers(splats: ViewportSplats, seen: list[tuple[Shown, SplatView]], order: 
 
 
 def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
-    """Whether something else lies before the splats since they were drawn, in viewports of engines that take a while
-    to show what there is; looks now and then, as long as those engines draw.
+    """Whether something else lies before the splats since they were drawn: surfaces that could not be read while
+    something moved; or in viewports of engines that take a while to show what there is. There it looks now and then, as
+    long as those engines draw.
     """
+    if picture.surfaces.is_outdated:
+        if not (is_still := picture.pace.is_still(now)):
+            _later(viewports, STILL_AFTER + 0.05)
+        return is_still
     if picture.depth is None or shading not in _SLOW_SHADINGS:
         return False
     if now - picture.checked_at < _LOOK_AGAIN:
@@ -308,19 +312,21 @@ def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
     return not np.array_equal(hiding.drawn_depth(), picture.depth)
 
 
-def _depth_before(
-    splats: ViewportSplats, picture: Picture, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph
-) -> Any:
+def _depth_before(card: GraphicsCard, picture: Picture, context: bpy.types.Context) -> Any:
     """The texture of the depth of what hides splats, None for nothing. While the viewport's framebuffer is bound."""
     picture.depth, picture.checked_at = None, time.perf_counter()
-    if splats.card is None or not hiding.has_others(context):
-        return None
-    if hiding.is_drawn_without_depth(context.scene, context.space_data):
-        if not splats.surfaces.has_room(picture.size):
+    has_others = hiding.has_others(context)
+    if has_others and hiding.is_drawn_without_depth(context.scene, context.space_data):
+        surfaces, shader, size = picture.surfaces, card.depth_shader(), picture.size
+        surfaces.update(shader, context, picture.looked_at, is_still=picture.pace.is_still(picture.checked_at))
+        if not surfaces.has_room(size):
             _later(viewports, _SOON)
-        return splats.surfaces.depth(context, depsgraph, splats.changes, picture.size)
-    picture.depth = hiding.drawn_depth()
-    return splats.card.depth(picture.depth)
+        if surfaces.is_outdated:
+            _later(viewports, STILL_AFTER + 0.05)
+        return surfaces.depth(shader, context.region_data.perspective_matrix, size)
+    picture.surfaces = hiding.Surfaces()
+    picture.depth = hiding.drawn_depth() if has_others else None
+    return None if picture.depth is None else card.depth(picture.depth)
 
 
 def choose() -> None:
@@ -376,6 +382,8 @@ def _on_load(*_: Any) -> None:
     splats.left_out = frozenset()
     splats.clouds.keep_only(())
     splats.sorter.forget()
+    if splats.card is not None:
+        splats.card.free()
 
 
 def _handlers() -> app_handlers.Handlers:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .hiding import Surfaces
 from .pace import Pace
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ class Picture:
         too_many: objects whose splats have no room in it.
         canvas: on the graphics card, ``size`` pixels large.
         depth: of what the viewport has drawn that hides splats, None for nothing, and when it was looked at.
+        surfaces: that hide splats where the viewport draws no depth.
     """
 
     pace: Pace = field(default_factory=Pace)
@@ -50,6 +52,7 @@ class Picture:
     size: tuple[int, int] = (0, 0)
     depth: np.ndarray | None = None
     checked_at: float = 0.0
+    surfaces: Surfaces = field(default_factory=Surfaces)
     looked_at: Any = None
     shown: list[Shown] = field(default_factory=list)
     too_many: frozenset[Hashable] = frozenset()

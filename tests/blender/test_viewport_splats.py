@@ -322,30 +322,14 @@ def test_a_viewport_that_is_closed_leaves_no_capture_out(empty, static_rig, look
     assert look() == {obj.name} and 1 not in splats.pictures
 
 
-def test_how_much_is_seen_through_objects(empty):
-    shading = viewport()["space_data"].shading
-    shading.type, shading.show_xray, shading.xray_alpha = "SOLID", False, 0.3
-    assert hiding.seen_through(shading) == 0.0
-    shading.show_xray = True
-    assert hiding.seen_through(shading) == pytest.approx(0.7)
-    shading.type, shading.show_xray_wireframe, shading.xray_alpha_wireframe = "WIREFRAME", True, 0.0
-    assert hiding.seen_through(shading) == 0.5, "the wires stay in sight"
-    shading.xray_alpha_wireframe = 0.8
-    assert hiding.seen_through(shading) == pytest.approx(0.2)
-    shading.show_xray_wireframe = False
-    assert hiding.seen_through(shading) == 0.0
-    shading.type = "MATERIAL"
-    assert hiding.seen_through(shading) == 0.0, "there Blender has no X-ray"
-
-
-def test_where_blender_draws_no_depth(empty):
-    space = viewport()["space_data"]
-    found = {}
-    for engine in ("BLENDER_WORKBENCH", "FROG"):
-        empty.render.engine = engine
-        for kind in ("SOLID", "RENDERED"):
-            for overlays in (True, False):
-                space.shading.type, space.overlay.show_overlays = kind, overlays
-                found[engine, kind, overlays] = hiding.is_drawn_without_depth(empty, space)
-    space.overlay.show_overlays = True
-    assert [key for key, lacks in found.items() if lacks] == [("FROG", "RENDERED", False)]
+def test_textures_that_are_larger_than_needed_are_used_again():
+    """Or viewports that show different captures would make new ones for each image."""
+    card = GraphicsCard.__new__(GraphicsCard)
+    many, few = [Layer(None, None, 200_000)], [Layer(None, None, 1000), Layer(None, None, 9, start=1024)]
+    card._projected = None
+    assert not card.has_room(few)
+    card._projected = SimpleNamespace(size=(layout.ROW, layout.rows_for(200_000)))
+    assert card.has_room(many) and card.has_room(few)
+    assert not card.has_room([*many, Layer(None, None, 100_000, start=200 * layout.ROW)])
+    card.free()
+    assert not card.has_room(few)
