@@ -19,7 +19,7 @@ _HIDING = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "
 _KINDS = ("mesh", "curve", "surf", "meta", "font", "curves", "pointcloud", "volume", "grease_pencil", "empty")
 _OF_BLENDER = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "BLENDER_WORKBENCH")
 _QUICK = 0.01  # seconds of reading surfaces, which an image may take longer
-MOST_TRIANGLES, MOST_BOXES = 2_000_000, 20_000
+MOST_TRIANGLES, MOST_BOXES = 2_000_000, 10_000
 """Of a viewport's surfaces."""
 _BOX_CORNERS = np.array([[corner & 1, corner & 2, corner & 4] for corner in range(8)], bool)
 _BOX_TRIANGLES = np.array(
@@ -135,6 +135,7 @@ def within(
     """
     parts: list[tuple[np.ndarray, np.ndarray]] = []
     room, boxes = most, 0
+    boxed, box = None, np.empty((0, 3), np.float32)
     for surface in found:
         size = max(len(surface.vertices), len(surface.triangles))
         if size <= room:
@@ -142,7 +143,9 @@ def within(
             parts.append((surface.placed(), surface.triangles))
         elif boxes < most_boxes:
             boxes += 1
-            parts.append((replace(surface, vertices=_box(surface.vertices)).placed(), _BOX_TRIANGLES))
+            if surface.vertices is not boxed:  # instances of one mesh mostly follow each other
+                boxed, box = surface.vertices, _box(surface.vertices)
+            parts.append((replace(surface, vertices=box).placed(), _BOX_TRIANGLES))
         else:
             break
     if boxes:
