@@ -26,6 +26,11 @@ def status_bars() -> None:
             window.workspace.status_text_set_internal(None)  # an area of no screen, which has no redraw of its own
 
 
+def open_regions() -> list[bpy.types.Region]:
+    """Those of all viewports."""
+    return [region for area in _viewports() for region in area.regions]
+
+
 def _viewports() -> list[bpy.types.Area]:
     windows = bpy.context.window_manager.windows
     return [area for window in windows for area in window.screen.areas if area.type == "VIEW_3D"]

@@ -132,11 +132,7 @@ def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str,
         "fusion": {f"fusion: {fusion}": {"fusion": fusion} for fusion in FUSIONS if fusion != base.fusion},
         "modulation": {f"modulation: {'off' if base.modulation else 'on'}": {"modulation": not base.modulation}},
         "sampling": {**sampling, f"sampling: {depth} depth": {"sampling": sampled, "sampling_depth": depth}},
-        "seeds": {
-            "seeds: at one time" if base.moment_seeds else "seeds: at many times": {
-                "moment_seeds": not base.moment_seeds
-            }
-        },
+        "seeds": _other_seeds(base),
         "loss": {"loss: without squares": {"square_weight": 0.0}} if base.square_weight else {},
         "opacity": forms,
         "k": {
@@ -153,6 +149,14 @@ def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str,
         if kind not in everything:
             raise FrogError(f"There is no ablation {kind!r}; there are {', '.join(everything)}.")
     return {kind: everything[kind] for kind in kinds}
+
+
+def _other_seeds(base: Recipe) -> dict[str, dict[str, Any]]:
+    """With seeds at many times or without them; nothing where a scene of ``base`` cannot have them."""
+    other = replace(base, moment_seeds=not base.moment_seeds)
+    if other.moments_for(30, 300) == base.moments_for(30, 300):
+        return {}
+    return {f"seeds: at {'many times' if other.moment_seeds else 'one time'}": {"moment_seeds": other.moment_seeds}}
 
 
 def _smaller(base: Recipe, part: int) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import sys
 import threading
 import traceback
@@ -11,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..background_task import BackgroundTask
+from .. import addon_state
+from ..background_task import BackgroundTask, TaskHolder, end_ticking
 from ..engine.errors import FrogError, brief
 from ..timeline import open_scenes
 
@@ -74,8 +76,9 @@ class ForeignImport(BackgroundTask):
     def work(self) -> None:
         try:
             imported = self._convert(self._tell)
-            with suppress(FrogError):  # which the import tells; read here, the main thread does not stand still for it
-                open_scenes.scene(imported.path).at(0.0)
+            if not self._stop.is_set():  # the add-on may be switched off by now
+                with suppress(FrogError):  # which the import tells; read here, the main thread does not wait for it
+                    open_scenes.scene(imported.path).at(0.0)
             self.put(_Ended(imported))
         except Cancelled:
             self.put(_Ended(error=f"{self.source}: not imported."))
@@ -101,3 +104,53 @@ class ForeignImport(BackgroundTask):
 
     def death(self) -> _Ended:
         return _Ended(error=f"{self.source}: the import stopped without an error message.")
+
+
+class CurrentImport(TaskHolder):
+    """The only import: two at once could write the same file.
+
+    Attributes:
+        is_taken: whether an operator has files left to convert or to add.
+    """
+
+    busy = "Another import is running, or has not ended yet. Wait for it, or stop it with Esc."
+    task: ForeignImport | None = None
+    is_taken = False
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether no other may begin. A worker that was cancelled may still be writing."""
+        return self.is_taken or (self.task is not None and not self.task.join(0.0))
+
+    def convert(self, source: Path, converter: Converter) -> ForeignImport:
+        """Begins with a file; FrogError where that cannot be."""
+        if self.task is not None:
+            self.task.pump_all()  # of one that was cancelled
+        self.begin(lambda: ForeignImport(source, converter), tick)
+        assert self.task is not None
+        return self.task
+
+
+def current() -> CurrentImport:
+    """The add-on's."""
+    return addon_state.get(CurrentImport)
+
+
+def tick() -> float | None:
+    """What Blender's timer calls: pumps the import, which may have lost its operator."""
+    return current().tick()
+
+
+def stop() -> None:
+    """Cancels the import and waits for it."""
+    current().stop()
+
+
+def register() -> None:
+    atexit.register(stop)
+
+
+def unregister() -> None:
+    stop()
+    atexit.unregister(stop)
+    end_ticking(tick)

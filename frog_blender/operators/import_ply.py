@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import BoolProperty, StringProperty
@@ -16,14 +17,23 @@ from ..engine.interchange.imports import SUFFIXES, says_what_is_up
 from ..engine.playback.transform import Y_DOWN
 from ..scene_import.capture_objects import finder, root_of, select_capture
 from ..scene_import.create_objects import import_scene
+from ..training_task import unsaved_changes
+from . import foreign_import
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .foreign_formats import expose_usd
 from .foreign_import import Converter, ForeignImport
 from .modal_operator import ModalOperator
 from .set_up_scene import SetsUpScene
 
+if TYPE_CHECKING:
+    from ..engine.interchange.frame_source import Imported
+
 _PARTS = 1000  # steps of the progress of one file
-_WAIT = 0.01  # seconds that the main thread waits for the worker
+_WAIT = 0.01  # seconds that the main thread waits for the worker, where nobody works meanwhile
+
+
+_TURN = "rotate its empty by -90 degrees about the global X axis, around the world's origin"
+"""What Y Down to Z Up does."""
 
 
 class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, ModalOperator, bpy.types.Operator):
@@ -62,8 +72,16 @@ to a .frog file"""
 
     stop_keys = ("ESC",)  # one goes on working
     at_once = 0.5
+    timer_seconds = 0.1
+    is_beside = True
     is_interactive = False  # by a user, in a window
     said = ""  # of the last file
+    _written: Path | None = None  # and not added yet
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        cls.poll_message_set(foreign_import.CurrentImport.busy)
+        return not foreign_import.current().is_busy
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self.is_interactive = True
@@ -90,32 +108,63 @@ to a .frog file"""
             return self.run_all_steps(context, steps, total)
         return self.run_in_window(context, steps, total)
 
+    @property
+    def is_waiting(self) -> bool:
+        """Whether it has changed nothing in the file yet."""
+        return not self.has_changed_file
+
     def _steps_of(self, context: bpy.types.Context, paths: list[Path]) -> Generator[int, None, None]:
         """Imports every file; one that cannot be imported does not stop the others. The first one sets up the scene."""
         find, rate = finder(context.scene), context.scene.render.fps / context.scene.render.fps_base
-        sets_up, errors, self.said = self.set_up_scene, [], ""
-        for number, path in enumerate(paths):
-            name = path.name.replace("{", "{{").replace("}", "}}")
-            task = ForeignImport(path, self._converter(path, rate, is_alone=len(paths) < 2)).start()
-            try:
-                while task.is_running:
-                    self.doing = f"Importing {name}: {task.share:.0%}"
-                    yield _PARTS * number + round(_PARTS * task.share)
-                    task.join(_WAIT)
-                    task.pump()
-            finally:
-                task.cancel()
-            try:
-                self._add(task, find(), sets_up)
-                sets_up = False
-            except FrogError as error:
-                errors.append(str(error))
+        errors, self.said = [], ""
+        holder = foreign_import.current()
+        if holder.is_busy:
+            raise FrogError(holder.busy)
+        holder.is_taken = True
+        try:
+            for number, path in enumerate(paths):
+                try:
+                    task = holder.convert(path, self._converter(path, rate, is_alone=len(paths) < 2))
+                    for share in self._until_added(task, find):
+                        yield _PARTS * number + round(_PARTS * share)
+                except FrogError as error:
+                    errors.append(str(error))
+        finally:
+            holder.is_taken = False
+            if holder.task is not None:
+                holder.task.cancel()
         if not self.said:
             for sentence in errors[:-1]:
                 self.report({"ERROR"}, sentence)
             raise FrogError(errors[-1])
         for sentence in errors:
             self.report({"ERROR"}, sentence)
+
+    def _until_added(
+        self, task: ForeignImport, find: Callable[[], bpy.types.Scene | None]
+    ) -> Generator[float, None, None]:
+        """Converts a file, and adds it once nobody is in the middle of something. Yields the share that is done."""
+        importing = f"Importing {task.source.name}".replace("{", "{{").replace("}", "}}")
+        while task.is_running:
+            self.doing = f"{importing}: {task.share:.0%}"
+            yield task.share
+            if self.timer is None:
+                task.join(_WAIT)
+            task.pump()
+        if task.imported is None:
+            raise FrogError(task.error)
+        self._written = task.imported.path
+        while self.timer is not None and (reason := self._reason_to_wait(find())):
+            self.doing = f"{importing}: waiting for {reason}"
+            yield 1.0
+        self._written = None
+        self._add(task.imported, task.source, find())
+
+    def _reason_to_wait(self, scene: bpy.types.Scene | None) -> str:
+        """What has to end first, as an addition would mix with its undo steps; empty for nothing."""
+        if scene is not None and unsaved_changes.is_being_edited(scene):
+            return "Object Mode"
+        return "the present operation" if unsaved_changes.is_scene_in_use(besides=self) else ""
 
     def _converter(self, path: Path, rate: float, *, is_alone: bool) -> Converter:
         """What the worker calls, with the properties as they are now."""
@@ -129,16 +178,18 @@ to a .frog file"""
             source, named or free_scene_path(source), compact=compact, rate=rate, progress=progress
         )
 
-    def _add(self, task: ForeignImport, scene: bpy.types.Scene | None, sets_up: bool) -> None:
+    def _add(self, imported: Imported, source: Path, scene: bpy.types.Scene | None) -> None:
         """Adds the capture that a file has become; FrogError where that cannot be."""
-        imported, context = task.imported, bpy.context
-        if imported is None:
-            raise FrogError(task.error)
-        if scene is None or (self.timer is not None and context.mode != "OBJECT"):
-            where = "its scene is not open any more" if scene is None else "the scene is being edited"
-            raise FrogError(f"{imported.path}: written, but not added, because {where}. Import it as a FRoG scene.")
-        obj = import_scene(imported.path, scene, set_up_scene=sets_up, use_frog_engine=sets_up and self.use_frog_engine)
-        if self.turn_upright and not says_what_is_up(task.source):
+        context, turns = bpy.context, self.turn_upright and not says_what_is_up(source)
+        if scene is None:
+            advice = "Import it as a FRoG scene" + (f", and {_TURN}." if turns else ".")
+            raise FrogError(
+                f"{imported.path}: written, but not added, because its scene is not open any more. {advice}"
+            )
+        sets_up, engine = (False, False) if self.has_changed_file else self.wanted(scene)
+        obj = import_scene(imported.path, scene, set_up_scene=sets_up, use_frog_engine=engine)
+        self.has_changed_file = True
+        if turns:
             root = root_of(obj)
             root.matrix_basis = Matrix(Y_DOWN.T.tolist()) @ root.matrix_basis
         if scene == context.scene:
@@ -154,7 +205,11 @@ to a .frog file"""
         return self.said
 
     def stopped_message(self) -> str:
-        return "The import was stopped."
+        written = f"{self._written} is written, but not added." if self._written is not None else ""
+        return " ".join(filter(None, ("The import was stopped.", self.said, written)))
+
+    def failed_message(self, reason: str) -> str:
+        return f"{self.said} {reason}" if self.said else reason
 
 
 class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
@@ -176,9 +231,11 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLA
 
 def register() -> None:
     _register_classes()
+    foreign_import.register()
     bpy.types.TOPBAR_MT_file_import.append(_menu)
 
 
 def unregister() -> None:
     bpy.types.TOPBAR_MT_file_import.remove(_menu)
+    foreign_import.unregister()
     _unregister_classes()

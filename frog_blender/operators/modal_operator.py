@@ -12,8 +12,6 @@ import bpy
 
 from ..engine.errors import FrogError
 
-_TIMER_SECONDS = 0.01
-
 
 class ModalOperator:
     """A base next to ``bpy.types.Operator``; ``execute`` ends with ``run_all_steps`` or ``run_in_window``.
@@ -30,10 +28,19 @@ class ModalOperator:
     slice_seconds = 0.0
     """Seconds of work between two checks of the keyboard, at least one step."""
 
+    timer_seconds = 0.01
+    """Between two steps in a window, or groups of steps."""
+    is_beside = False
+    """Whether the user works meanwhile: the cursor stays as it is then."""
+    has_changed_file = False
+    """Set by a step after which the operator ends as finished, whatever ends it: so there is an undo step for it."""
+
     _steps: Generator[int, None, None] | None = None
     timer: Any = None  # Any: of Blender; None while no window waits for the next step
     _done = 0
     _total = 0
+    _has_cursor = False  # whether the cursor shows the progress
+    _workspaces: frozenset[int] = frozenset()  # session_uids of those that show a text
 
     @staticmethod
     def has_window(context: bpy.types.Context) -> bool:
@@ -42,7 +49,7 @@ class ModalOperator:
 
     def run_all_steps(self, context: bpy.types.Context, steps: Generator[int, None, None], total: int) -> set[str]:
         """Runs all steps now."""
-        self._begin(context, steps, total)
+        self._begin(context, steps, total, with_cursor=True)
         try:
             while not (ended := self._step(context)):
                 pass
@@ -52,13 +59,13 @@ class ModalOperator:
 
     def run_in_window(self, context: bpy.types.Context, steps: Generator[int, None, None], total: int) -> set[str]:
         """Runs the steps from a timer, after those that ``at_once`` suffices for."""
-        self._begin(context, steps, total)
+        self._begin(context, steps, total, with_cursor=not self.is_beside)
         deadline = time.perf_counter() + self.at_once
         while time.perf_counter() < deadline:
             if ended := self._step(context):
                 return ended
         manager = context.window_manager
-        self.timer = manager.event_timer_add(_TIMER_SECONDS, window=context.window)
+        self.timer = manager.event_timer_add(self.timer_seconds, window=context.window)
         manager.modal_handler_add(self)
         self._show_progress(context)
         return {"RUNNING_MODAL"}
@@ -67,7 +74,7 @@ class ModalOperator:
         if self._steps is None:
             return {"CANCELLED"}
         if event.type in self.stop_keys and event.value == "PRESS":
-            return self.end(context, "INFO", self.stopped_message(), {"CANCELLED"})
+            return self.end(context, "INFO", self.stopped_message(), self._unfinished())
         # A render changes frames in its own thread; nothing else may do so meanwhile.
         if event.type != "TIMER" or bpy.app.is_job_running("RENDER"):
             return {"PASS_THROUGH"}
@@ -96,9 +103,13 @@ class ModalOperator:
     def restore(self) -> None:
         """Restore what the steps changed; not called when the file is closed."""
 
-    def _begin(self, context: bpy.types.Context, steps: Generator[int, None, None], total: int) -> None:
+    def _begin(
+        self, context: bpy.types.Context, steps: Generator[int, None, None], total: int, *, with_cursor: bool
+    ) -> None:
         self._steps, self._done, self._total = steps, 0, total
-        context.window_manager.progress_begin(0, total)
+        self._has_cursor, self.has_changed_file = with_cursor, False
+        if with_cursor:
+            context.window_manager.progress_begin(0, total)
 
     def _step(self, context: bpy.types.Context) -> set[str]:
         """Runs one step; the empty set while there are more."""
@@ -106,11 +117,11 @@ class ModalOperator:
         try:
             done = next(self._steps, None)
         except FrogError as error:
-            return self.end(context, "ERROR", self.failed_message(str(error)), {"CANCELLED"})
+            return self.end(context, "ERROR", self.failed_message(str(error)), self._unfinished())
         except Exception as error:
             traceback.print_exc(file=sys.stderr)
             reason = f"Stopped on an unexpected {type(error).__name__}: {error}."
-            return self.end(context, "ERROR", self.failed_message(reason), {"CANCELLED"})
+            return self.end(context, "ERROR", self.failed_message(reason), self._unfinished())
         if done is None:
             return self.end(context, "INFO", self.finished_message(), {"FINISHED"})
         self._done = done
@@ -118,11 +129,16 @@ class ModalOperator:
         return set()
 
     def _show_progress(self, context: bpy.types.Context) -> None:
-        context.window_manager.progress_update(self._done)
+        if self._has_cursor:
+            context.window_manager.progress_update(self._done)
         if self.timer is not None and context.workspace is not None:
             doing = self.doing.format(done=self._done, total=self._total)
             keys = "Esc, Right Mouse" if len(self.stop_keys) > 1 else "Esc"
             context.workspace.status_text_set(f"{doing} | {keys}: Stop")
+            self._workspaces |= {context.workspace.session_uid}
+
+    def _unfinished(self) -> set[str]:
+        return {"FINISHED"} if self.has_changed_file else {"CANCELLED"}
 
     def end(self, context: bpy.types.Context, kind: str, sentence: str, result: set[str]) -> set[str]:
         """Cleans up, reports and gives Blender the result."""
@@ -137,9 +153,12 @@ class ModalOperator:
             return
         self._steps.close()
         self._steps = None
-        context.window_manager.progress_end()
+        if self._has_cursor:
+            context.window_manager.progress_end()
         if self.timer is not None:
             context.window_manager.event_timer_remove(self.timer)
             self.timer = None
-            if context.workspace is not None:
-                context.workspace.status_text_set(None)
+        for workspace in bpy.data.workspaces:  # the user may have gone from one to another
+            if workspace.session_uid in self._workspaces:
+                workspace.status_text_set(None)
+        self._workspaces = frozenset()

@@ -2,6 +2,8 @@
 
 # mypy: disable-error-code="valid-type"
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import bpy
@@ -43,6 +45,9 @@ class SetsUpScene:
         options={"SKIP_SAVE"},
     )
 
+    _decided: Mapping[str, bool] = MappingProxyType({})
+    """What ``decide`` has set."""
+
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Shows the properties with this scene's defaults."""
         self.decide(context.scene)
@@ -53,11 +58,25 @@ class SetsUpScene:
         """Sets both properties, unless they were given. Returns whether the settings stay unchanged by default."""
         given, untouched = self.properties.is_property_set, is_untouched(scene)
         left_alone = not given("set_up_scene") and not untouched
+        decided = dict(self._decided)
         if not given("set_up_scene"):
-            self.set_up_scene = untouched
+            self.set_up_scene = decided["set_up_scene"] = untouched
         if not given("use_frog_engine"):
-            self.use_frog_engine = untouched or self.set_up_scene
+            self.use_frog_engine = decided["use_frog_engine"] = untouched or self.set_up_scene
+        self._decided = decided
         return left_alone
+
+    def wanted(self: Any, scene: bpy.types.Scene) -> tuple[bool, bool]:
+        """Both properties, long after ``decide``: on only where the user chose so, or where the scene still holds
+        nothing of the user's.
+        """
+        untouched = is_untouched(scene)
+
+        def is_chosen(name: str) -> bool:
+            return getattr(self, name) != self._decided.get(name)
+
+        sets_up = self.set_up_scene and (untouched or is_chosen("set_up_scene"))
+        return sets_up, self.use_frog_engine and (untouched or sets_up or is_chosen("use_frog_engine"))
 
 
 class ChoosesParts:

@@ -9,7 +9,7 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty, IntProperty
 
-from .. import app_handlers, point_cloud, redrawing
+from .. import app_handlers, redrawing
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import plays, stored_path
 from ..training_task import runner
@@ -24,7 +24,7 @@ from ..training_task.request import (
 )
 from ..ui import capture_summary, preferences
 from .cancel_operator import CancelsTask
-from .training_result import importer
+from .training_result import ResultImporter
 
 
 def reason_not_to_train(settings: Any) -> str:
@@ -53,10 +53,10 @@ class StartsTraining:
     def begin(self: Any, settings: Any, request: TrainingRequest) -> None:
         """Starts it; the scene's output becomes that of the request. FrogError if it cannot be started."""
         preferences.make_torch_importable()
-        after = importer(settings.id_data) if settings.import_when_done else None
+        after = ResultImporter(settings.id_data) if settings.import_when_done else None
         live = LiveView(settings.id_data)
         request.job["live"] = live.source
-        runner.begin(request.events, after, live, point_cloud.prepare if after is not None else None)
+        runner.begin(request.events, after, live, after.prepare if after is not None else None)
         if request.output == output_of(settings):
             return
         self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")

@@ -46,6 +46,26 @@ class Limits:
     share: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A mesh in a scene.
+
+    Attributes:
+        vertices: (V, 3) float32 in its own space; instances share them.
+        triangles: (T, 3) int32, at least one.
+        matrix: (4, 4) into world space.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    matrix: np.ndarray
+
+    def placed(self) -> np.ndarray:
+        """(V, 3) float32 vertices in world space."""
+        placed: np.ndarray = self.vertices @ self.matrix[:3, :3].T + self.matrix[:3, 3]
+        return placed.astype(np.float32)
+
+
 def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera, options: RasterizeOptions) -> Drawing:
     """Draws Gaussians that end at these limits."""
     from ..engine.playback.render import draw
@@ -73,10 +93,10 @@ def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera
 def limits_of_objects(depsgraph: bpy.types.Depsgraph, camera: Camera, options: RasterizeOptions) -> Limits | None:
     """Depth limits at the surfaces of objects that are not captures; None without such objects."""
     vertices, triangles, count = [], [], 0
-    for points, corners in surfaces(depsgraph):
-        vertices.append(points)
-        triangles.append(corners + count)
-        count += len(points)
+    for surface in surfaces(depsgraph):
+        vertices.append(surface.placed())
+        triangles.append(surface.triangles + count)
+        count += len(surface.vertices)
     if not count:
         return None
     return limits_of_mesh(np.concatenate(vertices), np.concatenate(triangles), camera, options)
@@ -134,14 +154,13 @@ def _over_pixels(keep: np.ufunc, depths: np.ndarray) -> np.ndarray:
     return reduce(keep, (rows[..., i] for i in range(_ACROSS)))
 
 
-def surfaces(
-    depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None = None
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """World-space vertices (V, 3) and triangles (T, 3) of everything that the camera can see, instances included.
+def surfaces(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None = None) -> Iterator[Surface]:
+    """Everything that the camera can see, instances included.
 
     Args:
         space: the 3D viewport that is drawn; None for a render.
     """
+    of_instances: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
     for instance in depsgraph.object_instances:
         obj = instance.object
         if obj.type not in _SURFACES or is_capture(obj.original) or obj.is_shadow_catcher:
@@ -152,15 +171,26 @@ def surfaces(
             continue
         if space is not None and not instance.is_instance and not obj.original.visible_in_viewport_get(space):
             continue
-        mesh = obj.to_mesh()
-        if mesh is None:
-            continue
-        mesh.calc_loop_triangles()
-        points = np.empty(3 * len(mesh.vertices), np.float32)
-        corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
-        mesh.vertices.foreach_get("co", points)
-        mesh.loop_triangles.foreach_get("vertices", corners)
-        obj.to_mesh_clear()
-        if corners.size:
-            matrix = np.array(instance.matrix_world)
-            yield points.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3], corners.reshape(-1, 3)
+        if not instance.is_instance:
+            mesh = _mesh_of(obj)
+        else:  # converted once for all of them; the evaluated data alone would not tell how a curve is filled
+            key = obj.original.as_pointer(), obj.data.as_pointer()
+            if key not in of_instances:
+                of_instances[key] = _mesh_of(obj)
+            mesh = of_instances[key]
+        if mesh[1].size:
+            yield Surface(*mesh, np.array(instance.matrix_world))
+
+
+def _mesh_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of an evaluated object in its own space."""
+    mesh = obj.to_mesh()
+    if mesh is None:
+        return np.empty((0, 3), np.float32), np.empty((0, 3), np.int32)
+    mesh.calc_loop_triangles()
+    points = np.empty(3 * len(mesh.vertices), np.float32)
+    corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
+    mesh.vertices.foreach_get("co", points)
+    mesh.loop_triangles.foreach_get("vertices", corners)
+    obj.to_mesh_clear()
+    return points.reshape(-1, 3), corners.reshape(-1, 3)

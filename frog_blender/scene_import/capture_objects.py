@@ -13,6 +13,11 @@ from ..engine.errors import FrogError
 from ..relative_paths import seen_from
 from ..timeline import playback
 
+HOLDS_CAMERAS = "frog_holds_cameras"
+"""A custom property of what stands between a capture's root and its cameras; another capture's root may stand there
+as well.
+"""
+
 
 def active_capture(context: bpy.types.Context) -> Any:  # Any: None as well, which operators exclude by poll
     """The capture that the active object belongs to, otherwise the scene's only capture, otherwise None."""
@@ -95,11 +100,7 @@ def holders_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """What stands between a capture's root and its cameras. Files of earlier versions have nothing there."""
     if obj.parent is None:
         return []
-    return [child for child in root_of(obj).children if child.type == "EMPTY" and _is_holder(child)]
-
-
-def _is_holder(empty: bpy.types.Object) -> bool:
-    return any(child.type == "CAMERA" and child.data.frog.capture_camera for child in empty.children)
+    return [child for child in root_of(obj).children if HOLDS_CAMERAS in child]
 
 
 def plays(scene: bpy.types.Scene, path: Path) -> bool:

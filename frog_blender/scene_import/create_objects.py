@@ -15,7 +15,7 @@ from ..engine.errors import FrogError, brief
 from ..engine.source_media.clips import camera_path
 from ..timeline import playback
 from .camera_clips import add_clips
-from .capture_objects import stored_path
+from .capture_objects import HOLDS_CAMERAS, stored_path
 from .scene_setup import SETTINGS, is_untouched, set_up
 from .transaction import all_or_nothing
 
@@ -110,6 +110,7 @@ def _add_holder(name: str, root: bpy.types.Object, collection: bpy.types.Collect
     holder.instance_type = "COLLECTION"  # of none
     holder.show_instancer_for_viewport = holder.show_instancer_for_render = False
     holder.hide_render = True
+    holder[HOLDS_CAMERAS] = True
     holder.matrix_basis = root.matrix_basis
     _adopt(holder, root, collection)
     return holder

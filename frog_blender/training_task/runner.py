@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import bpy
-
 from .. import addon_state, redrawing
 from ..background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
 from ..engine import memory
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
 
 QUIT_SECONDS = 10.0  # time for a cancelled training to finish its step and write its scene when Blender quits
 PATIENCE = 0.5  # seconds before a message is printed
-_JOBS = ("RENDER", "OBJECT_BAKE")  # jobs of Blender that read the scene in their own threads
 
 EventSource = Callable[[CancelToken], Iterator[Any]]  # Any: events of the engine, which need torch to be imported
 OnFinished = Callable[[Path], str | None]
@@ -73,7 +70,7 @@ class TrainingTask(BackgroundTask):
         self.live = live
         self.state = TrainingState()
         self.on_finished, self.prepare = on_finished, prepare
-        self._is_scene_in_use = is_scene_in_use or _is_scene_in_use
+        self._is_scene_in_use = is_scene_in_use or unsaved_changes.is_scene_in_use
         self.waiting: Path | None = None  # a finished file that is not handed over yet
         self.control = CancelToken()
         self._source = source
@@ -153,11 +150,6 @@ class TrainingTask(BackgroundTask):
         except Exception as error:  # would be lost otherwise, and the file exists
             traceback.print_exc(file=sys.stderr)
             self.state.error = f"{result}: the scene was trained, but could not be imported ({brief(repr(error))})."
-
-
-def _is_scene_in_use() -> bool:
-    """Whether a render or an operation works on a scene."""
-    return any(map(bpy.app.is_job_running, _JOBS)) or unsaved_changes.is_being_changed()
 
 
 class BackgroundTraining:

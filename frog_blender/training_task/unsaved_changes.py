@@ -4,11 +4,28 @@ from __future__ import annotations
 
 import bpy
 
+_JOBS = ("RENDER", "OBJECT_BAKE")  # jobs of Blender that read the scene in their own threads
 
-def is_being_changed() -> bool:
-    """Whether the user is in the middle of something that can be undone, such as moving an object with the mouse."""
-    manager = bpy.context.window_manager
-    return any("UNDO" in operator.bl_options for window in manager.windows for operator in window.modal_operators)
+
+def is_scene_in_use(besides: bpy.types.Operator | None = None) -> bool:
+    """Whether a render or an operation, other than the operator ``besides``, works on a scene."""
+    return any(map(bpy.app.is_job_running, _JOBS)) or is_being_changed(besides)
+
+
+def is_being_changed(besides: bpy.types.Operator | None = None) -> bool:
+    """Whether the user is in the middle of something that can be undone, such as moving an object with the mouse.
+
+    An operator that ``is_waiting`` has changed nothing yet.
+    """
+    running = (operator for window in bpy.context.window_manager.windows for operator in window.modal_operators)
+    changing = (operator for operator in running if operator != besides and not getattr(operator, "is_waiting", False))
+    return any("UNDO" in operator.bl_options for operator in changing)
+
+
+def is_being_edited(scene: bpy.types.Scene) -> bool:
+    """Whether a mode other than Object Mode is active. An import would mix with its undo steps."""
+    active = (layer.objects.active for layer in scene.view_layers)
+    return any(obj is not None and obj.mode != "OBJECT" for obj in active)
 
 
 def count_as_unsaved() -> None:

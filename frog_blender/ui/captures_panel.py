@@ -9,6 +9,7 @@ from ..nodes import ellipsoid_nodes
 from ..relative_paths import library_of
 from ..scene_import.capture_objects import cameras_of
 from ..timeline import open_scenes, playback, playback_cache, retiming
+from ..viewport import drawing
 from . import refreshing
 from .capture_list import chosen_capture
 from .sidebar_panel import SidebarPanel, split
@@ -31,6 +32,8 @@ class FROG_PT_captures(SidebarPanel, bpy.types.Panel):
             if outdated(obj):
                 refreshing.soon()
             _draw_problem(layout, obj, context)
+        if too_many := drawing.problem(context.scene):
+            wrapped_label(layout, too_many, context, icon="INFO")
         chosen = chosen_capture(context)
         if chosen is None:
             return

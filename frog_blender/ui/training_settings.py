@@ -65,8 +65,7 @@ DRAWINGS = (
     (
         "CARD",
         "Splats",
-        "The splats themselves, drawn by the graphics card and hidden by what lies before them. Captures are drawn one "
-        "after the other, also where they overlap",
+        "The splats themselves, drawn by the graphics card and hidden by what lies before them",
     ),
     ("POINTS", "Points", "An object of points, which other engines render as well"),
 )

@@ -63,6 +63,7 @@ class GraphicsCard:
         self._whole = shaders.square(self._picture)
         self._fading = shaders.fading_shader()
         self._faded = shaders.square(self._fading)
+        self._depths: Any = None
         self._projected: Canvas | None = None
         self._nothing = self.texture(texels_of(np.zeros(4), 4))
         self._no_depth = self.depth(np.ones((1, 1), np.float32))
@@ -91,8 +92,19 @@ class GraphicsCard:
         return Canvas(size)
 
     def has_room(self, layers: Sequence[Layer]) -> bool:
-        """Whether captures can be drawn without making new textures."""
-        return self._projected is not None and self._projected.size == _size_for(layers)
+        """Whether captures can be drawn without making new textures. Larger ones do: viewports that show different
+        captures are drawn in turn.
+        """
+        return self._projected is not None and self._projected.size[1] >= _size_for(layers)[1]
+
+    def free(self) -> None:
+        """Gives back the room for captures that are drawn."""
+        self._projected = None
+
+    def depth_shader(self) -> Any:
+        """See ``shaders.depth_shader``."""
+        self._depths = self._depths or shaders.depth_shader()
+        return self._depths
 
     def draw(
         self, canvas: Canvas, layers: Sequence[Layer], order: Any, count: int, depth: Any = None, through: float = 0.0

@@ -8,8 +8,7 @@ the scene, is that image once more.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -19,7 +18,7 @@ from bpy.app.handlers import persistent
 from .. import addon_state, app_handlers, point_cloud, reported_once
 from ..cameras import view_camera
 from ..engine.errors import FrogError
-from ..redrawing import viewports
+from ..redrawing import open_regions, viewports
 from ..render.collect_instances import check_placement, visible_captures
 from ..render.viewport_drawing import focal_ratio
 from ..timeline import playback
@@ -27,14 +26,14 @@ from . import hiding
 from .card import GraphicsCard, Layer
 from .clouds import Clouds
 from .importance import Ranks
-from .layout import starts_of
+from .layout import MOST, starts_of, too_many
 from .look import Looks
 from .order import Order, OrderRequest, Part, Sorter
-from .pace import STILL_AFTER, Pace
+from .pace import STILL_AFTER
+from .picture import Picture, Shown
 from .projection import is_similarity, view_of
 
 if TYPE_CHECKING:
-    from ..timeline.playback_cache import SceneTime
     from .projection import SplatView
 
 _SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "software", "basic render")
@@ -42,45 +41,8 @@ _SOON = 0.01  # seconds until an order of many splats is asked for again
 _SLOW_SHADINGS, _LOOK_AGAIN = ("MATERIAL", "RENDERED"), 0.5
 
 
-@dataclass(eq=False)
-class Shown:
-    """A capture in a viewport: an object, what it shows, and where."""
-
-    name: str
-    time: SceneTime
-    matrix: np.ndarray
-
-
 Source = Callable[[bpy.types.Scene], Shown | None]
 """Gives what viewports show of a scene besides its captures, None for nothing; called at every redraw."""
-
-
-@dataclass(eq=False)
-class Picture:
-    """The last image of one viewport.
-
-    Attributes:
-        key: what determined it.
-        order: of the splats in it, and ``order_texture`` on the graphics card.
-        step: pixels a side that one of its pixels stands for.
-        is_final: nothing about it can become better.
-        looked_at: what determined which captures it shows, and ``shown``, these.
-        canvas: on the graphics card, ``size`` pixels large.
-        depth: of what the viewport has drawn that hides splats, None for nothing, and when it was looked at.
-    """
-
-    pace: Pace = field(default_factory=Pace)
-    key: Any = None
-    order: Order | None = None
-    order_texture: Any = None
-    step: int = 1
-    is_final: bool = False
-    canvas: Any = None
-    size: tuple[int, int] = (0, 0)
-    depth: np.ndarray | None = None
-    checked_at: float = 0.0
-    looked_at: Any = None
-    shown: list[Shown] = field(default_factory=list)
 
 
 class ViewportSplats:
@@ -94,6 +56,8 @@ class ViewportSplats:
         pictures: by region.
         drawn: images that were drawn anew, of so many ``looks`` at viewports.
         sources: of what is shown besides captures.
+        left_out: objects that are points because their splats have no room in some viewport: an object is points in
+            all of them or in none.
     """
 
     def __init__(self) -> None:
@@ -103,12 +67,12 @@ class ViewportSplats:
         self.clouds = Clouds()
         self.sorter = Sorter()
         self.ranks = Ranks()
-        self.surfaces = hiding.Surfaces()
         self.colors = Looks(lambda: _later(_make_tables))
         self.changes = 0
         self.pictures: dict[int, Picture] = {}
         self.drawn = self.looks = 0
         self.sources: list[Source] = []
+        self.left_out: frozenset[Hashable] = frozenset()
 
 
 def state() -> ViewportSplats:
@@ -189,8 +153,8 @@ def draw_in(context: bpy.types.Context) -> None:
         splats.card = GraphicsCard()
     picture = splats.pictures.setdefault(region.as_pointer(), Picture())
     if picture.looked_at != (looked_at := _looked_at(splats, context)):
-        captures = _shown(depsgraph, context.space_data) if _draws(context.scene, context.space_data) else []
-        picture.looked_at, picture.shown = looked_at, [*captures, *_from_sources(context.scene)]
+        _look(splats, picture, context, depsgraph)
+        picture.looked_at = looked_at
         if any(point_cloud.is_drawn_in_viewports(obj) != _wants_points(obj, True) for obj in _own(context.scene)):
             _later(apply)
     splats.looks += 1
@@ -210,9 +174,35 @@ def draw_in(context: bpy.types.Context) -> None:
 def _looked_at(splats: ViewportSplats, context: bpy.types.Context) -> tuple[Any, ...]:
     """What determines which captures a viewport shows, and what they show."""
     space = context.space_data
-    kinds = space.show_object_viewport_mesh, space.show_object_viewport_pointcloud, space.local_view is None
+    kinds = *hiding.shown_kinds(space), space.local_view is None
     draws = _draws(context.scene, space)
-    return splats.changes, context.scene.as_pointer(), context.scene.frame_current_final, draws, kinds
+    shown = splats.changes, splats.left_out, context.scene.frame_current_final, draws, kinds
+    return (*shown, context.scene.as_pointer(), context.view_layer.name)
+
+
+def _look(splats: ViewportSplats, picture: Picture, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+    """Finds what a viewport shows, and which captures are too many for it."""
+    captures = _shown(depsgraph, context.space_data) if _draws(context.scene, context.space_data) else []
+    sources = _from_sources(context.scene)
+    counts = [(each.uid, each.time.scene.count) for each in captures]
+    picture.too_many = too_many(counts, [each.time.scene.count for each in sources])
+    open_now = {region.as_pointer() for region in open_regions()} | {context.region.as_pointer()}
+    splats.pictures = {place: each for place, each in splats.pictures.items() if place in open_now}
+    splats.left_out = frozenset().union(*(each.too_many for each in splats.pictures.values()))
+    picture.shown = [*(each for each in captures if each.uid not in splats.left_out), *sources]
+    if splats.left_out:
+        reported_once.message(_too_many(len(splats.left_out)))
+
+
+def problem(scene: bpy.types.Scene) -> str:
+    """Why a scene's viewports show other captures as points than the user's settings say; "" where they do not."""
+    count = sum(obj.session_uid in state().left_out for obj in playback.captures_in(scene))
+    return _too_many(count) if count and is_wanted(scene) else ""
+
+
+def _too_many(count: int) -> str:
+    found = f"{count:,} captures are" if count > 1 else "One capture is"
+    return f"{found} shown as points: a viewport draws at most {MOST:,} splats. Hide captures or lower their density."
 
 
 def _update(
@@ -248,7 +238,7 @@ def _update(
         _later(viewports, _SOON)  # while textures are made, what else is drawn into the viewport may be lost
     if picture.canvas is None or picture.size != size:
         picture.canvas, picture.size = card.canvas(size), size
-    depth = _depth_before(splats, picture, context, depsgraph)
+    depth = _depth_before(card, picture, context)
     card.draw(picture.canvas, layers, picture.order_texture, len(order.numbers), depth, through)
     picture.key, picture.step, picture.order = key, step, order
     picture.is_final = step == 1 and order.key == _order_key(seen)
@@ -272,7 +262,7 @@ def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list
         except FrogError as error:
             reported_once.message(str(error))
             continue
-        found.append(Shown(obj.name, time_shown, matrix))
+        found.append(Shown(obj.name, time_shown, matrix, obj.session_uid))
     return found
 
 
@@ -305,9 +295,14 @@ def _layers(splats: ViewportSplats, seen: list[tuple[Shown, SplatView]], order: 
 
 
 def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
-    """Whether something else lies before the splats since they were drawn, in viewports of engines that take a while
-    to show what there is; looks now and then, as long as those engines draw.
+    """Whether something else lies before the splats since they were drawn: surfaces that could not be read while
+    something moved; or in viewports of engines that take a while to show what there is. There it looks now and then, as
+    long as those engines draw.
     """
+    if picture.surfaces.is_outdated:
+        if not (is_still := picture.pace.is_still(now)):
+            _later(viewports, STILL_AFTER + 0.05)
+        return is_still
     if picture.depth is None or shading not in _SLOW_SHADINGS:
         return False
     if now - picture.checked_at < _LOOK_AGAIN:
@@ -317,19 +312,21 @@ def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
     return not np.array_equal(hiding.drawn_depth(), picture.depth)
 
 
-def _depth_before(
-    splats: ViewportSplats, picture: Picture, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph
-) -> Any:
+def _depth_before(card: GraphicsCard, picture: Picture, context: bpy.types.Context) -> Any:
     """The texture of the depth of what hides splats, None for nothing. While the viewport's framebuffer is bound."""
     picture.depth, picture.checked_at = None, time.perf_counter()
-    if splats.card is None or not hiding.has_others(context):
-        return None
-    if hiding.is_drawn_without_depth(context.scene, context.space_data):
-        if not splats.surfaces.has_room(picture.size):
+    has_others = hiding.has_others(context)
+    if has_others and hiding.is_drawn_without_depth(context.scene, context.space_data):
+        surfaces, shader, size = picture.surfaces, card.depth_shader(), picture.size
+        surfaces.update(shader, context, picture.looked_at, is_still=picture.pace.is_still(picture.checked_at))
+        if not surfaces.has_room(size):
             _later(viewports, _SOON)
-        return splats.surfaces.depth(context, depsgraph, splats.changes, picture.size)
-    picture.depth = hiding.drawn_depth()
-    return splats.card.depth(picture.depth)
+        if surfaces.is_outdated:
+            _later(viewports, STILL_AFTER + 0.05)
+        return surfaces.depth(shader, context.region_data.perspective_matrix, size)
+    picture.surfaces = hiding.Surfaces()
+    picture.depth = hiding.drawn_depth() if has_others else None
+    return None if picture.depth is None else card.depth(picture.depth)
 
 
 def choose() -> None:
@@ -355,7 +352,7 @@ def _own(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 def _wants_points(obj: bpy.types.Object, has_splats: bool) -> bool:
     """Whether viewports are to draw a capture as an object."""
-    return not has_splats or obj.frog.display != "POINTS"
+    return not has_splats or obj.frog.display != "POINTS" or obj.session_uid in state().left_out
 
 
 def _later(do: Callable[[], None], seconds: float = 0.0) -> None:
@@ -382,8 +379,11 @@ def _on_load(*_: Any) -> None:
     splats = state()
     splats.changes += 1
     splats.pictures.clear()
+    splats.left_out = frozenset()
     splats.clouds.keep_only(())
     splats.sorter.forget()
+    if splats.card is not None:
+        splats.card.free()
 
 
 def _handlers() -> app_handlers.Handlers:

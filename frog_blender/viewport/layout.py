@@ -8,7 +8,7 @@ time. Nothing here knows Blender.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,8 @@ CHANNELS = {"means": 1, "scales": 1, "quaternions": 4, "base": 4, "sh": 1}
 _LARGEST = 16_384  # texels of a side that every graphics card of Blender's takes
 ROW = 1_024
 """Gaussians in a row of the textures in which all captures lie as a view shows them."""
+MOST = _LARGEST * ROW
+"""Splats of all captures of a view: 2^24, up to which float32 numbers are exact."""
 _ROWS_AT_ONCE = 64  # so that a scene that grows does not make new textures each time
 
 
@@ -111,11 +113,34 @@ def starts_of(counts: Sequence[int]) -> list[int]:
     starts, end = [], 0
     for count in counts:
         starts.append(end)
-        end += -(-count // ROW) * ROW
-    if end > _LARGEST * ROW:  # 2^24, up to which float32 numbers are exact
-        found, most = f"{sum(counts):,} splats in {len(counts):,} captures", f"{_LARGEST * ROW:,}"
-        raise FrogError(f"The viewport shows {found}, expected at most {most}. Hide some captures.")
+        end += _whole_rows(count)
+    if end > MOST:
+        found = f"{sum(counts):,} splats in {len(counts):,} captures"
+        raise FrogError(f"The viewport shows {found}, expected at most {MOST:,}. Hide some captures.")
     return starts
+
+
+def too_many(counts: Sequence[tuple[Hashable, int]], others: Sequence[int] = ()) -> frozenset[Hashable]:
+    """Who has to be left out, so that ``starts_of`` can number the rest: whoever does not fit beside those before.
+
+    Args:
+        counts: of Gaussians and whose they are; whoever has several is drawn wholly or not at all.
+        others: counts that are not left out.
+    """
+    wanted: dict[Hashable, int] = {}
+    for owner, count in counts:
+        wanted[owner] = wanted.get(owner, 0) + _whole_rows(count)
+    left, room = set(), MOST - sum(_whole_rows(count) for count in others)
+    for owner, some in wanted.items():
+        if some > room:
+            left.add(owner)
+        else:
+            room -= some
+    return frozenset(left)
+
+
+def _whole_rows(count: int) -> int:
+    return -(-count // ROW) * ROW
 
 
 def rows_for(end: int) -> int:

@@ -13,6 +13,7 @@ from ..scene_import.capture_objects import of_same_capture
 from ..timeline.playback_cache import SceneTime
 from ..training_task import runner
 from . import drawing
+from .picture import Shown
 
 if TYPE_CHECKING:
     from ..engine.playback.player import ScenePlayer
@@ -39,14 +40,14 @@ class LivePoints:
         self.batch: Any = None
 
 
-def shown_in(scene: bpy.types.Scene) -> drawing.Shown | None:
+def shown_in(scene: bpy.types.Scene) -> Shown | None:
     """The running training's scene at the current frame; None where the scene plays a result of that capture."""
     task = runner.current()
     player = task.live.shown_in(scene) if task is not None and task.live is not None else None
     if player is None or of_same_capture(scene, player.header.capture_path):
         return None
     time = player.time_of(scene.frame_current_final - START_FRAME)
-    return drawing.Shown("training", SceneTime(player, time), np.eye(4))
+    return Shown("training", SceneTime(player, time), np.eye(4))
 
 
 def points(scene: ScenePlayer, shown: SceneTime) -> tuple[np.ndarray, np.ndarray]:
@@ -70,7 +71,7 @@ def _draw() -> None:
         reported_once.unexpected("drawing the training", error)
 
 
-def _draw_points(shown: drawing.Shown) -> None:
+def _draw_points(shown: Shown) -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -12,38 +14,47 @@ from support.blender_windows import drop_operators, event, in_window
 from frog_blender.engine.interchange import imports
 from frog_blender.engine.interchange.ply import write_splats
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.operators import foreign_import, import_ply
 from frog_blender.operators.import_ply import FROG_OT_import_splats
 from frog_blender.timeline import playback
+from frog_blender.training_task import unsaved_changes
 
-PATIENCE = 120.0  # seconds
+PATIENCE = 60.0  # seconds
 
 
 @pytest.fixture
 def importing(empty, static_rig, tmp_path, monkeypatch):
-    """A function that begins an import that waits after a quarter of its work until its gate opens."""
-    path, gate, begun, whole = tmp_path / "a{b}.ply", threading.Event(), threading.Event(), imports.import_scene
-    write_splats(path, ScenePlayer.load(static_rig).at_frame(0))
+    """A function that begins an import of files, each of which waits after a quarter of its work for its gate."""
+    names, whole = ("a{b}.ply", "second.ply"), imports.import_scene
+    gates, begun = ({name: threading.Event() for name in names} for _ in range(2))
+    for name in names:
+        write_splats(tmp_path / name, ScenePlayer.load(static_rig).at_frame(0))
 
     def slow(source, target, *, progress, **options):
         progress(1, 4)
-        begun.set()
-        assert gate.wait(PATIENCE)
+        begun[source.name].set()
+        assert gates[source.name].wait(PATIENCE)
         progress(2, 4)
         return whole(source, target, progress=progress, **options)
 
     monkeypatch.setattr(imports, "import_scene", slow)
 
-    def begin():
+    def begin(count=1, **options):
         window.said.clear()
-        assert bpy.ops.import_scene.frog_splats(filepath=str(path)) == {"RUNNING_MODAL"}
+        paths = [tmp_path / name for name in names[:count]]
+        files = {"directory": str(tmp_path), "files": [{"name": name} for name in names]} if count > 1 else {}
+        options |= files or {"filepath": str(paths[0])}
+        assert bpy.ops.import_scene.frog_splats(**options) == {"RUNNING_MODAL"}
         operator, steps = window.started[-1]
-        running = SimpleNamespace(operator=operator, steps=steps, said=window.said, gate=gate, path=path)
-        assert send(running) == {"PASS_THROUGH"} and begun.wait(PATIENCE)
+        running = SimpleNamespace(operator=operator, steps=steps, said=window.said, gates=gates, begun=begun)
+        running.gate, running.path = gates[names[0]], paths[0]
+        assert send(running) == {"PASS_THROUGH"} and begun[names[0]].wait(PATIENCE)
         return running
 
     with in_window(FROG_OT_import_splats) as window:
         yield begin
-        gate.set()
+        for gate in gates.values():
+            gate.set()
 
 
 def send(running, kind="TIMER", value="NOTHING"):
@@ -53,9 +64,19 @@ def send(running, kind="TIMER", value="NOTHING"):
 def finish(running):
     """Sends events until the operator ends."""
     running.gate.set()
+    deadline = time.monotonic() + PATIENCE
     while (result := send(running)) == {"PASS_THROUGH"}:
-        pass
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
     return result
+
+
+def send_until(running, reached):
+    """Sends events until something is reached."""
+    deadline = time.monotonic() + PATIENCE
+    while not reached():
+        assert send(running) == {"PASS_THROUGH"} and time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 def captures():
@@ -99,12 +120,150 @@ def test_another_file_ends_it(importing):
     assert not thread.is_alive() and running.steps.gi_frame is None and not list(running.path.parent.glob("a*.frog"))
 
 
-def test_a_scene_that_is_edited_is_left_alone(importing):
+def test_a_scene_that_is_edited_gets_it_afterwards(importing):
     running = importing()
     bpy.ops.mesh.primitive_cube_add()
     bpy.ops.object.mode_set(mode="EDIT")
+    running.gate.set()
+    send_until(running, lambda: "Object Mode" in running.operator.doing)
+    assert running.path.with_suffix(".frog").is_file() and not captures()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert send(running) == {"FINISHED"} and len(captures()) == 1
+
+
+def test_one_that_waits_for_object_mode_is_stopped(importing):
+    running = importing()
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.ops.object.mode_set(mode="EDIT")
+    running.gate.set()
+    send_until(running, lambda: "Object Mode" in running.operator.doing)
+    assert send(running, "ESC", "PRESS") == {"CANCELLED"} and not captures()
+    written = f"{running.path.with_suffix('.frog')} is written, but not added."
+    assert running.said == [("INFO", f"The import was stopped. {written}")]
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_a_scene_that_is_gone_gets_nothing_and_the_turn_is_told(importing):
+    running = importing()
+    asked = bpy.context.scene
+    bpy.context.window.scene = bpy.data.scenes.new("Another")
+    bpy.data.scenes.remove(asked)
     assert finish(running) == {"CANCELLED"} and not captures()
     ((kind, sentence),) = running.said
-    assert kind == "ERROR" and "written, but not added, because the scene is being edited" in sentence
-    assert running.path.with_suffix(".frog").is_file()
-    bpy.ops.object.mode_set(mode="OBJECT")
+    assert kind == "ERROR" and "not open any more" in sentence and "-90 degrees about the global X axis" in sentence
+
+
+def test_only_one_at_a_time(importing):
+    running = importing()
+    with pytest.raises(RuntimeError, match="Another import is running"):
+        importing()
+    thread = worker()
+    assert send(running, "ESC", "PRESS") == {"CANCELLED"}
+    with pytest.raises(RuntimeError, match="has not ended yet"):
+        importing()
+    running.gate.set()
+    thread.join(PATIENCE)
+    again = importing()
+    assert finish(again) == {"FINISHED"} and len(captures()) == 1
+
+
+def test_switched_off_it_leaves_no_thread(addon):
+    def endless(progress):
+        while True:
+            progress(0, 1)
+            time.sleep(0.005)
+
+    task = foreign_import.current().convert(Path("x.ply"), endless)
+    assert bpy.app.timers.is_registered(foreign_import.tick)
+    addon.unregister()
+    try:
+        assert not task.is_running and worker() is None
+        assert not bpy.app.timers.is_registered(foreign_import.tick)
+    finally:
+        addon.register()
+
+
+@pytest.mark.parametrize("given", [{}, {"set_up_scene": True}], ids=["by itself", "asked for"])
+def test_what_was_changed_meanwhile_stays(importing, given):
+    scene = bpy.context.scene
+    running = importing(**given)
+    assert running.operator.set_up_scene
+    bpy.ops.mesh.primitive_cube_add()
+    scene.render.resolution_x = 1234
+    before, world = scene.render.engine, scene.world
+    assert finish(running) == {"FINISHED"} and len(captures()) == 1
+    assert ((scene.render.engine, scene.world) == (before, world)) == (not given)
+    assert (scene.render.engine == "FROG") == bool(given)
+
+
+def test_frog_renders_without_the_rest(importing):
+    scene = bpy.context.scene
+    rate = scene.view_settings.view_transform
+    assert finish(importing(set_up_scene=False, use_frog_engine=True)) == {"FINISHED"}
+    assert scene.render.engine == "FROG" and scene.view_settings.view_transform == rate != "Standard"
+
+
+class FROG_OT_test_move(bpy.types.Operator):
+    """As long as the user moves something."""
+
+    bl_idname, bl_label, bl_options = "frog.test_move", "Move", {"UNDO"}
+    is_waiting = False
+
+    def execute(self, context):
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        return {"PASS_THROUGH"}
+
+
+@pytest.fixture
+def moving(addon, monkeypatch):
+    """A function that begins a move, and one that ends it."""
+    bpy.utils.register_class(FROG_OT_test_move)
+    yield lambda: bpy.ops.frog.test_move(), lambda: monkeypatch.setattr(FROG_OT_test_move, "is_waiting", True)
+    bpy.utils.unregister_class(FROG_OT_test_move)
+
+
+def test_what_is_being_moved_is_waited_for(moving, importing):
+    begin_move, end_move = moving
+    running = importing()
+    begin_move()
+    running.gate.set()
+    send_until(running, lambda: "present operation" in running.operator.doing)
+    assert not captures()
+    end_move()
+    assert finish(running) == {"FINISHED"} and len(captures()) == 1
+
+
+def test_a_training_need_not_wait_for_it(moving, importing):
+    begin_move, _ = moving
+    importing()
+    assert any(bpy.context.window_manager.windows[0].modal_operators)
+    assert not unsaved_changes.is_scene_in_use()
+    begin_move()
+    assert unsaved_changes.is_scene_in_use()
+
+
+def test_stopped_after_the_first_of_several_it_can_be_undone(importing):
+    running = importing(2)
+    running.gate.set()
+    send_until(running, running.begun["second.ply"].is_set)
+    assert len(captures()) == 1 and unsaved_changes.is_being_changed()
+    assert send(running, "ESC", "PRESS") == {"FINISHED"}
+    ((kind, sentence),) = running.said
+    assert kind == "INFO" and sentence.startswith("The import was stopped. Imported 60 Gaussians to ")
+
+
+def test_what_fails_after_the_first_of_several_can_be_undone(importing, monkeypatch):
+    def fail(*_):
+        raise KeyError("second")
+
+    running = importing(2)
+    running.gate.set()
+    send_until(running, running.begun["second.ply"].is_set)
+    monkeypatch.setattr(import_ply, "import_scene", lambda *_, **__: fail())
+    running.gates["second.ply"].set()
+    assert finish(running) == {"FINISHED"} and len(captures()) == 1
+    ((kind, sentence),) = running.said
+    assert kind == "ERROR" and sentence.startswith("Imported 60 Gaussians to ") and "unexpected KeyError" in sentence

@@ -146,6 +146,25 @@ def test_cameras_of_an_earlier_version_hang_on_the_root(capture):
     assert set(cameras_of(capture)) == {first, *others} and holders_of(capture) == []
 
 
+def test_a_capture_of_an_earlier_version_in_another_one_keeps_its_cameras(capture, static_rig):
+    mine = cameras_of(capture)
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    (inner,) = set(playback.captures(bpy.data.objects)) - {capture}
+    theirs = cameras_of(inner)
+    for camera in theirs:
+        camera.parent = root_of(inner)
+    bpy.data.objects.remove(*holders_of(inner))
+    root_of(inner).parent = root_of(capture)
+    assert set(cameras_of(capture)) == set(mine) and set(cameras_of(inner)) == set(theirs)
+
+
+def test_what_held_cameras_is_no_object_of_the_users(capture):
+    holders = holders_of(capture)
+    for camera in cameras_of(capture):
+        bpy.data.objects.remove(camera)
+    assert holders and holders_of(capture) == holders and cameras_of(capture) == []
+
+
 def test_it_turns_and_grows_about_its_middle_with_its_cameras(capture):
     root, cameras = root_of(capture), cameras_of(capture)
     np.testing.assert_array_equal(np.array(capture.matrix_world), np.eye(4))

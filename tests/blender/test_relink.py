@@ -235,7 +235,7 @@ def test_a_pasted_capture_plays(beside):
 
 
 def test_another_training_of_the_same_file_is_not_imported_again(beside, tmp_path):
-    from frog_blender.operators.training_result import importer
+    from frog_blender.operators.training_result import ResultImporter
 
     other = tmp_path / "other"
     other.mkdir()
@@ -243,7 +243,7 @@ def test_another_training_of_the_same_file_is_not_imported_again(beside, tmp_pat
     scene = bpy.context.scene
     assert "//../" in next(playback.captures(scene.objects)).frog.filepath.replace("\\", "/")
     scene.render.resolution_x = 777
-    importer(scene)(beside)
+    ResultImporter(scene)(beside)
     assert len(list(playback.captures(scene.objects))) == 1 and scene.render.resolution_x == 777
 
 

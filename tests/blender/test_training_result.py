@@ -11,12 +11,13 @@ from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import Written, told
 from support.users_scene import users_scene, views
 
+from frog_blender import point_cloud
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.output_paths import unused_output
 from frog_blender.operators import set_up_scene
-from frog_blender.operators.training_result import importer
+from frog_blender.operators.training_result import ResultImporter
 from frog_blender.scene_import.capture_objects import plays
 from frog_blender.scene_import.scene_setup import PARTS, start_cube
 from frog_blender.scene_import.transaction import values
@@ -38,7 +39,7 @@ def start(use_empty=False):
 def test_in_a_new_file_a_training_that_ends_changes_nothing_but_adds_its_scene(addon, static_rig):
     scene = start()
     before, shading, selected = values(scene), [view.shading.type for view in views()], bpy.context.selected_objects
-    assert importer(scene)(static_rig) == ""
+    assert ResultImporter(scene)(static_rig) == ""
     assert files(scene) == ["figure.frog"] and values(scene) == before
     assert [view.shading.type for view in views()] == shading
     assert bpy.context.selected_objects == selected and bpy.context.object.name == "Cube"
@@ -47,7 +48,7 @@ def test_in_a_new_file_a_training_that_ends_changes_nothing_but_adds_its_scene(a
 
 def test_one_click_shows_it_and_one_question_sets_the_scene_up(addon, static_rig):
     scene = start()
-    importer(scene)(static_rig)
+    ResultImporter(scene)(static_rig)
     assert bpy.ops.frog.show_result(filepath=str(static_rig)) == {"FINISHED"}
     assert scene.camera.name == "cam00", "nobody chose the camera of the new file"
     assert {obj.name for obj in bpy.context.selected_objects} == {"figure", "figure Gaussians"}
@@ -61,7 +62,7 @@ def test_one_click_shows_it_and_one_question_sets_the_scene_up(addon, static_rig
 
 def test_the_question_says_what_the_scene_becomes(addon, static_rig):
     scene = start()
-    importer(scene)(static_rig)
+    ResultImporter(scene)(static_rig)
     said = set_up_scene._values(next(iter(playback.captures(scene.objects))))
     assert said == {"frames": "1 to 10", "rate": "24 per second", "size": "96 x 64 pixels", "camera": "cam00"}
     layout = Written()
@@ -75,7 +76,7 @@ def test_the_question_says_what_the_scene_becomes(addon, static_rig):
 
 def test_the_finished_scene_is_read_where_it_was_trained(empty, static_rig):
     finished = events.Finished(str(static_rig), 9, 1.0, 20.0, 5)
-    task = runner.TrainingTask(lambda control: iter([finished]), importer(empty)).start()
+    task = runner.TrainingTask(lambda control: iter([finished]), ResultImporter(empty)).start()
     assert task.join(20.0) and open_scenes.is_known(static_rig) and not files(empty)
     task.pump_all()
     assert files(empty) == ["figure.frog"]
@@ -83,14 +84,14 @@ def test_the_finished_scene_is_read_where_it_was_trained(empty, static_rig):
 
 def test_a_camera_of_the_users_stays_the_scene_s(addon, static_rig):
     scene = start()
-    importer(scene)(static_rig)
+    ResultImporter(scene)(static_rig)
     scene.camera.location.x += 1.0
     chosen = scene.camera
     assert bpy.ops.frog.show_result(filepath=str(static_rig)) == {"FINISHED"} and scene.camera == chosen
 
 
 def test_one_in_an_excluded_collection_is_said(empty, static_rig):
-    importer(empty)(static_rig)
+    ResultImporter(empty)(static_rig)
     obj = next(playback.captures(empty.objects))
     layers = [bpy.context.view_layer.layer_collection]
     for layer in layers:
@@ -108,7 +109,7 @@ def test_only_what_the_scene_plays_is_shown(empty, static_rig):
 
 def test_the_default_cube_is_told_and_hidden(addon, static_rig, drawn):
     scene = start()
-    importer(scene)(static_rig)
+    ResultImporter(scene)(static_rig)
     told(events.Finished(str(static_rig), 9, 1.0, 20.0, 5), runner.Ended(""))
     said = drawn(scene)
     assert {"frog.show_result", "frog.set_up_scene", "frog.hide_start_cube"} <= set(said)
@@ -130,7 +131,7 @@ def test_a_scene_of_the_users_gets_the_capture_alone(empty, static_rig):
     mine.select_set(True)
     bpy.context.view_layer.objects.active = mine
     before, shading = values(empty), [view.shading.type for view in views()]
-    assert importer(empty)(static_rig) == ""
+    assert ResultImporter(empty)(static_rig) == ""
     assert files(empty) == ["figure.frog"] and values(empty) == before
     assert [view.shading.type for view in views()] == shading
     assert bpy.context.view_layer.objects.active == mine and mine.select_get()
@@ -140,7 +141,7 @@ def test_one_undo_takes_it_back(empty, static_rig):
     users_scene(empty)
     bpy.ops.ed.undo_push(message="Mine")
     before = {path: getattr(value, "name", value) for path, value in values(empty).items()}
-    importer(empty)(static_rig)
+    ResultImporter(empty)(static_rig)
     bpy.ops.ed.undo()
     scene = bpy.context.scene
     assert not files(scene) and not bpy.data.cameras and bpy.data.worlds["My studio lights"].users == 1
@@ -153,12 +154,26 @@ def test_what_is_being_edited_is_left_to_the_panel(addon, static_rig):
     bpy.context.view_layer.objects.active = cube = bpy.data.objects["Cube"]
     bpy.ops.object.mode_set(mode="EDIT")
     before = values(scene)
-    assert "being edited" in importer(scene)(static_rig)
+    assert "being edited" in ResultImporter(scene)(static_rig)
     assert not files(scene) and values(scene) == before and cube.mode == "EDIT"
 
 
+@pytest.mark.skipif(point_cloud.draws_splats(), reason="Blender's own splats need no nodes")
+@pytest.mark.parametrize("where", ["here", "edited", "another file"])
+def test_only_what_will_be_imported_is_prepared(addon, where):
+    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
+    result = ResultImporter(bpy.context.scene)
+    if where == "edited":
+        bpy.ops.object.mode_set(mode="EDIT")
+    if where == "another file":
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    before = len(bpy.data.materials), len(bpy.data.node_groups)
+    result.prepare()
+    assert ((len(bpy.data.materials), len(bpy.data.node_groups)) != before) == (where == "here")
+
+
 def test_another_file_gets_nothing(empty, static_rig):
-    show = importer(empty)
+    show = ResultImporter(empty)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     said = show(static_rig)
     assert "was not open" in said and said.endswith("when the training ended.")
@@ -167,7 +182,7 @@ def test_another_file_gets_nothing(empty, static_rig):
 
 def test_the_same_file_opened_again_gets_it(empty, static_rig, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mine.blend"))
-    show = importer(bpy.context.scene)
+    show = ResultImporter(bpy.context.scene)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "mine.blend"))
     show(static_rig)
     assert files(bpy.context.scene) == ["figure.frog"]
@@ -177,8 +192,8 @@ def test_two_trainings_of_one_capture_are_told_apart(empty, static_rig, tmp_path
     for name in ("room.frog", "room_2.frog"):
         scene = read_scene(static_rig)
         write_file(tmp_path / name, SceneFile(replace(scene.header, capture_path="/film/room"), scene.arrays))
-    assert importer(empty)(tmp_path / "room.frog") == ""
-    assert "beside room.frog of the same capture" in importer(empty)(tmp_path / "room_2.frog")
+    assert ResultImporter(empty)(tmp_path / "room.frog") == ""
+    assert "beside room.frog of the same capture" in ResultImporter(empty)(tmp_path / "room_2.frog")
     assert sorted(files(empty)) == ["room.frog", "room_2.frog"]
 
 
@@ -225,7 +240,8 @@ def test_the_panel_offers_what_is_not_here(empty, drawn, static_rig, cancelled):
 
 
 def test_a_training_of_another_rig_in_the_same_scene(empty, static_rig, tmp_path):
-    importer(empty)(static_rig)
+    ResultImporter(empty)(static_rig)
     other = write_scene(tmp_path / "other.frog", rig_of_three(), frame_count=25)
-    assert importer(empty)(other) == "" and empty.frame_end == 250
-    assert importer(empty)(other) == "" and files(empty).count("other.frog") == 1, "what plays it already shows it"
+    assert ResultImporter(empty)(other) == "" and empty.frame_end == 250
+    assert ResultImporter(empty)(other) == ""
+    assert files(empty).count("other.frog") == 1, "what plays it already shows it"

@@ -147,7 +147,7 @@ def test_what_an_import_needs_is_made_a_tick_before_it(addon):
 
 
 def test_a_scene_that_was_renamed_meanwhile_gets_the_import(empty, static_rig):
-    show = training_result.importer(empty)
+    show = training_result.ResultImporter(empty)
     empty.name = "Another"
     bpy.data.scenes.new("Scene")
     show(static_rig)

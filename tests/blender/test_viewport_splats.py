@@ -5,6 +5,8 @@ Drawing is tested where Blender has graphics without a window: 5.2 and later, wi
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from support.blender_windows import viewport
 from support.builders import scene_file
 from support.small_scenes import rig_of_three, write_scene
 
-from frog_blender import point_cloud
+from frog_blender import point_cloud, redrawing
 from frog_blender.cameras import pose_of, view_camera
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.playback.player import ScenePlayer
@@ -22,12 +24,14 @@ from frog_blender.engine.playback.transform import transform
 from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
 from frog_blender.render.collect_instances import joined, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
+from frog_blender.timeline import playback
 from frog_blender.timeline.playback_cache import SceneTime
-from frog_blender.viewport import drawing, hiding, shaders
+from frog_blender.viewport import drawing, hiding, layout, shaders
 from frog_blender.viewport.card import GraphicsCard, Layer
 from frog_blender.viewport.clouds import Clouds
 from frog_blender.viewport.layout import starts_of
 from frog_blender.viewport.order import OrderRequest, Part
+from frog_blender.viewport.picture import Picture
 from frog_blender.viewport.projection import view_of
 
 NEAR, FAR = 0.05, 200.0
@@ -262,30 +266,70 @@ def test_without_a_window_nothing_is_drawn(empty, static_rig):
     assert drawing.state().handler is None
 
 
-def test_how_much_is_seen_through_objects(empty):
-    shading = viewport()["space_data"].shading
-    shading.type, shading.show_xray, shading.xray_alpha = "SOLID", False, 0.3
-    assert hiding.seen_through(shading) == 0.0
-    shading.show_xray = True
-    assert hiding.seen_through(shading) == pytest.approx(0.7)
-    shading.type, shading.show_xray_wireframe, shading.xray_alpha_wireframe = "WIREFRAME", True, 0.0
-    assert hiding.seen_through(shading) == 0.5, "the wires stay in sight"
-    shading.xray_alpha_wireframe = 0.8
-    assert hiding.seen_through(shading) == pytest.approx(0.2)
-    shading.show_xray_wireframe = False
-    assert hiding.seen_through(shading) == 0.0
-    shading.type = "MATERIAL"
-    assert hiding.seen_through(shading) == 0.0, "there Blender has no X-ray"
+@pytest.fixture
+def look(empty, monkeypatch):
+    """A function that does what drawing a viewport begins with, and gives the names of what is shown."""
+    monkeypatch.setattr(drawing, "is_wanted", lambda _scene: True)
+    splats, picture = drawing.state(), Picture()
+
+    def find():
+        there = viewport()
+        there["space_data"].shading.type = "SOLID"
+        context = SimpleNamespace(scene=empty, view_layer=bpy.context.view_layer, **there)
+        splats.pictures[there["region"].as_pointer()] = picture
+        drawing._look(splats, picture, context, bpy.context.evaluated_depsgraph_get())
+        return {shown.name for shown in picture.shown}
+
+    yield find
+    drawing._on_load()
 
 
-def test_where_blender_draws_no_depth(empty):
-    space = viewport()["space_data"]
-    found = {}
-    for engine in ("BLENDER_WORKBENCH", "FROG"):
-        empty.render.engine = engine
-        for kind in ("SOLID", "RENDERED"):
-            for overlays in (True, False):
-                space.shading.type, space.overlay.show_overlays = kind, overlays
-                found[engine, kind, overlays] = hiding.is_drawn_without_depth(empty, space)
-    space.overlay.show_overlays = True
-    assert [key for key, lacks in found.items() if lacks] == [("FROG", "RENDERED", False)]
+def test_captures_without_room_are_points_and_the_panel_says_so(empty, static_rig, look, monkeypatch, capsys):
+    for _ in range(3):
+        assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    captures = playback.captures_in(empty)
+    names = {obj.name for obj in captures}
+    assert look() == names and not drawing.problem(empty)
+    drawing.apply()
+    assert not any(point_cloud.is_drawn_in_viewports(obj) for obj in captures)
+
+    monkeypatch.setattr(layout, "MOST", 2 * layout.ROW)
+    shown = look()
+    left = next(obj for obj in captures if obj.name not in shown)
+    drawing.apply()
+    assert len(shown) == 2 and look() == shown, "what is drawn as points does not change that"
+    assert {obj.name for obj in captures if point_cloud.is_drawn_in_viewports(obj)} == {left.name}
+    assert "One capture is shown as points" in drawing.problem(empty)
+    assert capsys.readouterr().err.count("shown as points") == 1
+
+    other = next(obj for obj in captures if obj != left)
+    other.hide_set(True)
+    bpy.context.view_layer.update()
+    assert look() == names - {other.name} and not drawing.problem(empty)
+    drawing.apply()
+    assert not point_cloud.is_drawn_in_viewports(left)
+
+
+def test_a_viewport_that_is_closed_leaves_no_capture_out(empty, static_rig, look):
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    obj = active_capture(bpy.context)
+    splats = drawing.state()
+    splats.pictures[next(region for region in redrawing.open_regions() if region.type == "UI").as_pointer()] = Picture(
+        too_many=frozenset([obj.session_uid])
+    )
+    assert look() == set(), "an object is points in all viewports"
+    splats.pictures = {1: Picture(too_many=frozenset([obj.session_uid]))}
+    assert look() == {obj.name} and 1 not in splats.pictures
+
+
+def test_textures_that_are_larger_than_needed_are_used_again():
+    """Or viewports that show different captures would make new ones for each image."""
+    card = GraphicsCard.__new__(GraphicsCard)
+    many, few = [Layer(None, None, 200_000)], [Layer(None, None, 1000), Layer(None, None, 9, start=1024)]
+    card._projected = None
+    assert not card.has_room(few)
+    card._projected = SimpleNamespace(size=(layout.ROW, layout.rows_for(200_000)))
+    assert card.has_room(many) and card.has_room(few)
+    assert not card.has_room([*many, Layer(None, None, 100_000, start=200 * layout.ROW)])
+    card.free()
+    assert not card.has_room(few)

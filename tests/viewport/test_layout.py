@@ -11,6 +11,7 @@ from frog_blender.engine.playback.frame_delta import FrameDelta
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.viewport.layout import (
     CHANNELS,
+    MOST,
     ROW,
     Texels,
     moving_textures,
@@ -18,6 +19,7 @@ from frog_blender.viewport.layout import (
     starts_of,
     still_textures,
     texture_size,
+    too_many,
 )
 
 
@@ -83,3 +85,25 @@ def test_captures_are_numbered_from_the_beginning_of_a_row() -> None:
     assert starts_of([largest]) == [0] and rows_for(largest) * ROW == largest
     with pytest.raises(FrogError, match=r"16,777,217 splats in 2 captures, expected at most 16,777,216"):
         starts_of([largest, 1])
+
+
+def test_captures_without_room_are_left_out_and_the_others_are_not() -> None:
+    half = MOST // 2
+    assert too_many([("a", half), ("b", half)]) == frozenset()
+    assert too_many([("a", half), ("b", half + 1), ("c", half)]) == {"b"}, "who comes later may have room"
+    assert too_many([("a", half), ("b", half), ("b", 1), ("c", half)]) == {"b"}, "all duplicates or none"
+    assert too_many([("a", half), ("b", half)], others=[1]) == {"b"}
+    assert too_many([("a", MOST + 1)]) == {"a"} and too_many([("a", MOST)]) == frozenset()
+
+
+def test_what_is_not_left_out_can_be_numbered() -> None:
+    """Each capture begins a row: that counts as well."""
+    random = np.random.default_rng(0)
+    for _ in range(50):
+        counts = [(owner, int(random.integers(1, MOST // 3))) for owner in random.integers(0, 5, 8)]
+        left = too_many(counts, [17])
+        assert len(starts_of([17, *(count for owner, count in counts if owner not in left)])) >= 2
+        for owner in left:
+            kept = [count for other, count in counts if other not in left or other == owner]
+            with pytest.raises(FrogError):
+                starts_of([17, *kept])

@@ -19,7 +19,7 @@ from .frames import FrameStore
 from .seeds import Seeds, find_seeds
 
 _LONGEST_ORIGIN = 1000
-_VERSION = 4  # raise it when the same capture would get other seeds
+_VERSION = 5  # raise it when the same capture would get other seeds
 
 
 def stored_seeds(

@@ -19,6 +19,9 @@ the scores weighs them."""
 FORMS = ("paper", "unit", "off")
 """Of the opacity reduction, see ``model.opacity.reduction_factor``."""
 
+WINDOW_COLUMNS = 8
+"""Columns of the embeddings that are kept for the times at which Gaussians are seen, see ``model.time_windows``."""
+
 
 def network_count(fusion: str) -> int:
     """Deformation networks that a fusion needs."""

@@ -16,10 +16,8 @@ import math
 
 import torch
 
+from ..field.names import WINDOW_COLUMNS as COLUMNS
 from .frog import Frog
-
-COLUMNS = 8
-"""Of the embeddings, the last ones, kept for windows."""
 
 _REACH = 20.0  # of the unit at a Gaussian's own time: embeddings have to be large beside one step of their optimiser
 _THRESHOLD = 0.2  # of the reach, below which a time is another one

@@ -32,8 +32,11 @@ def frame_speeds(shown: Array) -> Array:
     speeds = np.full(len(shown), np.nan)
     if len(present) == 0:
         return speeds
+    if len(present) == 1:
+        speeds[present] = 1.0
+        return speeds
     steps = np.diff(shown[present])
-    steps = np.append(steps, steps[-1] if len(steps) else 1.0)  # of a single frame
+    steps = np.append(steps, steps[-1])
     around = np.stack([np.append(steps[0], steps[:-1]), steps, np.append(steps[1:], steps[-1])])
     speeds[present] = np.median(around, axis=0)
     return speeds

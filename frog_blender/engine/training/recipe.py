@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import FrogError, brief
-from ..field.names import FORMS, FUSIONS
+from ..field.names import FORMS, FUSIONS, WINDOW_COLUMNS, network_count
 from . import setting
 from .setting import check_all, choice, flag, fractions, kinds_of, number, whole
 
@@ -193,8 +193,12 @@ class Recipe:
 
     def moments_for(self, frames: int, images: int) -> int:
         """Times at which what moves has seed points: one for two of the coarse rows, since the temporal embedding
-        begins with nothing faster."""
+        begins with nothing faster. None where no Gaussian can be seen at a time of its own (see model.time_windows)."""
         if not (self.moment_seeds and self.modulation and self.deformed_opacity and self.embedding_size):
+            return 0
+        if self.head_width or network_count(self.fusion) > 1:
+            return 0
+        if self.temporal_size < self.embedding_size + WINDOW_COLUMNS:
             return 0
         return max(2, round(self.coarse_rows_for(self.temporal_rows_for(frames, images)) / 2))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,8 +60,15 @@ def test_who_has_points_at_how_many_times() -> None:
     assert chosen.moments_for(30, 330) == 8  # of 15 coarse rows
     assert chosen.moments_for(300, 6000) == 15
     assert chosen.moments_for(2, 40) >= 2
-    changes: list[dict[str, bool]] = [{"moment_seeds": False}, {"modulation": False}, {"deformed_opacity": False}]
-    assert not any(replace(chosen, **change).moments_for(30, 330) for change in changes)
+    none: list[dict[str, Any]] = [
+        {"moment_seeds": False},
+        {"modulation": False},
+        {"deformed_opacity": False},
+        {"fusion": "dual"},
+        {"head_width": 64},
+        {"temporal_size": 32},
+    ]
+    assert not any(replace(chosen, **change).moments_for(30, 330) for change in none)
     for method in METHODS:
         adapted = method_named(method).adapt(Recipe(moment_seeds=True))
         assert bool(adapted.moments_for(30, 330)) == (method == "frog")

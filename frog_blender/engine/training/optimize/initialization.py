@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...capture.seeds import Seeds
+from ...field.names import WINDOW_COLUMNS
 from ...model.canonical import CanonicalField, new_gaussians
 from ...model.frog import Frog
 from ...model.interface import SceneModel
-from ...model.time_windows import COLUMNS, can_open, open_windows
+from ...model.time_windows import can_open, open_windows
 from ...rasterizer import RasterizeOptions
 from ..methods import ModelInit, method_named
 from ..recipe import Recipe
@@ -43,8 +44,8 @@ def first_model(
     """The model before its first step, on ``device``; its random numbers are torch's own of the CPU on any device."""
     points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
     sh_count = (recipe.sh_degree + 1) ** 2
-    opens = _opens_windows(capture, seeds, recipe)
-    size = recipe.embedding_size + (COLUMNS if opens else 0)
+    opens = seeds.frames is not None and recipe.moments_for(capture.frame_count, len(capture.train_shots)) > 0
+    size = recipe.embedding_size + (WINDOW_COLUMNS if opens else 0)
     canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, size))
     begin = ModelInit(canonical, recipe, capture.frame_count, len(capture.train_shots), scene_scale)
     model = method_named(method).build(begin).to(device)
@@ -52,10 +53,3 @@ def first_model(
         times = torch.from_numpy(seeds.frames / max(capture.frame_count - 1, 1))
         open_windows(model, times.to(device))
     return model
-
-
-def _opens_windows(capture: Capture, seeds: Seeds, recipe: Recipe) -> bool:
-    """Whether seed points with times get windows in columns of their own, each of which follows one of the temporal
-    embedding's."""
-    timed = seeds.frames is not None and recipe.moments_for(capture.frame_count, len(capture.train_shots)) > 0
-    return timed and not recipe.head_width and recipe.temporal_size >= recipe.embedding_size + COLUMNS
