@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+import time
 from base64 import b64decode
 from dataclasses import replace
 
@@ -64,7 +65,19 @@ def heard(scene, tmp_path):
     out = tmp_path / "mix.wav"
     options = {"container": "WAV", "codec": "PCM", "format": "S16"}
     assert bpy.ops.sound.mixdown(filepath=str(out), **options) == {"FINISHED"}
-    return scene.frame_start + times_of_clicks(samples_of(out.read_bytes())) * scene.render.fps / scene.render.fps_base
+    rate = scene.render.fps / scene.render.fps_base
+    return scene.frame_start + times_of_clicks(samples_of(mixed(out))) * rate
+
+
+def mixed(path):
+    """The content of a mixdown, which Blender 5.2 writes in a thread after it has said that it is finished."""
+    until, size = time.monotonic() + 60, -1
+    while time.monotonic() < until:
+        before, size = size, path.stat().st_size if path.is_file() else -1
+        if 0 < size == before and path.read_bytes()[4:8] == (size - 8).to_bytes(4, "little"):
+            return path.read_bytes()
+        time.sleep(0.2)
+    raise AssertionError(f"{path}: no finished WAV after a minute")
 
 
 def expected(obj, scene):
