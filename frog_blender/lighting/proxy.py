@@ -12,8 +12,6 @@ from ..nodes.proxy_nodes import COUNT, FIRST, FRAMES, frames_group
 from ..scene_import.capture_objects import root_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from ..engine.surfaces.proxy import Proxy
     from ..engine.surfaces.surface_nets import Mesh
 
@@ -69,9 +67,9 @@ def _set_use(obj: bpy.types.Object, use: str, *, casts_shadows: bool) -> None:
     obj.display_type = "TEXTURED" if use == PLAIN else "BOUNDS"  # viewports show the splats
 
 
-def catches_shadows(objects: Iterable[bpy.types.Object]) -> bool:
-    """Whether any of a scene's objects is a proxy that catches shadows."""
-    return any(obj.frog.is_proxy and obj.is_shadow_catcher for obj in objects)
+def is_for_shadows(obj: bpy.types.Object) -> bool:
+    """Whether a proxy was made for shadows, also while it catches none. Cameras would see one for another use."""
+    return not obj.is_holdout and not obj.visible_diffuse
 
 
 def _play(obj: bpy.types.Object, meshes: list[bpy.types.Mesh], first_frame: int) -> None:

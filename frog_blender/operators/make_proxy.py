@@ -13,7 +13,7 @@ from bpy.props import EnumProperty, IntProperty
 
 from ..engine.errors import FrogError
 from ..lighting import proxy
-from ..render.compositing import compositor, scenes
+from ..render.compositing import scenes
 from ..scene_import.capture_objects import active_capture
 from ..timeline import playback
 from .modal_operator import ModalOperator
@@ -108,10 +108,9 @@ other edits count; after another edit or another timing, make it again. Press Es
         cameras = playback.open_scene(playback.file_of(obj)).header.cameras
         frames = [partial(self._gaussians_at, number) for number in numbers]
         made = yield from make_proxy(frames, cameras, self.resolution, keeps_identity=keeps_identity)
-        obj, scene = self._visit.found()
+        obj, _ = self._visit.found()
         proxy.place(obj, made, numbers[0], self.use)
-        if self.use == proxy.SHADOWS and scenes.overlay_of(scene) is not None and scene.render.engine == "CYCLES":
-            compositor.multiply_shadows(scene)
+        scenes.follow_all()  # which sees what catches shadows
         quads = len(made.still.quads), [len(mesh.quads) for mesh in made.moving]
         moving = f", and {max(quads[1]):,} at most in {len(quads[1]):,} frames of what moves" if quads[1] else ""
         self._told = f"The proxy mesh has {quads[0]:,} faces{moving}; its detail is {made.voxel:.3g}."

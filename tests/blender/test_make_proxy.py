@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from support.blender_windows import event, in_window
-from support.composed_scene import compose, compose_anew
+from support.composed_scene import compose, compose_anew, splats_of
 from support.small_scenes import rig_of_three, write_scene
 from support.still_scenes import write_still
 from support.training_panel import Written
@@ -268,9 +268,62 @@ def test_shadows_are_multiplied_once(empty, floor):
     make()
     make()
     compose(empty)
-    assert sum(node.label == "FRoG Shadows" for node in compositor.tree_of(empty).nodes) == 1
+    assert shadow_nodes(empty) == 1
     compose_anew(empty)
-    assert sum(node.label == "FRoG Shadows" for node in compositor.tree_of(empty).nodes) == 1
+    assert shadow_nodes(empty) == 1
+
+
+def shadow_nodes(scene):
+    return sum(node.label == "FRoG Shadows" for node in compositor.tree_of(scene).nodes)
+
+
+def test_without_shadow_catchers_nothing_is_darkened(empty, floor, rendered):
+    """Other engines than Cycles have no such pass, nor has Cycles where it is disabled."""
+    cube_and_sun(empty).hide_render = True
+    compose(empty)
+    before = rendered(empty)
+    make()
+    assert shadow_nodes(empty) == 1
+    for layer in empty.view_layers:
+        layer.cycles.use_pass_shadow_catcher = False
+    np.testing.assert_allclose(rendered(empty).astype(int), before, atol=1)
+
+
+def test_shadows_follow_the_engine_and_the_proxy(empty, floor):
+    empty.render.engine = "BLENDER_WORKBENCH"
+    compose(empty)
+    empty.render.engine = "BLENDER_WORKBENCH"
+    (mesh,) = make()
+    bpy.context.view_layer.update()
+    assert shadow_nodes(empty) == 0
+    mesh.is_shadow_catcher = False
+    empty.render.engine = "CYCLES"
+    bpy.context.view_layer.update()
+    assert shadow_nodes(empty) == 0
+    mesh.is_shadow_catcher = True
+    bpy.context.view_layer.update()
+    assert shadow_nodes(empty) == 1
+    assert all(layer.cycles.use_pass_shadow_catcher for layer in empty.view_layers)
+
+
+def test_shadows_follow_an_engine_that_is_chosen_later(empty, floor):
+    compose(empty)
+    empty.render.engine = "BLENDER_WORKBENCH"
+    make()
+    assert shadow_nodes(empty) == 0
+    empty.render.engine = "CYCLES"
+    bpy.context.view_layer.update()
+    assert shadow_nodes(empty) == 1
+
+
+def test_shadows_follow_a_proxy_that_is_made_in_the_captures_scene(empty, floor):
+    compose(empty)
+    bpy.context.window.scene = splats_of(empty)
+    try:
+        make()
+    finally:
+        bpy.context.window.scene = empty
+    assert shadow_nodes(empty) == 1
 
 
 def test_the_panel_shows_what_the_proxy_does(empty, floor):
@@ -282,3 +335,6 @@ def test_the_panel_shows_what_the_proxy_does(empty, floor):
     assert "is_shadow_catcher" not in said()
     make()
     assert said()[-3:] == ["floor Proxy", "is_shadow_catcher", "visible_shadow"]
+    for use in ("HOLDOUT", "PLAIN"):
+        make(use=use)
+        assert said()[-2:] == ["floor Proxy", "visible_shadow"]
