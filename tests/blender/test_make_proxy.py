@@ -52,6 +52,11 @@ def make(**settings):
     return proxies_of(active_capture(bpy.context))
 
 
+def make_of(obj):
+    bpy.ops.frog.make_proxy(resolution=RESOLUTION)
+    return proxies_of(obj)
+
+
 def expected(path, frames):
     """What the engine makes of a scene's frames."""
     player = ScenePlayer.load(path)
@@ -194,6 +199,104 @@ def test_blenders_own_exporters_write_every_frame(empty, capture, tmp_path, prog
         scene.frame_set(frame)
         meshes = [obj for obj in scene.objects if obj.type == "MESH"]
         assert [len(vertices_of(obj)) for obj in meshes] == [count]
+
+
+def test_a_limited_capture_has_meshes_in_its_range_alone(empty, capture, path):
+    capture.frog.use_range, capture.frog.range_start, capture.frog.range_end = True, 2.0, 4.0
+    empty.frame_start, empty.frame_end = -2, 9
+    made, engine = make(), expected(path, [1, 2])
+    assert len(engine.moving) == 2
+    for frame, index in ((1, None), (2, 0), (3, 1), (4, None)):
+        empty.frame_set(frame)
+        if index is not None:
+            moving = sorted_rows(vertices_of(made[-1]))
+            np.testing.assert_allclose(moving, sorted_rows(engine.moving[index].vertices), atol=1e-5)
+        else:
+            assert not any(len(vertices_of(obj)) for obj in made)
+    empty.frame_start = 4
+    with pytest.raises(RuntimeError, match="Limit"):
+        make()
+
+
+def test_what_stays_of_a_limited_capture_ends_as_well(empty, floor):
+    floor.frog.use_range, floor.frog.range_start, floor.frog.range_end = True, 2.0, 4.0
+    (still,) = make()
+    shown = []
+    for frame in range(1, 6):
+        empty.frame_set(frame)
+        shown.append(len(vertices_of(still)) > 0)
+    assert shown == [False, True, True, False, False]
+
+
+def test_time_stretching_counts(empty, capture, path):
+    empty.render.frame_map_old, empty.render.frame_map_new = 100, 200  # as slow again
+    empty.frame_start, empty.frame_end = 3, 8
+    (*_, moving) = make()
+    engine = expected(path, [frame / 2 - 1 for frame in range(3, 9)])
+    for frame in (3, 4, 6, 8):
+        empty.frame_set(frame)
+        np.testing.assert_allclose(
+            sorted_rows(vertices_of(moving)), sorted_rows(engine.moving[frame - 3].vertices), atol=1e-5
+        )
+
+
+def test_captures_under_one_root_have_their_own_proxies(empty, capture):
+    first = make()
+    other = capture.copy()
+    empty.collection.objects.link(other)
+    assert proxies_of(other) == []
+    bpy.context.view_layer.objects.active = other
+    made = make_of(other)
+    assert proxies_of(capture) == first and set(made).isdisjoint(first)
+
+
+def test_frames_that_show_the_same_share_a_mesh(empty, capture):
+    capture.frog.repeat = "LOOP"
+    empty.frame_start, empty.frame_end = 1, 8
+    (*_, moving) = make()
+    frames = sorted(obj.name for obj in bpy.data.collections[f"{moving.name} Frames"].objects)
+    meshes = [bpy.data.objects[name].data for name in frames]
+    assert len(meshes) == 8 and meshes[:4] == meshes[4:] and len(set(meshes)) == 4
+
+
+def test_frames_keep_their_order_under_a_long_name(empty, capture, path):
+    capture.parent.name = "a very long name of a root, as files of a production may have"
+    (*_, moving) = make()
+    engine = expected(path, range(4))
+    for frame in (1, 3):
+        empty.frame_set(frame)
+        np.testing.assert_allclose(
+            sorted_rows(vertices_of(moving)), sorted_rows(engine.moving[frame - 1].vertices), atol=1e-5
+        )
+
+
+def test_emptied_nodes_are_no_obstacle(empty, capture):
+    (*_, moving) = make()
+    moving.modifiers["Frames"].node_group = None
+    made = make()
+    assert len(made[-1].modifiers) == 1 and made[-1].modifiers["Frames"].node_group is not None
+
+
+def test_an_override_has_a_proxy_in_this_file(empty, capture, tmp_path):
+    group = bpy.data.collections.new("Linked")
+    empty.collection.children.link(group)
+    for obj in (capture, capture.parent):
+        for collection in obj.users_collection:
+            collection.objects.unlink(obj)
+        group.objects.link(obj)
+    file = tmp_path / "library.blend"
+    bpy.data.libraries.write(str(file), {group})
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(str(file), link=True) as (_, into):
+        into.collections = ["Linked"]
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    scene.frame_start, scene.frame_end = 1, 4
+    into.collections[0].override_hierarchy_create(scene, layer)
+    over = next(obj for obj in scene.objects if obj.override_library is not None and obj.frog.filepath)
+    layer.objects.active = over
+    for _ in range(2):
+        made = make_of(over)
+        assert made and all(set(obj.users_collection) == {scene.collection} for obj in made)
 
 
 def test_escape_changes_nothing(empty, capture):
