@@ -15,7 +15,7 @@ from support.training_panel import Written
 
 from frog_blender.color_spaces import to_linear
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.surfaces.proxy import make_proxy
+from frog_blender.engine.surfaces.proxy import RESOLUTIONS, make_proxy
 from frog_blender.lighting.proxy import proxies_of
 from frog_blender.operators.make_proxy import FROG_OT_make_proxy
 from frog_blender.render.compositing import compositor
@@ -297,6 +297,12 @@ def test_an_override_has_a_proxy_in_this_file(empty, capture, tmp_path):
     for _ in range(2):
         made = make_of(over)
         assert made and all(set(obj.users_collection) == {scene.collection} for obj in made)
+
+
+def test_the_settings_are_those_of_the_engine():
+    resolution = bpy.ops.frog.make_proxy.get_rna_type().properties["resolution"]
+    assert (resolution.hard_min, resolution.hard_max) == RESOLUTIONS
+    assert "REGISTER" not in FROG_OT_make_proxy.bl_options, "each change would fuse everything again"
 
 
 def test_escape_changes_nothing(empty, capture):
