@@ -102,7 +102,7 @@ def main() -> None:
     frog_blender.register()
     bpy.ops.import_scene.frog(filepath=str(path))
     capture = active_capture(bpy.context)
-    proxy.place(capture, made_proxy(path, resolution), 1, proxy.SHADOWS)
+    proxy.place(capture, bpy.context.scene, made_proxy(path, resolution), 1, proxy.SHADOWS)
     capture.hide_render = True
     add_stage()
     for number, (frame, truth) in enumerate(zip(FRAMES, truths, strict=True)):

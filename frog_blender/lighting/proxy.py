@@ -2,58 +2,74 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
 from ..nodes.node_builder import Builder, new_material, set_input
-from ..nodes.proxy_nodes import COUNT, FIRST, FRAMES, frames_group
+from ..nodes.proxy_nodes import COUNT, FIRST, FRAMES, FROM, STRETCH, UNTIL, frames_group, plays_frames
 from ..scene_import.capture_objects import root_of
+from ..timeline.retiming import stretched
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from ..engine.surfaces.proxy import Proxy
     from ..engine.surfaces.surface_nets import Mesh
 
 SHADOWS, HOLDOUT, PLAIN = "SHADOWS", "HOLDOUT", "PLAIN"
 """What a proxy is for."""
+_ALWAYS = 1e9  # frames
 _MODIFIER, _MATERIAL = "Frames", "FRoG Proxy"
 
 
 def proxies_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    """The proxy meshes of a capture: of what stays and of what moves, those that there are."""
-    return [child for child in root_of(obj).children if child.frog.is_proxy]
+    """The proxy meshes of a capture, of which others may share its root: of what stays and of what moves."""
+    return [child for child in root_of(obj).children if child.frog.is_proxy and child.frog.proxy_of in (obj, None)]
 
 
-def place(obj: bpy.types.Object, proxy: Proxy, first_frame: int, use: str) -> list[bpy.types.Object]:
+def place(
+    obj: bpy.types.Object, scene: bpy.types.Scene, proxy: Proxy, first_frame: int, use: str
+) -> list[bpy.types.Object]:
     """Gives a capture its proxy mesh, in place of an earlier one.
 
     Args:
+        scene: whose timeline the meshes are for.
         first_frame: of the timeline, at which the first mesh of what moves is shown.
         use: SHADOWS, HOLDOUT or PLAIN.
     """
-    for earlier in proxies_of(obj):
-        _remove(earlier)
-    name, material, made = f"{root_of(obj).name} Proxy", _material() if use == SHADOWS else None, []
+    earlier, timing = proxies_of(obj), _Timing.of(obj, scene, first_frame)
+    name, material, made = f"{root_of(obj).name} Proxy", _material() if use == SHADOWS else None, {}
     if len(proxy.still.quads):
-        made.append(bpy.data.objects.new(name, _mesh(name, proxy.still, material)))
-        _set_use(made[-1], use, casts_shadows=False)
+        still = made[name] = bpy.data.objects.new(name, _mesh(name, proxy.still, material))
+        _set_use(still, use, casts_shadows=False)
+        if obj.frog.use_range:
+            _play(still, [], timing)
     if proxy.moving:
-        made.append(bpy.data.objects.new(f"{name} Moving", bpy.data.meshes.new(f"{name} Moving")))
-        frames = [_mesh(f"{name} Moving", mesh, material) for mesh in proxy.moving]
-        _play(made[-1], frames, first_frame)
-        _set_use(made[-1], use, casts_shadows=True)
-    for each in made:
-        each.frog.is_proxy = True
+        name = f"{name} Moving"
+        moving = made[name] = bpy.data.objects.new(name, bpy.data.meshes.new(name))
+        different = {id(mesh): mesh for mesh in proxy.moving}
+        meshes = {key: _mesh(name, mesh, material) for key, mesh in different.items()}
+        _play(moving, [meshes[id(mesh)] for mesh in proxy.moving], timing)
+        _set_use(moving, use, casts_shadows=True)
+    for each in made.values():
+        each.frog.is_proxy, each.frog.proxy_of = True, obj
         each.parent = root_of(obj)
         if obj.parent is not None:  # without a root the capture itself moves them
             each.matrix_parent_inverse, each.matrix_basis = obj.matrix_parent_inverse, obj.matrix_basis
         each.lock_location = each.lock_rotation = each.lock_scale = (True, True, True)
-        for collection in obj.users_collection:
+        for collection in _own_collections(obj) or [scene.collection]:
             collection.objects.link(each)
-    return made
+    for each in earlier:  # last, so that they are there if anything fails
+        _remove(each)
+    for name, each in made.items():
+        each.name = each.data.name = name
+    return list(made.values())
+
+
+def _own_collections(obj: bpy.types.Object) -> list[bpy.types.Collection]:
+    """The collections of an object to which this file can add others."""
+    return [each for each in obj.users_collection if each.library is None and each.override_library is None]
 
 
 def _set_use(obj: bpy.types.Object, use: str, *, casts_shadows: bool) -> None:
@@ -69,19 +85,38 @@ def _set_use(obj: bpy.types.Object, use: str, *, casts_shadows: bool) -> None:
     obj.display_type = "TEXTURED" if use == PLAIN else "BOUNDS"  # viewports show the splats
 
 
-def catches_shadows(objects: Iterable[bpy.types.Object]) -> bool:
-    """Whether any of a scene's objects is a proxy that catches shadows."""
-    return any(obj.frog.is_proxy and obj.is_shadow_catcher for obj in objects)
+def is_for_shadows(obj: bpy.types.Object) -> bool:
+    """Whether a proxy was made for shadows, also while it catches none: then nothing else shows it."""
+    return not obj.is_holdout and not obj.visible_diffuse
 
 
-def _play(obj: bpy.types.Object, meshes: list[bpy.types.Mesh], first_frame: int) -> None:
-    """Shows a mesh a frame on an object."""
-    frames = bpy.data.collections.new(f"{obj.name} Frames")
-    for number, mesh in enumerate(meshes):  # which Blender takes in the order of their names
-        frames.objects.link(bpy.data.objects.new(f"{obj.name} {number:06d}", mesh))
+@dataclass(frozen=True)
+class _Timing:
+    """Numbers of the timeline, see nodes.proxy_nodes."""
+
+    first: float
+    stretch: float
+    begin: float
+    end: float
+
+    @classmethod
+    def of(cls, obj: bpy.types.Object, scene: bpy.types.Scene, first_frame: int) -> _Timing:
+        """Of what a capture shows in a scene."""
+        limits = (obj.frog.range_start, obj.frog.range_end) if obj.frog.use_range else (-_ALWAYS, _ALWAYS)
+        return cls(stretched(scene, first_frame), 1 / stretched(scene, 1), *limits)
+
+
+def _play(obj: bpy.types.Object, meshes: list[bpy.types.Mesh], timing: _Timing) -> None:
+    """Shows a mesh a frame on an object, and neither these nor its own outside the capture's range."""
     modifier = obj.modifiers.new(_MODIFIER, "NODES")
     modifier.node_group = frames_group()
-    for name, value in ((FRAMES, frames), (FIRST, first_frame), (COUNT, len(meshes))):
+    if meshes:
+        frames = bpy.data.collections.new(f"{obj.name} Frames")
+        for number, mesh in enumerate(meshes):  # which Blender takes in the order of their names, cut at 63 bytes
+            frames.objects.link(bpy.data.objects.new(f"{number:06d} {obj.name}", mesh))
+        set_input(modifier, FRAMES, frames)
+    numbers = ((FIRST, timing.first), (STRETCH, timing.stretch), (FROM, timing.begin), (UNTIL, timing.end))
+    for name, value in ((COUNT, len(meshes)), *numbers):
         set_input(modifier, name, value)
 
 
@@ -122,17 +157,19 @@ def _mesh(name: str, content: Mesh, material: bpy.types.Material | None) -> bpy.
 
 def _remove(obj: bpy.types.Object) -> None:
     """Removes a proxy with everything that only it uses."""
-    blocks: list[bpy.types.ID] = [obj, *([obj.data] if obj.data.users == 1 else [])]
+    blocks: set[bpy.types.ID] = {obj, *([obj.data] if obj.data.users == 1 else [])}
     modifier = obj.modifiers.get(_MODIFIER)
     frames = _frames(modifier) if modifier is not None else None
     if frames is not None and frames.users == 1:
-        blocks += [frames, *frames.objects, *(each.data for each in frames.objects)]
+        blocks |= {frames, *frames.objects, *(each.data for each in frames.objects)}
     bpy.data.batch_remove(blocks)
 
 
 def _frames(modifier: bpy.types.Modifier) -> bpy.types.Collection | None:
+    if modifier.type != "NODES" or not plays_frames(modifier.node_group):
+        return None
     identifier = modifier.node_group.interface.items_tree[FRAMES].identifier
     if hasattr(modifier, "properties"):  # since Blender 5.2
         found: bpy.types.Collection | None = getattr(modifier.properties.inputs, identifier).value
         return found
-    return modifier[identifier]
+    return modifier.get(identifier)

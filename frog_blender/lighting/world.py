@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _NAME = "FRoG Light"  # also the label of the nodes by which such a world is known
+_OURS = "frog_light"  # property of the images that are made here
+_COLORS = ("Linear Rec.709", "Linear")  # names of linear light in configurations of OpenColorIO
 AHEAD = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """(4, 4) from the world to a camera that stands where it begins: ahead and up are where Blender's environment textures
 have the middle and the upper edge of an image."""
@@ -32,7 +34,8 @@ def light_node(world: bpy.types.World) -> bpy.types.ShaderNode | None:
 
 
 def light_with(scene: bpy.types.Scene, light: np.ndarray, background: np.ndarray) -> None:
-    """Lights the objects of a scene. Its own world is kept, and is what cameras and FROG see.
+    """Lights the objects of a scene. Its own world is kept, and is what cameras and FROG see. Other scenes stay as they
+    are, but for one that follows it.
 
     Args:
         light: (H, W, 3) linear light with Rec. 709 primaries, equirectangular, rows from the top.
@@ -44,16 +47,51 @@ def light_with(scene: bpy.types.Scene, light: np.ndarray, background: np.ndarray
         if before is not None and before.library is None:
             before.use_fake_user = True  # somebody replaced the lit world: without a user Blender drops the older one
         scene.frog.own_world, world = world, _with_light(world, background)
-    elif world.library is not None:
-        world = world.copy()
-    texture = next(_nodes(world, "TEX_ENVIRONMENT"))
-    texture.image = _image(light, texture.image)
+    elif world.library is not None or _others_with(scene, world):
+        scene.frog.own_world, world = _own_world(scene), world.copy()
+    texture = next(_nodes(world, "TEX_ENVIRONMENT"), None) or _new_texture(world, light_node(world))
+    former, texture.image = texture.image, _image(light)
     scene.world = world
+    if former is not None and former.users == 0 and former.get(_OURS):
+        bpy.data.images.remove(former)
+        texture.image.name = _NAME
 
 
 def restore(scene: bpy.types.Scene) -> None:
-    """Gives a scene its own world back."""
-    scene.world, scene.frog.own_world = scene.frog.own_world, None
+    """Gives a scene its own world back. The lit one is kept if somebody changed more than its light."""
+    lit, own = scene.world, _own_world(scene)
+    if lit.library is None and (own is None or _content(lit) != _content(own)):  # which Blender would drop
+        lit.use_fake_user = True
+    scene.world, scene.frog.own_world = own, None
+
+
+def _own_world(scene: bpy.types.Scene) -> bpy.types.World | None:
+    """The world of a lit scene before; one that was given the lit world of another scene has that one's."""
+    if scene.frog.own_world is not None:
+        return scene.frog.own_world
+    return next((own for each in _others_with(scene, scene.world) if (own := each.frog.own_world) is not None), None)
+
+
+def _others_with(scene: bpy.types.Scene, world: bpy.types.World) -> list[bpy.types.Scene]:
+    """The other scenes that have a world, without those that follow this scene."""
+    return [
+        each for each in bpy.data.scenes if each.world == world and each != scene and each.frog.composed_with != scene
+    ]
+
+
+def _content(world: bpy.types.World) -> list[tuple[object, ...]]:
+    """The user's nodes of a world, and what their sockets hold."""
+    nodes = world.node_tree.nodes if world.node_tree is not None else ()
+    return [
+        (node.bl_idname, node.mute, getattr(node, "image", None), *map(_value, node.inputs))
+        for node in nodes
+        if node.label != _NAME
+    ]
+
+
+def _value(socket: bpy.types.NodeSocket) -> object:
+    value: Any = getattr(socket, "default_value", None)  # Any: a number, a text or an array of Blender
+    return tuple(value) if hasattr(value, "__len__") else value
 
 
 def _nodes(world: bpy.types.World, kind: str) -> Iterator[bpy.types.ShaderNode]:
@@ -61,14 +99,25 @@ def _nodes(world: bpy.types.World, kind: str) -> Iterator[bpy.types.ShaderNode]:
     return (node for node in nodes if node.label == _NAME and node.type == kind)
 
 
-def _image(light: np.ndarray, former: bpy.types.Image | None) -> bpy.types.Image:
-    """An image of the light, packed into the .blend; the former one, if that is of the same size."""
+def _new_texture(world: bpy.types.World, lit: Any) -> bpy.types.ShaderNode:  # Any: None as well, which is_lit excludes
+    """The node of the light's image, which somebody has removed."""
+    texture = world.node_tree.nodes.new("ShaderNodeTexEnvironment")
+    texture.label, texture.location = _NAME, (lit.location.x, lit.location.y - 350)
+    world.node_tree.links.new(texture.outputs["Color"], lit.inputs["Color"])
+    return texture
+
+
+def _image(light: np.ndarray) -> bpy.types.Image:
+    """An image of the light, packed into the .blend. Always a new one: undo brings no pixels back."""
     height, width = light.shape[:2]
-    if former is not None and former.library is None and tuple(former.size) == (width, height):
-        image = former
-    else:
-        image = bpy.data.images.new(_NAME, width, height, alpha=False, float_buffer=True)
-        image.colorspace_settings.name = "Linear Rec.709"
+    image = bpy.data.images.new(_NAME, width, height, alpha=False, float_buffer=True)
+    image[_OURS] = True
+    for name in _COLORS:
+        try:
+            image.colorspace_settings.name = name
+            break
+        except TypeError:  # the user's configuration of OpenColorIO has no such name
+            continue
     pixels = np.ones((height, width, 4), np.float32)
     pixels[..., :3] = light[::-1]
     image.pixels.foreach_set(pixels.ravel())

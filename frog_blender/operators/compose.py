@@ -10,7 +10,6 @@ first; Blender renders both when the first is rendered.
 import bpy
 from bpy.props import EnumProperty
 
-from ..lighting.proxy import catches_shadows
 from ..render.compositing import compositor, scenes
 from ..timeline import playback
 
@@ -51,8 +50,6 @@ Later changes of camera, frame range, render region, resolution, collections and
             splats = _splat_scene(scene)
             compositor.overlay_scene(scene, splats)
         splats.frog.composed_with, splats.frog.hold_out = scene, True
-        if scene.render.engine == "CYCLES" and catches_shadows(scene.objects):
-            compositor.multiply_shadows(scene)
         scenes.begin()
         self.report({"INFO"}, f"F12 in {scene.name} now also renders {splats.name} and overlays it.")
         return {"FINISHED"}

@@ -73,7 +73,8 @@ before. Press again after changes to take the light anew"""
 
 
 class FROG_OT_use_own_world(bpy.types.Operator):
-    """Light the objects of this scene with its own world again"""
+    """Light the objects of this scene with its own world again. What else was changed in the world while it was lit \
+stays in the lit one, which the .blend then keeps"""
 
     bl_idname = "frog.use_own_world"
     bl_label = "Use My Own World"

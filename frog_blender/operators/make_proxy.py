@@ -13,9 +13,9 @@ from bpy.props import EnumProperty, IntProperty
 
 from ..engine.errors import FrogError
 from ..lighting import proxy
-from ..render.compositing import compositor, scenes
+from ..render.compositing import scenes
 from ..scene_import.capture_objects import active_capture
-from ..timeline import playback
+from ..timeline import playback, retiming
 from .modal_operator import ModalOperator
 from .timeline_visit import TimelineVisit
 
@@ -29,7 +29,7 @@ other edits count; after another edit or another timing, make it again. Press Es
 
     bl_idname = "frog.make_proxy"
     bl_label = "Make Proxy Mesh"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}  # not REGISTER: each change in the redo panel would fuse everything again
 
     use: EnumProperty(
         name="For",
@@ -52,7 +52,7 @@ other edits count; after another edit or another timing, make it again. Press Es
         min=8,
         soft_min=32,
         soft_max=256,
-        max=512,
+        max=256,
     )
     frames: EnumProperty(
         name="Frames",
@@ -83,13 +83,17 @@ other edits count; after another edit or another timing, make it again. Press Es
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..engine.surfaces.proxy import steps_of
 
-        in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
+        in_steps, self.is_interactive = self.is_interactive, False
         obj, scene = active_capture(context), context.scene
         numbers = list(range(scene.frame_start, scene.frame_end + 1))
         if self.frames == "CURRENT":
             numbers = [scene.frame_current]
+        numbers = [number for number in numbers if retiming.is_shown(obj, retiming.stretched(scene, number))]
+        if not numbers:
+            self.report({"ERROR"}, f"{obj.name}: it is in none of these frames, as Limit in its timing says.")
+            return {"CANCELLED"}
         try:
-            playing = playback.scene_time(obj, numbers[0]).scene
+            playing = playback.scene_time(obj, retiming.stretched(scene, numbers[0])).scene
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -109,9 +113,8 @@ other edits count; after another edit or another timing, make it again. Press Es
         frames = [partial(self._gaussians_at, number) for number in numbers]
         made = yield from make_proxy(frames, cameras, self.resolution, keeps_identity=keeps_identity)
         obj, scene = self._visit.found()
-        proxy.place(obj, made, numbers[0], self.use)
-        if self.use == proxy.SHADOWS and scenes.overlay_of(scene) is not None and scene.render.engine == "CYCLES":
-            compositor.multiply_shadows(scene)
+        proxy.place(obj, scene, made, numbers[0], self.use)
+        scenes.follow_all()  # which sees what catches shadows
         quads = len(made.still.quads), [len(mesh.quads) for mesh in made.moving]
         moving = f", and {max(quads[1]):,} at most in {len(quads[1]):,} frames of what moves" if quads[1] else ""
         self._told = f"The proxy mesh has {quads[0]:,} faces{moving}; its detail is {made.voxel:.3g}."

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..lighting import world
-from ..lighting.proxy import proxies_of
+from ..lighting.proxy import is_for_shadows, proxies_of
 from ..timeline import playback
 from .capture_list import chosen_capture
 from .sidebar_panel import SidebarPanel, split
@@ -39,7 +39,8 @@ class FROG_PT_light(SidebarPanel, bpy.types.Panel):
             box = layout.box()
             box.label(text=obj.name, icon="OUTLINER_OB_MESH")
             row = box.row(align=True, heading="Shadows")
-            row.prop(obj, "is_shadow_catcher", text="Catch", toggle=True)
+            if is_for_shadows(obj):
+                row.prop(obj, "is_shadow_catcher", text="Catch", toggle=True)
             row.prop(obj, "visible_shadow", text="Cast", toggle=True)
 
 

@@ -186,6 +186,12 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         description="This is the proxy mesh of the capture that its parent moves",
         options={"HIDDEN"},
     )
+    proxy_of: PointerProperty(
+        name="Proxy Of",
+        description="The capture that this is a proxy mesh of",
+        type=bpy.types.Object,
+        options={"HIDDEN"},
+    )
     bake_folder: StringProperty(
         name="Bake Folder",
         description="Folder of this capture's baked playback. Empty for the folder of the .frog file",

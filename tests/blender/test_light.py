@@ -169,6 +169,74 @@ def test_objects_are_lit_in_composed_renders(empty, capture, tmp_path):
     assert world.is_lit(empty) and splats.world == empty.world
 
 
+def test_other_images_are_never_overwritten(empty, capture):
+    light()
+    former = image_of(empty.world)
+    before = pixels_of(former).copy()
+    former.use_fake_user = True
+    empty.frame_set(8)
+    light()
+    assert image_of(empty.world) != former
+    np.testing.assert_array_equal(pixels_of(former), before)
+    users = bpy.data.images.new("Mine", 128, 64, float_buffer=True)
+    next(node for node in empty.world.node_tree.nodes if node.type == "TEX_ENVIRONMENT").image = users
+    light()
+    assert image_of(empty.world) != users and not pixels_of(users).any()
+    count = len(bpy.data.images)
+    light()
+    assert len(bpy.data.images) == count, "the former one is gone"
+
+
+def test_undo_brings_the_former_light_back(empty, capture):
+    light()
+    before = pixels_of(image_of(empty.world)).copy()
+    bpy.ops.ed.undo_push(message="lit")
+    empty.frame_set(8)
+    light()
+    bpy.ops.ed.undo_push(message="lit again")
+    changed = pixels_of(image_of(bpy.context.scene.world)).copy()
+    assert np.abs(changed - before).max() > 0.01
+    bpy.ops.ed.undo()
+    np.testing.assert_array_equal(pixels_of(image_of(bpy.context.scene.world)), before)
+
+
+def test_scenes_that_share_a_lit_world_are_lit_apart(empty, capture):
+    own = users_scene(empty)
+    light()
+    other = bpy.data.scenes.new("Other")
+    other.world = empty.world
+    before = pixels_of(image_of(empty.world)).copy()
+    world.light_with(other, np.full((64, 128, 3), 7.0, np.float32), np.zeros(3))
+    assert other.world != empty.world and pixels_of(image_of(other.world)).min() == 7.0
+    np.testing.assert_array_equal(pixels_of(image_of(empty.world)), before)
+    world.restore(other)
+    assert other.world == own
+    other.world = empty.world
+    world.restore(other)
+    assert other.world == own and world.is_lit(empty)
+
+
+def test_a_removed_texture_is_made_again(empty, capture):
+    light()
+    nodes = empty.world.node_tree.nodes
+    nodes.remove(next(node for node in nodes if node.type == "TEX_ENVIRONMENT"))
+    light()
+    assert image_of(empty.world) is not None
+    assert world.light_node(empty.world).inputs["Color"].links[0].from_node.image == image_of(empty.world)
+
+
+@pytest.mark.parametrize("is_changed", [False, True])
+def test_what_was_changed_in_a_lit_world_is_kept(empty, capture, is_changed):
+    users_scene(empty)
+    light()
+    lit = empty.world
+    if is_changed:
+        node = next(node for node in lit.node_tree.nodes if node.type == "BACKGROUND" and node.label != "FRoG Light")
+        node.inputs["Strength"].default_value = 3.0
+    bpy.ops.frog.use_own_world()
+    assert lit.use_fake_user == is_changed
+
+
 def test_the_root_may_be_moved(empty, capture):
     light()
     before = pixels_of(image_of(empty.world)).copy()

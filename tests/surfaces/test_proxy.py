@@ -9,7 +9,7 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.surfaces.fusion import MOST_VOXELS, Grid, fuse
-from frog_blender.engine.surfaces.proxy import Motion, make_proxy, steps_of
+from frog_blender.engine.surfaces.proxy import _ROOM, RESOLUTIONS, Motion, make_proxy, steps_of
 from frog_blender.engine.surfaces.surface_depth import surface_depth
 from frog_blender.engine.surfaces.surface_nets import Mesh, surface_nets, without_islands
 
@@ -187,6 +187,41 @@ def test_without_identity_everything_moves():
     assert len(result_of(make_proxy(frames, [], 24))[0].moving) == 2, "their numbers differ"
 
 
+@pytest.mark.parametrize("index", [1, 6, 11])
+def test_what_moves_in_a_single_frame_moves(index):
+    room = sphere(count=400)
+    places = [2.5] * 13
+    places[index] = 3.1
+    frames = [lambda x=x: together(room, sphere((x, 0, 0), 0.4, 200)) for x in places]
+    proxy, _ = result_of(make_proxy(frames, [], 16))
+    assert len(proxy.moving) == 13 and proxy.still.vertices[:, 0].max() < 1.0 + proxy.voxel
+    assert proxy.moving[index].vertices[:, 0].mean() == pytest.approx(3.1, abs=proxy.voxel)
+
+
+def test_frames_that_show_the_same_share_a_mesh():
+    frames = [lambda x=x: sphere((x, 0, 0), 1.0, 400) for x in (0.0, 0.5, 0.5, 0.0)]
+    proxy, _ = result_of(make_proxy(frames, [], 12))
+    first, second, third, fourth = proxy.moving
+    assert first is fourth and second is third and first is not second
+
+
+def test_a_far_floater_that_comes_and_goes_costs_no_grid_up_to_it():
+    room, shown = sphere(count=400), sphere((150.0, 0.0, -400.0), 60.0, 100)
+    floater = sphere((150.0, 0.0, -400.0), 60.0, 100)
+    floater.opacities[:] = 0.0
+    ball = [sphere((2.0 + x, 0.0, 0.0), 0.4, 200) for x in (0.0, 0.3)]
+    frames = [lambda: together(room, ball[0], floater), lambda: together(room, ball[1], shown)]
+    side = looking_down(height=8.0)
+    proxy, _ = result_of(make_proxy(frames, [side], 48))
+    tall = max(np.ptp(mesh.vertices, axis=0).max() for mesh in proxy.moving)
+    assert len(proxy.moving) == 2 and tall < 2 * 48 * proxy.voxel
+
+
+def test_the_finest_resolution_fits_with_room_for_later_frames():
+    high = np.ones(3)
+    Grid.around(-_ROOM * high, (1 + _ROOM) * high, 1 / RESOLUTIONS[1])
+
+
 def test_motion_is_of_place_or_opacity():
     scene = sphere(count=10)
     motion = Motion()
@@ -205,7 +240,9 @@ def test_nothing_to_see_and_too_much_are_said():
     faint.opacities[:] = 0.01
     with pytest.raises(FrogError, match="no surface"):
         result_of(make_proxy([lambda: faint], [], 16))
-    with pytest.raises(FrogError, match=f"{MOST_VOXELS:,}"):
+    with pytest.raises(FrogError, match="no surface"):
+        result_of(make_proxy([lambda: sphere(count=0)], [], 16))
+    with pytest.raises(FrogError, match=f"{MOST_VOXELS:,}. Lower Resolution"):
         Grid.around(np.zeros(3), np.full(3, 1e6), 0.1)
     with pytest.raises(ValueError, match="resolution"):
         result_of(make_proxy([lambda: faint], [], 4))

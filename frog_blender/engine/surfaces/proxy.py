@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 
@@ -18,14 +19,14 @@ from .surface_nets import Mesh
 Frames = Sequence[Callable[[], NumpyGaussians]]
 """The Gaussians of each frame, computed when they are asked for."""
 
-_SAMPLES = 9  # frames at most in which Gaussians are looked at for motion
 _MOST_CAMERAS = 24
 _PIXELS = 2  # of a depth image's longest side, for each voxel along the scene
 _FADES = 0.3  # change of opacity by which a Gaussian comes and goes
 _SEEN = 0.01, 0.99  # quantiles of the seen surface; single pixels see floaters kilometres away
+_ROOM = 0.25  # around what is seen first, in its longest side: how far later frames may reach
 _AROUND = 2.5  # distance of cameras around a scene that has none, in its reaches
-RESOLUTIONS = 8, 512
-"""The least and the largest number of voxels along the longest side."""
+RESOLUTIONS = 8, 256
+"""The least and the largest number of voxels along the longest side: with room for later frames, what a grid holds."""
 
 
 @dataclass
@@ -34,7 +35,7 @@ class Proxy:
 
     Attributes:
         still: of what stays where it is; without quads where everything moves.
-        moving: of what moves, one a frame; empty where nothing does.
+        moving: of what moves, one a frame; empty where nothing does. Frames that show the same share one.
         voxel: their finest detail, world units.
     """
 
@@ -45,7 +46,7 @@ class Proxy:
 
 def steps_of(count: int) -> int:
     """How many steps ``make_proxy`` has for so many frames."""
-    return min(count, _SAMPLES) + 1 + count
+    return count + 1 + count
 
 
 def make_proxy(
@@ -65,30 +66,58 @@ def make_proxy(
     if not RESOLUTIONS[0] <= resolution <= RESOLUTIONS[1]:
         raise ValueError(f"resolution: {resolution}, expected {RESOLUTIONS[0]} to {RESOLUTIONS[1]}")
     motion = Motion()
-    sampled = np.unique(np.linspace(0, len(frames) - 1, _SAMPLES).round().astype(int)) if keeps_identity else ()
-    for number, index in enumerate(sampled):
-        motion.add(frames[index]())
+    for number, frame in enumerate(frames if keeps_identity else ()):
+        motion.add(frame())
         yield number + 1
     done = steps_of(len(frames)) - len(frames) - 1
     first = frames[0]()
+    if not len(first):
+        raise FrogError(_UNSEEN)
     views = yield from _views(first, _looking(cameras, first, resolution), done)
     low, high = _seen_box(views)
     proxy, eyes = Proxy(_NOTHING, voxel=float((high - low).max()) / resolution), [camera for camera, _ in views]
+    room = _ROOM * float((high - low).max())
+    look = _Look(eyes, proxy.voxel, low - room, high + room)
     moves = motion.moves(proxy.voxel)
     if len(frames) == 1:
         moves = np.zeros(len(first), bool)
     elif moves is None:
         moves = np.ones(len(first), bool)
-    proxy.still = yield from _surface(_part(first, ~moves), eyes, proxy.voxel, done)
+    proxy.still = yield from _surface(_part(first, ~moves), look, done)
     yield done + 1
+    known: dict[bytes, Mesh] = {}  # frames that are held or repeated
     for number, frame in enumerate(frames if moves.any() else ()):
         gaussians = frame()
         moving = _part(gaussians, moves) if len(gaussians) == len(moves) else gaussians
-        proxy.moving.append((yield from _surface(moving, eyes, proxy.voxel, done + 1 + number)))
+        key = _digest(moving)
+        if key not in known:
+            known[key] = yield from _surface(moving, look, done + 1 + number)
+        proxy.moving.append(known[key])
         yield done + 2 + number
     if not len(proxy.still.quads) and not any(len(mesh.quads) for mesh in proxy.moving):
         raise FrogError("The cameras see no closed surface in this capture, so there is nothing to make a mesh of.")
     return proxy
+
+
+@dataclass(frozen=True)
+class _Look:
+    """How a scene is looked at in all its frames.
+
+    Attributes:
+        cameras: with images as fine as a mesh needs.
+        voxel: world units.
+        low, high: (3,) corners of the box in which surfaces are expected.
+    """
+
+    cameras: Sequence[Camera]
+    voxel: float
+    low: Float64s
+    high: Float64s
+
+    def box(self, low: Float64s, high: Float64s) -> tuple[Float64s, Float64s]:
+        """A box, cut where it is longer than what is expected: a floater far away would need a grid up to it."""
+        is_long = high - low > (self.high - self.low).max()
+        return np.where(is_long, np.maximum(low, self.low), low), np.where(is_long, np.minimum(high, self.high), high)
 
 
 class Motion:
@@ -120,20 +149,29 @@ class Motion:
         return result
 
 
+def _digest(gaussians: NumpyGaussians) -> bytes:
+    """The same for Gaussians that are equal."""
+    digest = hashlib.blake2b(digest_size=16)
+    for array in vars(gaussians).values():
+        digest.update(np.ascontiguousarray(array).ravel().data)
+    return digest.digest()
+
+
 def _part(gaussians: NumpyGaussians, kept: Array) -> NumpyGaussians:
     return GaussianArrays(*(array[kept] for array in vars(gaussians).values()))
 
 
-def _surface(
-    gaussians: NumpyGaussians, cameras: Sequence[Camera], voxel: float, done: int
-) -> Generator[int, None, Mesh]:
+def _surface(gaussians: NumpyGaussians, look: _Look, done: int) -> Generator[int, None, Mesh]:
     """The mesh of Gaussians as cameras see them."""
     if not len(gaussians):
         return _NOTHING
-    views = yield from _views(gaussians, cameras, done)
+    views = yield from _views(gaussians, look.cameras, done)
     if not any(np.isfinite(depth).any() for _, depth in views):
         return _NOTHING
-    steps = fuse(Grid.around(*_seen_box(views), voxel), views)
+    low, high = look.box(*_seen_box(views))
+    if (high < low).any():
+        return _NOTHING
+    steps = fuse(Grid.around(low, high, look.voxel), views)
     while True:
         try:
             next(steps)
@@ -163,7 +201,7 @@ def _seen_box(views: Sequence[tuple[Camera, Array]]) -> tuple[Float64s, Float64s
         seen.append(camera.center + rays * depth[rows, columns, None])
     points = np.concatenate(seen)
     if not len(points):
-        raise FrogError("The cameras see no surface in this capture, so there is nothing to make a mesh of.")
+        raise FrogError(_UNSEEN)
     low, high = np.quantile(points, _SEEN, axis=0)
     return low, high
 
@@ -201,4 +239,5 @@ def _around(gaussians: NumpyGaussians) -> list[Camera]:
     return cameras
 
 
+_UNSEEN = "The cameras see no surface in this capture, so there is nothing to make a mesh of."
 _NOTHING = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 4), np.int32))

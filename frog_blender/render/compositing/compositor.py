@@ -89,22 +89,24 @@ def overlay_scene(scene: bpy.types.Scene, other: bpy.types.Scene) -> None:
         _place(tree, over, output)
     layers.mute = False
     _read(layers, other)
+    shadows = _shadow_node(tree)
+    if shadows is not None:
+        shadows.mute = False
 
 
 def multiply_shadows(scene: bpy.types.Scene) -> None:
-    """Darkens the image that is laid over a scene's own by what Cycles' shadow catchers lose of their light there."""
+    """Darkens the image that is laid over a scene's own by what Cycles' shadow catchers lose of their light there.
+
+    A node that does so already stays as the user left it.
+    """
     tree = tree_of(scene)
     nodes = () if tree is None else tree.nodes
     over = next((node for node in nodes if node.label == _LABEL and node.type == "ALPHAOVER"), None)
-    if tree is None or over is None:
+    if tree is None or over is None or _shadow_node(tree) is not None:
         return
     for layer in scene.view_layers:
         layer.cycles.use_pass_shadow_catcher = True
     target = _images(over)[1]
-    known = next((node for node in _before(target) if node.label == _SHADOWS), None)
-    if known is not None:
-        known.mute = False
-        return
     if _HAS_GROUPS:
         mix = tree.nodes.new("ShaderNodeMix")
         mix.data_type = "RGBA"
@@ -114,6 +116,7 @@ def multiply_shadows(scene: bpy.types.Scene) -> None:
     mix.location = (over.location.x - 180, over.location.y - 200)
     factor, image, shadow = (socket for socket in mix.inputs if socket.enabled)
     factor.default_value = 1.0
+    shadow.default_value = (1.0, 1.0, 1.0, 1.0)  # other engines have no such pass, and nothing is to be darkened
     layers = next((node for node in tree.nodes if node.type == "R_LAYERS" and node.scene == scene), None)
     if layers is None:
         layers = _layers(tree, scene)
@@ -121,6 +124,13 @@ def multiply_shadows(scene: bpy.types.Scene) -> None:
         tree.links.new(target.links[0].from_socket, image)
     tree.links.new(layers.outputs["Shadow Catcher"], shadow)
     tree.links.new(next(socket for socket in mix.outputs if socket.enabled), target)
+
+
+def _shadow_node(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
+    """The node that darkens the image that is laid over another one; None where nothing does."""
+    over = next((node for node in tree.nodes if node.label == _LABEL and node.type == "ALPHAOVER"), None)
+    before = () if over is None else _before(_images(over)[1])
+    return next((node for node in before if node.label == _SHADOWS), None)
 
 
 def own_tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, bpy.types.Node]:

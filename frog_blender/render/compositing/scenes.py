@@ -6,7 +6,7 @@ when Blender tells of a change, and once more when a render begins.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any
 
@@ -35,13 +35,13 @@ class Following:
 
     Attributes:
         is_needed: whether there may be something to follow: a scene, or points that are to be drawn again.
-        laid: session_uid of scenes that FRoG's images lay over when their captures were last looked for.
+        laid: session_uid and engine of scenes that FRoG's images lay over when their captures were last looked for.
         is_busy: while scenes are being brought up to date, which Blender tells of as well.
     """
 
     def __init__(self) -> None:
         self.is_needed = True
-        self.laid: set[int] | None = None
+        self.laid: set[tuple[int, str]] | None = None
         self.is_busy = False
 
 
@@ -72,9 +72,10 @@ def follow_all(objects_changed: bool = True) -> None:
         for splats in found:
             follow(splats)
         over = [scene for scene in {splats.frog.composed_with for splats in found} if overlay_of(scene) is not None]
-        laid = {scene.session_uid for scene in over}
+        laid = {(scene.session_uid, scene.render.engine) for scene in over}
         if objects_changed or laid != following.laid:
             _settle_points(over)
+            _settle_shadows(over)
             following.laid = laid
     finally:
         following.is_busy = False
@@ -168,21 +169,35 @@ def _settle_points(over: list[bpy.types.Scene]) -> None:
                 point_cloud.draw_in_renders(obj, shown)
 
 
+def _settle_shadows(over: list[bpy.types.Scene]) -> None:
+    """Has the shadows that proxy meshes catch darken FRoG's image, in all composed scenes that Cycles renders."""
+    for scene in over:
+        if scene.render.engine == "CYCLES" and catches_shadows(scene.objects):
+            compositor.multiply_shadows(scene)
+
+
+def catches_shadows(objects: Iterable[bpy.types.Object]) -> bool:
+    """Whether any of a scene's objects is a proxy mesh that catches shadows."""
+    return any(obj.frog.is_proxy and obj.is_shadow_catcher for obj in objects)
+
+
 @persistent
 def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if not addon_state.get(Following).is_needed or bpy.app.is_job_running("RENDER"):
         return
-    objects_changed = depsgraph.id_type_updated("COLLECTION") or any(map(_is_back, depsgraph.updates))
+    objects_changed = depsgraph.id_type_updated("COLLECTION") or any(map(_matters, depsgraph.updates))
     if objects_changed or any(map(depsgraph.id_type_updated, ("SCENE", "NODETREE"))):
         follow_all(objects_changed)
 
 
-def _is_back(update: bpy.types.DepsgraphUpdate) -> bool:
-    """Whether the points of an excluded capture were enabled in renders again."""
+def _matters(update: bpy.types.DepsgraphUpdate) -> bool:
+    """Whether an excluded capture's points were enabled in renders again, or a proxy mesh may catch shadows now."""
     block = update.id
-    return (
-        isinstance(block, bpy.types.Object) and block.frog.laid_over and point_cloud.is_drawn_in_renders(block.original)
-    )
+    if not isinstance(block, bpy.types.Object):
+        return False
+    if block.frog.is_proxy:
+        return block.is_shadow_catcher and not update.is_updated_transform
+    return block.frog.laid_over and point_cloud.is_drawn_in_renders(block.original)
 
 
 def begin() -> None:
