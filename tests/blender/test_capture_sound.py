@@ -64,6 +64,8 @@ def cut(obj):
 
 def heard(scene, tmp_path):
     """Frames of the timeline at which Blender's own mixdown clicks."""
+    if bpy.app.version[:2] == (5, 2) and bpy.app.background and not bpy.app.module:
+        pytest.skip("Blender 5.2 mixes down in a job, which only the loop of a window ends")
     out = tmp_path / "mix.wav"
     options = {"container": "WAV", "codec": "PCM", "format": "S16"}
     assert bpy.ops.sound.mixdown(filepath=str(out), **options) == {"FINISHED"}
