@@ -16,8 +16,7 @@ class FROG_OT_add_sound_strip(EditOperator, bpy.types.Operator):
     bl_label = "Add Sound Strip"
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        made = capture_sound.make(obj, context.scene)
-        capture_sound.place(context, obj, made, strip=True)
+        made = capture_sound.place(context, obj, strip=True)
         return f"The sound is in the sequencer from frame {made.start:,} on."
 
 
@@ -35,8 +34,7 @@ class FROG_OT_add_speaker(EditOperator, bpy.types.Operator):
         return super().poll(context)
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        made = capture_sound.make(obj, context.scene)
-        capture_sound.place(context, obj, made, speaker=True)
+        made = capture_sound.place(context, obj, speaker=True)
         return f"The speaker plays from frame {made.start:,} on."
 
 
@@ -55,7 +53,7 @@ class FROG_OT_update_sound(EditOperator, bpy.types.Operator):
         return obj is not None and capture_sound.sound_of(obj) is not None
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        capture_sound.place(context, obj, capture_sound.make(obj, context.scene))
+        capture_sound.place(context, obj)
         return ""
 
 

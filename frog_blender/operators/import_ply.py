@@ -17,6 +17,7 @@ from ..engine.interchange.imports import SUFFIXES, says_what_is_up
 from ..engine.playback.transform import Y_DOWN
 from ..scene_import.capture_objects import finder, root_of, select_capture
 from ..scene_import.create_objects import import_scene
+from ..timeline.retiming import frame_rate
 from ..training_task import unsaved_changes
 from . import foreign_import
 from .file_drop import DropsIntoViews, OpensDroppedFile
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 _PARTS = 1000  # steps of the progress of one file
 _WAIT = 0.01  # seconds that the main thread waits for the worker, where nobody works meanwhile
-
-
 _TURN = "rotate its empty by -90 degrees about the global X axis, around the world's origin"
 """What Y Down to Z Up does."""
 
@@ -115,7 +114,7 @@ to a .frog file"""
 
     def _steps_of(self, context: bpy.types.Context, paths: list[Path]) -> Generator[int, None, None]:
         """Imports every file; one that cannot be imported does not stop the others. The first one sets up the scene."""
-        find, rate = finder(context.scene), context.scene.render.fps / context.scene.render.fps_base
+        find, rate = finder(context.scene), frame_rate(context.scene)
         errors, self.said = [], ""
         holder = foreign_import.current()
         if holder.is_busy:
@@ -133,12 +132,10 @@ to a .frog file"""
             holder.is_taken = False
             if holder.task is not None:
                 holder.task.cancel()
-        if not self.said:
-            for sentence in errors[:-1]:
-                self.report({"ERROR"}, sentence)
-            raise FrogError(errors[-1])
-        for sentence in errors:
+        for sentence in errors if self.said else errors[:-1]:
             self.report({"ERROR"}, sentence)
+        if not self.said:
+            raise FrogError(errors[-1])
 
     def _until_added(
         self, task: ForeignImport, find: Callable[[], bpy.types.Scene | None]

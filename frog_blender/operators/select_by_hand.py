@@ -126,11 +126,14 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
             layout.prop(self, "radius")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        from ..engine.editing.gestures import gesture
+
         try:
-            self._begin(context, active_capture(context))
+            self._seen = seen_in(context, active_capture(context), self.only_visible)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        self._gesture = gesture(self.shape, self._seen.screen, self.radius)
         gesture_overlay.begin(self._seen.screen, self._gesture, self.shape, self.radius, context.region)
         self._move(event)
         context.window_manager.modal_handler_add(self)
@@ -177,19 +180,15 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
         mark(obj.frog_edits.selection, scene, chosen)
         return f"{np.count_nonzero(chosen):,} of {scene.count:,} Gaussians are selected."
 
-    def _begin(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
-        from ..engine.editing.gestures import gesture
-
-        self._seen = seen_in(context, obj, self.only_visible)
-        self._gesture = gesture(self.shape, self._seen.screen, self.radius)
-
     def _replay(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         """A gesture made again with other settings, or by a script."""
+        from ..engine.editing.gestures import drawn
+
         if not len(self.path):
             raise FrogError("Found no path of the mouse, expected the places it went through.")
-        self._begin(context, obj)
-        for place in self.path:
-            self._gesture.move((place.loc[0], self._seen.height - place.loc[1]))
+        self._seen = seen_in(context, obj, self.only_visible)
+        way = [(place.loc[0], self._seen.height - place.loc[1]) for place in self.path]
+        self._gesture = drawn(self.shape, self._seen.screen, way, self.radius)
 
     def _move(self, event: bpy.types.Event) -> None:
         self._gesture.move((event.mouse_region_x + 0.5, self._seen.height - event.mouse_region_y - 0.5))

@@ -12,7 +12,7 @@ import numpy as np
 from ..engine.interchange.take import Sound, TakeFrame
 from ..timeline import playback
 from ..timeline.edits import needs_evaluation
-from ..timeline.retiming import is_shown, stretched
+from ..timeline.retiming import frame_rate, is_shown, stretched
 from .timeline_visit import TimelineVisit
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class TimelineTake:
         return cls(
             visit=TimelineVisit.of(context, obj, obj.parent.name if obj.parent is not None else obj.name),
             numbers=numbers,
-            rate=scene.render.fps / scene.render.fps_base,
+            rate=frame_rate(scene),
             header=playing.header,
             num_dynamic=(playing.count if all_change else playing.num_dynamic) if several else 0,
             changing=(playing.columns if all_change else playing.changing) if several else (),

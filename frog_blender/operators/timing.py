@@ -16,7 +16,6 @@ from ..ui.capture_list import chosen_capture
 if TYPE_CHECKING:
     from ..engine.scene.header import SceneHeader
 
-_LAST = 1_048_574  # frame that Blender allows
 _NONE = "The chosen capture does not move, or its file cannot be played."
 
 
@@ -60,7 +59,7 @@ class FROG_OT_fit_frame_range(bpy.types.Operator):
         if frames is None:
             return {"CANCELLED"}
         first, last = max(0, math.floor(frames[0] + 1e-4)), math.ceil(frames[1] - 1e-4)
-        if last < first or last > _LAST:
+        if last < first or last > retiming.LAST_FRAME:
             self.report({"ERROR"}, f"It plays from frame {frames[0]:,.0f} to {frames[1]:,.0f}, which no scene has.")
             return {"CANCELLED"}
         scene.frame_start, scene.frame_end = first, last

@@ -14,6 +14,7 @@ import bpy
 
 from ..cameras import engine_camera
 from ..engine.errors import FrogError
+from ..timeline.retiming import frame_rate
 from . import placing
 from .capture_folder import Plan, names_of
 
@@ -91,7 +92,7 @@ def request_of(scene: bpy.types.Scene, settings: Any) -> RenderRequest:
         cameras.append(replace(camera, name=name))
         lenses.append({key: getattr(eye.data, key) for key in _LENS})
         matrices.append([list(row) for row in eye.matrix_world])
-    rate = scene.render.fps / scene.render.fps_base / scene.frame_step
+    rate = frame_rate(scene) / scene.frame_step
     plan = Plan(folder_of(settings), tuple(cameras), frames, rate)
     return RenderRequest(scene.name, plan, tuple(lenses), tuple(matrices))
 

@@ -24,8 +24,8 @@ from ..engine.source_media.film_sound import FilmSound, find_sound
 from ..engine.source_media.retimed_sound import heard_frames, retimed_sound
 from ..engine.source_media.sound import Samples, check_length, has_sound, read_sound, wav_of
 from ..timeline import playback
-from ..timeline.frame_timing import frame_rate, frames_shown
-from ..timeline.retiming import curves, needs_evaluated_time, shown_curve, strip_curves
+from ..timeline.frame_timing import frames_shown
+from ..timeline.retiming import curves, frame_rate, needs_evaluated_time, shown_curve, strip_curves
 from .capture_objects import root_of
 
 _MARK, _STAMP = "frog_capture", "frog_timing"
@@ -94,7 +94,7 @@ def is_outdated(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool | None:
     return bool(sound.get(_STAMP) != _stamp(obj, scene))
 
 
-def make(obj: bpy.types.Object, scene: bpy.types.Scene) -> MadeSound:
+def _make(obj: bpy.types.Object, scene: bpy.types.Scene) -> MadeSound:
     """The sound of a capture as a scene's range of frames plays it.
 
     Raises:
@@ -119,21 +119,19 @@ def make(obj: bpy.types.Object, scene: bpy.types.Scene) -> MadeSound:
 
 
 def place(
-    context: bpy.types.Context,
-    obj: bpy.types.Object,
-    made: MadeSound,
-    *,
-    strip: bool = False,
-    speaker: bool = False,
-) -> None:
-    """Packs a sound into the .blend and plays it wherever the capture's sound was played in this scene, or is to be.
+    context: bpy.types.Context, obj: bpy.types.Object, *, strip: bool = False, speaker: bool = False
+) -> MadeSound:
+    """Makes a capture's sound, packs it into the .blend and plays it wherever the capture's was played in this scene,
+    or is to be.
 
     Args:
         strip, speaker: add one if there is none.
 
     Raises:
-        FrogError: for a strip that would lose what was done to it. Then nothing has changed.
+        FrogError: if there is nothing to hear, it cannot be read, or a strip would lose what was done to it. Then
+            nothing has changed.
     """
+    made = _make(obj, context.scene)
     scene, old, unplayed = context.scene, sound_of(obj), obj.frog.sound
     strips = strips_of(old, scene) if old is not None else []
     speakers = speakers_of(old, scene) if old is not None else []
@@ -160,6 +158,7 @@ def place(
         _add_speaker(context, obj, sound, made, name)
     if unplayed is not None and not unplayed.users:
         bpy.data.sounds.remove(unplayed)
+    return made
 
 
 def _check_replaceable(strip: bpy.types.SoundStrip, strips: list[bpy.types.SoundStrip], scene: bpy.types.Scene) -> None:

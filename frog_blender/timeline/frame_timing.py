@@ -11,7 +11,7 @@ import bpy
 
 from ..engine.errors import FrogError
 from . import playback, timing_curve
-from .retiming import capture_frame, is_shown, needs_evaluated_time, stretched
+from .retiming import capture_frame, frame_rate, is_shown, needs_evaluated_time, stretched
 
 if TYPE_CHECKING:
     from ..engine.editing.timing import Timing
@@ -98,11 +98,6 @@ def _corners(numbers: list[float], shown: list[float]) -> list[int]:
             low, high = -math.inf, math.inf
         low, high = max(low, (rise - _SAME) / length), min(high, (rise + _SAME) / length)
     return [*kept, len(shown) - 1] if len(shown) > 1 else kept
-
-
-def frame_rate(scene: bpy.types.Scene) -> float:
-    """Frames a second of a scene's timeline."""
-    return scene.render.fps / scene.render.fps_base
 
 
 def _shown(obj: bpy.types.Object, frame: float, count: int, evaluated: bpy.types.Object | None = None) -> float | None:

@@ -15,8 +15,10 @@ REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""
 TIMING = ("frog.start_frame", "frog.speed", "frog.repeat", "frog.use_remap", REMAPPED)
 """All properties that affect the shown frame and can be animated."""
-FAR = 1_048_574.0
-"""The last frame of any timeline: a limit there, or as far before frame 0, is none."""
+LAST_FRAME = 1_048_574
+"""The last frame of any timeline of Blender's."""
+FAR = float(LAST_FRAME)
+"""A limit there, or as far before frame 0, is none."""
 _ROUNDING = 1e-3  # frames: what numbers of single precision lose
 
 
@@ -76,7 +78,7 @@ def playing_frames(obj: bpy.types.Object, scene: bpy.types.Scene, frame_count: i
     known: for a remapped time without a curve, without speed or for settings that are no numbers.
     """
     ends = _ends(obj, frame_count)
-    if ends is None or not all(map(math.isfinite, ends)):
+    if ends is None:
         return None
     first, last = min(ends), max(ends)
     if obj.frog.use_range:
@@ -90,7 +92,7 @@ def span(obj: bpy.types.Object, frame_count: int) -> tuple[float, float] | None:
     has ended; None where these are not known, see ``playing_frames``.
     """
     ends = _ends(obj, frame_count)
-    if ends is None or not all(map(math.isfinite, ends)):
+    if ends is None:
         return None
     settings = obj.frog
     longest = 1.0 if settings.use_remap else 1 / abs(settings.speed)  # of the last frame
@@ -101,16 +103,25 @@ def span(obj: bpy.types.Object, frame_count: int) -> tuple[float, float] | None:
 
 
 def _ends(obj: bpy.types.Object, frame_count: int) -> tuple[float, float] | None:
+    """The frames of the timeline, without Time Stretching, at which a capture begins and ends, in whatever order;
+    None where these are not known."""
     settings = obj.frog
     if settings.use_remap:
         curve = shown_curve(obj)
         if curve is None or not len(curve.keyframe_points):
             return None
-        return curve.keyframe_points[0].co.x, curve.keyframe_points[-1].co.x
-    if not settings.speed:
+        ends = curve.keyframe_points[0].co.x, curve.keyframe_points[-1].co.x
+    elif settings.speed:
+        _, count = piece(settings, frame_count)
+        ends = settings.start_frame, settings.start_frame + (count - 1) / settings.speed
+    else:
         return None
-    _, count = piece(settings, frame_count)
-    return settings.start_frame, settings.start_frame + (count - 1) / settings.speed
+    return ends if all(map(math.isfinite, ends)) else None
+
+
+def frame_rate(scene: bpy.types.Scene) -> float:
+    """Frames a second of a scene's timeline."""
+    return scene.render.fps / scene.render.fps_base
 
 
 def real_time_speed(scene: bpy.types.Scene, frames_per_second: float) -> float:

@@ -22,6 +22,7 @@ from ..engine.errors import FrogError
 from ..nodes import ellipsoid_nodes
 from ..scene_import import camera_clips
 from ..timeline import edits_in_progress, playback
+from ..timeline.retiming import LAST_FRAME
 from .path_options import PATH_OPTIONS
 
 DISPLAYS = (
@@ -30,7 +31,6 @@ DISPLAYS = (
 )
 
 
-_LAST_FRAME = 1_048_574  # to the end of any capture
 REPETITIONS = (
     ("HOLD", "Hold", "Hold the first and the last frame"),
     ("LOOP", "Loop", "Start again from the first frame"),
@@ -54,7 +54,7 @@ def _on_play_setting(_settings: Any, context: bpy.types.Context) -> None:
 
 
 def _on_trim(settings: Any, context: bpy.types.Context) -> None:
-    if settings.use_trim and settings.last_frame == _LAST_FRAME:
+    if settings.use_trim and settings.last_frame == LAST_FRAME:
         with contextlib.suppress(FrogError):  # shown by the panel
             settings.last_frame = playback.open_scene(playback.file_of(settings.id_data)).header.frame_count - 1
     camera_clips.synchronize_again(settings.id_data)
@@ -143,7 +143,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     last_frame: IntProperty(
         name="Last Frame",
         description="Last frame of the piece, counted from zero",
-        default=_LAST_FRAME,
+        default=LAST_FRAME,
         min=0,
         options=set(),
         update=_on_trim,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.small_scenes import read_png, rig_of_three, write_scene
 from support.training_panel import Written
+from support.undo_steps import check_undo_and_redo
 
 from frog_blender import point_cloud
 from frog_blender.cli.main import main
@@ -261,12 +262,7 @@ def test_undo_and_redo_are_exact(empty, capture):
         assert step() == {"FINISHED"}
         bpy.ops.ed.undo_push(message="step")
         states.append(state())
-    for before in reversed(states[:-1]):
-        bpy.ops.ed.undo()
-        assert state() == before
-    for after in states[1:]:
-        bpy.ops.ed.redo()
-        assert state() == after
+    check_undo_and_redo(states, state)
 
 
 def test_a_file_of_edits_gives_the_same_images_as_f12(empty, capture, path, tmp_path):

@@ -120,23 +120,24 @@ def test_another_file_ends_it(importing):
     assert not thread.is_alive() and running.steps.gi_frame is None and not list(running.path.parent.glob("a*.frog"))
 
 
-def test_a_scene_that_is_edited_gets_it_afterwards(importing):
-    running = importing()
+def waiting_for_object_mode(running):
+    """An import that is done while a mesh is being edited."""
     bpy.ops.mesh.primitive_cube_add()
     bpy.ops.object.mode_set(mode="EDIT")
     running.gate.set()
     send_until(running, lambda: "Object Mode" in running.operator.doing)
+    return running
+
+
+def test_a_scene_that_is_edited_gets_it_afterwards(importing):
+    running = waiting_for_object_mode(importing())
     assert running.path.with_suffix(".frog").is_file() and not captures()
     bpy.ops.object.mode_set(mode="OBJECT")
     assert send(running) == {"FINISHED"} and len(captures()) == 1
 
 
 def test_one_that_waits_for_object_mode_is_stopped(importing):
-    running = importing()
-    bpy.ops.mesh.primitive_cube_add()
-    bpy.ops.object.mode_set(mode="EDIT")
-    running.gate.set()
-    send_until(running, lambda: "Object Mode" in running.operator.doing)
+    running = waiting_for_object_mode(importing())
     assert send(running, "ESC", "PRESS") == {"CANCELLED"} and not captures()
     written = f"{running.path.with_suffix('.frog')} is written, but not added."
     assert running.said == [("INFO", f"The import was stopped. {written}")]

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from support.small_scenes import expected_png, read_png, rig_of_three, write_scene
+from support.undo_steps import check_undo_and_redo
 
 from frog_blender import point_cloud
 from frog_blender.cli.main import main
@@ -347,12 +348,7 @@ def test_everything_is_undone(empty, capture):
         assert getattr(bpy.ops.frog, step)() == {"FINISHED"}
         bpy.ops.ed.undo_push(message=step)
         states.append(state())
-    for before in reversed(states[:-1]):
-        bpy.ops.ed.undo()
-        assert state() == before
-    for after in states[1:]:
-        bpy.ops.ed.redo()
-        assert state() == after
+    check_undo_and_redo(states, state)
 
 
 def test_a_driven_time_is_left_alone(empty, capture, tmp_path):

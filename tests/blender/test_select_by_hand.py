@@ -12,6 +12,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Matrix, Quaternion, Vector
 from support.blender_windows import viewport
 from support.small_scenes import rig_of_three, write_scene
+from support.undo_steps import check_undo_and_redo
 
 from frog_blender import point_cloud
 from frog_blender.engine.editing.gestures import drawn
@@ -173,12 +174,7 @@ def test_undo_and_redo_of_strokes_are_exact(capture):
         bpy.ops.ed.undo_push(message="step")
         states.append(state())
     assert len({json.dumps(each[0]) for each in states}) > 6
-    for before in reversed(states[:-1]):
-        bpy.ops.ed.undo()
-        assert state() == before
-    for after in states[1:]:
-        bpy.ops.ed.redo()
-        assert state() == after
+    check_undo_and_redo(states, state)
 
 
 def test_why_not_is_said(empty, capture):
@@ -203,7 +199,7 @@ class Mouse:
 
     def __init__(self, **settings):
         own = vars(select_by_hand.FROG_OT_select_by_hand)
-        methods = {name: own[name] for name in ("invoke", "modal", "cancel", "edit", "_begin", "_move")}
+        methods = {name: own[name] for name in ("invoke", "modal", "cancel", "edit", "_move")}
         self.operator = type("Drawing", (EditOperator,), {**methods, "_seen": None, "_gesture": None})()
         plain = {"shape": "BRUSH", "mode": "SET", "radius": 25, "only_visible": False}
         for name, value in {**plain, **settings}.items():

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..capture.ffmpeg import program, whole_path
-from ..errors import FrogError, brief
+from ..capture.ffmpeg import whole_path
 from ..scene.header import SceneHeader
 from ..source_media.film_sound import find_sound
 from ..source_media.retimed_sound import retimed_sound
-from ..source_media.sound import read_sound, wav_of
+from ..source_media.sound import check_program, converted, read_sound, wav_of
 from .take import Sound
 
 _PATIENCE = 120.0  # seconds in which ffmpeg must write a sound
@@ -50,20 +48,9 @@ def _follow_each_other(shown: Sequence[float | None], count: int) -> bool:
 
 def encoded(sound: Sound, seconds: float) -> bytes:
     """The sound as Opus in Ogg, stereo, so many seconds of it; FrogError where ffmpeg is missing or fails."""
-    ffmpeg = program()
-    if ffmpeg is None:
-        raise FrogError(f"{sound.path}: writing its sound needs the Python package 'imageio-ffmpeg', found none.")
-    command = [ffmpeg, "-v", "error", "-nostdin", "-protocol_whitelist", "file,pipe"]
+    check_program(sound.path, "writing")
     # Of a pipe, which cannot be rewound, ffmpeg would lose what it reads before it seeks.
-    command += ["-i", "pipe:0"] if sound.content else ["-ss", f"{sound.start:.6f}", "-i", whole_path(sound.path)]
+    command = ["-i", "pipe:0"] if sound.content else ["-ss", f"{sound.start:.6f}", "-i", whole_path(sound.path)]
     command += ["-t", f"{seconds:.6f}", "-vn", "-ac", "2", "-ar", str(_RATE)]
     command += ["-c:a", "libopus", "-b:a", _QUALITY, "-fflags", "+bitexact", "-f", "ogg", "pipe:1"]
-    try:
-        content = sound.content or None
-        done = subprocess.run(command, input=content, capture_output=True, timeout=_PATIENCE, check=False)
-    except (OSError, subprocess.SubprocessError) as error:
-        raise FrogError(f"{sound.path}: its sound could not be read ({brief(error)}).") from error
-    if done.returncode or not done.stdout:
-        reason = brief(done.stderr.decode(errors="replace")).rstrip(".") or "ffmpeg wrote nothing"
-        raise FrogError(f"{sound.path}: its sound could not be read ({reason}).")
-    return done.stdout
+    return converted(sound.path, command, patience=_PATIENCE, given=sound.content)

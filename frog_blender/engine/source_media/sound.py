@@ -56,29 +56,53 @@ def read_sound(path: Path, start: float, seconds: float) -> Samples:
     Raises:
         FrogError: where ffmpeg is missing or fails, or for more than an hour of sound.
     """
-    ffmpeg = program()
-    if ffmpeg is None:
-        raise FrogError(f"{path}: reading its sound needs the Python package 'imageio-ffmpeg', found none.")
+    check_program(path, "reading")
     check_length(path, seconds)
     first, last = (max(round(second * RATE), 0) for second in (start, start + seconds))
     # Samples count from the film's time 0, as images do, with silence where the track starts later. ffmpeg lands
     # somewhere before what it seeks, so that it looks for somewhat earlier sound, and times tell what is not needed.
     steady = f"aresample={RATE}:async=1:first_pts={first},asetpts=N,atrim=end_sample={max(last - first, 1)}"
-    command = [ffmpeg, "-v", "error", "-nostdin", "-protocol_whitelist", "file,pipe", "-copyts"]
+    command = ["-copyts"]
     if first > _MARGIN * RATE:
         command += ["-noaccurate_seek", "-seek_timestamp", "1", "-ss", f"{first / RATE - _MARGIN:.6f}"]
     command += ["-i", whole_path(path), "-vn", "-af", steady, "-ac", str(_CHANNELS), "-ar", str(RATE)]
     command += ["-f", "s16le", "pipe:1"]
+    content = converted(path, command, patience=_PATIENCE, may_be_empty=True)
+    whole = len(content) // (2 * _CHANNELS) * (2 * _CHANNELS)
+    read = Samples(np.frombuffer(content[:whole], "<i2").reshape(-1, _CHANNELS), RATE)
+    return read.part(start - first / RATE, seconds)
+
+
+def check_program(path: Path, doing: str) -> None:
+    """FrogError where there is no ffmpeg for ``doing`` something with the sound of a file."""
+    if program() is None:
+        raise FrogError(f"{path}: {doing} its sound needs the Python package 'imageio-ffmpeg', found none.")
+
+
+def converted(
+    path: Path, arguments: list[str], *, patience: float, given: bytes = b"", may_be_empty: bool = False
+) -> bytes:
+    """What ffmpeg, which must be there, makes of the sound of a file.
+
+    Args:
+        path: of the file, in messages.
+        arguments: of ffmpeg, which ends with writing to a pipe.
+        patience: seconds.
+        given: what it reads from a pipe.
+
+    Raises:
+        FrogError: where it fails, or writes nothing that it should.
+    """
+    command = [program() or "", "-v", "error", "-nostdin", "-protocol_whitelist", "file,pipe", *arguments]
     try:
-        done = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)
+        done = subprocess.run(command, input=given or None, capture_output=True, timeout=patience, check=False)
     except (OSError, subprocess.SubprocessError) as error:
         raise FrogError(f"{path}: its sound could not be read ({brief(error)}).") from error
-    if done.returncode:
-        reason = brief(done.stderr.decode(errors="replace")).rstrip(".") or "ffmpeg failed"
+    if done.returncode or not (done.stdout or may_be_empty):
+        why = "ffmpeg failed" if done.returncode else "ffmpeg wrote nothing"
+        reason = brief(done.stderr.decode(errors="replace")).rstrip(".") or why
         raise FrogError(f"{path}: its sound could not be read ({reason}).")
-    whole = len(done.stdout) // (2 * _CHANNELS) * (2 * _CHANNELS)
-    read = Samples(np.frombuffer(done.stdout[:whole], "<i2").reshape(-1, _CHANNELS), RATE)
-    return read.part(start - first / RATE, seconds)
+    return done.stdout
 
 
 def check_length(what: Path | str, seconds: float) -> None:

@@ -71,7 +71,7 @@ def overlay_scene(scene: bpy.types.Scene, other: bpy.types.Scene) -> None:
     """
     scene.render.use_compositing = True
     tree, output = own_tree(scene)
-    over = next((node for node in tree.nodes if node.label == _LABEL and node.type == "ALPHAOVER"), None)
+    over = _over_node(tree)
     if over is None:
         over = tree.nodes.new("CompositorNodeAlphaOver")
         over.label = _LABEL
@@ -100,8 +100,7 @@ def multiply_shadows(scene: bpy.types.Scene) -> None:
     A node that does so already stays as the user left it.
     """
     tree = tree_of(scene)
-    nodes = () if tree is None else tree.nodes
-    over = next((node for node in nodes if node.label == _LABEL and node.type == "ALPHAOVER"), None)
+    over = None if tree is None else _over_node(tree)
     if tree is None or over is None or _shadow_node(tree) is not None:
         return
     for layer in scene.view_layers:
@@ -126,9 +125,14 @@ def multiply_shadows(scene: bpy.types.Scene) -> None:
     tree.links.new(next(socket for socket in mix.outputs if socket.enabled), target)
 
 
+def _over_node(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
+    """The node that lays FRoG's image over another one; None where there is none."""
+    return next((node for node in tree.nodes if node.label == _LABEL and node.type == "ALPHAOVER"), None)
+
+
 def _shadow_node(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
     """The node that darkens the image that is laid over another one; None where nothing does."""
-    over = next((node for node in tree.nodes if node.label == _LABEL and node.type == "ALPHAOVER"), None)
+    over = _over_node(tree)
     before = () if over is None else _before(_images(over)[1])
     return next((node for node in before if node.label == _SHADOWS), None)
 

@@ -17,10 +17,9 @@ from bpy.app.handlers import persistent
 from ... import addon_state, app_handlers
 from ...engine.errors import FrogError
 from ...timeline.render_thread import in_main_thread
+from ...timeline.retiming import LAST_FRAME
 from . import scenes
 from .checks import foreign, trouble
-
-_PAST_ALL = 1_048_574  # Blender's last frame: an animation ends there
 
 
 @dataclass
@@ -164,7 +163,7 @@ def _on_write(scene: bpy.types.Scene, *_: Any) -> None:
     """Ends an animation whose image has failed."""
     render = _renders().current
     if scene == render.scene and render.failure and render.frame is None:
-        render.frame, scene.frame_current = scene.frame_current, _PAST_ALL
+        render.frame, scene.frame_current = scene.frame_current, LAST_FRAME
 
 
 @persistent
@@ -180,7 +179,7 @@ def _restore() -> None:
     try:
         for name, value in render.kept.items():
             setattr(render.scene.render, name, value)
-        if render.frame is not None and render.scene.frame_current == _PAST_ALL:
+        if render.frame is not None and render.scene.frame_current == LAST_FRAME:
             render.scene.frame_current = render.frame
     except ReferenceError:
         pass  # the scene is gone

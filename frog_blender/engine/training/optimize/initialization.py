@@ -12,7 +12,7 @@ from ...field.names import WINDOW_COLUMNS
 from ...model.canonical import CanonicalField, new_gaussians
 from ...model.frog import Frog
 from ...model.interface import SceneModel
-from ...model.time_windows import can_open, open_windows
+from ...model.time_windows import open_windows
 from ...rasterizer import RasterizeOptions
 from ..methods import ModelInit, method_named
 from ..recipe import Recipe
@@ -44,12 +44,12 @@ def first_model(
     """The model before its first step, on ``device``; its random numbers are torch's own of the CPU on any device."""
     points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
     sh_count = (recipe.sh_degree + 1) ** 2
-    opens = seeds.frames is not None and recipe.moments_for(capture.frame_count, len(capture.train_shots)) > 0
-    size = recipe.embedding_size + (WINDOW_COLUMNS if opens else 0)
+    frames = seeds.frames if recipe.moments_for(capture.frame_count, len(capture.train_shots)) else None
+    size = recipe.embedding_size + (0 if frames is None else WINDOW_COLUMNS)
     canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, size))
     begin = ModelInit(canonical, recipe, capture.frame_count, len(capture.train_shots), scene_scale)
     model = method_named(method).build(begin).to(device)
-    if opens and seeds.frames is not None and isinstance(model, Frog) and can_open(model):
-        times = torch.from_numpy(seeds.frames / max(capture.frame_count - 1, 1))
+    if frames is not None and isinstance(model, Frog):
+        times = torch.from_numpy(frames / max(capture.frame_count - 1, 1))
         open_windows(model, times.to(device))
     return model
