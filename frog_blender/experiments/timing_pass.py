@@ -9,7 +9,6 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from ..engine.capture.frames import FrameStore
-from ..engine.capture.seed_store import stored_seeds
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
 from ..engine.training.compression.schedule import compression_hooks
@@ -20,7 +19,7 @@ from ..engine.training.session.checkpoint import load_checkpoint
 from ..engine.training.session.export import export_scene
 from ..engine.training.session.job import TrainingJob
 from ..engine.training.session.output_paths import checkpoint_path
-from ..engine.training.session.run import prepare_capture
+from ..engine.training.session.run import prepare_capture, seeds_of
 from ..engine.training.session.session import Session
 from .grid import Run
 from .results import Record, append
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
     import torch
 
     from ..engine.capture.capture import Capture
-    from ..engine.capture.seeds import Seeds
 
 STEPS = 300
 
@@ -83,13 +81,13 @@ class _Prepared:
     capture: Capture
     scale: float
     store: FrameStore
-    seeds: Seeds
     device: torch.device
 
     def session(self, run: Run, output: Path, steps: int) -> Session:
         """A training of ``run`` that has not begun."""
-        recipe, sources = run.plain_recipe(), (self.capture, self.store, self.seeds)
-        job = TrainingJob(Path(run.capture), output, method=run.method, recipe=recipe)
+        recipe = run.plain_recipe()
+        job = TrainingJob(Path(run.capture), output, method=run.method, recipe=recipe, seed=run.seed)
+        sources = (self.capture, self.store, seeds_of(job, self.capture, self.store))
         hooks = compression_hooks(recipe, run.method, self.capture, run.seed)
         trainer = Trainer(*sources, recipe, run.method, Limits(steps), seed=run.seed, device=self.device, hooks=hooks)
         return Session(job, trainer, self.scale)
@@ -98,8 +96,7 @@ class _Prepared:
 def _prepare(run: Run, environment: RunEnvironment) -> _Prepared:
     capture, scale = prepare_capture(Path(run.capture), run.scale, run.holdout_frames, None, run.opened())
     store = FrameStore.open(capture)
-    seeds = stored_seeds(capture, store, count_limit=run.settings().seed_gaussians, seed=run.seed)
-    return _Prepared(capture, scale, store, seeds, choose_device(environment.device)[0])
+    return _Prepared(capture, scale, store, choose_device(environment.device)[0])
 
 
 def _time(run: Run, environment: RunEnvironment, steps: int, prepared: _Prepared) -> Record:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from support import synthetic_capture
 from support.builders import odd_camera, scene_file
 
+from frog_blender.engine.capture import seed_store
+from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.frame_delta import FrameDelta
 from frog_blender.engine.playback.player import ScenePlayer
@@ -89,6 +94,24 @@ def test_the_timing_pass(filmed: Path, tmp_path: Path, quick_seeds: None) -> Non
         path = record["training_path"]
         assert path["device"] == "cpu" and 0 < path["forward_ms"] < path["forward_backward_ms"]
     assert records[0]["training_path"]["gaussians"] == records[0]["playback"]["gaussians"]
+
+
+def test_a_scene_whose_seeds_have_times_is_timed(
+    filmed: Path, tmp_path: Path, quick_seeds: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def timed_seeds(*_: object, count_limit: int, num_moments: int, **__: object) -> Seeds:
+        found = synthetic_capture.seeds(min(300, count_limit))
+        frames = np.arange(len(found.points), dtype=np.float32) % synthetic_capture.FRAMES
+        return replace(found, frames=frames) if num_moments else found
+
+    monkeypatch.setattr(seed_store, "find_seeds", timed_seeds)
+    environment = RunEnvironment(tmp_path)
+    common = CommonSettings(steps=12, overrides={"moment_seeds": True})
+    runs = chart_grid({"tiny": filmed}, common, SeedCounts(main=1), methods=["frog", "static"])
+    perform(runs[0], environment)
+    records = time_grid(runs, environment, 16)
+    assert [record["kind"] for record in records] == ["timing"] * 2, records
+    assert records[0]["scene_played"] == "finished"
 
 
 def test_a_method_that_fails_does_not_stop_the_others(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:

@@ -111,7 +111,7 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
     seeds = None
     if store is not None:
         seeds = yield from in_background(
-            "Finding seed points", lambda report: _seeds(job, capture, store, report), cancel
+            "Finding seed points", lambda report: seeds_of(job, capture, store, report), cancel
         )
     clock.end("seeding")
     if store is None or seeds is None:
@@ -146,7 +146,17 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
         yield from train(session)
 
 
-def _seeds(job: TrainingJob, capture: Capture, store: FrameStore, report: Callable[[int, int], None]) -> Seeds:
+def seeds_of(
+    job: TrainingJob,
+    capture: Capture,
+    store: FrameStore,
+    report: Callable[[int, int], None] = lambda done, total: None,
+) -> Seeds:
+    """The seed points that a training starts from, searched for where no earlier one kept them.
+
+    Args:
+        report: called with how much of the search is done, and of how much.
+    """
     if job.seeds is not None:
         return job.seeds
     limit = min(job.recipe.seed_gaussians, room_for_subject(capture, store, job.recipe.max_gaussians))
