@@ -75,7 +75,9 @@ def _chart(options: argparse.Namespace) -> int:
         say_plan(runs, environment, options.jobs)
         if options.plan:
             return 0
-        ended = do_runs(runs, environment, options.jobs, options.timing_steps if options.timing else None)
+        ended = do_runs(
+            runs, environment, options.jobs, options.scheduler, options.timing_steps if options.timing else None
+        )
         if ended is None:
             return 1
         failed = ended

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FrogError, printable
 from .arguments import positive
+from .cluster import add_scheduler_argument, opened_cluster
 from .printing import complain, say
 from .stopping import stopping
 from .streams import printing_may_fail
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from ..experiments.execute import Progress
     from ..experiments.grid import Run
     from ..experiments.runs import RunEnvironment
+    from ..experiments.workers import Workers
 
 
 def add_grid_arguments(command: argparse.ArgumentParser) -> None:
@@ -26,6 +28,7 @@ def add_grid_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--jobs", type=positive(int), default=1, metavar="N", help="number of parallel runs, which share the cores"
     )
+    add_scheduler_argument(command)
     command.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
     command.add_argument("--plan", action="store_true", help="list the runs and stop")
     command.add_argument("--only-report", action="store_true", help="write the report of the finished runs and stop")
@@ -68,10 +71,17 @@ def say_plan(runs: Sequence[Run], environment: RunEnvironment, jobs: int) -> Non
     print(f"{len(runs)} runs, {len(waiting)} to do{estimate}", flush=True)
 
 
-def do_runs(runs: Sequence[Run], environment: RunEnvironment, jobs: int, timing_steps: int | None = None) -> int | None:
+def do_runs(
+    runs: Sequence[Run],
+    environment: RunEnvironment,
+    jobs: int,
+    scheduler: str | None = None,
+    timing_steps: int | None = None,
+) -> int | None:
     """Runs the grid; returns the number of failed runs, or None if it was stopped.
 
     Args:
+        scheduler: the address of a Dask scheduler whose workers do the runs, or "local".
         timing_steps: also run the timing pass, with this many training steps.
     """
     import numpy
@@ -85,8 +95,8 @@ def do_runs(runs: Sequence[Run], environment: RunEnvironment, jobs: int, timing_
     with printing_may_fail(), stopping() as cancelled:
         failed, stopped = 0, False
         try:
-            with _shown(len(runs)) as show:
-                failed = run_grid(runs, environment, jobs=jobs, callbacks=GridCallbacks(show, cancelled)).failed
+            with _workers(jobs, scheduler) as workers, _shown(len(runs)) as show:
+                failed = run_grid(runs, environment, workers=workers, callbacks=GridCallbacks(show, cancelled)).failed
         except Stopped:
             stopped = True
         if timing_steps and not stopped:
@@ -97,6 +107,18 @@ def do_runs(runs: Sequence[Run], environment: RunEnvironment, jobs: int, timing_
             print("frog: stopped; run the same command again to continue.", file=sys.stderr)
             return None
     return failed
+
+
+@contextmanager
+def _workers(jobs: int, scheduler: str | None) -> Iterator[Workers | None]:
+    """Yields who does the runs; None for this process."""
+    from ..experiments.workers import ClusterWorkers, Processes
+
+    if scheduler is None:
+        yield Processes(jobs) if jobs > 1 else None
+        return
+    with opened_cluster(scheduler, jobs) as cluster:
+        yield ClusterWorkers(cluster, cluster.threads())
 
 
 def say_failed(failed: int) -> int:

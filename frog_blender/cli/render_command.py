@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FrogError
-from .arguments import add_edits_argument, add_frames_argument, edited_scene, frames_of
+from .arguments import add_edits_argument, add_frames_argument, edited_scene, frames_of, positive
+from .cluster import add_scheduler_argument, opened_cluster
 from .printing import say
 
 if TYPE_CHECKING:
     from ..engine.playback.render_files import FrameRenderer
     from ..engine.scene.scene_file import SceneFile
+
+
+_PARTS_A_SLOT = 4  # parts of a render for each task that runs at once: the last one is not waited for long
 
 
 def add_render_parser(commands: Any) -> None:
@@ -30,33 +36,103 @@ def add_render_parser(commands: Any) -> None:
         help="cuda and auto need torch; default: cpu",
     )
     add_edits_argument(render)
+    render.add_argument(
+        "--jobs",
+        type=positive(int),
+        default=1,
+        metavar="N",
+        help="processes of --scheduler local, which share the cores",
+    )
+    add_scheduler_argument(render)
     render.set_defaults(run=_render)
 
 
+@dataclass(frozen=True)
+class _Opened:
+    """A scene that is ready to be rendered.
+
+    Attributes:
+        renderer, shown: see ``render_frames``.
+        count: of its frames, as they are retimed.
+    """
+
+    scene: SceneFile
+    renderer: FrameRenderer
+    shown: Callable[[int], float] | None
+    count: int
+
+
 def _render(options: argparse.Namespace) -> int:
-    from ..engine.editing.retimed_scene import RetimedScene
-    from ..engine.playback.player import ScenePlayer
-    from ..engine.playback.render_files import cpu_renderer, render_frames
-    from ..engine.scene.scene_file import read_scene
+    from ..engine.playback.render_files import render_frames
     from .progress import bar
 
-    scene = read_scene(options.scene)
-    timing, shown = None, None
-    if options.edits is not None:
-        if options.device == "cuda":
-            raise FrogError("--edits: found --device cuda, expected cpu, which alone makes edits.")
-        played, timing = edited_scene(ScenePlayer(scene), options.edits)
-        renderer = cpu_renderer(played if timing is None else RetimedScene(played, timing))
-        shown = None if timing is None else timing.capture_frame
-    else:
-        renderer = frame_renderer(scene, options.device)
-    frames = frames_of(options.frames, scene.header.frame_count if timing is None else len(timing.frames))
+    opened = _opened(options.scene, options.device, options.edits)
+    frames = frames_of(options.frames, opened.count)
     with bar("Rendering") as report:
-        paths = render_frames(
-            scene, options.camera, frames, options.out, renderer=renderer, shown=shown, progress=report
-        )
-    say(f"{len(paths)} images in {options.out}")
+        if options.scheduler is None:
+            render_frames(
+                opened.scene,
+                options.camera,
+                frames,
+                options.out,
+                renderer=opened.renderer,
+                shown=opened.shown,
+                progress=report,
+            )
+        else:
+            _on_cluster(options, frames, report)
+    say(f"{len(frames)} images in {options.out}")
     return 0
+
+
+def _opened(scene_file: Path, device: str, edits: Path | None) -> _Opened:
+    from ..engine.editing.retimed_scene import RetimedScene
+    from ..engine.playback.player import ScenePlayer
+    from ..engine.playback.render_files import cpu_renderer
+    from ..engine.scene.scene_file import read_scene
+
+    scene = read_scene(scene_file)
+    if edits is None:
+        return _Opened(scene, frame_renderer(scene, device), None, scene.header.frame_count)
+    if device == "cuda":
+        raise FrogError("--edits: found --device cuda, expected cpu, which alone makes edits.")
+    played, timing = edited_scene(ScenePlayer(scene), edits)
+    if timing is None:
+        return _Opened(scene, cpu_renderer(played), None, scene.header.frame_count)
+    return _Opened(scene, cpu_renderer(RetimedScene(played, timing)), timing.capture_frame, len(timing.frames))
+
+
+def _on_cluster(options: argparse.Namespace, frames: range, report: Callable[[int, int], None]) -> None:
+    """Renders frames on the workers of a cluster, in parts that are small enough to keep all of them busy."""
+    common = {"scene": str(options.scene.resolve()), "camera": options.camera, "out": str(options.out.resolve())}
+    common |= {"device": options.device, "edits": options.edits and str(options.edits.resolve())}
+    done: set[int] = set()
+
+    def told(frame: int) -> None:
+        done.add(frame)
+        report(len(done), len(frames))
+
+    with opened_cluster(options.scheduler, options.jobs) as cluster:
+        size = max(1, len(frames) // (_PARTS_A_SLOT * cluster.slots))
+        parts = [frames[first : first + size] for first in range(0, len(frames), size)]
+        cluster.each(render_part, {f"frames {part[0]}": {**common, "frames": list(part)} for part in parts}, told)
+
+
+def render_part(task: Mapping[str, Any], say: Callable[[int], None], cancelled: Callable[[], bool]) -> None:
+    """Renders some frames as a task of a cluster; says each of them.
+
+    Args:
+        task: the paths scene, out and edits (or None), the camera's name, the device, and a list of frames.
+    """
+    from ..engine.playback.render_files import render_frames
+
+    opened = _opened(Path(task["scene"]), task["device"], Path(task["edits"]) if task["edits"] else None)
+    for frame in task["frames"]:
+        if cancelled():
+            return
+        out = Path(task["out"])
+        render_frames(opened.scene, task["camera"], [frame], out, renderer=opened.renderer, shown=opened.shown)
+        say(frame)
 
 
 def frame_renderer(scene: SceneFile, device: str) -> FrameRenderer:

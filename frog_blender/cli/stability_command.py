@@ -70,7 +70,7 @@ def _stability(options: argparse.Namespace) -> int:
         say_plan(runs, environment, options.jobs)
         if options.plan:
             return 0
-        ended = do_runs(runs, environment, options.jobs)
+        ended = do_runs(runs, environment, options.jobs, options.scheduler)
         if ended is None:
             return 1
         failed = ended

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import os
 import queue
-import subprocess
-import sys
-import threading
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from ..engine.errors import FrogError
 from .grid import Run
 from .results import Record, append, finished, locked, read
 from .runs import RunEnvironment, Stopped, clean_up, failure, frog_seconds, is_done, perform
+from .workers import Answers, Workers, Working
 
 Perform = Callable[[Run, RunEnvironment, float | None, Callable[[float], None], Callable[[], bool]], Record]
 """Does one run; see ``runs.perform``."""
@@ -61,13 +55,13 @@ def run_grid(
     runs: Sequence[Run],
     environment: RunEnvironment,
     *,
-    jobs: int = 1,
+    workers: Workers | None = None,
     callbacks: GridCallbacks | None = None,
 ) -> Progress:
     """Does in order every run that is not ``is_done`` yet; a run that fails is recorded, and the next one begins.
 
     Args:
-        jobs: number of processes, which share the cores; 1 works in this process.
+        workers: who does the runs, several at once; this process, one after the other, if None.
 
     Raises:
         Stopped: if it was cancelled; the runs in progress continue next time.
@@ -75,12 +69,11 @@ def run_grid(
     records = read(environment.results)
     waiting = [run for run in runs if not is_done(run, records)]
     progress = Progress(len(runs), len(runs) - len(waiting))
-    if jobs > 1:
-        threads = max(1, (os.cpu_count() or 1) // jobs)
-        environment = replace(environment, threads=threads, dedicated=False)
+    if workers is not None:
+        environment = replace(environment, threads=workers.threads, dedicated=False)
     _keep_out_of_repositories(environment.folder / "scenes")
     with locked(environment.folder / "scenes" / "lock"):
-        _Grid(waiting, environment, jobs, progress, callbacks or GridCallbacks()).work()
+        _Grid(waiting, environment, workers, progress, callbacks or GridCallbacks()).work()
     return progress
 
 
@@ -100,24 +93,25 @@ class _Grid:
         self,
         waiting: list[Run],
         environment: RunEnvironment,
-        jobs: int,
+        workers: Workers | None,
         progress: Progress,
         callbacks: GridCallbacks,
     ) -> None:
-        self._waiting, self._environment, self._jobs = waiting, environment, jobs
+        self._waiting, self._environment, self._workers = waiting, environment, workers
         self._progress, self._callbacks = progress, callbacks
         self._records = read(environment.results)
 
     def work(self) -> None:
         self._report()
-        if self._jobs > 1:
-            self._in_processes()
+        if self._workers is not None:
+            self._by(self._workers)
         else:
             while self._waiting:
                 self._here(self._waiting.pop(0))
 
     def _report(self, record: Record | None = None) -> None:
-        left = seconds_left(self._waiting, self._progress.shares, self._records, self._jobs)
+        jobs = 1 if self._workers is None else self._workers.jobs
+        left = seconds_left(self._waiting, self._progress.shares, self._records, jobs)
         self._progress.seconds_left = left
         self._progress.record = record
         self._callbacks.progressed(self._progress)
@@ -158,23 +152,26 @@ class _Grid:
         busy = {run.scene for run in (*working, *self._waiting) if run.method == "frog" and not run.equal_time}
         return next((run for run in self._waiting if not (run.equal_time and run.scene in busy)), None)
 
-    def _in_processes(self) -> None:
-        answers: queue.Queue[tuple[Run, dict[str, Any]]] = queue.Queue()
-        working: dict[Run, _Worker] = {}
+    def _by(self, workers: Workers) -> None:
+        answers: Answers = queue.Queue()
+        working: dict[Run, Working] = {}
+        stopped = False
         try:
             while self._waiting or working:
-                while len(working) < self._jobs and (run := self._ready(working)) and not self._callbacks.cancelled():
+                while len(working) < workers.jobs and (run := self._ready(working)) and not self._callbacks.cancelled():
                     self._waiting.remove(run)
-                    self._start(run, working, answers)
+                    self._start(run, workers, working, answers)
                 if self._callbacks.cancelled():
-                    for worker in working.values():
-                        worker.stop()
+                    for one in working.values():
+                        one.stop()
                     if not working:
                         raise Stopped
                 try:
                     run, answer = answers.get(timeout=0.2)
                 except queue.Empty:
                     continue
+                if run not in working:
+                    continue  # a share that comes after the record: they take different ways through a cluster
                 if "share" in answer:
                     self._advanced(run, answer["share"])
                     continue
@@ -182,82 +179,24 @@ class _Grid:
                 if "record" in answer:
                     self._ended(run, answer["record"])
                 else:
+                    stopped = True
                     self._progress.shares.pop(run, None)
         finally:
-            for worker in working.values():
-                worker.stop()
-            for worker in working.values():
-                worker.wait()
+            for one in working.values():
+                one.stop()
+            for one in working.values():
+                one.wait()
+        if stopped:
+            raise Stopped  # also where nothing else was waiting
 
-    def _start(self, run: Run, working: dict[Run, _Worker], answers: queue.Queue[tuple[Run, dict[str, Any]]]) -> None:
+    def _start(self, run: Run, workers: Workers, working: dict[Run, Working], answers: Answers) -> None:
         try:
             seconds = self._seconds(run)
         except FrogError as error:
             self._ended(run, failure(run, str(error)))
             return
-        working[run] = _Worker(run, self._environment, seconds, answers)
+        working[run] = workers.start(run, self._environment, seconds, answers)
         self._advanced(run, 0.0)
-
-
-class _Worker:
-    """A process of ``worker``, and a thread that puts its answers into a queue."""
-
-    def __init__(
-        self,
-        run: Run,
-        environment: RunEnvironment,
-        seconds: float | None,
-        answers: queue.Queue[tuple[Run, dict[str, Any]]],
-    ) -> None:
-        self._log = environment.scene(run).with_suffix(".log")
-        root = Path(__file__).resolve().parents[__name__.count(".")]
-        path = os.pathsep.join([str(root), *filter(None, [os.environ.get("PYTHONPATH")])])
-        threads = str(environment.threads)
-        variables = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": threads, "MKL_NUM_THREADS": threads}
-        with self._log.open("w", encoding="utf-8") as log:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", f"{__package__}.worker"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                text=True,
-                encoding="utf-8",
-                env=variables,
-            )
-        task: dict[str, Any] = {"run": run.to_json(), "folder": str(environment.folder), "device": environment.device}
-        task |= {"threads": environment.threads, "dedicated": environment.dedicated, "seconds": seconds}
-        assert self._process.stdin is not None
-        with suppress(BrokenPipeError):  # it ended at once, which ``_listen`` reports
-            self._process.stdin.write(json.dumps(task) + "\n")
-            self._process.stdin.flush()
-        threading.Thread(target=self._listen, args=(run, answers), daemon=True).start()
-
-    def _listen(self, run: Run, answers: queue.Queue[tuple[Run, dict[str, Any]]]) -> None:
-        assert self._process.stdout is not None
-        ended = False
-        for line in self._process.stdout:
-            try:
-                answer = json.loads(line)
-            except ValueError:
-                continue
-            ended |= "share" not in answer
-            answers.put((run, answer))
-        if not ended:
-            status = self._process.wait()
-            sentence = f"The process of this run ended with status {status}; see {self._log.name}."
-            answers.put((run, {"record": failure(run, sentence)}))
-
-    def stop(self) -> None:
-        """Asks it to save its state and end."""
-        assert self._process.stdin is not None
-        with suppress(BrokenPipeError):
-            self._process.stdin.close()
-
-    def wait(self) -> None:
-        """Waits for its end; its log is kept if its status is not 0."""
-        self.stop()
-        if self._process.wait() == 0:
-            self._log.unlink(missing_ok=True)
 
 
 def seconds_left(

@@ -1,4 +1,4 @@
-"""A process that does one run for ``execute.run_grid``.
+"""A process that does one run of a grid, for ``workers.Processes``.
 
 It reads the task from standard input and answers in JSON lines.
 It saves a checkpoint and stops when its input ends: the process that started it closed it, or was killed.
@@ -10,9 +10,10 @@ import json
 import os
 import sys
 import threading
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from ..engine.errors import FrogError
 from .grid import Run
@@ -20,30 +21,39 @@ from .results import finite
 from .runs import RunEnvironment, Stopped, failure, perform
 
 
-def serve(task: str, answer: TextIO, stopping: threading.Event) -> None:
-    """Does a run. Answers lines of {"share": ...} and a last one of {"record": ...} or {"stopped": true}.
+def do_run(task: Mapping[str, Any], say: Callable[[float], None], cancelled: Callable[[], bool]) -> dict[str, Any]:
+    """Does a run; returns ``{"record": ...}``, or ``{"stopped": True}`` if it was cancelled.
 
     Args:
-        task: a JSON object: run, folder, device, threads, dedicated, seconds.
+        task: see ``workers.task_of``.
+        say: called with the share of the run that is done.
+        cancelled: asked whether to stop.
+    """
+    run = Run.from_json(task["run"])
+    environment = RunEnvironment(Path(task["folder"]), task["device"], task["threads"], task["dedicated"])
+    try:
+        return {"record": finite(perform(run, environment, task["seconds"], say, cancelled))}
+    except Stopped:
+        return {"stopped": True}
+    except (FrogError, MemoryError, ImportError) as error:
+        return {"record": failure(run, str(error) or type(error).__name__)}
+
+
+def serve(task: str, answer: TextIO, stopping: threading.Event) -> None:
+    """Does a run. Answers lines of {"share": ...}, and a last one with what ``do_run`` returns.
+
+    Args:
+        task: a JSON object, see ``workers.task_of``.
         answer: where the lines are written.
         stopping: set to cancel the run.
     """
-    wanted = json.loads(task)
-    run = Run.from_json(wanted["run"])
-    environment = RunEnvironment(Path(wanted["folder"]), wanted["device"], wanted["threads"], wanted["dedicated"])
 
-    def say(**values: object) -> None:
+    def say(values: Mapping[str, Any]) -> None:
         with suppress(OSError):  # nobody reads any more: it is about to be stopped, and must still save
-            answer.write(json.dumps(finite(values), allow_nan=False) + "\n")
+            answer.write(json.dumps(finite(dict(values)), allow_nan=False) + "\n")
             answer.flush()
 
-    try:
-        record = perform(run, environment, wanted["seconds"], lambda share: say(share=share), stopping.is_set)
-        say(record=record)
-    except Stopped:
-        say(stopped=True)
-    except (FrogError, MemoryError, ImportError) as error:
-        say(record=failure(run, str(error) or type(error).__name__))
+    say(do_run(json.loads(task), lambda share: say({"share": share}), stopping.is_set))
 
 
 def main() -> None:

@@ -21,6 +21,7 @@ from frog_blender.experiments.execute import GridCallbacks, Progress, run_grid, 
 from frog_blender.experiments.grid import CommonSettings, Run, SeedCounts, chart_grid
 from frog_blender.experiments.results import Record, append, read
 from frog_blender.experiments.runs import RunEnvironment, Stopped, failure, identity, is_done, perform, settings_of
+from frog_blender.experiments.workers import Processes
 
 
 def stub_record(run: Run, environment: RunEnvironment, seconds: float | None = None, **changes: Any) -> Record:
@@ -246,7 +247,7 @@ def test_a_worker_answers_in_lines(filmed: Path, tmp_path: Path, quick_seeds: No
 def test_several_processes(tmp_path: Path) -> None:
     """Two runs of a capture that is not there: both are recorded as failed, and nothing hangs."""
     environment = RunEnvironment(tmp_path, "cpu")
-    progress = run_grid(grid(seeds=2, methods=["frog"]), environment, jobs=2)
+    progress = run_grid(grid(seeds=2, methods=["frog"]), environment, workers=Processes(2))
     assert (progress.done, progress.failed) == (0, 2)
     records = read(environment.results)
     assert {record["seed"] for record in records} == {0, 1}

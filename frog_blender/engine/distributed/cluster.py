@@ -1,0 +1,213 @@
+"""Independent tasks on the workers of a Dask cluster: one of this machine, or one whose scheduler is running.
+
+A task is a function of a module that the workers can import, with what it needs as JSON values. Paths in it must mean
+the same on every worker. A task whose worker dies is given to another one.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import queue
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from ..errors import FrogError
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from distributed import Client, Future, LocalCluster
+
+LOCAL = "local"
+"""The scheduler's address that stands for a cluster of this machine's own."""
+_CONNECT_SECONDS = 10.0
+_ASKED_EVERY = 1.0  # seconds between a worker's questions whether to stop: each goes to the scheduler and back
+
+Task = Mapping[str, Any]
+Say = Callable[[Any], None]
+Work = Callable[[Task, Say, Callable[[], bool]], Any]
+"""Does a task: given its values, a callback for messages, and one that is asked whether to stop."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a task ended.
+
+    Attributes:
+        answer: what its function returned; None if it failed.
+        error: a sentence; None unless it failed.
+    """
+
+    answer: Any = None
+    error: str | None = None
+
+
+class Cluster:
+    """A connection to a scheduler, and the cluster itself where it is this machine's own. A context manager.
+
+    Args:
+        scheduler: an address such as "tcp://10.0.0.5:8786", or ``LOCAL``.
+        workers: processes of a local cluster, which share the cores.
+
+    Raises:
+        FrogError: if no scheduler answers.
+    """
+
+    def __init__(self, scheduler: str, workers: int = 1) -> None:
+        from distributed import Client, Event
+
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what ends a task is said once, by the caller
+        self._own = _local_cluster(workers) if scheduler == LOCAL else None
+        try:
+            self._client: Client = Client(self._own or scheduler, timeout=_CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError) as error:
+            self._close_own()
+            raise FrogError(
+                f"--scheduler {scheduler}: no Dask scheduler answered, expected an address such as"
+                f" tcp://127.0.0.1:8786, or {LOCAL}."
+            ) from error
+        self._name = f"frog-{uuid.uuid4().hex}"
+        self._told: dict[str, Say] = {}
+        self._futures: dict[str, Future[Any]] = {}
+        self._stopping = False
+        self._stop = Event(self._name, client=self._client)
+        self._client.subscribe_topic(self._name, self._heard)
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.stop()
+        self._client.close()
+        self._close_own()
+
+    def _close_own(self) -> None:
+        if self._own is not None:
+            self._own.close()
+
+    @property
+    def dashboard(self) -> str:
+        """The address of the scheduler's page in a browser."""
+        return str(self._client.dashboard_link)
+
+    @property
+    def slots(self) -> int:
+        """How many tasks run at once; at least one, since workers may come later."""
+        slots: int = sum(self._client.nthreads().values())
+        return max(1, slots)
+
+    def threads(self) -> int:
+        """Threads that each task may use: a machine's cores shared by its slots, the fewest of any machine."""
+        cores = self._client.run(os.cpu_count)
+        hosts = {name: worker["host"] for name, worker in self._client.scheduler_info(n_workers=-1)["workers"].items()}
+        slots: Counter[str] = Counter()
+        for name, count in self._client.nthreads().items():
+            slots[hosts[name]] += count
+        shares = (count // slots[hosts[name]] for name, count in cores.items() if name in hosts)
+        return max(1, min(shares, default=1))
+
+    def start(self, key: str, work: Work, task: Task, told: Say, ended: Callable[[Ended], None]) -> None:
+        """Gives out a task.
+
+        Args:
+            key: of the task; unique in this cluster at any time.
+            told: called in another thread with each message of the task.
+            ended: called once in another thread, also after ``stop``.
+        """
+        self._told[key] = told
+        do = partial(_do, work, dict(task), key, self._name)
+        future = self._client.submit(do, key=f"{self._name}-{key}-{uuid.uuid4().hex}", pure=False)
+        self._futures[key] = future
+        future.add_done_callback(partial(self._ended, key, ended))
+
+    def each(self, work: Work, tasks: Mapping[str, Task], told: Say = lambda message: None) -> dict[str, Any]:
+        """Does tasks; returns their answers by key.
+
+        Args:
+            tasks: by key.
+            told: called with every message of any of them; a task that is done again repeats its messages.
+
+        Raises:
+            FrogError: if one fails; the others are asked to end.
+        """
+        heard: queue.Queue[tuple[str, Any]] = queue.Queue()
+        for key, task in tasks.items():
+            self.start(key, work, task, partial(_put, heard, ""), partial(_put, heard, key))
+        answers: dict[str, Any] = {}
+        while len(answers) < len(tasks):
+            with suppress(queue.Empty):  # Windows' Ctrl-C waits for an endless get
+                key, message = heard.get(timeout=0.5)
+                if not key:
+                    told(message)
+                elif message.error is not None:
+                    raise FrogError(message.error)
+                else:
+                    answers[key] = message.answer
+        return answers
+
+    def stop(self) -> None:
+        """Asks all tasks to end. They still answer."""
+        if self._futures and not self._stopping:
+            self._stopping = True
+            self._stop.set()
+
+    def _heard(self, event: tuple[float, Any]) -> None:
+        _, (key, message) = event
+        if key in self._told:
+            self._told[key](message)
+
+    def _ended(self, key: str, ended: Callable[[Ended], None], future: Future[Any]) -> None:
+        self._futures.pop(key, None)
+        self._told.pop(key, None)
+        if future.status == "finished":
+            ended(Ended(future.result()))
+        elif future.status == "cancelled":
+            ended(Ended(error="The scheduler dropped this task."))
+        else:
+            error = future.exception()
+            ended(Ended(error=str(error) or type(error).__name__))
+
+
+def _put(heard: queue.Queue[tuple[str, Any]], key: str, message: Any) -> None:
+    heard.put((key, message))
+
+
+def _local_cluster(workers: int) -> LocalCluster:
+    from distributed import LocalCluster
+
+    return LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        memory_limit=None,  # trainings bound their memory themselves; Dask would pause them at a share of the machine's
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+        silence_logs=logging.CRITICAL,
+    )
+
+
+def _do(work: Work, task: Task, key: str, name: str) -> Any:
+    """What a worker does: the task, with its messages sent through the scheduler."""
+    from distributed import Event, get_worker
+
+    worker = get_worker()
+    stop, asked, stopping = Event(name), -_ASKED_EVERY, False
+
+    def say(message: Any) -> None:
+        worker.log_event(name, (key, message))
+
+    def cancelled() -> bool:
+        nonlocal asked, stopping
+        if not stopping and time.monotonic() - asked >= _ASKED_EVERY:
+            stopping, asked = bool(stop.is_set()), time.monotonic()
+        return stopping
+
+    return work(task, say, cancelled)
