@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from ..engine.capture.frames import FrameStore
 from ..engine.errors import FrogError
 from ..engine.playback.player import ScenePlayer
-from ..engine.training.compression.schedule import compression_hooks
 from ..engine.training.optimize.device import choose_device
 from ..engine.training.optimize.running_loss import TrainingDiverged
 from ..engine.training.optimize.trainer import Limits, Trainer
@@ -19,7 +18,7 @@ from ..engine.training.session.checkpoint import load_checkpoint
 from ..engine.training.session.export import export_scene
 from ..engine.training.session.job import TrainingJob
 from ..engine.training.session.output_paths import checkpoint_path
-from ..engine.training.session.run import prepare_capture, seeds_of
+from ..engine.training.session.run import hooks_of, prepare_capture, seeds_of
 from ..engine.training.session.session import Session
 from .grid import Run
 from .results import Record, append
@@ -88,7 +87,7 @@ class _Prepared:
         recipe = run.plain_recipe()
         job = TrainingJob(Path(run.capture), output, method=run.method, recipe=recipe, seed=run.seed)
         sources = (self.capture, self.store, seeds_of(job, self.capture, self.store))
-        hooks = compression_hooks(recipe, run.method, self.capture, run.seed)
+        hooks = hooks_of(job, self.capture, self.store)
         trainer = Trainer(*sources, recipe, run.method, Limits(steps), seed=run.seed, device=self.device, hooks=hooks)
         return Session(job, trainer, self.scale)
 

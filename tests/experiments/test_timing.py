@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import synthetic_capture
+from support import synthetic_capture, turning_object
 from support.builders import odd_camera, scene_file
 
 from frog_blender.engine.capture import seed_store
@@ -112,6 +112,16 @@ def test_a_scene_whose_seeds_have_times_is_timed(
     records = time_grid(runs, environment, 16)
     assert [record["kind"] for record in records] == ["timing"] * 2, records
     assert records[0]["scene_played"] == "finished"
+
+
+def test_a_scene_with_masks_is_timed(tmp_path: Path, own_cache: Path) -> None:
+    """It holds fewer Gaussians than its recipe says, and its checkpoint too."""
+    folder, environment = turning_object.write_capture(tmp_path / "object"), RunEnvironment(tmp_path)
+    common = CommonSettings(steps=12, overrides={"seed_gaussians": 500, "max_gaussians": 100_000})
+    runs = chart_grid({"object": folder}, common, SeedCounts(main=1), methods=["frog"])
+    perform(runs[0], environment)
+    records = time_grid(runs, environment, 16)
+    assert [record.get("scene_played") for record in records] == ["finished"], records
 
 
 def test_a_method_that_fails_does_not_stop_the_others(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:

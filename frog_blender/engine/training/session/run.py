@@ -21,6 +21,7 @@ from ...memory import gc_frozen
 from ..compression.schedule import compression_hooks
 from ..methods import method_named
 from ..optimize.device import choose_device
+from ..optimize.hooks import Hook
 from ..optimize.hull_pruning import hull_hooks, room_for_subject
 from ..optimize.initialization import doubt_of_scale
 from ..optimize.trainer import Limits, Trainer, TrainerFactory
@@ -127,10 +128,7 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
         limits,
         seed=job.seed,
         device=device,
-        hooks=[
-            *compression_hooks(job.recipe, job.method, capture, job.seed, job.compression),
-            *hull_hooks(capture, store),
-        ],
+        hooks=hooks_of(job, capture, store),
     )
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
@@ -144,6 +142,12 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
     yield events.Started(job.method, limits.steps, *counts, trainer.device.type, round(work.pixels), work.images)
     with gc_frozen():
         yield from train(session)
+
+
+def hooks_of(job: TrainingJob, capture: Capture, store: FrameStore) -> list[Hook]:
+    """What a training does besides its steps."""
+    compression = compression_hooks(job.recipe, job.method, capture, job.seed, job.compression)
+    return [*compression, *hull_hooks(capture, store)]
 
 
 def seeds_of(
