@@ -21,7 +21,7 @@ from ..cameras import distance_added
 from ..color_spaces import into_working_space
 from ..engine.errors import FrogError
 from ..timeline.retiming import raw_frame
-from . import blur, index_pass, vector_pass, viewport_drawing
+from . import blur, exit_status, index_pass, vector_pass, viewport_drawing
 from .collect_instances import gather, pass_indices
 from .compositing import renders
 from .messages import error_message
@@ -74,6 +74,7 @@ class FrogRenderEngine(bpy.types.RenderEngine):
                 reported_once.unexpected(f"rendering {scene.name}", error)
             # Not error_set: that neither ends an animation nor makes a script's render call raise.
             self.report({"ERROR"}, sentence)
+            exit_status.note_failure()
             if renders.note_failure(scene, sentence):
                 for view in self._views(depsgraph):
                     self._write_passes(depsgraph, view, None)

@@ -18,6 +18,7 @@ from ... import addon_state, app_handlers
 from ...engine.errors import FrogError
 from ...timeline.render_thread import in_main_thread
 from ...timeline.retiming import LAST_FRAME
+from .. import exit_status
 from . import scenes
 from .checks import foreign, trouble
 
@@ -153,6 +154,8 @@ def _on_post(scene: bpy.types.Scene, *_: Any) -> None:
     failure = render.failure
     if not failure and render.splats is not None and not render.drawn:
         failure = f"{render.splats.name} was not rendered. The captures are missing from the image."
+    if failure:
+        exit_status.note_failure()
     if failure and failure not in problems():
         _report(failure)
     render.failure = failure
