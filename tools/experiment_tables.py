@@ -56,7 +56,8 @@ def raster_results() -> list[Record]:
 
 def comparable(name: str) -> list[Section]:
     """The draft's sections, those in which something moves before a static camera."""
-    found = [section for section in sections(results(name)) if section.recipe == "draft" and "methods" in section.rows]
+    plain = (section for section in sections(results(name)) if section.recipe == "draft" and not section.protocol)
+    found = [section for section in plain if "methods" in section.rows]
     return [section for section in found if section.rows["methods"][0].median("psnr_moving") is not None]
 
 
@@ -196,7 +197,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "accuracy-of-the-papers-forms": lambda: overview("papers"),
     "automatic-capacity": lambda: automatic("drafts"),
     "automatic-capacity-in-the-grid": lambda: automatic("grid"),
-    "capacity-sweep": lambda: sweep("grid"),
+    "capacity-sweep": lambda: sweep("grid-earlier"),
     "stability": lambda: under_conditions("stability"),
     "rasterizer": raster,
     "calibration": lambda: calibration("results"),
@@ -212,7 +213,7 @@ def scene_chart(name: str, scene: str, chart: Callable[[Section], Any]) -> Any:
 
 FIGURES: dict[str, Callable[[], Any]] = {
     "accuracy-and-speed": lambda: scene_chart("grid", "fast", charts.speed_chart),
-    "compression": lambda: scene_chart("grid", "room", charts.capacity_chart),
+    "compression": lambda: scene_chart("grid-earlier", "room", charts.capacity_chart),
     "stability": lambda: heat_map.heat_map(stability.outcome(results("stability"))),
 }
 """One a page, by the page's name."""
