@@ -23,6 +23,7 @@ _ROOMS = (
     "calibration_task.runner",
     "scene_capture.runner",
     "ui.preview_image",
+    "ui.capture_reading",
     "ui.contact_sheet",
     "ui.rig_images",
     "ui.rig_overlay",

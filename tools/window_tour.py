@@ -66,7 +66,9 @@ class Tour:
         """What Blender calls when files are dropped into the viewport and there is one importer for them."""
         with override(view()):
             files = [{"name": film.name} for film in films]
-            expect(bpy.ops.frog.drop_videos("INVOKE_DEFAULT", directory=f"{folder}/", files=files), "The drop")
+            if bpy.ops.frog.drop_videos("INVOKE_DEFAULT", directory=f"{folder}/", files=files) == {"CANCELLED"}:
+                raise SystemExit("The drop was refused.")
+        yield from wait(lambda: bool(bpy.context.scene.frog.capture_folder))  # read beside the window
         yield 2 * SETTLE
         yield from self.shot("21_dropped")
 
@@ -154,6 +156,8 @@ class Tour:
         settings.capture_folder = str(self.capture)
         settings.output_path = str(self.scene_file)
         settings.recipe, settings.steps = "draft", self.step_count
+        reading = import_module(f"{ADDON}.ui.capture_reading")
+        yield from wait(lambda: not reading.is_reading(settings.capture_folder))
         yield SETTLE
         sidebar()
         yield SETTLE

@@ -76,13 +76,13 @@ class CaptureOpening:
 
     def __init__(self, folder: Path, calibrator: Calibrator) -> None:
         self.folder, self._calibrator = folder, calibrator
-        self._summary = capture_summary.CaptureSummary()
+        self._summary, self._stamp = capture_summary.CaptureSummary(), capture_summary.stamp(str(folder))
 
     def calibrate(self, progress: Progress, cancelled: Callable[[], bool]) -> "Outcome":
         """For the worker thread."""
         outcome = self._calibrator(progress, cancelled)
         progress("opening the capture", 0, 1)
-        self._summary = capture_summary.read(self.folder)
+        self._stamp, self._summary = capture_summary.stamp(str(self.folder)), capture_summary.read(self.folder)
         return outcome
 
     def show(self, folder: Path, _outcome: "Outcome") -> None:
@@ -91,7 +91,7 @@ class CaptureOpening:
             stored = scene.frog.capture_folder
             named = bpy.path.abspath(stored) if stored else ""
             if named and Path(os.path.normpath(named)) == Path(os.path.normpath(folder)):
-                capture_summary.store(named, self._summary)
+                capture_summary.store(named, self._summary, self._stamp)
                 report_images.show(folder, self._summary.capture)
 
 

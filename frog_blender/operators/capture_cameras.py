@@ -12,7 +12,7 @@ from ..calibration_task import runner
 from ..calibration_task.clocks import OFFSETS, RATES, CameraClock, write_clock
 from ..engine.capture.calibration.found_cameras import found_beside, given_beside, use_found, use_given
 from ..engine.errors import FrogError
-from ..ui import capture_summary, contact_sheet, preferences, preview_image, report_images
+from ..ui import capture_reading, capture_summary, contact_sheet, preferences, preview_image, report_images
 
 
 class FROG_OT_show_contact_sheet(bpy.types.Operator):
@@ -22,12 +22,15 @@ class FROG_OT_show_contact_sheet(bpy.types.Operator):
     bl_label = "Show Images"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        preferences.add_environment()  # may have OpenCV, which reads videos
         folder = bpy.path.abspath(context.scene.frog.capture_folder)
-        summary = capture_summary.known(folder) or capture_summary.inspect(folder)
+        summary = capture_summary.known(folder) or capture_reading.read(folder)
+        if summary is None:
+            self.report({"INFO"}, "The capture is being read. Show its images when the panel says what is in it.")
+            return {"CANCELLED"}
         if summary.error or not folder:
             self.report({"ERROR"}, summary.error or "No capture is selected. Choose the folder with the videos.")
             return {"CANCELLED"}
+        preferences.add_environment()  # may have OpenCV, which reads videos
         try:
             contact_sheet.show(folder, summary)
         except OSError as error:
@@ -81,9 +84,8 @@ class FROG_OT_edit_clock(bpy.types.Operator):
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        preferences.add_environment()
-        summary = capture_summary.inspect(folder)
-        if summary.error:
+        summary = capture_reading.read(folder)
+        if summary is not None and summary.error:
             self.report({"WARNING"}, summary.error)
         return {"FINISHED"}
 
@@ -138,7 +140,7 @@ def _chosen(operator: bpy.types.Operator, context: bpy.types.Context, use: Calla
         return {"CANCELLED"}
     context.scene.frog.capture_folder = context.scene.frog.capture_folder  # opens it, and shows its rig
     summary = capture_summary.known(folder)
-    if summary is not None and summary.error:
+    if summary is not None and summary.error and not capture_reading.is_reading(folder):
         operator.report({"WARNING"}, summary.error)
     else:
         operator.report({"INFO"}, f"{used.name} is used now.")

@@ -2,7 +2,7 @@
 
 # mypy: disable-error-code="valid-type"
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import bpy
@@ -10,10 +10,56 @@ from bpy.props import BoolProperty, CollectionProperty, StringProperty
 
 from ..engine.capture.video import VIDEO_SUFFIXES
 from ..engine.errors import FrogError
-from ..ui import capture_summary, preferences, sidebar_tab
+from ..ui import capture_reading, sidebar_tab
+from .modal_operator import ModalOperator
+
+_WAIT = 0.01  # seconds: shorter than what anybody notices
 
 
-class FROG_OT_drop_videos(bpy.types.Operator):
+class OpensCapture(ModalOperator):
+    """A base next to ``bpy.types.Operator``: reads a folder, beside the main thread in a window, and makes it the
+    scene's capture; an error changes nothing.
+    """
+
+    doing = "Reading the capture"
+    stop_keys = ("ESC",)
+    is_beside = True
+    at_once = 0.03  # seconds: for a folder whose films are long, of which nothing is decoded
+    _said = ""
+
+    def open(self, context: bpy.types.Context, find: Callable[[], Path]) -> set[str]:
+        """Opens the folder that ``find`` returns; it may raise FrogError."""
+        run = self.run_in_window if self.has_window(context) else self.run_all_steps
+        return run(context, self._steps_of(find, context.scene.session_uid), 1)
+
+    def _steps_of(self, find: Callable[[], Path], uid: int) -> Generator[int, None, None]:
+        folder = find()
+        reading = capture_reading.begin(str(folder))
+        while reading.is_running:
+            reading.join(_WAIT if self.timer is None else 0.0)
+            reading.pump()
+            if reading.is_running:
+                yield 0
+        summary = reading.summary
+        assert summary is not None
+        if summary.error:
+            raise FrogError(summary.error)
+        scene = next((scene for scene in bpy.data.scenes if scene.session_uid == uid), None)
+        if scene is None:
+            raise FrogError(f"{folder}: the scene that it was chosen for is not there any more.")
+        capture_reading.choose(scene, str(folder), summary)
+        self.has_changed_file = True
+        self._said = f"{folder.name}: {'; '.join(summary.lines)}"
+        _show_panel(bpy.context)
+
+    def finished_message(self) -> str:
+        return self._said
+
+    def stopped_message(self) -> str:
+        return "No capture was chosen."
+
+
+class FROG_OT_drop_videos(OpensCapture, bpy.types.Operator):
     """Use the folder of these videos for training and show what was found in it"""
 
     bl_idname = "frog.drop_videos"
@@ -25,7 +71,7 @@ class FROG_OT_drop_videos(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         videos = [Path(self.directory) / file.name for file in self.files]
-        return _open(self, context, lambda: capture_of(videos))
+        return self.open(context, lambda: capture_of(videos))
 
 
 class FROG_FH_videos(bpy.types.FileHandler):
@@ -41,7 +87,7 @@ class FROG_FH_videos(bpy.types.FileHandler):
         return context.area is not None and context.area.type == "VIEW_3D"
 
 
-class FROG_OT_import_capture(bpy.types.Operator):
+class FROG_OT_import_capture(OpensCapture, bpy.types.Operator):
     """Choose the folder with the videos or images to train from. The Train panel shows a summary of it"""
 
     bl_idname = "import_scene.frog_capture"
@@ -62,7 +108,7 @@ class FROG_OT_import_capture(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        return _open(self, context, lambda: Path(bpy.path.abspath(self.directory)))
+        return self.open(context, lambda: Path(bpy.path.abspath(self.directory)))
 
 
 def capture_of(videos: list[Path]) -> Path:
@@ -74,25 +120,6 @@ def capture_of(videos: list[Path]) -> Path:
         raise FrogError(f"Found videos in {len(folders)} folders, expected the videos of one capture in one folder.")
     (folder,) = folders
     return folder
-
-
-def _open(operator: bpy.types.Operator, context: bpy.types.Context, find: Callable[[], Path]) -> set[str]:
-    """Sets the folder that ``find`` returns as the scene's capture and reports its summary; an error changes
-    nothing.
-    """
-    preferences.add_environment()  # may have OpenCV, which reads videos
-    try:
-        folder = find()
-        summary = capture_summary.inspect(str(folder))
-        if summary.error:
-            raise FrogError(summary.error)
-    except FrogError as error:
-        operator.report({"ERROR"}, str(error))
-        return {"CANCELLED"}
-    context.scene.frog.capture_folder = str(folder)
-    operator.report({"INFO"}, f"{folder.name}: {'; '.join(summary.lines)}")
-    _show_panel(context)
-    return {"FINISHED"}
 
 
 def _show_panel(context: bpy.types.Context) -> None:

@@ -22,7 +22,7 @@ from ..training_task.request import (
     request_of,
     steps_done,
 )
-from ..ui import capture_summary, preferences
+from ..ui import capture_reading, capture_summary, preferences
 from .cancel_operator import CancelsTask
 from .training_result import ResultImporter
 
@@ -215,9 +215,8 @@ class FROG_OT_inspect_capture(bpy.types.Operator):
     bl_label = "Check Capture"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        preferences.add_environment()
-        summary = capture_summary.inspect(bpy.path.abspath(context.scene.frog.capture_folder))
-        if summary.error:
+        summary = capture_reading.read(bpy.path.abspath(context.scene.frog.capture_folder))
+        if summary is not None and summary.error:
             self.report({"ERROR"}, summary.error)
             return {"CANCELLED"}
         return {"FINISHED"}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import bpy
 
-from . import calibration_panel, capture_summary, refreshing
+from . import calibration_panel, capture_reading, capture_summary, refreshing
 from .sidebar_panel import SidebarPanel, split
 from .text import wrapped_label
 
@@ -49,10 +49,14 @@ class FROG_PT_masks(SidebarPanel, bpy.types.Panel):
 
 def _draw_capture(layout: bpy.types.UILayout, folder: str, context: bpy.types.Context) -> None:
     summary = capture_summary.known(folder)
-    if capture_summary.is_outdated(folder):
-        refreshing.soon(folder, partial(capture_summary.inspect, folder))
-    if summary is None:  # a file was just opened: reading takes time, so the user decides
+    is_being_read = capture_reading.is_reading(folder)
+    if not is_being_read and capture_summary.is_outdated(folder):
+        refreshing.soon(folder, partial(capture_reading.read, folder))
+    if is_being_read:
+        layout.label(text="Reading the capture", icon="TIME")
+    elif summary is None:  # a file was just opened: reading takes time, so the user decides
         layout.operator("frog.inspect_capture", icon="VIEWZOOM")
+    if summary is None:
         return
     box = layout.box()
     column = box.column(align=True)

@@ -1,4 +1,4 @@
-"""Summary of a capture folder as lines for the panel; read once, not at every redraw."""
+"""Summary of a capture folder as lines for the panel; read once, not at every redraw, by ``capture_reading``."""
 
 from __future__ import annotations
 
@@ -76,24 +76,16 @@ def is_outdated(folder: str) -> bool:
     inspected = addon_state.get(Inspected)
     summary = inspected.summaries.get(folder)
     is_unfit = summary is not None and bool(summary.error or summary.raw_footage)
-    return is_unfit and _stamp(folder) != inspected.stamps.get(folder)
+    return is_unfit and stamp(folder) != inspected.stamps.get(folder)
 
 
-def inspect(folder: str) -> CaptureSummary:
-    """Inspect a folder and store its summary."""
-    addon_state.get(Inspected).stamps[folder] = _stamp(folder)
-    summary = read(Path(folder)) if folder else CaptureSummary()
-    addon_state.get(Inspected).summaries[folder] = summary
-    return summary
-
-
-def store(folder: str, summary: CaptureSummary) -> None:
-    """Stores the summary of a folder that was just read."""
+def store(folder: str, summary: CaptureSummary, stamp: object) -> None:
+    """Stores the summary of a folder, and its stamp from before it was read."""
     inspected = addon_state.get(Inspected)
-    inspected.stamps[folder], inspected.summaries[folder] = _stamp(folder), summary
+    inspected.stamps[folder], inspected.summaries[folder] = stamp, summary
 
 
-def _stamp(folder: str) -> object:
+def stamp(folder: str) -> object:
     """Names, times and sizes of a folder's files; None if there is no folder. Hidden ones change as work goes on."""
     try:
         with os.scandir(folder) as entries:

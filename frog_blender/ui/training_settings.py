@@ -80,13 +80,9 @@ def _on_viewport_drawing(_settings: Any, _context: bpy.types.Context) -> None:
 def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
     if relative_paths.are_being_written():
         return
-    from . import capture_summary, preferences, report_images  # imported late, as this imports the readers
+    from . import capture_reading  # imported late, as this imports the readers
 
-    preferences.add_environment()  # may have OpenCV, which reads videos
-    folder = bpy.path.abspath(settings.capture_folder)
-    summary = capture_summary.inspect(folder)
-    report_images.show(Path(folder), summary.capture if summary.clocks is not None and summary.clocks.is_own else None)
-    redrawing.viewports()  # where the rig is drawn
+    capture_reading.read(bpy.path.abspath(settings.capture_folder))
     if settings.capture_folder and settings.output_path in ("", settings.derived_output):
         folder = Path(bpy.path.abspath(settings.capture_folder))
         settings.derived_output = settings.output_path = str(free_output(Path(f"{folder}.frog"), folder))

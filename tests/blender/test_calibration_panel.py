@@ -24,6 +24,7 @@ from frog_blender.operators.calibrate import CaptureOpening
 from frog_blender.ui import (
     calibration_panel,
     capture_panel,
+    capture_reading,
     capture_summary,
     contact_sheet,
     preview_image,
@@ -106,7 +107,7 @@ def test_raw_videos_say_so_and_offer_to_be_calibrated(empty, drawn, raw):
     assert capture_summary.known(str(raw)).capture is None
     calibration(raw)
     assert capture_summary.is_outdated(str(raw)), "what was missing may be there"
-    capture_summary.inspect(str(raw))
+    capture_reading.read(str(raw))
     assert "frog.calibrate" not in drawn() and "Read as calibrated videos" in drawn()
 
 
@@ -234,7 +235,7 @@ def test_a_given_calibration_is_not_changed(empty, drawn, raw):
         bpy.ops.frog.edit_clock(camera="cam02", offset=0.1)
     assert (raw / "cameras_opencv.json").read_bytes() == before
     (raw / "cameras_found.json").write_text("{}")
-    capture_summary.inspect(str(raw))
+    capture_reading.read(str(raw))
     assert "beside it in cameras_found.json" in drawn(calibration_panel.FROG_PT_synchronization)
 
 
@@ -247,7 +248,7 @@ def test_found_cameras_become_the_ones_in_use_and_back(empty, drawn, raw):
     found = json.loads(given) | {"made_by": "frog calibrate"}
     found["cameras"][1]["offset"] = 0.1
     (raw / "cameras_found.json").write_text(json.dumps(found))
-    capture_summary.inspect(str(raw))
+    capture_reading.read(str(raw))
     said = drawn(calibration_panel.FROG_PT_cameras)
     assert "frog.use_found_cameras" in said and "frog.use_given_cameras" not in said
     before = {shot.offset for shot in capture_summary.known(str(raw)).capture.shots}
@@ -396,7 +397,7 @@ def test_a_report_without_curves_draws_none(raw, found):
 
 def test_the_rig_from_above_shows_every_camera(raw):
     calibration(raw)
-    capture = capture_summary.inspect(str(raw)).capture
+    capture = capture_reading.read(str(raw)).capture
     image = report_images.rig_from_above(capture)
     without = report_images.rig_from_above(replace(capture, cameras=capture.cameras[:3], distortions=(None,) * 3))
     assert image.dtype == np.uint8 and image.shape[0] == image.shape[1]

@@ -2,16 +2,38 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from types import SimpleNamespace
+
 import bpy
 import pytest
+from support.blender_windows import event, in_window
+from support.training_panel import Written
 
-from frog_blender.ui import capture_summary
+from frog_blender import addon_state
+from frog_blender.operators.open_capture import FROG_OT_drop_videos
+from frog_blender.ui import capture_panel, capture_reading, capture_summary
 
 
 @pytest.fixture
 def capture(tmp_path):
     pytest.importorskip("cv2")
     return pytest.importorskip("support.synthetic_capture").write_capture(tmp_path / "capture")
+
+
+@pytest.fixture
+def drawn_panel(empty):
+    """A function that gives what the panel Capture says."""
+
+    def draw():
+        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+        context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=280), preferences=preferences)
+        layout = Written()
+        capture_panel.FROG_PT_capture.draw(SimpleNamespace(layout=layout), context)
+        return " ".join(layout.said)
+
+    return draw
 
 
 def drop(folder, *names):
@@ -61,3 +83,110 @@ def test_a_folder_from_the_import_menu(empty, capture, tmp_path):
     with pytest.raises(RuntimeError, match="nowhere"):
         bpy.ops.import_scene.frog_capture(directory=str(tmp_path / "nowhere"))
     assert empty.frog.capture_folder.rstrip("/") == str(capture)
+
+
+def test_a_folder_is_read_once(empty, capture, monkeypatch):
+    """Small videos are decoded for that."""
+    read, folders = capture_summary.read, []
+    monkeypatch.setattr(capture_summary, "read", lambda folder: folders.append(folder) or read(folder))
+    assert drop(capture, "cam01.mp4") == {"FINISHED"}
+    assert folders == [capture]
+    empty.frog.capture_folder = str(capture)
+    assert folders == [capture, capture], "who chooses it anew wants it read anew"
+
+
+def test_a_window_does_not_wait_until_a_folder_is_read(empty, capture, drawn_panel, monkeypatch):
+    read, may_go_on = capture_summary.read, threading.Event()
+    monkeypatch.setattr(capture_summary, "read", lambda folder: may_go_on.wait(20.0) and read(folder))
+    monkeypatch.setattr(capture_reading, "begin_ticking", lambda tick: None)
+    monkeypatch.setattr(capture_reading, "read", capture_reading.read_beside)
+    empty.frog.capture_folder = str(capture)
+    assert capture_reading.is_reading(str(capture)) and capture_summary.known(str(capture)) is None
+    assert "Reading the capture" in drawn_panel() and "frog.inspect_capture" not in drawn_panel()
+    assert capture_reading.tick() is not None, "it is called again"
+    may_go_on.set()
+    assert addon_state.get(capture_reading.Readings).tasks[str(capture)].join(20.0)
+    assert capture_reading.tick() is None
+    assert capture_summary.known(str(capture)).capture is not None
+    assert "4 cameras" in drawn_panel() and "Reading" not in drawn_panel()
+
+
+def test_what_changes_while_a_folder_is_read_is_noticed(empty, capture, monkeypatch):
+    poses = (capture / "poses_bounds.npy").read_bytes()
+    (capture / "poses_bounds.npy").unlink()
+    read = capture_summary.read
+
+    def as_it_was(folder):
+        found = read(folder)
+        (capture / "poses_bounds.npy").write_bytes(poses)
+        return found
+
+    monkeypatch.setattr(capture_summary, "read", as_it_was)
+    empty.frog.capture_folder = str(capture)
+    assert capture_summary.known(str(capture)).raw_footage and capture_summary.is_outdated(str(capture))
+
+
+def test_the_last_reading_of_a_folder_counts(empty, capture, monkeypatch):
+    begun, may_go_on, said = threading.Event(), threading.Event(), iter(("before", "after"))
+
+    def summary(_folder):
+        word = next(said)
+        if word == "before":
+            begun.set()
+            may_go_on.wait(20.0)
+        return capture_summary.CaptureSummary((word,))
+
+    monkeypatch.setattr(capture_summary, "read", summary)
+    monkeypatch.setattr(capture_reading, "begin_ticking", lambda tick: None)
+    tasks = addon_state.get(capture_reading.Readings).tasks
+    capture_reading.read_beside(str(capture))
+    earlier = tasks[str(capture)]
+    assert begun.wait(20.0)
+    capture_reading.read_beside(str(capture))
+    may_go_on.set()
+    assert earlier.join(20.0) and tasks[str(capture)].join(20.0)
+    capture_reading.tick()
+    assert capture_summary.known(str(capture)).lines == ("after",)
+
+
+@pytest.fixture
+def dropping(empty, capture, monkeypatch):
+    """Videos that were dropped into a window, whose folder is read when ``go_on`` is called."""
+    read, may_go_on = capture_summary.read, threading.Event()
+    monkeypatch.setattr(capture_summary, "read", lambda folder: may_go_on.wait(20.0) and read(folder))
+    with in_window(FROG_OT_drop_videos) as window:
+        assert drop(capture, "cam01.mp4") == {"RUNNING_MODAL"}
+        operator, _ = window.started[-1]
+
+        def send(kind="TIMER", value="NOTHING"):
+            return operator.modal(bpy.context, event(kind, value))
+
+        def go_on():
+            may_go_on.set()
+            deadline = time.monotonic() + 20.0
+            while (result := send()) == {"PASS_THROUGH"} and time.monotonic() < deadline:
+                time.sleep(0.01)
+            return result
+
+        yield SimpleNamespace(send=send, go_on=go_on, said=window.said)
+    may_go_on.set()
+
+
+def test_a_window_goes_on_while_dropped_videos_are_read(empty, capture, dropping):
+    assert dropping.send() == dropping.send() == {"PASS_THROUGH"} and not empty.frog.capture_folder
+    assert dropping.go_on() == {"FINISHED"}
+    assert empty.frog.capture_folder == str(capture)
+    ((kind, sentence),) = dropping.said
+    assert kind == "INFO" and "4 cameras" in sentence
+
+
+def test_a_drop_that_fails_later_changes_nothing(empty, capture, dropping):
+    (capture / "poses_bounds.npy").write_bytes(b"no numbers")
+    assert dropping.go_on() == {"CANCELLED"} and not empty.frog.capture_folder
+    ((kind, sentence),) = dropping.said
+    assert kind == "ERROR" and "poses_bounds.npy" in sentence
+
+
+def test_a_drop_that_is_stopped_changes_nothing(empty, dropping):
+    assert dropping.send("ESC", "PRESS") == {"CANCELLED"} and not empty.frog.capture_folder
+    assert dropping.said == [("INFO", "No capture was chosen.")]

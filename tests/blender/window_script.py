@@ -113,6 +113,12 @@ def one_operator(name):
         found["operators"][name] = ["refused"]
 
 
+def is_reading():
+    """Whether an operator that was begun reads a capture beside the window."""
+    operators = bpy.context.window_manager.windows[0].modal_operators
+    return any(operator.bl_idname in ("FROG_OT_drop_videos", "IMPORT_SCENE_OT_frog_capture") for operator in operators)
+
+
 def nothing():
     """Blender draws."""
 
@@ -123,6 +129,8 @@ def steps():
         yield close_sidebar
         yield step
         yield from repeat(nothing, 20)
+        while is_reading():
+            yield nothing
         yield note_tab
     yield click_points
     yield from repeat(nothing, 20)

@@ -41,7 +41,8 @@ def in_window(operator: type) -> Iterator[InWindow]:
 
         def execute(self, context: bpy.types.Context) -> set[str]:
             browses = hasattr(operator, "is_interactive")  # what it is invoked for; and nothing is without a screen
-            return super().execute(context) if browses else self.invoke(context, None)
+            is_invoked = hasattr(operator, "invoke") and not browses
+            return self.invoke(context, None) if is_invoked else super().execute(context)
 
         def run_in_window(self, context: bpy.types.Context, steps: Iterator[Any], total: int) -> set[str]:
             noted.started.append((self, steps))
