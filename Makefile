@@ -151,7 +151,8 @@ format: setup
 	$(BIN)/ruff format .
 
 extension: setup
-	$(BIN)/python tools/build_extension.py
+	$(BIN)/python tools/build_extension.py --index dist/repository
+	$(BIN)/python tools/build_extension.py --edition player
 
 clean:
 	rm -rf build dist out .pytest_cache .mypy_cache .ruff_cache frog_blender/engine/native/*frog_native* $(VENV)/.ready

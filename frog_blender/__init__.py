@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from importlib import import_module
 
+from . import edition
+
 # In this order: properties before their users, trainings before the preview that watches them.
 _ROOMS = (
     "ui.preferences",
-    "ui.training_settings",
+    "ui.scene_settings",
     "ui.playback_settings",
     "ui.edit_settings",
     "timeline.handlers",
@@ -50,14 +52,40 @@ _ROOMS = (
 )
 
 
+_TRAINING_ROOMS = {
+    "ui.capture_reading",
+    "training_task.runner",
+    "viewport.live",
+    "calibration_task.runner",
+    "scene_capture.runner",
+    "ui.preview_image",
+    "ui.contact_sheet",
+    "ui.rig_images",
+    "ui.rig_overlay",
+    "ui.points_overlay",
+    "torch_install.task",
+    "ui.presets",
+    "ui.capture_panel",
+    "ui.scene_capture_panel",
+    "ui.train_panel",
+    "ui.calibration_panel",
+    "ui.status_bar",
+}
+"""Those that the player has not."""
+
+
+def _rooms() -> list[str]:
+    return [room for room in _ROOMS if edition.TRAINS or room not in _TRAINING_ROOMS]
+
+
 def register() -> None:
     """Called by Blender when the add-on is enabled."""
-    for room in _ROOMS:
+    for room in _rooms():
         import_module(f".{room}", __package__).register()
 
 
 def unregister() -> None:
     """Called by Blender when the add-on is disabled, and when Blender quits."""
-    for room in reversed(_ROOMS):
+    for room in reversed(_rooms()):
         import_module(f".{room}", __package__).unregister()
     import_module(".addon_state", __package__).clear()

@@ -2,78 +2,66 @@
 
 from __future__ import annotations
 
-from . import (
-    align,
-    bake,
-    calibrate,
-    cameras,
-    capture_cameras,
-    capture_scene,
-    capture_sound,
-    click_points,
-    clips,
-    compose,
-    edit_clean,
-    edit_crops,
-    edit_file,
-    edit_match,
-    export_scene,
-    export_take,
-    import_frog,
-    import_ply,
-    install_torch,
-    light,
-    make_proxy,
-    open_capture,
-    pick,
-    relink,
-    retime,
-    select_by_hand,
-    set_up_scene,
-    show_result,
-    timing,
-    train,
-)
+from importlib import import_module
+from types import ModuleType
+
+from .. import edition
 
 _FAMILIES = (
-    import_frog,
-    import_ply,
-    export_scene,
-    export_take,
-    open_capture,
-    bake,
-    relink,
-    pick,
-    cameras,
-    clips,
-    align,
-    set_up_scene,
-    show_result,
-    timing,
-    retime,
-    capture_sound,
-    compose,
-    light,
-    make_proxy,
-    edit_crops,
-    edit_clean,
-    select_by_hand,
-    edit_file,
-    edit_match,
-    train,
-    install_torch,
-    calibrate,
-    click_points,
-    capture_cameras,
-    capture_scene,
+    "import_frog",
+    "import_ply",
+    "export_scene",
+    "export_take",
+    "open_capture",
+    "bake",
+    "relink",
+    "pick",
+    "cameras",
+    "clips",
+    "align",
+    "set_up_scene",
+    "show_result",
+    "timing",
+    "retime",
+    "capture_sound",
+    "compose",
+    "light",
+    "make_proxy",
+    "edit_crops",
+    "edit_clean",
+    "select_by_hand",
+    "edit_file",
+    "edit_match",
+    "train",
+    "install_torch",
+    "calibrate",
+    "click_points",
+    "capture_cameras",
+    "capture_scene",
 )
+_TRAINING_FAMILIES = {
+    "open_capture",
+    "show_result",
+    "train",
+    "install_torch",
+    "calibrate",
+    "click_points",
+    "capture_cameras",
+    "capture_scene",
+}
+"""Those that the player has not."""
+
+
+def _families() -> list[ModuleType]:
+    names = [name for name in _FAMILIES if edition.TRAINS or name not in _TRAINING_FAMILIES]
+    return [import_module(f".{name}", __package__) for name in names]
 
 
 def register() -> None:
-    for family in _FAMILIES:
+    for family in _families():
         family.register()
 
 
 def unregister() -> None:
-    for family in reversed(_FAMILIES):
+    for family in reversed(_families()):
         family.unregister()

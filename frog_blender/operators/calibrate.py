@@ -10,7 +10,7 @@ import bpy
 from ..calibration_task import runner
 from ..calibration_task.request import CalibrationRequest, Calibrator, Progress
 from ..engine.errors import FrogError
-from ..ui import capture_summary, preferences, report_images
+from ..ui import capture_summary, report_images, torch_environment
 from .cancel_operator import CancelsTask
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def begin_calibration(operator: bpy.types.Operator, context: bpy.types.Context, 
     """
     try:
         folder = footage_folder(context.scene.frog.capture_folder)
-        needed = preferences.calibration_needed()
+        needed = torch_environment.calibration_needed()
         if needed:
             raise FrogError(needed)
         opening = CaptureOpening(folder, CalibrationRequest(folder, folder / points if points else None).calibrate)

@@ -12,7 +12,7 @@ from ..calibration_task import runner
 from ..calibration_task.clocks import OFFSETS, RATES, CameraClock, write_clock
 from ..engine.capture.calibration.found_cameras import found_beside, given_beside, use_found, use_given
 from ..engine.errors import FrogError
-from ..ui import capture_reading, capture_summary, contact_sheet, preferences, preview_image, report_images
+from ..ui import capture_reading, capture_summary, contact_sheet, preview_image, report_images, torch_environment
 
 
 class FROG_OT_show_contact_sheet(bpy.types.Operator):
@@ -30,7 +30,7 @@ class FROG_OT_show_contact_sheet(bpy.types.Operator):
         if summary.error or not folder:
             self.report({"ERROR"}, summary.error or "No capture is selected. Choose the folder with the videos.")
             return {"CANCELLED"}
-        preferences.add_environment()  # may have OpenCV, which reads videos
+        torch_environment.add_environment()  # may have OpenCV, which reads videos
         try:
             contact_sheet.show(folder, summary)
         except OSError as error:

@@ -11,7 +11,7 @@ from ..calibration_task.clicked_points import ENDING, FILE, ClickedPoints, point
 from ..engine.capture.calibration.films import Film, find_films
 from ..engine.capture.video import decode
 from ..engine.errors import FrogError
-from ..ui import points_overlay, preferences
+from ..ui import points_overlay, torch_environment
 from .calibrate import begin_calibration, footage_folder
 
 
@@ -41,7 +41,7 @@ saved beside the videos"""
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if context.area is None or bpy.app.background:
             return self.execute(context)
-        preferences.add_environment()  # may have OpenCV, which reads videos
+        torch_environment.add_environment()  # may have OpenCV, which reads videos
         try:
             folder = footage_folder(context.scene.frog.capture_folder)
             self._path = folder / FILE

@@ -12,13 +12,13 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 from mathutils import Matrix
 
+from .. import unsaved_changes
 from ..engine.errors import FrogError
 from ..engine.interchange.imports import SUFFIXES, says_what_is_up
 from ..engine.playback.transform import Y_DOWN
 from ..scene_import.capture_objects import finder, root_of, select_capture
 from ..scene_import.create_objects import import_scene
 from ..timeline.retiming import frame_rate
-from ..training_task import unsaved_changes
 from . import foreign_import
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .foreign_formats import expose_usd

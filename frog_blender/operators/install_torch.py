@@ -25,7 +25,7 @@ from ..torch_install.packages import (
     suitable_build,
 )
 from ..training_task import runner
-from ..ui import preferences
+from ..ui import torch_environment
 
 BUILDS = {CPU: "CPU only", CUDA: "NVIDIA GPU (CUDA)"}
 """Builds of torch, in words."""
@@ -69,7 +69,7 @@ class FROG_OT_install_torch(bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("build"):
             self.build = suitable_build()
-        self.index = self.index or preferences.package_index()
+        self.index = self.index or torch_environment.package_index()
         return context.window_manager.invoke_props_dialog(
             self, width=420, title="Install torch", confirm_text="Download"
         )
@@ -87,14 +87,14 @@ class FROG_OT_install_torch(bpy.types.Operator):
         layout.label(text=f"OpenCV and pycolmap {PYCOLMAP} come with it.")
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        index = self.index.strip() or preferences.package_index()
+        index = self.index.strip() or torch_environment.package_index()
         try:
             if index_needed(self.build) and not index:
                 raise FrogError(f"{index_needed(self.build)} Nothing was downloaded.")
             # Besides pip's own, which alone has the other packages.
             arguments = ["--extra-index-url", index] if index else []
             is_chosen = self.properties.is_property_set("build")  # else it depends on the index
-            task.begin(arguments, preferences.use_installation, build=self.build if is_chosen else CPU)
+            task.begin(arguments, torch_environment.use_installation, build=self.build if is_chosen else CPU)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -120,7 +120,7 @@ class FROG_OT_remove_torch(bpy.types.Operator):
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         is_gone = remove(task.folder())
-        preferences.forget_installation()
+        torch_environment.forget_installation()
         if not is_gone:
             self.report({"INFO"}, "torch is in use. It is removed when Blender starts the next time.")
         return {"FINISHED"}
@@ -143,7 +143,7 @@ class FROG_OT_install_calibration(bpy.types.Operator):
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         try:  # from pip's own index: PyTorch's has no pycolmap
-            task.begin_calibration([], preferences.add_folder)
+            task.begin_calibration([], torch_environment.add_folder)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

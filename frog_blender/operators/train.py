@@ -22,7 +22,7 @@ from ..training_task.request import (
     request_of,
     steps_done,
 )
-from ..ui import capture_reading, capture_summary, preferences
+from ..ui import capture_reading, capture_summary, torch_environment
 from .cancel_operator import CancelsTask
 from .training_result import ResultImporter
 
@@ -38,7 +38,7 @@ def reason_not_to_train(settings: Any) -> str:
         return summary.error
     if summary is not None and summary.raw_footage:
         return "The cameras have to be calibrated first."
-    return preferences.torch_needed()
+    return torch_environment.torch_needed()
 
 
 class StartsTraining:
@@ -52,7 +52,7 @@ class StartsTraining:
 
     def begin(self: Any, settings: Any, request: TrainingRequest) -> None:
         """Starts it; the scene's output becomes that of the request. FrogError if it cannot be started."""
-        preferences.make_torch_importable()
+        torch_environment.make_torch_importable()
         after = ResultImporter(settings.id_data) if settings.import_when_done else None
         live = LiveView(settings.id_data)
         request.job["live"] = live.source

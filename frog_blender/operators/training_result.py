@@ -10,7 +10,7 @@ from .. import point_cloud
 from ..scene_import.capture_objects import finder, of_same_capture, plays
 from ..scene_import.create_objects import import_scene
 from ..timeline import playback
-from ..training_task.unsaved_changes import is_being_edited
+from ..unsaved_changes import is_being_edited
 
 
 class ResultImporter:

@@ -11,7 +11,7 @@ from ..calibration_task.clicked_points import FILE
 from ..calibration_task.clocks import CameraClock
 from ..calibration_task.state import CalibrationState
 from ..engine.capture.calibration.landmark_file import landmark_file
-from . import capture_summary, contact_sheet, preferences, preview_image, report_images
+from . import capture_summary, contact_sheet, preview_image, report_images, torch_environment
 from .capture_summary import CaptureSummary
 from .sidebar_panel import SidebarPanel
 from .text import wrapped_label
@@ -28,10 +28,10 @@ def draw_calibration(
     if task is not None and task.state.folder == folder:
         _draw_end(layout, task.state, context)
     if summary.raw_footage:
-        needed = preferences.calibration_needed()
+        needed = torch_environment.calibration_needed()
         if needed:
             wrapped_label(layout, needed, context, icon="ERROR")
-            preferences.draw_calibration_installation(layout)
+            torch_environment.draw_calibration_installation(layout)
         row = layout.row()
         row.scale_y = 1.5
         row.enabled = not needed
@@ -63,7 +63,7 @@ def _draw_end(layout: bpy.types.UILayout, state: CalibrationState, context: bpy.
     if state.error:
         wrapped_label(layout, state.error, context, icon="QUESTION" if state.is_refused else "ERROR")
         if state.is_refused and landmark_file() is None:
-            preferences.draw_landmarks(layout)  # the refusal says what for
+            torch_environment.draw_landmarks(layout)  # the refusal says what for
     elif state.cancelled:
         wrapped_label(layout, "Cancelled. The next calibration continues with what was done.", context, icon="CANCEL")
     outcome = state.outcome

@@ -11,7 +11,7 @@ import bpy
 from .. import addon_state, redrawing
 from ..background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
 from ..engine.errors import FrogError, brief
-from . import capture_summary, preferences, report_images
+from . import capture_summary, report_images, torch_environment
 from .capture_summary import CaptureSummary
 
 
@@ -71,7 +71,7 @@ class Readings:
 
 def begin(folder: str) -> CaptureReading:
     """Starts reading a folder, for whoever pumps it; FrogError if no thread can be created."""
-    preferences.add_environment()  # may have OpenCV, which reads videos
+    torch_environment.add_environment()  # may have OpenCV, which reads videos
     return CaptureReading(folder).start()
 
 
@@ -86,7 +86,7 @@ def read(folder: str) -> CaptureSummary | None:
     if chosen is not None and chosen[0] == folder:
         return _show(folder, chosen[1], capture_summary.stamp(folder))
     if bpy.app.background or not folder:
-        preferences.add_environment()
+        torch_environment.add_environment()
         stamp = capture_summary.stamp(folder)
         return _show(folder, capture_summary.read(Path(folder)) if folder else CaptureSummary(), stamp)
     read_beside(folder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from .. import edition
 from ..scene_import.capture_objects import active_capture
 
 
@@ -33,9 +34,10 @@ class FROG_MT_object(bpy.types.Menu):
             layout.operator(f"frog.{name}")
         for name in ("add_sound_strip", "add_speaker", "update_sound"):
             layout.operator(f"frog.{name}")
-        layout.separator()
-        layout.operator("frog.train", icon="PLAY")
-        layout.operator("frog.train_longer")
+        if edition.TRAINS:
+            layout.separator()
+            layout.operator("frog.train", icon="PLAY")
+            layout.operator("frog.train_longer")
 
 
 def _object(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
@@ -51,7 +53,8 @@ def _context_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 def _add(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.separator()
     self.layout.operator("import_scene.frog", text="FRoG Scene", icon="OUTLINER_OB_POINTCLOUD")
-    self.layout.operator("import_scene.frog_capture", text="FRoG Capture to Train From", icon="FILE_MOVIE")
+    if edition.TRAINS:
+        self.layout.operator("import_scene.frog_capture", text="FRoG Capture to Train From", icon="FILE_MOVIE")
 
 
 def _render(self: bpy.types.Menu, _context: bpy.types.Context) -> None:

@@ -1,48 +1,35 @@
-"""The add-on's preferences: the environment with torch and the size of the playback cache."""
+"""The add-on's preferences: the size of the playback cache and, where it trains, the environment with torch."""
 
 # mypy: disable-error-code="valid-type"
 
-import importlib.metadata
-import importlib.util
-import sys
-from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import IntProperty, StringProperty
+from bpy.props import IntProperty
 
 from .. import __package__ as base_package
-from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
-from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
-from ..engine.errors import FrogError
+from .. import edition
 from ..timeline import playback_cache
-from ..torch_install import task
-from ..torch_install.folders import CALIBRATION, TORCH, installed
-from ..torch_install.installer import Installation
-from ..torch_install.packages import CALIBRATION_SIZES, SIZES, has_nvidia_gpu, has_pycolmap_wheel, suitable_build
-from .text import wrapped_label
+
+if edition.TRAINS:
+    from .torch_environment import TorchPreferences as _Environment
+else:
+
+    class _Environment:  # type: ignore[no-redef]
+        """The player needs no other packages."""
+
+        def draw_environment(self, context: bpy.types.Context) -> None:
+            pass
 
 
 def _on_cache_limit(settings: Any, _context: bpy.types.Context) -> None:
     playback_cache.set_limit(settings.cache_megabytes)
 
 
-class FROG_AP_preferences(bpy.types.AddonPreferences):
+class FROG_AP_preferences(_Environment, bpy.types.AddonPreferences):
     """Shown in Edit > Preferences > Add-ons."""
 
     bl_idname = base_package
-
-    torch_path: StringProperty(
-        name="Python Environment with torch",
-        description="A virtual environment or site-packages folder with torch, for the Python version of this Blender",
-        subtype="DIR_PATH",
-    )
-
-    package_index: StringProperty(
-        name="Package Index",
-        description="URL of a further package index for Install torch, such as PyTorch's own for the CPU or a CUDA "
-        'version (see "Get Started" on its site). Empty for pip\'s default alone',
-    )
 
     cache_megabytes: IntProperty(
         name="Playback Cache (MB)",
@@ -57,194 +44,7 @@ class FROG_AP_preferences(bpy.types.AddonPreferences):
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "cache_megabytes")
-        layout.prop(self, "torch_path")
-        layout.label(text=_torch_found() or torch_needed(), icon="INFO")
-        layout.label(text="Opening, scrubbing and rendering a .frog file does not need torch.")
-        if installed(task.folder()) is not None:
-            layout.operator("frog.remove_torch", icon="TRASH")
-        if torch_needed():
-            layout.prop(self, "package_index")
-            draw_torch_installation(layout, context)
-        elif calibration_needed():
-            layout.label(text=calibration_needed(), icon="INFO")
-            draw_calibration_installation(layout)
-        else:
-            draw_landmarks(layout)
-
-
-def draw_torch_installation(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draws the button that installs torch, with its size and what it waits for, or the running installation."""
-    if _draw_running(layout):
-        return
-    layout.operator("frog.install_torch", icon="IMPORT")
-    if not bpy.app.online_access:
-        wrapped_label(layout, "Allow Online Access first: Preferences > System > Network.", context, icon="INFO")
-        return
-    wrapped_label(layout, f"Downloads {SIZES[suitable_build()]} for this computer. It asks first.", context)
-
-
-def _torch_found() -> str:
-    """Which torch there is, and what it can compute on; an empty string if there is none."""
-    if torch_needed():
-        return ""
-    add_environment()
-    try:
-        version = importlib.metadata.version("torch")
-    except importlib.metadata.PackageNotFoundError:
-        version = "without a version"
-    gpu = "an NVIDIA graphics card" if has_nvidia_gpu() else "no NVIDIA graphics card"
-    return f"torch {version} is available: training is possible. This computer has {gpu}."
-
-
-def draw_calibration_installation(layout: bpy.types.UILayout) -> None:
-    """Draws the button that installs what calibration needs, and the progress of an installation."""
-    if not _draw_running(layout) and has_pycolmap_wheel():
-        layout.operator("frog.install_calibration", icon="IMPORT")
-        layout.label(text=f"Downloads {CALIBRATION_SIZES}.")
-
-
-def draw_landmarks(layout: bpy.types.UILayout) -> None:
-    """Draws the button that fetches the file that finds a person's joints, unless it is there."""
-    if landmark_file() is None and not _draw_running(layout):
-        layout.operator("frog.fetch_landmarks", icon="IMPORT")
-        layout.label(text=f"{LICENSE}: {LANDMARK_SIZES}.")
-
-
-def _draw_running(layout: bpy.types.UILayout) -> bool:
-    """Draws the running installation and returns whether there is one; draws the error of one that failed."""
-    current = task.current()
-    if current is None:
-        return False
-    if current.running:
-        if isinstance(current, Installation):
-            layout.progress(factor=current.fraction, text=f"{current.fraction:.0%}")
-        layout.label(text=current.line[:100], icon="IMPORT")
-        layout.operator("frog.cancel_installation", icon="CANCEL")
-    elif current.error:
-        layout.label(text=current.error, icon="ERROR")
-    return current.running
-
-
-def _preferences() -> Any:
-    """This add-on's preferences; None if it was registered by a script."""
-    addon = bpy.context.preferences.addons.get(base_package)
-    return addon.preferences if addon is not None else None
-
-
-def package_index() -> str:
-    """URL of pip's package index; an empty string for the default."""
-    preferences = _preferences()
-    return preferences.package_index.strip() if preferences is not None else ""
-
-
-def use_installation(folder: Path) -> None:
-    """Stores the folder of an installation in the preferences and makes its packages importable."""
-    preferences = _preferences()
-    if preferences is not None:
-        preferences.torch_path = str(folder)
-    add_folder(folder)
-
-
-def forget_installation() -> None:
-    """Lets the preferences no longer name what *Install torch* had installed."""
-    preferences, place = _preferences(), task.folder().parent
-    named = preferences.torch_path if preferences is not None else ""
-    if named and Path(bpy.path.abspath(named)).parent == place:
-        preferences.torch_path = ""
-    ours = [path for path in sys.path if Path(path).parent == place and Path(path).name.startswith(TORCH)]
-    sys.path[:] = [path for path in sys.path if path not in ours]
-    importlib.invalidate_caches()
-
-
-def torch_path() -> str:
-    """The folder set in the preferences, or that of *Install torch*; otherwise an empty string."""
-    preferences = _preferences()
-    named = preferences.torch_path if preferences is not None else ""
-    place = task.folder()
-    if named and Path(bpy.path.abspath(named)).parent != place.parent:
-        return str(named)
-    found = installed(place)  # unsaved preferences may name an older one, or none
-    return str(found) if found is not None else str(named)
-
-
-def torch_needed() -> str:
-    """What is missing for training, as a sentence; an empty string if torch can be imported. Imports nothing."""
-    python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    if _is_importable():
-        return ""
-    folder = torch_path()
-    if not folder:
-        return (
-            f"Training needs torch. Install it, or choose an environment of Python {python} that has it in the "
-            "add-on's preferences."
-        )
-    try:
-        site_packages(Path(bpy.path.abspath(folder)))
-    except FrogError as error:
-        return str(error)
-    return ""
-
-
-def calibration_needed() -> str:
-    """What is missing for calibration, as a sentence; an empty string if nothing is. Imports nothing."""
-    add_environment()
-    if not _is_importable("cv2"):
-        return "Calibrating cameras needs OpenCV and pycolmap. Install them here, or with torch in the preferences."
-    if _is_importable("pycolmap"):
-        return ""
-    if has_pycolmap_wheel():
-        return "Calibrating cameras needs pycolmap. Install it here, or with torch in the preferences."
-    return (
-        "Cameras cannot be calibrated on this computer: there is no pycolmap for Intel Macs and for Linux on ARM. "
-        "Calibrate the videos on another one and bring cameras_opencv.json along."
-    )
-
-
-def make_torch_importable() -> None:
-    """Make the environment set in the preferences importable; FrogError if training still lacks torch."""
-    add_environment()
-    needed = torch_needed()
-    if needed:
-        raise FrogError(needed)
-
-
-def add_environment() -> None:
-    """Append the environments of torch and of pycolmap to ``sys.path``, where they are not importable yet."""
-    packages = installed(task.folder(CALIBRATION))
-    if packages is not None and not _is_importable("pycolmap"):
-        add_folder(packages)
-    if _is_importable() or not torch_path():
-        return
-    try:
-        add_folder(site_packages(Path(bpy.path.abspath(torch_path()))))
-    except FrogError:
-        return  # ``torch_needed`` explains it
-
-
-def add_folder(folder: Path) -> None:
-    """Makes the packages in a folder importable."""
-    if str(folder) not in sys.path:
-        sys.path.append(str(folder))  # appended, so that Blender's own packages win
-        importlib.invalidate_caches()
-
-
-def site_packages(folder: Path) -> Path:
-    """The folder with torch in an environment of this Python version, or FrogError."""
-    python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    choices = [folder, folder / "lib" / f"python{python}" / "site-packages", folder / "Lib" / "site-packages"]
-    for choice in choices:
-        if (choice / "torch" / "__init__.py").is_file():
-            return choice
-    others = sorted(path.parent.parent.name for path in folder.glob("lib/python*/site-packages/torch"))
-    found = f"torch for {', '.join(others)}" if others else "no torch"
-    raise FrogError(f"{folder}: found {found}, expected an environment of Python {python} with torch.")
-
-
-def _is_importable(package: str = "torch") -> bool:
-    try:
-        return importlib.util.find_spec(package) is not None
-    except ValueError:  # what find_spec raises for a module that was blocked
-        return False
+        self.draw_environment(context)
 
 
 _register_classes, unregister = bpy.utils.register_classes_factory((FROG_AP_preferences,))
@@ -252,6 +52,6 @@ _register_classes, unregister = bpy.utils.register_classes_factory((FROG_AP_pref
 
 def register() -> None:
     _register_classes()
-    preferences = _preferences()
-    if preferences is not None:
-        playback_cache.set_limit(preferences.cache_megabytes)
+    addon = bpy.context.preferences.addons.get(base_package)  # None where a script registers it
+    if addon is not None and addon.preferences is not None:
+        playback_cache.set_limit(addon.preferences.cache_megabytes)

@@ -12,7 +12,7 @@ from ..scene_import.scene_setup import is_set_up, start_cube
 from ..training_task import runner
 from ..training_task.request import can_resume, can_train_longer
 from ..training_task.state import TrainingState
-from . import preferences, presets, preview_image, training_choices, training_time
+from . import presets, preview_image, torch_environment, training_choices, training_time
 from .sidebar_panel import SidebarPanel, split
 from .text import duration, wrapped_label
 
@@ -123,10 +123,10 @@ def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Co
     capture = training_choices.known_capture(settings)
     if capture is not None:
         wrapped_label(layout, training_time.expected(settings, capture), context, icon="TIME")
-    needed = preferences.torch_needed()
+    needed = torch_environment.torch_needed()
     if needed:
         wrapped_label(layout, needed, context, icon="ERROR")
-        preferences.draw_torch_installation(layout, context)
+        torch_environment.draw_torch_installation(layout, context)
     row = layout.row()
     row.scale_y = 1.5
     row.operator("frog.train", icon="PLAY")

@@ -1,4 +1,4 @@
-"""Settings on scenes: what to train and how, and how FROG renders."""
+"""Settings on scenes: what to train, and how."""
 
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
@@ -19,8 +19,6 @@ from bpy.props import (
 
 from .. import redrawing, relative_paths
 from ..engine.training.session.output_paths import free_output
-from ..render.blur import LENS_SAMPLES, SHUTTER_SAMPLES
-from .capture_list import ChoosesCapture
 from .path_options import PATH_OPTIONS
 from .rig_settings import FrogRigSettings
 from .training_choices import TrainingChoices
@@ -60,23 +58,6 @@ MASKS = (
 )
 
 
-DRAWINGS = (
-    ("AUTO", "Automatic", "Splats, or points where there is no graphics card or Blender draws splats itself"),
-    (
-        "CARD",
-        "Splats",
-        "The splats themselves, drawn by the graphics card and hidden by what lies before them",
-    ),
-    ("POINTS", "Points", "An object of points, which other engines render as well"),
-)
-
-
-def _on_viewport_drawing(_settings: Any, _context: bpy.types.Context) -> None:
-    from ..viewport import drawing  # imported late: it draws, and settings are read everywhere
-
-    drawing.choose()
-
-
 def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
     if relative_paths.are_being_written():
         return
@@ -108,60 +89,8 @@ def _on_preview_camera(settings: Any, _context: bpy.types.Context) -> None:
         task.control.preview_camera = settings.preview_camera
 
 
-class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGroup):
-    """``Scene.frog``: training settings and render settings of FROG."""
-
-    hold_out: BoolProperty(
-        name="Objects Hide Splats",
-        description="Objects of this scene occlude the splats. The objects themselves are not drawn",
-        default=False,
-    )
-    motion_samples: IntProperty(
-        name="Samples",
-        description="Moments within the shutter time that motion blur averages. More of them blur fast motion more "
-        "smoothly and take longer",
-        default=SHUTTER_SAMPLES,
-        min=1,
-        soft_max=64,
-        max=1024,
-    )
-    lens_samples: IntProperty(
-        name="Samples",
-        description="Points of the lens that depth of field averages, for cameras that have it. More of them make wide "
-        "blurs smoother and take longer",
-        default=LENS_SAMPLES,
-        min=1,
-        soft_max=128,
-        max=4096,
-    )
-    composed_with: PointerProperty(
-        name="Composed With",
-        description="The scene of the user's objects that this scene of captures belongs to",
-        type=bpy.types.Scene,
-        options={"HIDDEN"},
-    )
-
-    own_world: PointerProperty(
-        name="Own World",
-        description="The scene's world before a capture lit its objects",
-        type=bpy.types.World,
-        options={"HIDDEN"},
-    )
-
-    viewport_drawing: EnumProperty(
-        name="In Viewports",
-        description="What viewports show of captures in Solid, Material Preview, Wireframe and other engines' Rendered "
-        "mode",
-        items=DRAWINGS,
-        default="AUTO",
-        update=_on_viewport_drawing,
-    )
-
-    set_up_as: StringProperty(
-        name="Set Up As",
-        description="The scene's settings when FRoG last set them up, to tell whether they were changed since",
-        options={"HIDDEN"},
-    )
+class TrainingSettings(TrainingChoices):
+    """A base of ``Scene.frog``: what to train, and how."""
 
     rig: PointerProperty(type=FrogRigSettings)
 
@@ -288,15 +217,3 @@ class FrogTrainingSettings(TrainingChoices, ChoosesCapture, bpy.types.PropertyGr
         "have changed are not touched",
         default=True,
     )
-
-
-def register() -> None:
-    bpy.utils.register_class(FrogRigSettings)
-    bpy.utils.register_class(FrogTrainingSettings)
-    bpy.types.Scene.frog = PointerProperty(type=FrogTrainingSettings)
-
-
-def unregister() -> None:
-    del bpy.types.Scene.frog
-    bpy.utils.unregister_class(FrogTrainingSettings)
-    bpy.utils.unregister_class(FrogRigSettings)

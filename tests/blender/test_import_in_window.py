@@ -11,13 +11,13 @@ import bpy
 import pytest
 from support.blender_windows import drop_operators, event, in_window
 
+from frog_blender import unsaved_changes
 from frog_blender.engine.interchange import imports
 from frog_blender.engine.interchange.ply import write_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.operators import foreign_import, import_ply
 from frog_blender.operators.import_ply import FROG_OT_import_splats
 from frog_blender.timeline import playback
-from frog_blender.training_task import unsaved_changes
 
 PATIENCE = 60.0  # seconds
 

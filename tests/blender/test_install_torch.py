@@ -326,22 +326,22 @@ installation.join(60)
 
 def test_the_preferences_name_the_installation_that_counts(empty, own_folder, tmp_path, monkeypatch):
     """Blender may have died before it saved them, or saved them before another installation."""
-    from frog_blender.ui import preferences
+    from frog_blender.ui import torch_environment
 
     place = own_folder
     named = SimpleNamespace(preferences=SimpleNamespace(torch_path=""))
-    addons = {preferences.base_package: named}
+    addons = {torch_environment.base_package: named}
     stand_in = SimpleNamespace(context=SimpleNamespace(preferences=SimpleNamespace(addons=addons)), path=bpy.path)
-    monkeypatch.setattr(preferences, "bpy", stand_in)
-    assert preferences.torch_path() == ""
+    monkeypatch.setattr(torch_environment, "bpy", stand_in)
+    assert torch_environment.torch_path() == ""
     (place.with_name("torch-2") / "torch").mkdir(parents=True)
     (place.with_name("torch-2") / "torch" / "__init__.py").write_text("")
     (place.parent / "torch.current").write_text("torch-2")
     for path in ("", str(place)):
         named.preferences.torch_path = path
-        assert preferences.torch_path() == str(place.with_name("torch-2"))
+        assert torch_environment.torch_path() == str(place.with_name("torch-2"))
     named.preferences.torch_path = str(tmp_path / "mine")
-    assert preferences.torch_path() == str(tmp_path / "mine")
+    assert torch_environment.torch_path() == str(tmp_path / "mine")
 
 
 def test_nothing_is_fetched_without_online_access(empty):
@@ -355,7 +355,7 @@ def test_nothing_is_fetched_without_online_access(empty):
 
 
 def test_the_button(empty, index, own_folder):
-    from frog_blender.ui import preferences
+    from frog_blender.ui import torch_environment
 
     system = bpy.context.preferences.system
     allowed, system.use_online_access = system.use_online_access, True
@@ -369,7 +369,7 @@ def test_the_button(empty, index, own_folder):
         system = bpy.context.preferences.system
         finished(task.current())
         assert task.tick() is None and str(own_folder) in sys.path
-        assert preferences.site_packages(own_folder) == own_folder
+        assert torch_environment.site_packages(own_folder) == own_folder
     finally:
         system.use_online_access = allowed
         sys.path[:] = paths
@@ -423,17 +423,17 @@ def test_it_can_be_removed(empty, own_folder, tmp_path, monkeypatch):
 def test_the_preferences_tell_what_there_is_and_what_it_takes(empty, own_folder, online, monkeypatch):
     from support.training_panel import Written
 
-    from frog_blender.ui import preferences
+    from frog_blender.ui import torch_environment
 
     def said():
         layout = Written()
         ui = SimpleNamespace(preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)), region=None)
-        preferences.draw_torch_installation(layout, ui)
+        torch_environment.draw_torch_installation(layout, ui)
         return " ".join(layout.said)
 
-    monkeypatch.setattr(preferences, "suitable_build", lambda: "CPU")
+    monkeypatch.setattr(torch_environment, "suitable_build", lambda: "CPU")
     assert "frog.install_torch" in said() and "about 0.4 GB" in said()
     bpy.context.preferences.system.use_online_access = False
     assert "Allow Online Access first" in said()
-    monkeypatch.setattr(preferences, "torch_needed", lambda: "")
-    assert "is available: training is possible. This computer has" in preferences._torch_found()
+    monkeypatch.setattr(torch_environment, "torch_needed", lambda: "")
+    assert "is available: training is possible. This computer has" in torch_environment._torch_found()

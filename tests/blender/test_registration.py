@@ -76,7 +76,7 @@ scene.frame_set(1); first = point_cloud.read(capture)["position"]
 scene.frame_set(6); moved = abs(point_cloud.read(capture)["position"] - first).max()
 scene.render.filepath = sys.argv[2]
 bpy.ops.render.render(write_still=True)
-from frog_blender.ui.preferences import torch_needed
+from frog_blender.ui.torch_environment import torch_needed
 try: bpy.ops.frog.train()
 except RuntimeError: pass
 print("moved", moved > 1e-3, "says", "Training needs torch" in torch_needed())

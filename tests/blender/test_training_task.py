@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from frog_blender import addon_state
+from frog_blender import addon_state, unsaved_changes
 from frog_blender.background_task import PUMP_MESSAGES
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session import events
 from frog_blender.operators import training_result
 from frog_blender.timeline import playback
-from frog_blender.training_task import runner, unsaved_changes
+from frog_blender.training_task import runner
 from frog_blender.ui import capture_summary
 
 

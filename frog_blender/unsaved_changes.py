@@ -1,4 +1,4 @@
-"""The open file during a training: it counts as unsaved, and is not touched in the middle of an operation."""
+"""The open file while work goes on beside it: it counts as unsaved, and no operation in it is disturbed."""
 
 from __future__ import annotations
 
