@@ -37,13 +37,8 @@ TRAINING = (
     "engine/training",
     "engine/model",
     "engine/evaluation",
-    "engine/rasterizer/cpu.py",
-    "engine/rasterizer/cuda",
-    "engine/rasterizer/reference.py",
-    "engine/rasterizer/torch_types.py",
     "engine/capture/calibration",
     "engine/capture/synchronization",
-    "engine/capture/seeding",
     "engine/capture/quality",
     *(
         f"operators/{name}.py"
