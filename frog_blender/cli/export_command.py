@@ -35,6 +35,9 @@ def add_export_parser(commands: Any) -> None:
     export.add_argument(
         "--float", action="store_true", help="--usd in single precision; default: half, but for positions"
     )
+    export.add_argument(
+        "--spz-version", type=int, choices=(3, 4), help="of --spz: 4 is smaller, and fewer programs read it; default: 3"
+    )
     export.add_argument("--silent", action="store_true", help="without sound")
     export.add_argument(
         "--y-down",
@@ -72,6 +75,8 @@ def _check_format(options: argparse.Namespace) -> None:
         raise FrogError("--y-down: found a format that says itself which way is up, expected .ply files.")
     if options.float and not options.usd:
         raise FrogError("--float: found a format with a precision of its own, expected --usd.")
+    if options.spz_version and not options.spz:
+        raise FrogError("--spz-version: found another format, expected --spz.")
     if options.silent and not _plays(options):
         raise FrogError("--silent: found a format without sound, expected --usd, --4dgs or --html.")
 
@@ -115,6 +120,13 @@ def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: ran
     suffix = ".spz" if options.spz else ".glb" if options.glb else ".ply"
     with bar("Exporting") as report:
         paths = export_frames(
-            scene, frames, options.out, options.scene.stem, lambda done: report(done, len(frames)), turn, suffix=suffix
+            scene,
+            frames,
+            options.out,
+            options.scene.stem,
+            lambda done: report(done, len(frames)),
+            turn,
+            suffix=suffix,
+            spz_version=options.spz_version or 3,
         )
     say(f"{len(paths)} files in {options.out}")

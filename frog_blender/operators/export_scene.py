@@ -59,6 +59,16 @@ Esc or the right mouse button to stop"""
         default=True,
     )
 
+    spz_version: EnumProperty(
+        name="Version",
+        description="Version of .spz files",
+        items=(
+            ("3", "3", "Every program that knows the format reads it"),
+            ("4", "4", "Smaller. Blender reads and writes it from 5.3 on"),
+        ),
+        default="3",
+    )
+
     doing = "Exporting {done:,} of {total:,} frames"
     is_interactive = False  # by a user, in the file browser
     _export: FrameExport | None = None
@@ -78,6 +88,8 @@ Esc or the right mouse button to stop"""
         layout = self.layout
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.prop(self, "file_format")
+        if self.file_format == ".spz":
+            layout.prop(self, "spz_version")
         layout.prop(self, "frames")
         if self.frames == "CUSTOM":
             layout.prop(self, "first")
@@ -108,6 +120,7 @@ Esc or the right mouse button to stop"""
         to_y_down = self.y_down and self.file_format == ".ply"  # the others say themselves which way is up
         turn = (Y_DOWN if to_y_down else np.eye(4)) if self.apply_transform else None
         export = self._export = FrameExport.of(context, obj, frames, paths, turn)
+        export.spz_version = int(self.spz_version)
         if in_steps and len(frames) > 1 and self.has_window(context):
             return self.run_in_window(context, export.steps(), len(frames))
         return self.run_all_steps(context, export.steps(), len(frames))

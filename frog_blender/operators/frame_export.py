@@ -29,12 +29,14 @@ class FrameExport:
         frames: of the timeline; ``paths`` their files.
         turn: (4, 4) from Blender's axes to those of the files, if the Gaussians are written where the capture has been
             placed; None to leave them in the capture's own space, which mostly needs no other frame to be shown.
+        spz_version: see ``interchange.splats.write_frame``.
     """
 
     visit: TimelineVisit
     frames: list[float]
     paths: list[Path]
     turn: np.ndarray | None
+    spz_version: int = 3
 
     @classmethod
     def of(
@@ -55,7 +57,7 @@ class FrameExport:
         obj, _ = self.visit.found()
         promise = len(self.paths) > 1 and playback.open_scene(file_of(obj)).keeps_identity
         for done, (frame, path) in enumerate(zip(self.frames, self.paths, strict=True), 1):
-            write_frame(path, self._gaussians(frame), promise=promise)
+            write_frame(path, self._gaussians(frame), promise=promise, spz_version=self.spz_version)
             yield done
 
     def restore(self) -> None:

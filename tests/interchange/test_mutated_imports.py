@@ -9,14 +9,15 @@ from support.damaged_inputs import counted
 
 pytest.importorskip("resource")
 
-NEEDS = {"usdc": "pxr", "usda": "pxr", "4dgs": "fourdgs"}
+NEEDS = {
+    **dict.fromkeys(("usdc", "usda", "usdz", "foreign usd"), "pxr"),
+    "4dgs": "fourdgs",
+    "spz": "zstandard",
+}
 FEW = {
-    "usdc": 60,
-    "usda": 60,
-    "4dgs": 60,
-    "sog": 60,
-    "plys": 150,
-    **dict.fromkeys(("spz", "glb", "splat", "ksplat"), 300),
+    **dict.fromkeys(("usdc", "usda", "usdz", "foreign usd", "4dgs", "sog"), 40),
+    "plys": 100,
+    **dict.fromkeys(("spz", "glb", "gltf", "splat", "ksplat", "ply", "edits"), 200),
 }
 ROOM = 64e6
 """Bytes that drawing what was imported may take, above what undamaged files need."""

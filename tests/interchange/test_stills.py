@@ -15,7 +15,7 @@ from support.foreign_takes import partly_static, sorted_like
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.interchange.gltf import EXTENSION, read_glb, write_glb
+from frog_blender.engine.interchange.gltf import EXTENSION, read_gltf, write_glb
 from frog_blender.engine.interchange.imports import import_scene
 from frog_blender.engine.interchange.spz import read_spz, write_spz
 from frog_blender.engine.playback.player import ScenePlayer
@@ -32,12 +32,16 @@ def turns_apart(found: GaussianArrays, expected: GaussianArrays) -> float:
     return float((1 - np.abs((found.quaternions * expected.quaternions).sum(axis=1))).max())
 
 
+@pytest.mark.parametrize("version", [3, 4])
 @pytest.mark.parametrize("sh_count", [1, 4, 9, 16])
-def test_spz_there_and_back(tmp_path: Path, sh_count: int) -> None:
+def test_spz_there_and_back(tmp_path: Path, sh_count: int, version: int) -> None:
+    if version == 4:
+        pytest.importorskip("zstandard")
     before = partly_static(tmp_path, sh_count=sh_count).at_frame(3)
     before.sh = before.sh.clip(-0.9, 0.9)
-    write_spz(tmp_path / "x.spz", before)
+    write_spz(tmp_path / "x.spz", before, version=version)
     after, left_out = read_spz(tmp_path / "x.spz")
+    assert (tmp_path / "x.spz").read_bytes()[:5] == (b"NGSP\4" if version == 4 else b"\x1f\x8b\x08\0\0")
     assert left_out == 0 and after.sh.shape == before.sh.shape
     np.testing.assert_allclose(after.means, before.means, atol=1e-5)
     np.testing.assert_allclose(np.log(after.scales), np.log(before.scales), atol=0.5 / 16 + 1e-3)
@@ -69,11 +73,106 @@ def test_old_spz_is_read(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.opacities, 230 / 255, rtol=1e-6)
 
 
+RDF, LUB = 6, 3  # axes as an extension numbers them: those of most .ply files, and mirrored ones
+
+
+def fourth_spz(path: Path, gaussians: GaussianArrays, axes: int, degree: int = 0) -> None:
+    """A file of version 4 with two extensions, one of which names its axes, and harmonics of any degree."""
+    zstandard = pytest.importorskip("zstandard")
+    write_spz(path, gaussians, version=4)
+    content, count = bytearray(path.read_bytes()), len(gaussians)
+    content[14] = 2
+    sizes = [content[32 + 16 * place : 48 + 16 * place] for place in range(5)]
+    packed = bytes(content[32 + 16 * content[15] :])
+    streams = packed[: sum(struct.unpack_from("<Q", size)[0] for size in sizes)]
+    if degree:
+        further = zstandard.ZstdCompressor().compress(bytes([192]) * (3 * ((degree + 1) ** 2 - 1) * count))
+        sizes.append(struct.pack("<QQ", len(further), 3 * ((degree + 1) ** 2 - 1) * count))
+        streams += further
+    records = struct.pack("<II5x", 0x12340001, 5) + struct.pack("<III", 0xADBE0003, 4, axes)
+    content[12], content[15], content[16:20] = degree, len(sizes), struct.pack("<I", 32 + len(records))
+    path.write_bytes(bytes(content[:32]) + records + b"".join(sizes) + streams)
+
+
+def test_axes_and_degree_of_a_fourth_spz(tmp_path: Path) -> None:
+    before = partly_static(tmp_path, sh_count=4).at_frame(3)
+    write_spz(tmp_path / "plain.spz", before)
+    plain, _ = read_spz(tmp_path / "plain.spz")
+    fourth_spz(tmp_path / "x.spz", before, RDF, degree=4)
+    found, _ = read_spz(tmp_path / "x.spz")
+    np.testing.assert_allclose(found.means, plain.means * (1, -1, -1), atol=1e-6)
+    assert found.sh.shape == (40, 16, 3), "no other format has the fourth degree"
+    np.testing.assert_allclose(np.square(found.sh[:, 1:]).sum(axis=1), 15 * 0.25, rtol=1e-4)
+
+
+def test_mirrored_axes_are_refused(scene: ScenePlayer, tmp_path: Path) -> None:
+    fourth_spz(tmp_path / "x.spz", scene.at_frame(3), LUB)
+    with pytest.raises(FrogError, match=r"x\.spz: .*mirrored"):
+        read_spz(tmp_path / "x.spz")
+
+
+def test_old_spz_with_an_extension(scene: ScenePlayer, tmp_path: Path) -> None:
+    write_spz(tmp_path / "x.spz", scene.at_frame(3))
+    content = bytearray(zlib.decompress((tmp_path / "x.spz").read_bytes(), 31))
+    plain, _ = read_spz(tmp_path / "x.spz")
+    content[14] = 2
+    content += struct.pack("<III", 0xADBE0003, 4, RDF)
+    (tmp_path / "x.spz").write_bytes(zlib.compress(bytes(content), wbits=31))
+    found, _ = read_spz(tmp_path / "x.spz")
+    np.testing.assert_allclose(found.means, plain.means * (1, -1, -1), atol=1e-6)
+
+
+def test_a_small_fourth_spz_cannot_ask_for_much(tmp_path: Path) -> None:
+    """Zstandard packs zeros ten thousandfold: a file of less than its Gaussians' share is refused before."""
+    zstandard = pytest.importorskip("zstandard")
+    count = 10_000_000
+    sizes = [count * width for width in (9, 1, 3, 3, 4)]
+    streams = [zstandard.ZstdCompressor().compress(bytes(size)) for size in sizes]
+    toc = b"".join(struct.pack("<QQ", len(stream), size) for stream, size in zip(streams, sizes, strict=True))
+    head = struct.pack("<IIIBBBBI12x", 0x5053474E, 4, count, 0, 12, 0, 5, 32)
+    (tmp_path / "x.spz").write_bytes(head + toc + b"".join(streams))
+    assert (tmp_path / "x.spz").stat().st_size < 100_000
+    with pytest.raises(FrogError, match="5 streams in"):
+        read_spz(tmp_path / "x.spz")
+
+
+@pytest.mark.parametrize("beside", [None, "the buffer.bin"])
+def test_gltf_text_is_read(scene: ScenePlayer, tmp_path: Path, beside: str | None) -> None:
+    before = scene.at_frame(3)
+    text, buffer = foreign_files.gltf(tmp_path, before, beside and beside.replace(" ", "%20"))
+    if beside:
+        (tmp_path / beside).write_bytes(buffer)
+    after = imported(text.encode(), ".gltf", tmp_path)
+    np.testing.assert_allclose(np.sort(after.means, axis=0), np.sort(before.means, axis=0), atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("uri", "sentence"),
+    [
+        ("../up.bin", "one in the folder of the file"),
+        ("/etc/hostname", "one in the folder of the file"),
+        ("http://127.0.0.1:9/x.bin", "one in the folder of the file"),
+        ("%2e%2e/up.bin", "one in the folder of the file"),
+        ("missing.bin", "no file"),
+        ("short.bin", "10 bytes"),
+        ("data:image/png;base64,AAAA", "base64"),
+        ("data:application/octet-stream;base64,?", "no base64"),
+    ],
+)
+def test_buffers_that_cannot_be_used(scene: ScenePlayer, tmp_path: Path, uri: str, sentence: str) -> None:
+    text, buffer = foreign_files.gltf(tmp_path, scene.at_frame(3), uri)
+    (tmp_path.parent / "up.bin").write_bytes(buffer)
+    (tmp_path / "short.bin").write_bytes(buffer[:10])
+    (tmp_path / "x.gltf").write_text(text)
+    with pytest.raises(FrogError, match=sentence):
+        read_gltf(tmp_path / "x.gltf")
+
+
 @pytest.mark.parametrize("sh_count", [1, 16])
 def test_gltf_there_and_back(tmp_path: Path, sh_count: int) -> None:
     before = partly_static(tmp_path, sh_count=sh_count).at_frame(3)
     write_glb(tmp_path / "x.glb", before)
-    after, left_out = read_glb(tmp_path / "x.glb")
+    after, left_out = read_gltf(tmp_path / "x.glb")
     assert left_out == 0 and turns_apart(after, before) < 1e-6
     for name in ("means", "scales", "opacities", "sh"):
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), atol=2e-6, err_msg=name)
@@ -107,7 +206,7 @@ def test_gltf_nodes_place_it(scene: ScenePlayer, tmp_path: Path) -> None:
     write_glb(tmp_path / "x.glb", before)
     parent = {"children": [1], "translation": [0, 5, 0], "scale": [2, 2, 2]}
     rewritten(tmp_path / "x.glb", nodes=[parent, {"mesh": 0}])
-    after, _ = read_glb(tmp_path / "x.glb")
+    after, _ = read_gltf(tmp_path / "x.glb")
     expected = transform(before, np.array([[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 5], [0, 0, 0, 1.0]]))
     np.testing.assert_allclose(after.means, expected.means, atol=1e-5)
     np.testing.assert_allclose(after.scales, expected.scales, rtol=1e-5)
@@ -134,7 +233,7 @@ def test_gltf_that_cannot_be_used(
     write_glb(tmp_path / "x.glb", scene.at_frame(3))
     rewritten(tmp_path / "x.glb", **changes)
     with pytest.raises(FrogError, match=sentence):
-        read_glb(tmp_path / "x.glb")
+        read_gltf(tmp_path / "x.glb")
 
 
 def imported(content: bytes, suffix: str, folder: Path) -> GaussianArrays:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import struct
 import zipfile
+from pathlib import Path
 
 import numpy as np
 
 from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.interchange.gltf import write_glb
 from frog_blender.engine.interchange.ply import splat_bytes
 from frog_blender.engine.playback.player import ScenePlayer
 
@@ -143,3 +146,103 @@ def zipped(scene: ScenePlayer, compression: int, counts: list[int] | None = None
             archive.writestr(f"take/time_{frame + 5}.ply", splat_bytes(part))
         archive.writestr("__MACOSX/._time_5.ply", b"what a Mac puts there")
     return file.getvalue()
+
+
+def double_ply(g: GaussianArrays, offset: float = 5e6) -> bytes:
+    """A big-endian ``.ply`` of float64 numbers, far from the origin, with a property that nobody needs."""
+    plain = splat_bytes(g)
+    head, _, body = plain.partition(b"end_header\n")
+    names = [line.split()[-1].decode() for line in head.splitlines() if line.startswith(b"property")]
+    table = np.frombuffer(body, "<f4").reshape(len(g), len(names)).astype(np.float64)
+    table[:, 0] += offset
+    rows = np.empty(len(g), [*((name, ">f8") for name in names), ("object", "u1")])
+    for place, name in enumerate(names):
+        rows[name] = table[:, place]
+    rows["object"] = 7
+    lines = ["ply", "format binary_big_endian 1.0", "comment made elsewhere", f"element vertex {len(g)}"]
+    lines += [*(f"property double {name}" for name in names), "property uchar object", "end_header", ""]
+    return "\n".join(lines).encode() + rows.tobytes()
+
+
+def gltf(folder: Path, g: GaussianArrays, beside: str | None) -> tuple[str, bytes]:
+    """A ``.gltf`` text and its buffer, which lies beside it under that name, or is in the text if there is none."""
+    write_glb(folder / "made.glb", g)
+    content = (folder / "made.glb").read_bytes()
+    length = struct.unpack_from("<I", content, 12)[0]
+    document, buffer = json.loads(content[20 : 20 + length]), content[20 + length + 8 :]
+    packed = "data:application/octet-stream;base64," + base64.b64encode(buffer).decode()
+    document["buffers"] = [{"byteLength": len(buffer), "uri": beside or packed}]
+    return json.dumps(document, indent=1), buffer
+
+
+def usd(g: GaussianArrays) -> str:
+    """A ``.usda`` as nobody here writes it: y up, prims that move and are shared, samples of some attributes alone, and
+    two cameras, one of which moves with what it hangs on."""
+
+    def rows(values: np.ndarray, kind: str = "{:.6g}") -> str:
+        if values.ndim == 1:
+            return "[" + ", ".join(kind.format(value) for value in values) + "]"
+        return "[" + ", ".join("(" + ", ".join(kind.format(value) for value in row) + ")" for row in values) + "]"
+
+    still = f"""
+            quatf[] orientations = {rows(g.quaternions)}
+            float3[] scales = {rows(g.scales)}
+            half[] opacitiesh = {rows(g.opacities)}
+            int radiance:sphericalHarmonicsDegree = {g.sh_degree}
+            float3[] radiance:sphericalHarmonicsCoefficients = {rows(g.sh.reshape(-1, 3))}"""
+    return f"""#usda 1.0
+(
+    defaultPrim = "World"
+    startTimeCode = 10
+    endTimeCode = 13
+    timeCodesPerSecond = 25
+    upAxis = "Y"
+)
+
+def Xform "World"
+{{
+    def Xform "Cart"
+    {{
+        double3 xformOp:translate.timeSamples = {{ 10: (0, 1, 0), 12: (2, 1, 0) }}
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+
+        def Camera "On Cart"
+        {{
+            float2 clippingRange = (0.1, 1000)
+            float focalLength = 50
+            float horizontalAperture = 36
+            float verticalAperture = 24
+            double3 xformOp:translate = (0, 0, 8)
+            uniform token[] xformOpOrder = ["xformOp:translate"]
+        }}
+
+        def ParticleField3DGaussianSplat "Splats"
+        {{{still}
+            point3f[] positions.timeSamples = {{
+                10: {rows(g.means)},
+                11: {rows(g.means + 0.1)},
+                13: {rows(g.means + 0.2)},
+            }}
+        }}
+    }}
+
+    def Camera "Standing"
+    {{
+        float focalLength = 20
+        float horizontalAperture = 20
+        float verticalAperture = 10
+        float horizontalApertureOffset = 1
+        matrix4d xformOp:transform = ( (1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 5, 0, 1) )
+        uniform token[] xformOpOrder = ["xformOp:transform"]
+    }}
+
+    def Xform "Copy" (
+        instanceable = true
+        references = </World/Cart>
+    )
+    {{
+        double3 xformOp:translate = (0, 0, 3)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+    }}
+}}
+""".replace('"On Cart"', '"OnCart"')

@@ -13,6 +13,7 @@ import io
 import json
 import os
 import random
+import re
 import signal
 import struct
 import sys
@@ -28,14 +29,30 @@ from support import foreign_files
 from support.builders import plain_camera
 from support.foreign_takes import partly_static
 from support.mutated_files import SECONDS, Kind, main
+from support.solids import CORNERS, FACES
 
+from frog_blender.engine.editing.closed_mesh import ClosedMesh
+from frog_blender.engine.editing.crops import Crop
+from frog_blender.engine.editing.edited_scene import EditedScene
+from frog_blender.engine.editing.edits import Edits
+from frog_blender.engine.editing.edits_file import load_edits, save_edits
+from frog_blender.engine.editing.grades import Grade
+from frog_blender.engine.editing.marks import Marks
+from frog_blender.engine.editing.timing import Timing
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import import_process
 from frog_blender.engine.interchange.imports import import_scene
+from frog_blender.engine.interchange.ply import splat_bytes
 from frog_blender.engine.interchange.take import SceneTake
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 
+_WORD = re.compile(rb"[-+.A-Za-z0-9_:]+")
+HOSTILE_WORDS = [
+    *(b"0", b"-1", b"1", b"3", b"255", b"65536", b"2147483648", b"99999999999", b"1" * 400, b"1e308", b"1e999"),
+    *(b"nan", b"inf", b"-inf", b"null", b"true", b"[]", b"{}", b"[[]]", b'"', b'""', b"", b"\0", b"\n", b"\xff\xfe"),
+    *(b"../../x", b"/etc/passwd", b"data:,", b"http://127.0.0.1:9/x", b"[" * 3000, b"double", b"list", b"half"),
+]
 LENGTHS = [0, 1, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**40, 2**63 - 1]
 
 
@@ -63,7 +80,22 @@ def flipped_at_the_start(content: bytes, chance: random.Random) -> bytes:
     return flipped(content, chance, min(2000, len(content)))
 
 
+def with_other_words(content: bytes, chance: random.Random) -> bytes:
+    """Some words and numbers of a text, or of a text before numbers, are hostile ones."""
+    changed = content
+    for _ in range(chance.choice([1, 1, 2, 5])):
+        found = list(_WORD.finditer(changed, 0, min(len(changed), chance.choice([1000, 10_000, 10**9]))))
+        if not found:
+            return content
+        word = chance.choice(found)
+        other = chance.choice(HOSTILE_WORDS if chance.random() < 0.7 else found)
+        other = other if isinstance(other, bytes) else other.group()
+        changed = changed[: word.start()] + other + changed[word.end() :]
+    return changed
+
+
 MUTATIONS = [flipped, cut, torn, with_other_lengths, with_other_lengths, with_odd_floats]
+TEXTS = [flipped, flipped_at_the_start, cut, torn, *[with_other_words] * 6]
 
 
 def repacked(content: bytes, chance: random.Random) -> bytes:
@@ -156,6 +188,31 @@ class BinaryUsd(InProcess):
 
 class TextUsd(BinaryUsd):
     suffix = ".usda"
+    mutations = TEXTS
+
+
+class PackedUsd(InProcess):
+    suffix = ".usdz"
+
+    def made(self, folder: Path) -> list[bytes]:
+        from pxr import UsdUtils
+
+        from frog_blender.engine.interchange.usd_export import write_usd
+
+        inner, path = folder / "whole.usdc", folder / "whole.usdz"
+        list(write_usd(inner, SceneTake(self._scene, "x", range(3))))
+        assert UsdUtils.CreateNewUsdzPackage(str(inner), str(path))
+        return [path.read_bytes()]
+
+
+class ForeignUsd(InProcess):
+    """As other programs write it: prims that are moved, shared, time-sampled in some attributes, and cameras."""
+
+    suffix = ".usda"
+    mutations = TEXTS
+
+    def made(self, folder: Path) -> list[bytes]:
+        return [foreign_files.usd(self._scene.at_frame(2)).encode()]
 
 
 class Fourdgs(InProcess):
@@ -178,7 +235,8 @@ class Spz(Imports):
         path = folder / "whole.spz"
         write_spz(path, self._scene.at_frame(2))
         packed = path.read_bytes()
-        return [packed, zlib.decompress(packed, 31)]
+        write_spz(path, self._scene.at_frame(2), version=4)
+        return [packed, zlib.decompress(packed, 31), path.read_bytes(), path.read_bytes()]
 
 
 class Gltf(Imports):
@@ -191,6 +249,19 @@ class Gltf(Imports):
         path = folder / "whole.glb"
         write_glb(path, self._scene.at_frame(2))
         return [path.read_bytes()]
+
+
+class TextGltf(Imports):
+    """With a buffer in the text, and one in a file beside it."""
+
+    suffix = ".gltf"
+    mutations = TEXTS
+
+    def made(self, folder: Path) -> list[bytes]:
+        beside, buffer = foreign_files.gltf(folder, self._scene.at_frame(2), "beside.bin")
+        (folder / "beside.bin").write_bytes(buffer)
+        within, _ = foreign_files.gltf(folder, self._scene.at_frame(2), None)
+        return [within.encode(), beside.encode()]
 
 
 class Splat(Imports):
@@ -215,6 +286,43 @@ class Sog(InProcess):
         return [foreign_files.sog(self._scene.at_frame(2))]
 
 
+class Ply(Imports):
+    suffix = ".ply"
+    mutations = [*MUTATIONS, flipped_at_the_start, *[with_other_words] * 6]
+
+    def made(self, folder: Path) -> list[bytes]:
+        gaussians = self._scene.at_frame(2)
+        return [splat_bytes(gaussians), foreign_files.double_ply(gaussians)]
+
+
+class SavedEdits(Imports):
+    """Edits, which a scene plays with."""
+
+    suffix = ".json"
+    mutations = TEXTS
+
+    def made(self, folder: Path) -> list[bytes]:
+        count, box = self._scene.count, tuple(np.eye(4).ravel().tolist())
+        some = Marks.of(self._scene, np.arange(count) % 3 == 0)
+        crops = (
+            Crop("box", box, feather=0.5),
+            Crop("sphere", box, keep_inside=False, time=0.5),
+            Crop("mesh", box, mesh=ClosedMesh.of(CORNERS, FACES)),
+        )
+        grades = (Grade(exposure=1.0, saturation=0.5), Grade(tint=0.2, size=2.0, only=some))
+        edits = Edits(some, crops, grades, Timing((0.0, 1.5, None), 24.0, 1))
+        path = folder / "whole.json"
+        save_edits(path, edits)
+        return [path.read_bytes(), json.dumps(json.loads(path.read_text())).encode()]
+
+    def use(self) -> bool:
+        edits, _ = load_edits(self.path).fitted(self._scene)
+        scene = EditedScene(self._scene, edits)
+        for time in (0.0, 0.4, 1.0):
+            assert np.isfinite(draw(scene.at(time), plain_camera(), (0.0, 0.0, 0.0)).rgb).all()
+        return True
+
+
 class Plys(Imports):
     suffix = ".zip"
     mutations = [*MUTATIONS, *[repacked] * 6]
@@ -234,7 +342,12 @@ KINDS: dict[str, type[Kind]] = {
     "splat": Splat,
     "ksplat": Ksplat,
     "sog": Sog,
+    "ply": Ply,
     "plys": Plys,
+    "usdz": PackedUsd,
+    "foreign usd": ForeignUsd,
+    "gltf": TextGltf,
+    "edits": SavedEdits,
 }
 
 if __name__ == "__main__":

@@ -2,13 +2,12 @@
 
 The extension (KhronosGroup/glTF, extensions/2.0/Khronos) stores linear sizes, opacities in [0, 1], quaternions x, y, z,
 w and harmonics as 3DGS has them, and names the colour space: display-referred sRGB. Y is up. Written are floats; read
-are floats and normalized whole numbers of a ``.glb`` whose one buffer is its own.
+are floats and normalized whole numbers, of a ``.glb`` or of a ``.gltf`` with buffers in it or beside it.
 """
 
 from __future__ import annotations
 
 import json
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -17,21 +16,20 @@ from ..arrays import Array, Float64s
 from ..errors import FrogError, brief, found_instead
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.atomic_files import write_atomically
-from ..io.plain_values import JsonObject, UnfitValue, entries, items, numbers, plain_json, text, whole
+from ..io.plain_values import JsonObject, UnfitValue, entries, items, numbers, text, whole
 from ..io.regular_file import regular_file
 from ..playback.transform import transform
 from ..spherical_harmonics import SH_DC
 from .activated import joined, usable
+from .gltf_buffers import BINARY, CHUNK, HEADER, JSON, MAGIC, opened
 from .usd_source import Y_UP
 
 EXTENSION = "KHR_gaussian_splatting"
-_EXPECTED = f"a .glb file with {EXTENSION}"
-_MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
-_HEADER, _CHUNK = struct.Struct("<III"), struct.Struct("<II")
+_EXPECTED = f"a .glb or .gltf file with {EXTENSION}"
 _POINTS, _FLOAT = 0, 5126
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", _FLOAT: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-_LONGEST_JSON, _MOST_NODES, _DEEPEST, _MOST_PRIMITIVES = 64 << 20, 65_536, 64, 4096
+_MOST_NODES, _DEEPEST, _MOST_PRIMITIVES = 65_536, 64, 4096
 _FEWEST_BYTES = 4  # of a Gaussian: an eighth of what the smallest has, so that a mesh may stand in several places
 
 
@@ -86,14 +84,14 @@ def write_glb(path: Path, gaussians: NumpyGaussians) -> None:
     }
     head = json.dumps(document).encode()
     head += b" " * (-len(head) % 4)
-    size = _HEADER.size + 2 * _CHUNK.size + len(head) + start
+    size = HEADER.size + 2 * CHUNK.size + len(head) + start
     if size >= 2**32:
         raise FrogError(f"{path}: found {size:,} bytes of Gaussians, expected less than 4 GB, which a .glb can hold.")
-    chunks = [_HEADER.pack(_MAGIC, 2, size), _CHUNK.pack(len(head), _JSON), head, _CHUNK.pack(start, _BINARY)]
+    chunks = [HEADER.pack(MAGIC, 2, size), CHUNK.pack(len(head), JSON), head, CHUNK.pack(start, BINARY)]
     write_atomically(path, b"".join([*chunks, *pieces]))
 
 
-def read_glb(path: Path) -> tuple[NumpyGaussians, int]:
+def read_gltf(path: Path) -> tuple[NumpyGaussians, int]:
     """Gaussians with z up, and how many rows are left out that cannot be drawn; FrogError for any other file."""
     content = regular_file(path, _EXPECTED).read_bytes()
     try:
@@ -105,26 +103,7 @@ def read_glb(path: Path) -> tuple[NumpyGaussians, int]:
 class _Document:
     def __init__(self, path: Path, content: bytes) -> None:
         self._path = path
-        magic, version, size = _HEADER.unpack_from(content.ljust(_HEADER.size, b"\0"))
-        if magic != _MAGIC or version != 2 or size > len(content):
-            raise UnfitValue("no binary glTF 2.0, or a part of one", _EXPECTED)
-        chunks: dict[int, memoryview] = {}
-        at, whole_file = _HEADER.size, memoryview(content)
-        while at + _CHUNK.size <= size and len(chunks) < 2:
-            length, kind = _CHUNK.unpack_from(content, at)
-            at += _CHUNK.size
-            if at + length > size:
-                raise UnfitValue(f"a chunk of {length:,} bytes at {at:,} of {size:,}", _EXPECTED)
-            chunks[kind] = whole_file[at : at + length]
-            at += length
-        if _JSON not in chunks or _BINARY not in chunks or len(chunks[_JSON]) > _LONGEST_JSON:
-            raise UnfitValue("no description or no buffer of its own", _EXPECTED)
-        try:
-            told = bytes(chunks[_JSON]).decode()
-        except UnicodeDecodeError as error:
-            raise UnfitValue("a description that is no text", _EXPECTED) from error
-        self._json = entries(plain_json(told, "a description"), "a description")
-        self._binary = chunks[_BINARY]
+        self._json, self._buffers = opened(path, content)
         self._nodes, self._meshes = self._list("nodes"), self._list("meshes")
         self._accessors, self._views = self._list("accessors"), self._list("bufferViews")
         needed = items(self._json.get("extensionsRequired", []), "extensionsRequired", 1024)
@@ -134,7 +113,9 @@ class _Document:
     def gaussians(self) -> tuple[NumpyGaussians, int]:
         """Of all its primitives, where their nodes put them."""
         parts, left_out = [], 0
-        room = most = len(self._binary) // _FEWEST_BYTES
+        # Several buffers may be the same bytes.
+        contents = {id(each.obj): memoryview(each.obj).nbytes for each in self._buffers}
+        room = most = sum(contents.values()) // _FEWEST_BYTES
         for primitive, matrix in self._placed():
             read = self._read(primitive)
             room -= len(read)  # nodes may share a mesh: a small file could ask for any number
@@ -206,14 +187,14 @@ class _Document:
         if "sparse" in accessor or (kind != _FLOAT and accessor.get("normalized") is not True):
             raise UnfitValue(f"{name} sparse or in whole numbers", "floats, or normalized numbers")
         view = views[whole(accessor.get("bufferView"), f"the view of {name}", 0, len(views) - 1)]
-        whole(view.get("buffer"), "a buffer", 0, 0)
+        binary = self._buffers[whole(view.get("buffer"), "a buffer", 0, len(self._buffers) - 1)]
         dtype = np.dtype(_TYPES[kind])
-        count = whole(accessor.get("count"), f"the count of {name}", 1, len(self._binary))
-        begin = sum(whole(each.get("byteOffset", 0), "an offset", 0, len(self._binary)) for each in (view, accessor))
+        count = whole(accessor.get("count"), f"the count of {name}", 1, len(binary))
+        begin = sum(whole(each.get("byteOffset", 0), "an offset", 0, len(binary)) for each in (view, accessor))
         stride = whole(view.get("byteStride", width * dtype.itemsize), "a stride", width * dtype.itemsize, 252)
-        if begin + (count - 1) * stride + width * dtype.itemsize > len(self._binary):
-            raise UnfitValue(f"{count:,} of {name} from byte {begin:,}", f"{len(self._binary):,} bytes")
-        array = np.ndarray((count, width), dtype, self._binary, begin, (stride, dtype.itemsize)).astype(np.float32)
+        if begin + (count - 1) * stride + width * dtype.itemsize > len(binary):
+            raise UnfitValue(f"{count:,} of {name} from byte {begin:,}", f"{len(binary):,} bytes")
+        array = np.ndarray((count, width), dtype, binary, begin, (stride, dtype.itemsize)).astype(np.float32)
         return array if kind == _FLOAT else np.maximum(array / np.iinfo(dtype).max, -1)
 
     def _list(self, name: str) -> list[JsonObject]:

@@ -11,7 +11,7 @@ from ..io.atomic_files import remove_partial_files
 from ..scene.scene_file import read_scene
 from . import import_process
 from .frame_source import Imported, StillSource, write_source
-from .gltf import read_glb
+from .gltf import read_gltf
 from .ksplat import read_ksplat
 from .ply_sequence import PlySequence
 from .splat_file import read_splat_file
@@ -20,7 +20,8 @@ from .spz import read_spz
 
 _STILLS: dict[str, Callable[[Path], tuple[NumpyGaussians, int]]] = {
     ".spz": read_spz,
-    ".glb": read_glb,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
     ".splat": read_splat_file,
     ".ksplat": read_ksplat,
 }
@@ -69,7 +70,7 @@ def is_sequence(source: Path) -> bool:
 
 def says_what_is_up(source: Path) -> bool:
     """Whether a format says which way is up, so that its scenes have z up whatever the file has."""
-    return source.suffix.lower() in (*import_process.USD_SUFFIXES, ".4dgs", ".spz", ".glb")
+    return source.suffix.lower() in (*import_process.USD_SUFFIXES, ".4dgs", ".spz", ".glb", ".gltf")
 
 
 def free_scene_path(source: Path) -> Path:

@@ -19,6 +19,7 @@ from ..scene.scene_file import SceneFile, write_scene
 from .frame_source import Imported, check_ending, imported_header
 from .gltf import write_glb
 from .ply import read_splats, write_splats
+from .spz import VERSIONS as SPZ_VERSIONS
 from .spz import write_spz
 
 FROM_PLY = "ply"
@@ -52,16 +53,19 @@ def numbered(path: Path, frame: int) -> Path:
     return path.with_name(f"{path.stem}_{frame:04d}{path.suffix}")
 
 
-def write_frame(path: Path, gaussians: NumpyGaussians, *, promise: bool = False) -> None:
+def write_frame(
+    path: Path, gaussians: NumpyGaussians, *, promise: bool = False, spz_version: int = SPZ_VERSIONS[0]
+) -> None:
     """Writes Gaussians in the format of the path's ending, atomically; FrogError when it cannot.
 
     Args:
         path: ends in .ply, which takes the axes as they are, or .spz or .glb, for which z is up.
         promise: see ``write_splats``; of a .ply alone.
+        spz_version: see ``write_spz``; of a .spz alone.
     """
     match path.suffix.lower():
         case ".spz":
-            write_spz(path, gaussians)
+            write_spz(path, gaussians, version=spz_version)
         case ".glb":
             write_glb(path, gaussians)
         case _:
@@ -77,6 +81,7 @@ def export_frames(
     turn: Array | None = None,
     *,
     suffix: str = ".ply",
+    spz_version: int = SPZ_VERSIONS[0],
 ) -> list[Path]:
     """Writes frames (counted from 0) of a scene as ``STEM_0000.ply`` and so on, each atomically; returns their paths.
 
@@ -85,7 +90,7 @@ def export_frames(
     Args:
         report: is told how many are done after each.
         turn: (4, 4) from the scene's own axes to those of the files, such as Y_DOWN; None to leave them.
-        suffix: see ``write_frame``.
+        suffix, spz_version: see ``write_frame``.
     """
     paths: list[Path] = []
     chosen = list(frames)
@@ -93,7 +98,7 @@ def export_frames(
         path = numbered(folder / f"{stem}{suffix}", frame)
         gaussians = scene.at_frame(frame)
         placed = gaussians if turn is None else transform(gaussians, turn)
-        write_frame(path, placed, promise=len(chosen) > 1 and scene.keeps_identity)
+        write_frame(path, placed, promise=len(chosen) > 1 and scene.keeps_identity, spz_version=spz_version)
         paths.append(path)
         if report is not None:
             report(len(paths))

@@ -1,15 +1,17 @@
-"""``.spz`` files (nianticlabs/spz): one time's Gaussians, quantized and compressed by gzip. Numpy and zlib alone.
+"""``.spz`` files (nianticlabs/spz): one time's Gaussians, quantized and compressed. Numpy and zlib; zstd for version 4.
 
-Version 3 is written, versions 2 and 3 are read. Version 4 needs zstd, which Python has only from 3.14 on. Places are
-24-bit fixed point, sizes and opacities 8 bits, turns 10 bits a number, colours and harmonics 8 bits; axes are x right,
-y up, z back, by the format's definition.
+Versions 3 and 4 are written, 2 to 4 are read. 2 and 3 are one gzip stream; 4 is a stream of zstd for each attribute,
+which makes files a little smaller. Places are 24-bit fixed point, sizes and opacities 8 bits, turns 10 bits a number,
+colours and harmonics 8 bits; axes are x right, y up, z back unless an extension says otherwise. Harmonics of degree 4
+are left out: no other format here has them.
 
 The ``spz`` package was looked at: its wheels are built for some Pythons and platforms alone, and what is left here is
-five calls of numpy.
+a few calls of numpy.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import struct
 import zlib
@@ -17,30 +19,50 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arrays import Array
-from ..errors import FrogError, found_instead
+from ..arrays import Array, Float64s
+from ..errors import FrogError, brief, found_instead
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..io.regular_file import regular_file
+from ..io.zstd import compressed, expanded
+from ..optional_imports import is_missing, not_loaded
 from ..playback.transform import transform
 from .activated import usable
 from .usd_source import Y_UP
 
-_MAGIC, _EXPECTED = 0x5053474E, "a .spz file of version 2 or 3"
+_MAGIC, _EXPECTED = 0x5053474E, "a .spz file of version 2, 3 or 4"
+VERSIONS = (3, 4)
+"""That can be written: every program reads the first, and the second is smaller."""
 _HEADER = struct.Struct("<IIIBBBB")
+_PLACES_OF_STREAMS = struct.Struct("<I12x")  # after the header in version 4
+_SIZES = struct.Struct("<QQ")  # of a stream, packed and unpacked
+_EXTENDED = 2  # a flag
+_RECORD, _LONGEST_RECORDS, _AXES = struct.Struct("<II"), 1 << 20, 0xADBE0003
+_SYSTEMS = [
+    *("LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF"),
+    *("LFD", "RFD", "LFU", "RFU", "LBD", "RBD", "LBU", "RBU"),
+]
+_DIRECTIONS = {"R": (1, 0, 0), "L": (-1, 0, 0), "U": (0, 1, 0), "D": (0, -1, 0), "B": (0, 0, 1), "F": (0, 0, -1)}
 _COLOR = 0.15  # of a harmonic of degree 0 in a colour's 8 bits
 _SCALES = 16.0, 10.0  # steps of a logarithm, and how far below zero they begin
 _MOST_BITS, _PLACES = 23, 2**23 - 1
-_BYTES_OF_BYTE = 1032  # that a byte of a gzip file can become
-_HARMONICS = {0: 0, 1: 3, 2: 8, 3: 15}
+_BYTES_OF_BYTE = 1032  # that a byte of a gzip file can become; of zstd more, but of no file of Gaussians
+_HARMONICS = {0: 0, 1: 3, 2: 8, 3: 15, 4: 24}
+_MOST_HARMONICS = 15
 
 
-def write_spz(path: Path, gaussians: NumpyGaussians) -> None:
+def write_spz(path: Path, gaussians: NumpyGaussians, *, version: int = VERSIONS[0]) -> None:
     """Writes Gaussians with z up, atomically.
 
+    Args:
+        version: one of VERSIONS.
+
     Raises:
-        FrogError: when it cannot, and then an earlier file is untouched; or for places beyond the format's range.
+        FrogError: when it cannot, and then an earlier file is untouched; for places beyond the format's range; or for
+            version 4 without the package that compresses it.
     """
+    if version not in VERSIONS:
+        raise ValueError(f"version {version} of .spz files")
     g = transform(gaussians, np.linalg.inv(Y_UP)).checked()
     reach = float(np.abs(g.means).max())
     if not reach < _PLACES:
@@ -57,49 +79,120 @@ def write_spz(path: Path, gaussians: NumpyGaussians) -> None:
         _smallest_three(g.quaternions).tobytes(),
         _byte(g.sh[:, 1:] * 128 + 128).tobytes(),
     ]
-    header = _HEADER.pack(_MAGIC, 3, len(g), g.sh_degree, bits, 0, 0)
-    packer = zlib.compressobj(9, zlib.DEFLATED, 31)  # as gzip, without a time or a name
-    write_atomically(path, packer.compress(header + b"".join(parts)) + packer.flush())
+    number = sum(map(bool, parts)) if version == 4 else 0  # of streams, which version 3 does not count
+    header = _HEADER.pack(_MAGIC, version, len(g), g.sh_degree, bits, 0, number)
+    if version == 3:
+        packer = zlib.compressobj(9, zlib.DEFLATED, 31)  # as gzip, without a time or a name
+        write_atomically(path, packer.compress(header + b"".join(parts)) + packer.flush())
+        return
+    try:
+        streams = [(len(part), compressed(part)) for part in parts if part]
+    except ImportError as error:
+        raise _without_zstd(path, error) from error
+    sizes = [_SIZES.pack(len(stream), size) for size, stream in streams]
+    head = header + _PLACES_OF_STREAMS.pack(_HEADER.size + _PLACES_OF_STREAMS.size)
+    write_atomically(path, b"".join([head, *sizes, *(stream for _, stream in streams)]))
 
 
 def read_spz(path: Path) -> tuple[NumpyGaussians, int]:
     """Gaussians with z up, and how many rows are left out that cannot be drawn; FrogError for any other file."""
-    content = _unpacked(path, regular_file(path, _EXPECTED).read_bytes())
-    magic, version, count, degree, bits, _, _ = _HEADER.unpack_from(content.ljust(_HEADER.size, b"\0"))
-    if magic != _MAGIC or version not in (2, 3):
+    content = regular_file(path, _EXPECTED).read_bytes()
+    if not content.startswith(_MAGIC.to_bytes(4, "little") + b"\4"):
+        content = _unpacked(path, content)
+    magic, version, count, degree, bits, flags, streams = _HEADER.unpack_from(content.ljust(_HEADER.size, b"\0"))
+    if magic != _MAGIC or version not in (2, 3, 4):
         found = f"version {version}" if magic == _MAGIC else "no .spz file"
         raise found_instead(path, found, _EXPECTED)
     if degree not in _HARMONICS or bits > _MOST_BITS or not count:
         raise found_instead(path, f"{count:,} Gaussians of degree {degree} and {bits} fractional bits", _EXPECTED)
-    turn_bytes = 4 if version == 3 else 3
-    widths = (9, 1, 3, 3, turn_bytes, 3 * _HARMONICS[degree])
-    if len(content) != _HEADER.size + count * sum(widths):
-        expected = f"the {_HEADER.size + count * sum(widths):,} of its {count:,} Gaussians"
-        raise found_instead(path, f"{len(content):,} bytes", expected)
-    columns, start = [], _HEADER.size
-    for width in widths:
-        columns.append(np.frombuffer(content, np.uint8, count * width, start).reshape(count, width))
-        start += count * width
-    places, opacities, colors, scales, turns, harmonics = columns
+    widths = (9, 1, 3, 3, 3 if version == 2 else 4, 3 * _HARMONICS[degree])
+    if version == 4:
+        parts, records = _streams(path, content, [count * width for width in widths], streams)
+    else:
+        parts, records = _parts(path, content, count, widths)
+        if not flags & _EXTENDED and records:
+            raise found_instead(path, f"{len(records):,} bytes more", f"those of its {count:,} Gaussians")
+    columns = [np.frombuffer(part, np.uint8).reshape(count, -1) for part in parts[: 6 if degree else 5]]
+    gaussians, left_out = usable(path, _gaussians(columns, version, bits), keep_rows=False)
+    own = _axes(path, records) if flags & _EXTENDED else np.eye(4)
+    try:
+        return transform(gaussians, Y_UP @ own), left_out
+    except FrogError as error:
+        raise FrogError(f"{path}: {error}") from error
+
+
+def _parts(path: Path, content: bytes, count: int, widths: tuple[int, ...]) -> tuple[list[memoryview], memoryview]:
+    """The attributes of version 2 or 3, and what follows them."""
+    size = _HEADER.size + count * sum(widths)
+    if len(content) < size:
+        raise found_instead(path, f"{len(content):,} bytes", f"the {size:,} of its {count:,} Gaussians")
+    ends = np.cumsum([_HEADER.size, *(count * width for width in widths)]).tolist()
+    view = memoryview(content)
+    return [view[start:end] for start, end in itertools.pairwise(ends)], view[size:]
+
+
+def _streams(path: Path, content: bytes, sizes: list[int], number: int) -> tuple[list[bytes], memoryview]:
+    """The attributes of version 4, and the records of extensions before them."""
+    sizes = [size for size in sizes if size]
+    start = _PLACES_OF_STREAMS.unpack_from(content.ljust(32, b"\0"), _HEADER.size)[0]
+    at = start + number * _SIZES.size
+    first = _HEADER.size + _PLACES_OF_STREAMS.size
+    if number != len(sizes) or start < first or at > len(content) or sum(sizes) > _BYTES_OF_BYTE * len(content):
+        expected = f"{len(sizes)} of {sum(sizes):,} bytes"
+        raise found_instead(path, f"{number} streams in {len(content):,} bytes", expected)
+    parts, view = [], memoryview(content)
+    for place, size in enumerate(sizes):
+        packed, announced = _SIZES.unpack_from(content, start + place * _SIZES.size)
+        if announced != size or packed > len(content) - at:
+            found = f"a stream of {announced:,} bytes in {packed:,}"
+            raise found_instead(path, found, f"{size:,} in at most {len(content) - at:,}")
+        try:
+            parts.append(expanded(view[at : at + packed], size))
+        except ValueError as error:
+            raise found_instead(path, f"a stream that cannot be unpacked ({brief(error)})", _EXPECTED) from error
+        except ImportError as error:
+            raise _without_zstd(path, error) from error
+        at += packed
+    return parts, view[first:start]
+
+
+def _without_zstd(path: Path, error: ImportError) -> FrogError:
+    if not is_missing(error):
+        return FrogError(f"{path}: {not_loaded(error, 'zstandard')}.")
+    return FrogError(f"{path}: the Python package 'zstandard', which packs .spz files of version 4, is not installed.")
+
+
+def _axes(path: Path, records: memoryview) -> Float64s:
+    """(4, 4) from a file's own axes, which one of its extensions may name, to x right, y up, z back."""
+    at, found = 0, np.eye(4)
+    while at + _RECORD.size <= len(records):
+        kind, length = _RECORD.unpack_from(records, at)
+        at += _RECORD.size
+        if length > len(records) - at:
+            raise found_instead(path, f"an extension of {length:,} bytes", f"at most {len(records) - at:,}")
+        if kind == _AXES and length == 4:
+            system = int.from_bytes(records[at : at + 4], "little")
+            if system > len(_SYSTEMS):
+                raise found_instead(path, f"axes of number {system}", f"at most {len(_SYSTEMS)}")
+            if system:  # 0 says nothing
+                found[:3, :3] = np.array([_DIRECTIONS[letter] for letter in _SYSTEMS[system - 1]]).T
+        at += length
+    return found
+
+
+def _gaussians(columns: list[Array], version: int, bits: int) -> NumpyGaussians:
+    """Gaussians of the attributes' bytes, with the file's own axes."""
+    places, opacities, colors, scales, turns = columns[:5]
+    count = len(places)
     wide = np.zeros((count, 3, 4), np.uint8)
     wide[:, :, 1:] = places.reshape(count, 3, 3)  # the upper three bytes: the sign is right
     means = (wide.reshape(count, 12).view("<i4") >> 8) / 2.0**bits
-    sh = np.concatenate(
-        [
-            ((colors / 255.0 - 0.5) / _COLOR)[:, None],
-            (harmonics.reshape(count, _HARMONICS[degree], 3) - 128.0) / 128.0,
-        ],
-        axis=1,
-    )
-    made = GaussianArrays(
-        means,
-        _from_smallest_three(turns) if version == 3 else _from_three(turns),
-        np.exp(scales / _SCALES[0] - _SCALES[1]),
-        opacities[:, 0] / 255.0,
-        sh,
-    )
-    gaussians, left_out = usable(path, made, keep_rows=False)
-    return transform(gaussians, Y_UP), left_out
+    sh = ((colors / 255.0 - 0.5) / _COLOR)[:, None]
+    if len(columns) > 5:
+        further = columns[5].reshape(count, -1, 3)[:, :_MOST_HARMONICS]
+        sh = np.concatenate([sh, (further - 128.0) / 128.0], axis=1)
+    rotations = _from_three(turns) if version == 2 else _from_smallest_three(turns)
+    return GaussianArrays(means, rotations, np.exp(scales / _SCALES[0] - _SCALES[1]), opacities[:, 0] / 255.0, sh)
 
 
 def _unpacked(path: Path, content: bytes) -> bytes:
@@ -111,11 +204,12 @@ def _unpacked(path: Path, content: bytes) -> bytes:
         head = unpacker.decompress(content, _HEADER.size)
         if len(head) < _HEADER.size:
             return head
-        _, version, count, degree, *_ = _HEADER.unpack(head)
-        size = count * (16 + (4 if version == 3 else 3) + 3 * _HARMONICS.get(degree, 0))
+        _, version, count, degree, _, flags, _ = _HEADER.unpack(head)
+        size = count * (16 + (3 if version == 2 else 4) + 3 * _HARMONICS.get(degree, 0))
         if size > _BYTES_OF_BYTE * len(content):
             raise found_instead(path, f"{len(content):,} bytes for {count:,} Gaussians", _EXPECTED)
-        return head + unpacker.decompress(unpacker.unconsumed_tail, size + 1)
+        size += _LONGEST_RECORDS if flags & _EXTENDED else 1  # one more shows that there are too many
+        return head + unpacker.decompress(unpacker.unconsumed_tail, size)
     except zlib.error as error:
         raise found_instead(path, f"a file that cannot be unpacked ({error})", _EXPECTED) from error
 
