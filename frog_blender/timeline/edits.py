@@ -122,7 +122,7 @@ def _crop(obj: bpy.types.Object, evaluated: bpy.types.Object | None, settings: A
             shape,
             tuple(matrix.ravel().tolist()),
             settings.keep == "INSIDE",
-            0.0 if mesh is not None else max(settings.feather, 0.0),
+            max(settings.feather, 0.0),
             min(max(settings.time, 0.0), 1.0) if settings.use_time else None,
             mesh,
             is_still,

@@ -66,8 +66,7 @@ class FROG_PT_crop(_OfChosen, bpy.types.Panel):
             column.active = crop.use
             column.use_property_decorate = True
             column.row().prop(crop, "keep", expand=True)
-            if crop.object is None or crop.object.type == "EMPTY":
-                column.prop(crop, "feather")
+            column.prop(crop, "feather")
             column.prop(crop, "use_time")
             if crop.use_time:
                 column.prop(crop, "time")

@@ -61,8 +61,7 @@ class FrogCrop(bpy.types.PropertyGroup):
     )
     feather: FloatProperty(
         name="Feather",
-        description="Distance from the surface over which what is cropped fades, in the capture's units. Meshes have "
-        "none",
+        description="Distance from the surface over which what is cropped fades, in the capture's units",
         default=0.0,
         min=0.0,
         soft_max=1.0,

@@ -8,6 +8,7 @@ from support.solids import CORNERS, FACES
 
 from frog_blender.engine.editing.closed_mesh import ClosedMesh
 from frog_blender.engine.editing.crops import Crop
+from frog_blender.engine.editing.mesh_distance import MeshDistance
 
 
 def ring(count=24, tube=12):
@@ -82,6 +83,35 @@ def test_feather_fades_over_that_distance_away_from_what_is_kept():
     ball = tuple(np.diag([2.0, 2, 2, 1]).ravel().tolist())
     along = np.outer((1.9, 2.0, 2.1, 2.3), (0.6, 0.8, 0.0)).astype(np.float32)
     np.testing.assert_allclose(Crop("sphere", ball, True, 0.2).kept(along), (1, 1, 0.5, 0), atol=1e-5)
+
+
+@pytest.mark.parametrize("keep_inside", [True, False])
+def test_a_mesh_fades_as_the_box_that_it_is(keep_inside):
+    points = np.random.default_rng(2).normal(size=(3000, 3)).astype(np.float32)
+    matrix = tuple(turned().ravel().tolist())
+    box = Crop("box", matrix, keep_inside, 0.4).kept(points)
+    mesh = Crop("mesh", matrix, keep_inside, 0.4, mesh=ClosedMesh.of(CORNERS, FACES)).kept(points)
+    np.testing.assert_allclose(mesh, box, atol=2e-5)
+    assert ((0 < mesh) & (mesh < 1)).sum() > 300
+
+
+def test_distance_from_a_mesh_is_that_of_the_nearest_triangle():
+    """Against all triangles, some of which are flat, one by one; and a torus, whose distance is known."""
+    random = np.random.default_rng(3)
+    corners = random.normal(size=(300, 3, 3))
+    corners[::7, 1] = corners[::7, 0]
+    points = 2 * random.normal(size=(200, 3))
+    found = MeshDistance(corners.reshape(-1, 3), np.arange(900).reshape(-1, 3)).within(points, 1e6)
+    edges = np.linspace(0, 1, 40)
+    u, v = (each.ravel() for each in np.meshgrid(edges, edges))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    sampled = np.einsum("ks,tkc->tsc", np.stack([1 - u - v, u, v]), corners).reshape(-1, 3)
+    near = np.array([np.linalg.norm(sampled - point, axis=1).min() for point in points[:40]])
+    assert (found[:40] <= near + 1e-9).all() and np.abs(found[:40] - near).max() < 0.1
+    vertices, faces = ring(96, 48)
+    torus, most = np.abs(np.hypot(np.hypot(points[:, 0], points[:, 1]) - 2, points[:, 2]) - 0.7), 0.5
+    found = MeshDistance(vertices, faces).within(points, most)
+    np.testing.assert_allclose(found, np.minimum(torus, most), atol=6e-3)
 
 
 @pytest.mark.parametrize(

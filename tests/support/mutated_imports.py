@@ -14,7 +14,6 @@ import json
 import os
 import random
 import re
-import signal
 import struct
 import sys
 import zipfile
@@ -28,7 +27,7 @@ from fuzzing.mutating import cut, flipped, torn
 from support import foreign_files
 from support.builders import plain_camera
 from support.foreign_takes import partly_static
-from support.mutated_files import SECONDS, Kind, main
+from support.mutated_files import Kind, limit_time, main
 from support.solids import CORNERS, FACES
 
 from frog_blender.engine.editing.closed_mesh import ClosedMesh
@@ -154,7 +153,7 @@ class InProcess(Imports):
         reader, writer = os.pipe()
         child = os.fork()
         if not child:
-            signal.alarm(SECONDS)  # its own: it must not outlive the file
+            limit_time()  # its own: it must not outlive the file
             try:
                 devnull = os.open(os.devnull, os.O_WRONLY)
                 os.dup2(devnull, 1)
@@ -307,7 +306,7 @@ class SavedEdits(Imports):
         crops = (
             Crop("box", box, feather=0.5),
             Crop("sphere", box, keep_inside=False, time=0.5),
-            Crop("mesh", box, mesh=ClosedMesh.of(CORNERS, FACES)),
+            Crop("mesh", box, feather=0.2, mesh=ClosedMesh.of(CORNERS, FACES)),
         )
         grades = (Grade(exposure=1.0, saturation=0.5), Grade(tint=0.2, size=2.0, only=some))
         edits = Edits(some, crops, grades, Timing((0.0, 1.5, None), 24.0, 1))

@@ -35,7 +35,7 @@ class ClosedMesh:
         if not 4 <= len(self.vertices) // 12 <= MOST_VERTICES or not 4 <= len(self.triangles) // 12 <= MOST_TRIANGLES:
             found = f"{len(self.vertices) // 12:,} vertices and {len(self.triangles) // 12:,} triangles"
             raise ValueError(f"a mesh of {found}; from 4 to {MOST_VERTICES:,} and {MOST_TRIANGLES:,} are possible")
-        points, corners = self._arrays
+        points, corners = self.arrays
         if not np.isfinite(points).all():
             raise ValueError("a mesh with vertices that are not finite")
         if corners.min() < 0 or corners.max() >= len(points):
@@ -51,7 +51,8 @@ class ClosedMesh:
         return cls(np.ascontiguousarray(vertices, "<f4").tobytes(), np.ascontiguousarray(triangles, "<i4").tobytes())
 
     @cached_property
-    def _arrays(self) -> tuple[Array, Array]:
+    def arrays(self) -> tuple[Array, Array]:
+        """(V, 3) float64 vertices and (T, 3) int32 triangles."""
         return (
             np.frombuffer(self.vertices, "<f4").reshape(-1, 3).astype(np.float64),
             np.frombuffer(self.triangles, "<i4").reshape(-1, 3),
@@ -63,7 +64,7 @@ class ClosedMesh:
         A ray through an edge or a vertex counts right: whether a point is left of an edge is the same number for both
         triangles that share it.
         """
-        corners = self._arrays[0][self._arrays[1]]  # (T, 3, 3)
+        corners = self.arrays[0][self.arrays[1]]  # (T, 3, 3)
         inside = np.zeros(len(points), bool)
         low, high = corners.min((0, 1)), corners.max((0, 1))
         near = np.flatnonzero(((points >= low) & (points <= high)).all(1))

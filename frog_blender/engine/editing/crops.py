@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ..arrays import Array
 from .closed_mesh import ClosedMesh
+from .mesh_distance import MeshDistance
 
 BOX, SPHERE, MESH = "box", "sphere", "mesh"
 SHAPES = (BOX, SPHERE, MESH)
@@ -23,7 +25,7 @@ class Crop:
         shape: one of SHAPES: the cube from -1 to 1, the unit sphere, or ``mesh``.
         matrix: (16,) row by row, from the shape's space to the scene's; can be inverted.
         keep_inside: keep what is inside; else what is outside.
-        feather: world units from the surface, away from what is kept, over which opacity falls to zero; 0 for a mesh.
+        feather: world units from the surface, away from what is kept, over which opacity falls to zero.
         time: in [0, 1], at which a Gaussian's place decides; None for the time that is shown.
         mesh: for MESH.
         is_still: it will be at the same place at the next frame, so that what it hides need not be played.
@@ -50,8 +52,8 @@ class Crop:
         matrix = np.array(self.matrix).reshape(4, 4)
         if not np.array_equal(matrix[3], (0, 0, 0, 1)) or np.linalg.cond(matrix[:3, :3]) > 1e9:
             raise ValueError("a crop that is flattened, or whose matrix is none of a placed object")
-        if not 0 <= self.feather < math.inf or (self.feather and self.shape == MESH):
-            raise ValueError(f"a feather of {self.feather}; a mesh has none")
+        if not 0 <= self.feather < math.inf:
+            raise ValueError(f"a feather of {self.feather}")
         if self.time is not None and not 0 <= self.time <= 1:
             raise ValueError(f"a crop at the time {self.time}")
 
@@ -62,13 +64,26 @@ class Crop:
         local: Array = inverse[:3, :3].astype(np.float32) @ points.T
         local += inverse[:3, 3:].astype(np.float32)
         if self.mesh is not None:
-            return _as_shares(self.mesh.contains(local.T) == self.keep_inside)
+            kept = _as_shares(self.mesh.contains(local.T) == self.keep_inside)
+            if self.feather:
+                fading = np.flatnonzero(kept == 0)
+                distances = self._surface.within(points[fading], self.feather)
+                kept[fading] = 1 - distances / self.feather
+            return kept
         if self.feather:
             outside = self._distance(local, inverse[:3, :3])
             beyond = outside if self.keep_inside else -outside
             return _as_shares(np.clip(1 - beyond / np.float32(self.feather), 0, 1))
         inside = (np.abs(local).max(0) if self.shape == BOX else np.einsum("in,in->n", local, local)) <= 1
         return _as_shares(inside == self.keep_inside)
+
+    @cached_property
+    def _surface(self) -> MeshDistance:
+        """Of the mesh where it stands: distances in a space that it is scaled in unevenly are none."""
+        assert self.mesh is not None
+        matrix = np.array(self.matrix).reshape(4, 4)
+        vertices, triangles = self.mesh.arrays
+        return MeshDistance(vertices @ matrix[:3, :3].T + matrix[:3, 3], triangles)
 
     def _distance(self, local: Array, to_shape: Array) -> Array:
         """(N,) signed distance in world units from the surface, negative inside: of a box exact unless it is sheared,
