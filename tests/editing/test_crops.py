@@ -92,7 +92,7 @@ def test_a_mesh_fades_as_the_box_that_it_is(keep_inside):
     box = Crop("box", matrix, keep_inside, 0.4).kept(points)
     mesh = Crop("mesh", matrix, keep_inside, 0.4, mesh=ClosedMesh.of(CORNERS, FACES)).kept(points)
     np.testing.assert_allclose(mesh, box, atol=2e-5)
-    assert ((0 < mesh) & (mesh < 1)).sum() > 300
+    assert ((mesh > 0) & (mesh < 1)).sum() > 300
 
 
 def test_distance_from_a_mesh_is_that_of_the_nearest_triangle():

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import foreign_files
 from support.builders import odd_camera
 from support.foreign_takes import HALF, assert_equal_within, assert_plays_alike, partly_static
 
@@ -101,6 +102,36 @@ def test_cameras_see_what_they_saw(scene: ScenePlayer, tmp_path: Path) -> None:
     clip = np.concatenate([points, np.ones((20, 1))], axis=1) @ matrix
     found = (clip[:, :2] / clip[:, 3:] * (0.5, -0.5) + 0.5) * (camera.width, camera.height)
     np.testing.assert_allclose(found, camera.project(points)[0], atol=1e-3)
+
+
+def test_cameras_come_back(scene: ScenePlayer, tmp_path: Path) -> None:
+    path = written(scene, tmp_path / "x.usdc")
+    found = ScenePlayer.load(import_scene(path, tmp_path / "back.frog").path).header.cameras
+    assert [camera.name for camera in found] == ["odd", "plain", "plain_2"], "two have the same name"
+    for camera, before in zip(found, scene.header.cameras, strict=True):
+        assert (camera.width, camera.height) == (before.width, before.height)
+        np.testing.assert_allclose(camera.intrinsics, before.intrinsics, rtol=1e-5, atol=1e-3)
+        np.testing.assert_allclose(camera.world_to_camera, before.world_to_camera, atol=1e-6)
+
+
+def test_cameras_of_another_program(scene: ScenePlayer, tmp_path: Path) -> None:
+    """With y up, in what moves: where it is at the first frame. What is no pinhole camera is left out."""
+    text = foreign_files.usd(scene.at_frame(2))
+    broken = 'def Camera "Broken"\n    {\n        float focalLength = -3\n    }\n\n    def Camera "Standing"'
+    flat = 'def Camera "Flat"\n    {\n        token projection = "orthographic"\n    }\n\n    def Xform "Copy"'
+    text = text.replace('def Camera "Standing"', broken).replace('def Xform "Copy"', flat)
+    (tmp_path / "x.usda").write_text(text)
+    header = ScenePlayer.load(import_scene(tmp_path / "x.usda", tmp_path / "back.frog").path).header
+    cameras = {camera.name: camera for camera in header.cameras}
+    assert set(cameras) == {"OnCart", "OnCart_2", "Standing"}
+    on_cart, standing = cameras["OnCart"], cameras["Standing"]
+    assert (on_cart.width, on_cart.height) == (1920, 1280)
+    np.testing.assert_allclose(on_cart.center, (0, -8, 1), atol=1e-9)  # (0, 1, 8) with y up
+    np.testing.assert_allclose(on_cart.forward, (0, 1, 0), atol=1e-9)
+    np.testing.assert_allclose(on_cart.intrinsics[0, 0], 50 / 36 * 1920, rtol=1e-6)
+    np.testing.assert_allclose(standing.center, (0, 0, 5), atol=1e-9)
+    np.testing.assert_allclose(standing.forward, (0, 0, 1), atol=1e-9)
+    np.testing.assert_allclose(standing.intrinsics[:2, 2], (1920 * (0.5 - 1 / 20), 480), rtol=1e-6)
 
 
 def test_a_moving_camera_and_a_moving_root_have_time_samples(tmp_path: Path) -> None:

@@ -131,7 +131,7 @@ def _parts(path: Path, content: bytes, count: int, widths: tuple[int, ...]) -> t
     return [view[start:end] for start, end in itertools.pairwise(ends)], view[size:]
 
 
-def _streams(path: Path, content: bytes, sizes: list[int], number: int) -> tuple[list[bytes], memoryview]:
+def _streams(path: Path, content: bytes, sizes: list[int], number: int) -> tuple[list[memoryview], memoryview]:
     """The attributes of version 4, and the records of extensions before them."""
     sizes = [size for size in sizes if size]
     start = _PLACES_OF_STREAMS.unpack_from(content.ljust(32, b"\0"), _HEADER.size)[0]
@@ -147,7 +147,7 @@ def _streams(path: Path, content: bytes, sizes: list[int], number: int) -> tuple
             found = f"a stream of {announced:,} bytes in {packed:,}"
             raise found_instead(path, found, f"{size:,} in at most {len(content) - at:,}")
         try:
-            parts.append(expanded(view[at : at + packed], size))
+            parts.append(memoryview(expanded(view[at : at + packed], size)))
         except ValueError as error:
             raise found_instead(path, f"a stream that cannot be unpacked ({brief(error)})", _EXPECTED) from error
         except ImportError as error:

@@ -28,6 +28,7 @@ from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..source_media.clips import camera_path
 from .take import Sound, Take, TakeFrame
+from .usd_cameras import NAME, SIZE
 
 if TYPE_CHECKING:
     from pxr import Usd
@@ -318,7 +319,8 @@ def _add_camera(stage: Usd.Stage, scope: str, name: str, views: Sequence[tuple[f
         number += 1
         identifier = f"{Tf.MakeValidIdentifier(name)}_{number}"
     prim = stage.DefinePrim(f"{scope}/{identifier}", "Camera")
-    prim.SetCustomDataByKey("frog:camera", name)
+    prim.SetCustomDataByKey(NAME, name)
+    prim.SetCustomDataByKey(SIZE, Gf.Vec2i(views[0][1].width, views[0][1].height))
     prim.CreateAttribute("clippingRange", types.Float2, False).Set(Gf.Vec2f(0.01, 10_000.0))
     prim.CreateAttribute("projection", types.Token, False).Set("perspective")
     lens = {each: prim.CreateAttribute(each, types.Float, False) for each in _lens(views[0][1])}

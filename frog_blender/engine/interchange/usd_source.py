@@ -21,6 +21,7 @@ from ..io.regular_file import regular_file
 from ..playback.transform import Y_DOWN, transform
 from ..scene.header import MAX_FRAMES
 from .activated import joined, usable
+from .usd_cameras import cameras_of
 from .usd_export import PRIM_TYPE
 
 if TYPE_CHECKING:
@@ -39,13 +40,14 @@ Y_UP = np.linalg.inv(Y_DOWN) @ np.diag([1.0, -1.0, -1.0, 1.0])
 class UsdSource:
     """Frames of a USD file: a ``FrameSource``. Where counts are constant, USD takes a row for the same Gaussian.
 
+    Its cameras stand where they are at the first frame.
+
     Raises:
         FrogError: for a file without Gaussians, or one that calls another computer.
         ImportError: where there is no USD library.
     """
 
     origin = "usd"
-    cameras: tuple[Camera, ...] = ()
 
     def __init__(self, path: Path) -> None:
         from pxr import Tf, Usd, UsdGeom, UsdUtils
@@ -63,6 +65,8 @@ class UsdSource:
             _make_placeable(self._stage, self._prims)
             self._is_y_up = UsdGeom.GetStageUpAxis(self._stage) == "Y"
             self._times, self.rate = self._grid(float(self._stage.GetTimeCodesPerSecond()))
+            up = Y_UP if self._is_y_up else np.eye(4)
+            self.cameras: tuple[Camera, ...] = tuple(cameras_of(self._stage, self._times[0], up))
         except Tf.ErrorException as error:
             raise found_instead(path, f"a file that the USD library cannot read ({brief(error)})", _EXPECTED) from error
         self.frame_count = len(self._times)
