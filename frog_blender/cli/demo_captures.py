@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..engine.capture.frames import default_cache_folder
+from ..engine.capture.cache_folder import default_cache_folder
 from ..engine.errors import FrogError, found_instead
 
 SHIPPED = ("room", "dim", "fast")

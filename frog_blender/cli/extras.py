@@ -7,6 +7,7 @@ from ..engine.optional_imports import is_missing, not_loaded
 EXTRAS = {
     "torch": ("train",),
     "cv2": ("render", "train"),
+    "zstandard": ("render", "train"),
     "pycolmap": ("calibrate",),
     "tqdm": ("render", "train"),
     "matplotlib": ("chart", "pictures"),

@@ -14,7 +14,8 @@ from support.masked_capture import ball_alpha, write_masks
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.contact_sheet import contact_sheet, first_shots, marked_image, write_contact_sheet
-from frog_blender.engine.capture.frames import FrameStore, decoding_key
+from frog_blender.engine.capture.frame_keys import decoding_key
+from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import ChromaKey, MaskSettings, chroma_key, over, recolored
 from frog_blender.engine.capture.masks_found import mask_lines

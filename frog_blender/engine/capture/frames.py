@@ -1,55 +1,74 @@
 """Decoded frames on disk, so that a capture larger than memory can be trained on.
 
-Each video is decoded once, undistorted, resized to its camera and written as raw bytes into one file, which is then
-memory mapped. The folder's name is a hash of everything that decides the bytes. It gets that name only when complete.
+Each video is decoded once, undistorted, resized to its camera and compressed without loss. The folder's name is a hash
+of everything that decides the pixels. It gets that name only when complete.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
-import shutil
 import tempfile
+import threading
 import time
-import weakref
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from ..arrays import ImageArray
 from ..errors import FrogError, found_instead
+from .cache_folder import INDEX, default_cache_folder, remove_store
 from .camera import MAX_PIXELS, MAX_SIDE
-from .capture import Capture, Distortion, Shot
+from .capture import Capture
 from .decoding import decode_masked
-from .mask_planes import MaskPlanes, PlaneWriter
-from .masking import MaskSource
+from .frame_building import DAMAGED, altered, build, description_of, is_whole, remove_stale
+from .frame_files import ALPHA, IGNORED, FrameFiles
+from .frame_keys import bytes_of, decoding_key, decoding_order, has_changed, key_of, shapes_of, sources_of
+from .image_coding import Region, halved_image
+from .image_tiles import DamagedTiles
 from .sharing import lock_exclusively, open_shared
 
-_VERSION = 2  # raise it when the same capture would decode to other bytes
-_PIXELS = "frames.raw"
-_INDEX = "index.json"
-_PARTIAL = ".partial-"
-_ABANDONED_AFTER = 3600.0  # seconds without a write after which a partial store belongs to a killed process
-_SPARE_BYTES = 256 << 20  # left free on the disk
+_IMAGE = "image"
+_KEPT_SHARE = 1 / 8  # of the memory, for images that were decoded before
+_LEAST_KEPT = 1 << 30
+_TRIES = 5  # to open what another process may be deleting
 
-
-class DecodingCancelled(Exception):
-    """The caller's ``cancelled`` answered True during decoding. No FrogError: nothing is wrong with the input."""
+_Key = tuple[str, int]
+_Asked = tuple[int, Region, bool]
 
 
 class FrameStore:
-    """The frames of a capture, uint8 sRGB, memory mapped read-only."""
+    """The frames of a capture, uint8 sRGB, read-only.
+
+    Images are kept in memory as far as there is room for them; of the others what is asked for is read and decoded. One
+    whose checksum is wrong is decoded from the capture again, and the whole store the next time it is opened.
+
+    Attributes:
+        folder: where it lies.
+        is_large: not all images fit into the memory that is taken for them.
+    """
 
     def __init__(self, capture: Capture, folder: Path) -> None:
-        """Map a whole store; use ``open``, which makes it where it is missing."""
-        self.folder = folder
-        self._offsets, self._shapes, total = _layout(capture)
-        self._pixels: ImageArray = np.memmap(folder / _PIXELS, dtype=np.uint8, mode="r", shape=(total,))
-        self._map = weakref.ref(self._pixels._mmap)  # type: ignore[attr-defined]
-        self._planes = MaskPlanes(folder) if capture.has_masks else MaskPlanes()
-        self._in_use = open_shared(folder / _INDEX)
+        """A whole store; use ``open``, which makes it where it is missing.
+
+        Raises:
+            OSError: if it is not there.
+            DamagedTiles: if it is not whole.
+        """
+        self.folder, self._capture = folder, capture
+        self._shapes = shapes_of(capture)
+        self._places = {shot: place for place, shot in enumerate(decoding_order(capture))}
+        self._in_use: BinaryIO | None
+        self._files: FrameFiles
+        self._open_files()
+        self._kept: dict[_Key, ImageArray] = {}
+        self._room, self._lock = _memory_for_images(), threading.Lock()
+        self.is_large = sum(map(bytes_of, self._shapes)) > self._room
+        self._reader: ThreadPoolExecutor | None = None
+        self._ahead: list[tuple[_Asked, Future[ImageArray]]] = []
 
     @classmethod
     def open(
@@ -70,56 +89,168 @@ class FrameStore:
 
         Raises:
             DecodingCancelled: if ``cancelled`` said so.
-            FrogError: if a file is missing or cut off, images are too large, or the disk has no room.
+            FrogError: if a file is missing or cut off, images are too large, or disk or limit have no room.
         """
         _check_sizes(capture)
         cache = Path(cache_folder) if cache_folder is not None else default_cache_folder()
-        sources = _sources(capture)
-        folder = cache / _key(capture, sources)
-        if not _is_whole(folder, capture):
+        sources = sources_of(capture)
+        folder = cache / key_of(capture, sources)
+        for _ in range(_TRIES):
+            if (store := _opened(capture, folder)) is not None:
+                return store
             try:
                 cache.mkdir(parents=True, exist_ok=True)
-                _remove_stale(cache, capture)
-                _build(folder, capture, sources, progress, cancelled)
+                remove_stale(cache, capture)
+                build(folder, capture, sources, progress, cancelled)
             except OSError as error:
                 reason = error.strerror or str(error)
                 raise FrogError(f"{cache}: the decoded frames cannot be written here ({reason}).") from error
-        return cls(capture, folder)
+        raise FrogError(f"{folder}: another process deletes the decoded frames as often as they are written.")
 
     def image(self, shot_index: int) -> ImageArray:
-        """(H, W, 3) uint8 sRGB view of the memory map; ``shot_index`` counts in ``capture.shots``."""
-        height, width = self._shapes[shot_index]
-        offset = self._offsets[shot_index]
-        return self._pixels[offset : offset + height * width * 3].reshape(height, width, 3)
+        """(H, W, 3) uint8 sRGB; ``shot_index`` counts in ``capture.shots``.
+
+        Raises:
+            FrogError: if it is damaged, and the capture is not there any more.
+        """
+        kept = self._kept.get((_IMAGE, shot_index))
+        return self._keep(_IMAGE, shot_index, self._read(_IMAGE, shot_index)) if kept is None else kept
+
+    def part(self, shot_index: int, region: Region, is_half: bool = False) -> ImageArray:
+        """A region (left, top, width, height) of an image, or of the one of half its size; errors as of ``image``."""
+        for number, (asked, reading) in enumerate(self._ahead):
+            if asked == (shot_index, region, is_half):
+                del self._ahead[: number + 1]
+                return reading.result()
+        return self._part(shot_index, region, is_half)
+
+    def prefetch(self, shot_index: int, region: Region, is_half: bool = False) -> None:
+        """Begins to read what ``part`` will probably be asked for next."""
+        if (_IMAGE, shot_index) in self._kept:
+            return
+        if self._reader is None:
+            self._reader = ThreadPoolExecutor(1, thread_name_prefix="frog-frames")
+        asked = shot_index, region, is_half
+        # Of what was begun before, the last is what a step asks for now; others were guessed wrong.
+        self._ahead = [*self._ahead[-1:], (asked, self._reader.submit(self._part, *asked))]
 
     def alpha(self, shot_index: int) -> ImageArray | None:
-        """(H, W) uint8 view of the subject's share of each pixel; None where all images are whole."""
-        return self._planes.alpha(self._offsets[shot_index], self._shapes[shot_index])
+        """(H, W) uint8, the subject's share of each pixel; None where all images are whole."""
+        return self._mask(ALPHA, shot_index)
 
     def ignored(self, shot_index: int) -> ImageArray | None:
-        """(H, W) uint8 view, 255 for pixels that are to be ignored; None where none is in any image."""
-        return self._planes.ignored(self._offsets[shot_index], self._shapes[shot_index])
+        """(H, W) uint8, 255 for pixels that are to be ignored; None where none is in any image."""
+        return self._mask(IGNORED, shot_index)
 
     def __len__(self) -> int:
-        return len(self._offsets)
+        return len(self._shapes)
 
     def give_up(self) -> int:
         """Deletes the frames from disk to free space. They can be decoded again; this store cannot be used any more.
 
         Returns:
-            The bytes that were freed. 0, and nothing is deleted, if another process reads the same frames, or an image
-            of this store is still referenced.
+            The bytes that were freed. 0, and nothing is deleted, if another process reads the same frames.
         """
         if not lock_exclusively(self._in_use):
             return 0
-        size, self._pixels, self._in_use = self._pixels.size, np.empty(0, np.uint8), None
-        self._planes = MaskPlanes()
-        mapped = self._map()
-        if mapped is not None:  # still referenced: closing it by force would crash the process
-            self._pixels, self._in_use = np.frombuffer(mapped, np.uint8), open_shared(self.folder / _INDEX)
-            return 0
-        shutil.rmtree(self.folder, ignore_errors=True)
-        return 0 if (self.folder / _PIXELS).exists() else size
+        if self._reader is not None:
+            self._reader.shutdown()
+        self._in_use, self._ahead, self._reader, self._kept = None, [], None, {}
+        size = sum(file.stat().st_size for file in self.folder.iterdir())
+        self._files.close()
+        if remove_store(self.folder):
+            return size
+        with suppress(OSError, DamagedTiles):  # somebody else has opened them meanwhile
+            self._open_files()
+        return 0
+
+    def _open_files(self) -> None:
+        self._in_use = open_shared(self.folder / INDEX)
+        try:
+            if self._in_use is not None:
+                found, here = os.fstat(self._in_use.fileno()), (self.folder / INDEX).stat()
+                if not os.path.samestat(found, here):
+                    raise DamagedTiles(f"{self.folder}: another process replaced it")
+            self._sources, described = description_of(self.folder, self._capture)
+            self._files = FrameFiles(self.folder, [self._shapes[shot] for shot in self._places], described)
+        except BaseException:
+            if self._in_use is not None:
+                self._in_use.close()
+            raise
+
+    def _part(self, shot: int, region: Region, is_half: bool) -> ImageArray:
+        left, top, width, height = region
+        kept = self._kept.get((_IMAGE, shot))
+        if kept is None and self._room >= bytes_of(self._shapes[shot]):
+            kept = self.image(shot)
+        if kept is not None:
+            return (halved_image(kept) if is_half else kept)[top : top + height, left : left + width]
+        if is_half:
+            return self._half(shot)[top : top + height, left : left + width]
+        return self._read(_IMAGE, shot, region)
+
+    def _half(self, shot: int) -> ImageArray:
+        try:
+            return self._files.half(self._places[shot])
+        except DamagedTiles:
+            return halved_image(self._anew(_IMAGE, shot))
+
+    def _mask(self, name: str, shot: int) -> ImageArray | None:
+        if not self._files.has(name):
+            return None
+        kept = self._kept.get((name, shot))
+        return self._keep(name, shot, self._read(name, shot)) if kept is None else kept
+
+    def _read(self, name: str, shot: int, region: Region | None = None) -> ImageArray:
+        place = self._places[shot]
+        try:
+            image = self._files.image(place, region) if name == _IMAGE else self._files.mask(name, place, region)
+        except DamagedTiles:
+            left, top, width, height = region or (0, 0, *self._shapes[shot][::-1])
+            image = self._anew(name, shot)[top : top + height, left : left + width]
+        image.flags.writeable = False
+        return image
+
+    def _keep(self, name: str, shot: int, image: ImageArray) -> ImageArray:
+        with self._lock:
+            if (name, shot) not in self._kept and self._room >= image.size:
+                self._room -= image.size
+                self._kept[name, shot] = image
+        return image
+
+    def _anew(self, name: str, shot: int) -> ImageArray:
+        """What the capture itself says, where the store is damaged; kept, and the store is marked."""
+        with suppress(OSError):
+            (self.folder / DAMAGED).touch()
+        try:
+            unchanged = not has_changed(self._sources)
+            (found,) = (altered(self._capture, shot, each) for each in decode_masked(self._capture, [shot]))
+        except FrogError as error:
+            raise FrogError(
+                f"{self.folder}: decoded frames are damaged, and cannot be decoded again: {error}"
+            ) from error
+        if not unchanged:
+            expected = "what was written; the capture has changed meanwhile: start again, and it is decoded anew"
+            raise found_instead(self.folder, "damaged frames", expected)
+        height, width = self._shapes[shot]
+        masks = {ALPHA: (found.alpha, 255), IGNORED: (found.ignored, 0)}
+        images = {_IMAGE: found.image}
+        for kind, (mask, silent) in masks.items():
+            images[kind] = np.full((height, width), silent, np.uint8) if mask is None else mask
+        with self._lock:
+            for kind, image in images.items():
+                image.flags.writeable = False
+                self._kept[kind, shot] = image
+        return images[name]
+
+
+def _memory_for_images() -> int:
+    """Bytes."""
+    try:
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # Windows
+        return _LEAST_KEPT
+    return max(_LEAST_KEPT, int(memory * _KEPT_SHARE))
 
 
 def _check_sizes(capture: Capture) -> None:
@@ -131,200 +262,36 @@ def _check_sizes(capture: Capture) -> None:
             raise found_instead(capture.path, found, expected)
 
 
-def default_cache_folder() -> Path:
-    """``$FROG_CACHE``, or ``frog_blender`` in the platform's cache folder of this user."""
-    if os.environ.get("FROG_CACHE"):
-        return Path(os.environ["FROG_CACHE"])
-    if os.name == "nt":
-        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
-    elif os.uname().sysname == "Darwin":
-        base = str(Path.home() / "Library" / "Caches")
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "frog_blender"
-
-
-def _layout(capture: Capture) -> tuple[list[int], list[tuple[int, int]], int]:
-    """Byte offset and (H, W) of each shot, and all bytes; one camera's frames lie together, as they are written."""
-    offsets = [0] * len(capture.shots)
-    shapes = [(0, 0)] * len(capture.shots)
-    total = 0
-    for index in decoding_order(capture):
-        camera = capture.cameras[capture.shots[index].camera]
-        offsets[index], shapes[index] = total, (camera.height, camera.width)
-        total += camera.height * camera.width * 3
-    return offsets, shapes, total
-
-
-def decoding_order(capture: Capture) -> list[int]:
-    """Indices of the shots, one file after the other, in ascending frames."""
-
-    def place(index: int) -> tuple[int, str, int]:
-        shot: Shot = capture.shots[index]
-        return (shot.camera, str(shot.path), shot.index)
-
-    return sorted(range(len(capture.shots)), key=place)
-
-
-def _facts(path: Path) -> list[int]:
-    """Size and modification time, which tell whether a file has changed. OSError if it cannot be read."""
-    facts = path.stat()
-    return [facts.st_size, facts.st_mtime_ns]
-
-
-def _sources(capture: Capture) -> dict[str, list[int]]:
-    """The capture's files and their facts."""
-    sources = {}
-    masks = {mask.path for shot in capture.shots for mask in (shot.mask, shot.ignore) if mask}
-    for path in sorted({shot.path for shot in capture.shots} | masks):
-        try:
-            sources[str(path.resolve())] = _facts(path)
-        except OSError as error:
-            raise FrogError(
-                f"{path}: the file cannot be read ({error.strerror}), expected a part of the capture."
-            ) from error
-    return sources
-
-
-def decoding_key(capture: Capture) -> str:
-    """A hash of all that decides the decoded bytes: the files as they are now, cameras, lenses, which frames of what.
-
-    Raises:
-        FrogError: if a file of the capture is missing.
-    """
-    return _key(capture, _sources(capture))
-
-
 def is_decoded(capture: Capture) -> bool:
     """True when the default cache folder has the frames of a capture whose cameras have the frames' sizes."""
     try:
-        return _is_whole(default_cache_folder() / decoding_key(capture), capture)
+        return is_whole(default_cache_folder() / decoding_key(capture), capture)
     except FrogError:  # a file of the capture is missing
         return False
 
 
-def _key(capture: Capture, sources: dict[str, list[int]]) -> str:
-    cameras = [
-        [c.width, c.height, c.intrinsics.tolist(), _distortion_key(d), crop]
-        for c, d, crop in zip(capture.cameras, capture.distortions, capture.crops, strict=True)
-    ]
-    shots = [[s.camera, s.frame, str(s.path.resolve()), s.index] for s in capture.shots]
-    decides = [_VERSION, sources, cameras, shots, capture.background]
-    if capture.has_masks:
-        decides += [str(capture.key), [[_mask_key(shot.mask), _mask_key(shot.ignore)] for shot in capture.shots]]
-    if capture.alteration is not None:
-        decides += [capture.alteration.key, sorted(capture.test_cameras), sorted(capture.test_frames)]
-    return hashlib.sha256(json.dumps(decides).encode()).hexdigest()[:32]
+def _opened(capture: Capture, folder: Path) -> FrameStore | None:
+    """The store, which counts as used from now on; None where it is not there, or not whole."""
+    for _ in range(_TRIES):
+        try:
+            store = FrameStore(capture, folder)
+        except (OSError, DamagedTiles):
+            return None
+        if store._in_use is not None or not _is_lockable(folder):
+            with suppress(OSError):
+                os.utime(folder / INDEX)
+            return store
+        time.sleep(0.02)  # whoever deletes it holds it for no longer
+    return None
 
 
-def _mask_key(mask: MaskSource | None) -> list[object]:
-    if mask is None:
-        return []
-    return [str(mask.path.resolve()), mask.index, mask.is_alpha, *(["inverted"] if mask.inverted else [])]
-
-
-def _distortion_key(distortion: Distortion | None) -> list[float] | dict[str, object] | None:
-    if distortion is None:
-        return None
-    coefficients = distortion.coefficients.tolist()
-    if distortion.lens is not None:
-        return {"model": distortion.model, "coefficients": coefficients, "lens": distortion.lens.tolist()}
-    return {"coefficients": coefficients, "skew": distortion.skew} if distortion.skew else coefficients
-
-
-def _is_whole(folder: Path, capture: Capture) -> bool:
-    """True if the store exists and has all its bytes."""
+def _is_lockable(folder: Path) -> bool:
+    """Whether somebody may hold a lock on the store: some network disks have none."""
     try:
-        total = _layout(capture)[2]
-        whole = (folder / _INDEX).is_file() and (folder / _PIXELS).stat().st_size == total
-        return whole and (not capture.has_masks or MaskPlanes.are_whole(folder, total // 3))
+        file = open_shared(folder / INDEX)
+        if file is not None:
+            file.close()
+        with tempfile.TemporaryFile(dir=folder.parent) as probe:
+            return lock_exclusively(probe)
     except OSError:
         return False
-
-
-def _remove_stale(cache: Path, capture: Capture) -> None:
-    """Remove what killed runs left, and stores of this capture whose source files have changed since.
-
-    Stores of some of its cameras, or of altered images, stay.
-    """
-    for entry in cache.iterdir():
-        try:
-            if _PARTIAL in entry.name:
-                newest = max((p.stat().st_mtime for p in [entry, *entry.iterdir()]), default=0.0)
-                if time.time() - newest > _ABANDONED_AFTER:
-                    shutil.rmtree(entry, ignore_errors=True)
-            elif (entry / _INDEX).is_file():
-                index = json.loads((entry / _INDEX).read_text(encoding="utf-8"))
-                if index["capture"] == str(capture.path.resolve()) and _changed(index["sources"]):
-                    shutil.rmtree(entry, ignore_errors=True)
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
-            continue  # not ours to remove
-
-
-def _changed(sources: object) -> bool:
-    """Whether a source file of a store has changed. Indices of older versions list no files."""
-    if not isinstance(sources, dict):
-        return True
-    try:
-        return any(_facts(Path(path)) != facts for path, facts in sources.items())
-    except OSError:
-        return True
-
-
-def _altered(capture: Capture, index: int, image: ImageArray) -> ImageArray:
-    """A decoded image as the capture shows it, contiguous."""
-    shot, alteration = capture.shots[index], capture.alteration
-    if alteration is None or (capture.is_test(shot) and not alteration.tests_too):
-        return image
-    return np.ascontiguousarray(alteration.apply(image, capture.cameras[shot.camera].name, shot.frame))
-
-
-def _build(
-    folder: Path,
-    capture: Capture,
-    sources: dict[str, list[int]],
-    progress: Callable[[int, int], None] | None,
-    cancelled: Callable[[], bool] | None,
-) -> None:
-    """Decode into a temporary folder and rename it to ``folder``."""
-    total = _layout(capture)[2]
-    room = total * 5 // 3 if capture.has_masks else total
-    free = shutil.disk_usage(folder.parent).free
-    if free < room + _SPARE_BYTES:
-        raise FrogError(
-            f"{folder.parent}: the decoded frames need {room / 1e9:.2f} GB, found {free / 1e9:.2f} GB free: "
-            "choose a smaller image scale, or another cache folder with FROG_CACHE."
-        )
-    partial = Path(tempfile.mkdtemp(prefix=folder.name + _PARTIAL, dir=folder.parent))
-    try:
-        with (partial / _PIXELS).open("wb") as file:
-            file.truncate(total)
-            order = decoding_order(capture)
-            planes = PlaneWriter(partial)
-            for done, (index, shot) in enumerate(zip(order, decode_masked(capture, order), strict=True), start=1):
-                if cancelled is not None and cancelled():
-                    raise DecodingCancelled(f"{capture.path}: decoding was cancelled.")
-                file.write(_altered(capture, index, shot.image).data)
-                if capture.has_masks:
-                    planes.add(shot)
-                if progress is not None:
-                    progress(done, len(capture.shots))
-            file.flush()
-            os.fsync(file.fileno())
-            planes.close()
-        facts = {"capture": str(capture.path.resolve()), "sources": sources, "shots": len(capture.shots)}
-        (partial / _INDEX).write_text(json.dumps(facts), encoding="utf-8")
-        _put(partial, folder, capture)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-
-
-def _put(partial: Path, folder: Path, capture: Capture) -> None:
-    """Renames a finished store, unless another process put the same one there first, which may be in use by now."""
-    try:
-        partial.rename(folder)
-    except OSError:
-        if _is_whole(folder, capture):
-            return
-        shutil.rmtree(folder, ignore_errors=True)  # a store that lost bytes
-        partial.rename(folder)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
+from support.image_stores import ImageStore
 from support.training_steps import train
 
 from frog_blender.engine.capture.camera import NEUTRAL
@@ -28,7 +29,7 @@ MEDIAN = np.median(list(FACTORS.values()), axis=0)
 """How bright the scene will be; the held-out camera is exposed so."""
 
 
-class Exposed:
+class Exposed(ImageStore):
     """A store of images that each camera exposed otherwise."""
 
     def __init__(self, store: FrameStore, capture: Capture) -> None:

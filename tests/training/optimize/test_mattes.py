@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
+from support.image_stores import ImageStore
 from support.masked_capture import ball_alpha, write_masks
 
 from frog_blender.engine.capture.capture import Capture
@@ -226,7 +227,7 @@ def test_nothing_is_learned_of_what_is_ignored(
     capture = open_capture(folder)
     store = FrameStore.open(capture)
 
-    class Marked:
+    class Marked(ImageStore):
         """The store's images, with a white mark in one camera's."""
 
         ignored, alpha = store.ignored, store.alpha

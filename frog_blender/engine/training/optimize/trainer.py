@@ -256,7 +256,10 @@ class Trainer:
         grows = progress < self.recipe.densify_until
         options = RasterizeOptions(region=region, weights=grows and self.recipe.replaced_below > 0)
         pose = self._learned_pose(index, progress)
-        truth, drawn = self.draw(shot, progress, options, pose, self.mattes.random_background(self.generator))
+        background = self.mattes.random_background(self.generator)
+        if self.store.is_large:
+            self._read_ahead(progress)
+        truth, drawn = self.draw(shot, progress, options, pose, background)
         image = drawn.image
         share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
         dssim_weight = self.recipe.dssim_weight if self._in_burst(progress) else 0.0
@@ -283,6 +286,18 @@ class Trainer:
         if self.exposures and self.exposures.observes(index, self.step_count, progress):
             self.exposures.observe(index, camera, image.rgb, truth)
         return shot
+
+    def _read_ahead(self, progress: float) -> None:
+        """Begins to read the next step's image. It is another one where random numbers are drawn before, in rounds of
+        density control, or where this step changes the errors of its camera: then what was read is not used."""
+        if self._in_burst(progress):
+            return
+        generator = self.generator.clone_state()
+        shot = self.views.pick(generator)
+        index = self.capture.shots[shot].camera
+        camera = self.camera_at(index, progress)
+        region = self.crops.pick(index, generator) if camera is self.capture.cameras[index] else None
+        self.mattes.prefetch(shot, camera, RasterizeOptions(region=region).region_of(camera))
 
     def _regularize(self) -> None:
         """Adds the gradients of what keeps the model smooth, of SMOOTHED_EVERY steps at once."""

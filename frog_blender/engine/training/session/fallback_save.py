@@ -8,7 +8,8 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from ...capture.frames import FrameStore, default_cache_folder
+from ...capture.cache_folder import default_cache_folder
+from ...capture.frames import FrameStore
 from ...errors import FrogError
 from ...io.atomic_files import beginning, write_atomically
 from . import events

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from ...capture.frames import default_cache_folder
+from ...capture.cache_folder import default_cache_folder
 from ...errors import FrogError
 
 try:

@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...capture.cache_folder import default_cache_folder
 from ...capture.capture import Capture
-from ...capture.frames import default_cache_folder
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ..recipe import Recipe
