@@ -166,11 +166,13 @@ def test_what_was_used_longest_ago_is_deleted_first_and_never_what_is_open(n3dv:
 
 
 def test_a_new_capture_takes_the_place_of_the_oldest(n3dv: Path, cache: Path) -> None:
-    capture = open_capture(films(n3dv, (96, 128)))
-    first = aged(FrameStore.open(capture), 1)
-    size = stored_frames(cache)[0].size
-    set_limit(cache, f"{round(1.5 * size)}B")
-    second = FrameStore.open(capture.scaled(0.95)).folder
+    captures = [open_capture(films(n3dv, (96, 128))).scaled(scale) for scale in (1.0, 0.9)]
+    for capture in captures:
+        FrameStore.open(capture)
+    sizes = sorted(entry.size for entry in stored_frames(cache))
+    clear(cache)
+    set_limit(cache, f"{sizes[1] + sizes[0] // 2}B")
+    first, second = (FrameStore.open(capture).folder for capture in captures)
     assert [entry.folder for entry in stored_frames(cache)] == [second] and not first.exists()
 
 
