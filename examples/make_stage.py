@@ -4,7 +4,8 @@
 
 Needs imageio-ffmpeg; frames are drawn by the engine and piped into the encoder, so nothing but the videos needs disk.
 The cameras stand on the scene's own arc, evenly; a film longer than the scene plays it to and fro. OUT receives
-``cam00.mp4`` ... and ``cameras_opencv.json``. The largest size that was measured is `--frames 300 --size 1352x1014`.
+``cam00.mp4`` ... and ``cameras_opencv.json``; a run that was stopped goes on with the videos that are missing. A whole
+stage is `--frames 300 --size 1352x1014`.
 """
 
 from __future__ import annotations
@@ -62,7 +63,8 @@ def film(scene: ScenePlayer, camera: Camera, frames: int, quality: int, video: P
     """Draws a camera's frames into an H.264 video of halved colour resolution, as phones and webcams make them."""
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
     command += ["-s", f"{camera.width}x{camera.height}", "-r", "30", "-i", "-"]
-    command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", str(quality), "-pix_fmt", "yuv420p", str(video)]
+    unfinished = video.with_name(f"unfinished-{video.name}")
+    command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", str(quality), "-pix_fmt", "yuv420p", str(unfinished)]
     length = scene.header.frame_count
     background = scene.header.background
     with subprocess.Popen(command, stdin=subprocess.PIPE) as encoder:
@@ -73,6 +75,7 @@ def film(scene: ScenePlayer, camera: Camera, frames: int, quality: int, video: P
             encoder.stdin.write(render_image(gaussians, camera, background).data)
     if encoder.returncode:
         raise SystemExit(f"{video}: the encoder failed")
+    unfinished.replace(video)
 
 
 def main() -> None:
@@ -92,7 +95,8 @@ def main() -> None:
     entries = []
     for camera in cameras:
         video = options.out / f"{camera.name}.mp4"
-        film(scene, camera, options.frames, options.quality, video)
+        if not video.exists():
+            film(scene, camera, options.frames, options.quality, video)
         print(f"{video.name}: {video.stat().st_size / 1e6:.2f} MB", flush=True)
         place = {"R": camera.rotation.tolist(), "t": camera.world_to_camera[:3, 3].tolist()}
         lens = {"K": camera.intrinsics.tolist(), "dist": [0.0, 0.0, 0.0, 0.0]}
