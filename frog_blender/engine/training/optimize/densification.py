@@ -7,6 +7,9 @@ replace those of the least blending weights: seed points lie where nothing is se
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Protocol
+
 import torch
 
 from ...capture.camera import Camera
@@ -24,6 +27,51 @@ _GROWTH_WHILE_FEW = 1.0  # every candidate may grow
 # Peaks decay over several rounds: the steps of one round may miss the time, or the crop, at which a Gaussian is seen.
 _OPACITY_DECAY, _WEIGHT_DECAY = 0.5, 0.6
 _FULL_ROUND = 25  # observations of a Gaussian: weights decay by less after a round with fewer
+
+
+class Collected(Protocol):
+    """Statistics by Gaussian, see ``DensificationStrategy``; (N,) each."""
+
+    gradient_sum: torch.Tensor
+    seen: torch.Tensor
+    peak_opacity: torch.Tensor
+    peak_weight: torch.Tensor
+
+
+@dataclass
+class Statistics:
+    """Of one step alone, to be added to those of a ``DensificationStrategy``."""
+
+    gradient_sum: torch.Tensor
+    seen: torch.Tensor
+    peak_opacity: torch.Tensor
+    peak_weight: torch.Tensor
+
+
+@torch.no_grad()
+def collect(
+    into: Collected,
+    image: Image,
+    opacities: torch.Tensor,
+    camera: Camera,
+    ignored: torch.Tensor | None = None,
+) -> None:
+    """Adds one backward pass of ``camera`` and the opacities (N,) it drew; call it before the optimiser clears the
+    gradients.
+
+    Args:
+        ignored: (N,) bool, Gaussians in pixels that do not count: that they are drawn says nothing of their use.
+    """
+    torch.maximum(into.peak_opacity, opacities, out=into.peak_opacity)
+    if image.max_weights is not None:
+        weights = image.max_weights if ignored is None else image.max_weights.masked_fill(ignored, 0)
+        torch.maximum(into.peak_weight, weights, out=into.peak_weight)
+    if image.screen.grad is None:
+        return
+    half = max(camera.width, camera.height) / 2  # 3DGS counts in half image widths
+    across, down = image.screen.grad.unbind(1)  # zero where nothing was seen
+    into.gradient_sum.add_((across * across).addcmul_(down, down).sqrt_(), alpha=half)
+    into.seen += image.radii > 0 if ignored is None else (image.radii > 0) & ~ignored
 
 
 class DensificationStrategy:
@@ -70,26 +118,18 @@ class DensificationStrategy:
                 raise ValueError(f"{name} below zero")
             setattr(self, name, found.to(self._canonical.means.device))
 
-    @torch.no_grad()
     def observe(
         self, image: Image, opacities: torch.Tensor, camera: Camera, ignored: torch.Tensor | None = None
     ) -> None:
-        """Adds one backward pass of ``camera`` and the opacities (N,) it drew; call it before the optimiser clears the
-        gradients.
+        """Adds one backward pass, see ``collect``."""
+        collect(self, image, opacities, camera, ignored)
 
-        Args:
-            ignored: (N,) bool, Gaussians in pixels that do not count: that they are drawn says nothing of their use.
-        """
-        torch.maximum(self.peak_opacity, opacities, out=self.peak_opacity)
-        if image.max_weights is not None:
-            weights = image.max_weights if ignored is None else image.max_weights.masked_fill(ignored, 0)
-            torch.maximum(self.peak_weight, weights, out=self.peak_weight)
-        if image.screen.grad is None:
-            return
-        half = max(camera.width, camera.height) / 2  # 3DGS counts in half image widths
-        across, down = image.screen.grad.unbind(1)  # zero where nothing was seen
-        self.gradient_sum.add_((across * across).addcmul_(down, down).sqrt_(), alpha=half)
-        self.seen += image.radii > 0 if ignored is None else (image.radii > 0) & ~ignored
+    def add(self, step: Statistics) -> None:
+        """Adds what all views of a step have collected, rounded to the statistics' own precision."""
+        torch.maximum(self.peak_opacity, step.peak_opacity, out=self.peak_opacity)
+        torch.maximum(self.peak_weight, step.peak_weight, out=self.peak_weight)
+        self.gradient_sum += step.gradient_sum.to(self.gradient_sum.dtype)
+        self.seen += step.seen.to(self.seen.dtype)
 
     def least_needed(self, count: int, among: torch.Tensor | None = None) -> torch.Tensor:
         """Indices of at most ``count`` Gaussians, of all or ``among`` (N,), that may be replaced: those of the least

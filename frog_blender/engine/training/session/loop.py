@@ -17,6 +17,7 @@ from ...scene.header import SceneHeader
 from ..compression.context import CompressionContext
 from ..compression.report_image import draw_report_image
 from ..compression.schedule import CompressionFailed, compression_of
+from ..optimize.peers import PeerLost, agreed
 from ..optimize.running_loss import TrainingDiverged
 from . import events
 from .checkpoint import restore
@@ -54,6 +55,8 @@ def train(session: Session) -> Iterator[Event]:
             try:
                 yield from _steps(session, recovery, checkpoints)
                 session.clock.end("training")
+                if session.peers.rank > 0:
+                    return
                 if trainer.step_count == began and not trainer.finished:  # there is nothing new to write
                     yield events.Cancelled(began, str(output) if output.is_file() and session.job.resume else None)
                     return
@@ -61,7 +64,15 @@ def train(session: Session) -> Iterator[Event]:
                 break
             except CompressionFailed as failed:
                 message = recovery.without_milestone(trainer, failed)
-            except (TrainingDiverged, RuntimeError, MemoryError) as error:
+            except PeerLost as lost:
+                recovery.snapshot(trainer)  # no step was half done
+                checkpoints.write_emergency(recovery.last_state, space)
+                raise PeerLost(_lost(lost, trainer.step_count, checkpoints)) from lost
+            except (RuntimeError, MemoryError) as error:
+                if session.peers.size > 1:  # one process cannot go back alone
+                    raise
+                message = recovery.rollback(trainer, error)
+            except TrainingDiverged as error:  # of all processes at the same step
                 message = recovery.rollback(trainer, error)
             yield events.WarningEvent(message)
         yield from checkpoints.save_late(recovery.last_state, None if trainer.finished else space)
@@ -91,10 +102,17 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
     previews, snapshots, time_left = Previews(session), Snapshots(session), _time_left(session)
-    while not trainer.finished and not cancel.ended:
-        paused = cancel.paused  # asked once: a pause that comes later holds the next step
+    shows = session.peers.rank == 0
+    while not trainer.finished:
+        ended, paused = cancel.ended, cancel.paused  # asked once: a pause that comes later holds the next step
         # A pause may last for days: before it, what was learned goes to disk.
-        if trainer.step_count != checkpoints.step and (paused or time.monotonic() - last_save >= job.save_seconds):
+        saves = paused or time.monotonic() - last_save >= job.save_seconds
+        if session.peers.size > 1:
+            facts = (trainer.step_count, trainer.count, trainer.gaussians.num_dynamic)
+            ended, saves = agreed(session.peers, (ended, saves and shows), facts)
+        if ended:
+            break
+        if trainer.step_count != checkpoints.step and saves:
             yield _progress_event(session, time_left)
             yield from _save(session, recovery, checkpoints)
             last_event = last_save = time.monotonic()
@@ -112,9 +130,10 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
         if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
             recovery.snapshot(trainer)
-            psnr, split = trainer.evaluate(job.evaluated_shots)
-            yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
-        if a_tenth or (previews.due and not trainer.finished):
+            if shows:
+                psnr, split = trainer.evaluate(job.evaluated_shots)
+                yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
+        if shows and (a_tenth or (previews.due and not trainer.finished)):
             yield from previews.render()
     if trainer.step_count == checkpoints.step:  # the checkpoint is up to date, or there was no step yet
         recovery.snapshot(trainer)
@@ -125,7 +144,16 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
 def _save(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
     """Writes a checkpoint; ``snapshot`` first refuses a state that is not finite."""
     recovery.snapshot(session.trainer)
-    yield from checkpoints.save(recovery.last_state)
+    if session.peers.rank == 0:
+        yield from checkpoints.save(recovery.last_state)
+    else:
+        checkpoints.step = session.trainer.step_count
+
+
+def _lost(lost: PeerLost, step: int, checkpoints: Checkpoints) -> str:
+    """What is left of a training that has lost a process."""
+    kept = f"{checkpoints.path} has step {checkpoints.step:,}, from which --resume goes on with any number of processes"
+    return f"{str(lost).rstrip('.')}: stopped at step {step:,}; {kept if checkpoints.step else 'nothing was saved'}."
 
 
 def _export(
