@@ -14,7 +14,10 @@ from .stopping import stopping
 from .streams import printing_may_fail
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from ..engine.training.recipe import Recipe
+    from ..engine.training.session.events import Event
     from ..engine.training.session.job import TrainingJob
 
 
@@ -53,6 +56,12 @@ def add_train_parser(commands: Any) -> None:
         metavar="SECONDS",
         help="between checkpoints; default: 180",
     )
+    train.add_argument(
+        "--views-per-step",
+        type=positive(int),
+        metavar="N",
+        help="images that a step learns from together; default: one for each process that torchrun started",
+    )
     again = train.add_mutually_exclusive_group()
     again.add_argument(
         "--overwrite", action="store_true", help="replace a scene that is there, once the new one is whole"
@@ -78,7 +87,8 @@ class _Give(argparse.Action):
 
 def _chosen(options: argparse.Namespace) -> dict[str, str]:
     """Of the settings that a training keeps from its beginning those that were given, and how they were."""
-    names = ("method", "recipe", "capacity", "max_gaussians", "seed", "scale", "holdout_frames", "masks", "key")
+    of_recipe = ("method", "recipe", "capacity", "max_gaussians", "views_per_step")
+    names = (*of_recipe, "seed", "scale", "holdout_frames", "masks", "key")
     chosen = {name: f"--{name.replace('_', '-')}" for name in names if name in options.given}
     chosen |= {"lossless": "--lossless"} if options.lossless else {}
     return chosen | ({"pixel_offsets": "--pixel-offset"} if options.pixel_offset else {})
@@ -88,23 +98,34 @@ def _train(options: argparse.Namespace) -> int:
     if not (options.overwrite or options.resume):
         check_unused(options.out, _WAYS)  # before torch is loaded
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
+        from ..engine.distributed.process_group import joined
         from ..engine.training.session.run import run_training
         from ..engine.training.session.time_estimate import remembering
         from .progress import show
 
-        job = _job(options)
-        finished = show(remembering(run_training(job, asked), job), job.output)
+        with joined() as peers:
+            job = _job(options, peers.size)
+            stream = run_training(job, asked, peers=peers)
+            # The first process tells what all of them do.
+            finished = _ended_well(stream) if peers.rank else show(remembering(stream, job), job.output)
     return 0 if finished else 1
 
 
-def _job(options: argparse.Namespace) -> TrainingJob:
+def _ended_well(stream: Iterator[Event]) -> bool:
+    """Whether the training finished."""
+    from ..engine.training.session.events import Finished
+
+    return any(isinstance(event, Finished) for event in stream)
+
+
+def _job(options: argparse.Namespace, processes: int) -> TrainingJob:
     from ..engine.training.session.job import TrainingJob
 
     return TrainingJob(
         capture=options.capture,
         output=options.out,
         method=options.method,
-        recipe=_budgeted(options),
+        recipe=_budgeted(options, processes),
         steps=options.steps,
         seconds=options.seconds,
         seed=options.seed,
@@ -123,10 +144,11 @@ def _job(options: argparse.Namespace) -> TrainingJob:
     )
 
 
-def _budgeted(options: argparse.Namespace) -> Recipe:
+def _budgeted(options: argparse.Namespace, processes: int) -> Recipe:
     """The recipe with the capacity and the budgets that were asked for."""
     from ..engine.training.compression.budget import recipe_within
     from ..engine.training.recipe import recipe
 
-    chosen = recipe(options.recipe, capacity=options.capacity)
+    views = options.views_per_step or processes
+    chosen = recipe(options.recipe, capacity=options.capacity, views_per_step=views)
     return recipe_within(chosen, options.method, max_gaussians=options.max_gaussians, max_bytes=options.max_bytes)

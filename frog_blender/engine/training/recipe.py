@@ -31,6 +31,8 @@ class Recipe:
         name: "draft" or "standard"; "paper" (N3DV), "hypernerf" and "technicolor" follow the papers.
         steps: optimiser steps, each on one image or part of it, at least.
         steps_per_moment: for each of the capture's frames; what is longer of the two is trained.
+        views_per_step: images that each step learns from, by the mean of their gradients. Several processes share them
+            (see optimize.step_views); the papers have one.
         max_gaussians: of a scene at most, see ``growth_limit_at``.
         kept_gaussians: of them, those that a scene has in the end at most, with automatic capacity; 0 for as many as it
             needs (see compression.budget).
@@ -100,6 +102,7 @@ class Recipe:
     name: str = setting.name("standard")
     steps: int = whole(10_000, 1, _MOST_STEPS)
     steps_per_moment: int = whole(300, 0, 1_000_000)
+    views_per_step: int = whole(1, 1, 1024)
     max_gaussians: int = whole(40_000, 1, _MOST_GAUSSIANS)
     kept_gaussians: int = whole(0, 0, _MOST_GAUSSIANS)
     seed_gaussians: int = whole(25_000, 1, _MOST_SEEDS)
@@ -328,6 +331,7 @@ BEFORE = {
     "size_weight": 0.0,
     "square_weight": 0.0,
     "moment_seeds": False,
+    "views_per_step": 1,
 }
 """Settings that earlier versions did not have, and the value that their trainings go on with."""
 

@@ -75,9 +75,9 @@ class ExposureCompensation:
         """Whether a step that draws this camera at ``progress`` is to be observed."""
         return step % _OBSERVED_EVERY == 0 and progress >= self._from and index in self._learned
 
-    def observe(self, index: int, camera: Camera, rgb: torch.Tensor, wanted: Truth) -> None:
-        """Adds what a step drew of camera ``index``, (H, W, 3), and what it should be: of pixels that are all subject
-        and not ignored."""
+    def measure(self, camera: Camera, rgb: torch.Tensor, wanted: Truth) -> torch.Tensor:
+        """(2, 3) the brightness of what a step should have drawn, and of what it drew, (H, W, 3), before the camera's
+        exposure: of pixels that are all subject and not ignored."""
         truth = image_on(rgb.device, np.ascontiguousarray(wanted.pixels[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
         counts = (truth > _DARKEST) & (truth < _BRIGHTEST)
         if (whole := wanted.whole) is not None:
@@ -87,7 +87,11 @@ class ExposureCompensation:
         both = torch.stack([(counts * truth).sum((0, 1)), (counts * drawn).sum((0, 1))])
         if camera.exposure != NEUTRAL:
             both[1] /= torch.tensor(camera.exposure, device=both.device)
-        self.sums[index] += both.nan_to_num(0.0, 0.0, 0.0)  # a non-finite loss has its own check
+        return both.nan_to_num(0.0, 0.0, 0.0)  # a non-finite loss has its own check
+
+    def observe(self, index: int, brightness: torch.Tensor) -> None:
+        """Adds what was measured of camera ``index``."""
+        self.sums[index] += brightness
 
     def update(self, before: float, now: float) -> None:
         """Gives the rig's cameras the exposures that were observed, where that is due in (before, now]."""

@@ -129,13 +129,15 @@ class Mattes:
 
 
 def behind_ignored(
-    ignored: NDArray[np.bool_], means: torch.Tensor, camera: Camera, region: tuple[int, int, int, int]
-) -> torch.Tensor:
-    """(N,) bool: Gaussians whose means (N, 3) ``camera`` sees in a pixel that is ignored.
+    ignored: NDArray[np.bool_] | None, means: torch.Tensor, camera: Camera, region: tuple[int, int, int, int]
+) -> torch.Tensor | None:
+    """(N,) bool: Gaussians whose means (N, 3) ``camera`` sees in a pixel that is ignored; None where none is.
 
     Args:
         ignored: (H, W) of the ``region`` (left, top, width, height) of the camera's image.
     """
+    if ignored is None or not ignored.any():
+        return None
     pose = torch.from_numpy(camera.world_to_camera[:3]).to(means)
     lens = torch.from_numpy(camera.intrinsics).to(means)
     placed = means @ pose[:, :3].T + pose[:, 3]

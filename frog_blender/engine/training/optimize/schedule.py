@@ -3,14 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
 
 from ...capture.capture import Capture
+from ..recipe import Recipe
+from .peers import PeerLost
 
 _ROUNDING = 1e-9  # of a computed fraction of the training: no training has as many steps
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When to stop: after so many steps, or so many seconds of training, whichever comes first."""
+
+    steps: int | None = None
+    seconds: float | None = None
+
+    def progress(self, steps: int, seconds: float) -> float:
+        """0 to 1 after so much of a training."""
+        shares = [0.0]
+        if self.steps:
+            shares.append(steps / self.steps)
+        if self.seconds:
+            shares.append(seconds / self.seconds)
+        return min(1.0, max(shares))
 
 
 @dataclass(frozen=True)
@@ -38,11 +58,22 @@ def ramp(progress: float, start: float, end: float) -> float:
     return max(0.0, (progress - start) / (end - start)) if end > start else 0.0
 
 
+def in_burst(recipe: Recipe, progress: float, step: int) -> bool:
+    """Whether a step is in a burst of D-SSIM."""
+    if not recipe.dssim_weight or progress < recipe.dssim_from:
+        return False
+    return step % recipe.dssim_period < recipe.dssim_burst
+
+
 class ViewSampler:
-    """Draws training images, each as often as every other; never one that is excluded for validation."""
+    """Draws training images, each as often as every other; never one that is excluded for validation.
+
+    Attributes:
+        burst_shot: the image drawn last, whose frame a burst stays at; -1 before the first.
+    """
 
     def __init__(self, capture: Capture) -> None:
-        self._capture = capture
+        self._capture, self.burst_shot = capture, -1
         self._excluded: Sequence[int] = ()
         self._gather()
 
@@ -58,6 +89,25 @@ class ViewSampler:
         if shots != self._excluded:
             self._excluded = shots
             self._gather()
+
+    def next(self, recipe: Recipe, progress: float, step: int, generator: torch.Generator) -> int:
+        """The shot to learn from. A burst of D-SSIM stays at one frame and changes the camera (E-D3DGS's multi-view
+        SSIM)."""
+        if in_burst(recipe, progress, step) and step % recipe.dssim_period and self.burst_shot >= 0:
+            return self.pick_same_frame(self.burst_shot, generator)
+        self.burst_shot = self.pick(generator)
+        return self.burst_shot
+
+    @contextmanager
+    def unseen_where_lost(self, generator: torch.Generator) -> Iterator[None]:
+        """Takes back what is drawn inside where a peer is lost: the step has not been done."""
+        state, shot = generator.get_state(), self.burst_shot
+        try:
+            yield
+        except PeerLost:
+            generator.set_state(state)
+            self.burst_shot = shot
+            raise
 
     def pick(self, generator: torch.Generator) -> int:
         """A shot index."""

@@ -9,7 +9,8 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -31,7 +32,7 @@ from ..views import fit_to
 from .camera_rig import CameraRig
 from .canonical_sampling import inject_anchors
 from .crop_sampler import CropSampler
-from .densification import DensificationStrategy
+from .densification import DensificationStrategy, Observations
 from .device import torch_threads
 from .exposure_compensation import ExposureCompensation
 from .gaussian_order import sort_by_morton_code
@@ -43,26 +44,22 @@ from .initialization import first_model, scale_of
 from .losses import matte_loss
 from .mattes import Color, Mattes, Truth, behind_ignored
 from .optimizer import SceneOptimizer
+from .peers import Alone, Peers
 from .pose_refinement import PoseRefinement
 from .running_loss import RunningLoss, TrainingDiverged
-from .schedule import Every, ViewSampler, ramp
+from .schedule import Every, Limits, ViewSampler, in_burst, ramp
 from .smoothness import SMOOTHED_EVERY, EmbeddingSmoothness
 from .stateful import Stateful, Tensors, Values
+from .step_views import Findings, View, learn_from
 from .working_time import worked_since
+
+__all__ = ["Limits", "Played", "Trainer", "TrainerFactory"]
 
 Played = Callable[[float], TorchGaussians]
 """A scene's Gaussians at a time in [0, 1]."""
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
 _MOST_STEPS, _MOST_LOSS = 10**12, 1e12  # in a checkpoint
-
-
-@dataclass(frozen=True)
-class Limits:
-    """When to stop: after so many steps, or so many seconds of training, whichever comes first."""
-
-    steps: int | None = None
-    seconds: float | None = None
 
 
 class Trainer:
@@ -79,6 +76,7 @@ class Trainer:
         seed: of everything random.
         device: where to compute.
         hooks: what happens besides the steps; each begins at once.
+        peers: the processes that share the steps; None where this one is alone.
 
     Attributes:
         recipe: as the method and the capture adapted it.
@@ -100,10 +98,11 @@ class Trainer:
         seed: int,
         device: torch.device | str = "cpu",
         hooks: Iterable[Hook] = (),
+        peers: Peers | None = None,
     ) -> None:
         self.recipe = recipe = fit_to(method_named(method).adapt(recipe), capture)
         self.rig, self.store, self.device = CameraRig(capture), store, torch.device(device)
-        self.method, self.limits = method, limits
+        self.method, self.limits, self.peers = method, limits, peers or Alone()
         torch.manual_seed(seed)
         self.generator = torch.Generator().manual_seed(seed)
         self.scene_scale = scale_of(capture, seeds.points)
@@ -120,7 +119,7 @@ class Trainer:
         self.views, self.mattes = ViewSampler(capture), Mattes(capture, store)
         self.crops = CropSampler(capture.cameras, recipe.region_share, recipe.region_size)
         self.hooks: list[Hook] = []
-        self.step_count, self.seconds, self.progress, self._burst_shot = 0, 0.0, 0.0, -1
+        self.step_count, self.seconds, self.progress = 0, 0.0, 0.0
         self._loss = RunningLoss()
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sort = Every(recipe.densify_from, recipe.densify_until, _SORTED_EVERY)
@@ -187,7 +186,7 @@ class Trainer:
         self.synchronize()
         tensors: Tensors = {"random": self.generator.get_state()}
         values: Values = {"step_count": self.step_count, "seconds": self.seconds, "progress": self.progress}
-        values |= {"loss": self.loss if math.isfinite(self.loss) else None, "burst_shot": self._burst_shot}
+        values |= {"loss": self.loss if math.isfinite(self.loss) else None, "burst_shot": self.views.burst_shot}
         for part in self._parts():
             found = part.state()
             tensors, values = tensors | found[0], values | found[1]
@@ -199,17 +198,17 @@ class Trainer:
             part.load_state(tensors, values)
         self.generator.set_state(tensors["random"])
         self.step_count, self.seconds = int(values["step_count"]), float(values["seconds"])
-        self._burst_shot, before = int(values["burst_shot"]), float(values["progress"])
+        self.views.burst_shot, before = int(values["burst_shot"]), float(values["progress"])
         if not (0 <= self.step_count < _MOST_STEPS and 0 <= self.seconds < math.inf and 0 <= before <= 1):
             raise ValueError(f"{before} of a training at step {self.step_count} after {self.seconds} s")
-        if not -1 <= self._burst_shot < len(self.capture.shots):
-            raise ValueError(f"no shot {self._burst_shot}")
+        if not -1 <= self.views.burst_shot < len(self.capture.shots):
+            raise ValueError(f"no shot {self.views.burst_shot}")
         loss = math.nan if values["loss"] is None else float(values["loss"])
         if abs(loss) > _MOST_LOSS:
             raise ValueError(f"a loss of {loss}")
         self._loss.resume(loss)
         # A shorter limit makes progress jump: then the milestones in between are due at the next step.
-        now = self._progress_now()
+        now = self.limits.progress(self.step_count, self.seconds)
         self.progress = min(before, now)
         if self.poses and now != before:
             self.poses.begin_at(now)
@@ -233,56 +232,92 @@ class Trainer:
     # Steps -----------------------------------------------------------------------------------------------------------
 
     def step(self) -> None:
-        """One optimizer step on one image, and what is due after it."""
+        """One optimizer step on ``views_per_step`` images, and what is due after it."""
         with torch_threads(1):
             before, started = self.progress, (time.perf_counter(), time.process_time())
-            shot = self._optimize(before)
+            with self.views.unseen_where_lost(self.generator):
+                shot = self._optimize(before)
             self.step_count += 1
             self.seconds += worked_since(*started)
-            self.progress = self._progress_now()
+            if self.limits.seconds:
+                self.seconds = self.peers.first_of(self.seconds)
+            self.progress = self.limits.progress(self.step_count, self.seconds)
             started = time.perf_counter(), time.process_time()
             self._after_step(before, self.progress, shot)
             self.seconds += worked_since(*started)
 
     def _optimize(self, progress: float) -> int:
-        """Draws a training image and moves the parameters; returns its shot."""
+        """Draws training images and moves the parameters; returns the first one's shot."""
         self.synchronize()
         self.optimizer.schedule(progress)
-        shot = self._next_shot(progress)
+        views = [self._next_view(progress) for _ in range(self.recipe.views_per_step)]
+        compute = partial(self._learn, progress)
+        if len(views) == 1 and self.peers.size == 1:
+            findings = [compute(views[0], self.density)]
+        else:
+            findings = learn_from(views, compute, self.peers, self.model, self.density)
+            for view, found in zip(views, findings, strict=True):
+                self._note(view, found.loss, found.cell_errors)
+        if self.step_count % SMOOTHED_EVERY == 0 and any(found.deforms for found in findings):
+            self._regularize()
+        if self.recipe.size_weight:
+            add_size_gradient(self.gaussians.canonical, self.recipe.size_weight, self.scene_scale)
+        self.optimizer.step()
+        for view, found in zip(views, findings, strict=True):
+            if self.poses and found.pose is not None:
+                self.poses.observe(view.index, found.pose, progress)
+            if self.exposures and found.brightness is not None:
+                self.exposures.observe(view.index, found.brightness)
+        return views[0].shot
+
+    def _next_view(self, progress: float) -> View:
+        """Draws a training image, a region of it and a background."""
+        shot = self.views.next(self.recipe, progress, self.step_count, self.generator)
         index = self.capture.shots[shot].camera
         camera = self.camera_at(index, progress)
         full_size = camera is self.capture.cameras[index]
         region = self.crops.pick(index, self.generator) if full_size else None
-        grows = progress < self.recipe.densify_until
-        options = RasterizeOptions(region=region, weights=grows and self.recipe.replaced_below > 0)
-        pose = self._learned_pose(index, progress)
-        truth, drawn = self.draw(shot, progress, options, pose, self.mattes.random_background(self.generator))
-        image = drawn.image
+        weights = progress < self.recipe.densify_until and self.recipe.replaced_below > 0
+        return View(
+            shot,
+            index,
+            camera,
+            RasterizeOptions(region=region, weights=weights),
+            self.mattes.random_background(self.generator),
+            full_size,
+            self.poses is not None and self.poses.learns(index, progress),
+            self.exposures is not None and self.exposures.observes(index, self.step_count, progress),
+        )
+
+    def _learn(self, progress: float, view: View, seen: Observations) -> Findings:
+        """Draws a view and adds its gradients to the parameters'."""
+        camera, options = view.camera, view.options
+        pose = self._learned_pose(view.index) if view.learns_pose else None
+        truth, drawn = self.draw(view.shot, progress, options, pose, view.background)
+        image, region = drawn.image, options.region
         share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
-        dssim_weight = self.recipe.dssim_weight if self._in_burst(progress) else 0.0
-        weight = share ** (1 - self.recipe.region_emphasis)
-        weights = {"square_weight": self.recipe.square_weight, "dssim_weight": dssim_weight, "weight": weight}
-        found = matte_loss(image, truth, self.recipe.alpha_weight, **weights)
-        if full_size:
-            self.crops.observe(index, options.region_of(camera), found.cell_errors)
-        self._loss.add(found.loss, self.step_count)
+        recipe, weight = self.recipe, share ** (1 - self.recipe.region_emphasis)
+        dssim_weight = recipe.dssim_weight if in_burst(recipe, progress, self.step_count) else 0.0
+        weights = {"square_weight": recipe.square_weight, "dssim_weight": dssim_weight, "weight": weight}
+        found = matte_loss(image, truth, recipe.alpha_weight, **weights)
+        if seen is self.density:  # the step's only view: on a GPU this is on its way while gradients are computed
+            self._note(view, found.loss, found.cell_errors)
         drawn.backward(found.gradient, found.alpha_gradient)
-        if drawn.changes and self.step_count % SMOOTHED_EVERY == 0:
-            self._regularize()
-        if self.recipe.size_weight:
-            add_size_gradient(self.gaussians.canonical, self.recipe.size_weight, self.scene_scale)
-        if grows:
-            ignored, seen = truth.ignored, drawn.gaussians
-            hidden = None
-            if ignored is not None and ignored.any():
-                hidden = behind_ignored(ignored, seen.means.detach(), camera, options.region_of(camera))
-            self.density.observe(image, seen.opacities.detach(), camera, hidden)
-        self.optimizer.step()
-        if self.poses and pose is not None and pose.grad is not None:
-            self.poses.observe(index, pose.grad, progress)
-        if self.exposures and self.exposures.observes(index, self.step_count, progress):
-            self.exposures.observe(index, camera, image.rgb, truth)
-        return shot
+        if progress < recipe.densify_until:
+            hidden = behind_ignored(truth.ignored, drawn.gaussians.means.detach(), camera, view.region)
+            seen.observe(image, drawn.gaussians.opacities.detach(), camera, hidden)
+        return Findings(
+            found.loss,
+            found.cell_errors,
+            bool(drawn.changes),
+            None if pose is None else pose.grad,
+            self.exposures.measure(camera, image.rgb, truth) if self.exposures and view.observes_exposure else None,
+        )
+
+    def _note(self, view: View, loss: torch.Tensor, cell_errors: torch.Tensor) -> None:
+        if view.full_size:
+            self.crops.observe(view.index, view.region, cell_errors)
+        self._loss.add(loss, self.step_count)
 
     def _regularize(self) -> None:
         """Adds the gradients of what keeps the model smooth, of SMOOTHED_EVERY steps at once."""
@@ -291,29 +326,8 @@ class Trainer:
             (SMOOTHED_EVERY * extra).backward()
         self.smoothness.add_gradient(self.step_count)
 
-    def _progress_now(self) -> float:
-        shares = [0.0]
-        if self.limits.steps:
-            shares.append(self.step_count / self.limits.steps)
-        if self.limits.seconds:
-            shares.append(self.seconds / self.limits.seconds)
-        return min(1.0, max(shares))
-
-    def _in_burst(self, progress: float) -> bool:
-        r = self.recipe
-        return bool(r.dssim_weight) and progress >= r.dssim_from and self.step_count % r.dssim_period < r.dssim_burst
-
-    def _next_shot(self, progress: float) -> int:
-        """A burst of D-SSIM stays at one frame and changes the camera (E-D3DGS's multi-view SSIM)."""
-        if self._in_burst(progress) and self.step_count % self.recipe.dssim_period and self._burst_shot >= 0:
-            return self.views.pick_same_frame(self._burst_shot, self.generator)
-        self._burst_shot = self.views.pick(self.generator)
-        return self._burst_shot
-
-    def _learned_pose(self, camera: int, progress: float) -> torch.Tensor | None:
-        """(3, 4) the pose of a camera, to receive its gradient in this step; None where it is not learned."""
-        if self.poses is None or not self.poses.learns(camera, progress):
-            return None
+    def _learned_pose(self, camera: int) -> torch.Tensor:
+        """(3, 4) the pose of a camera, to receive its gradient in this step."""
         pose = torch.from_numpy(self.capture.cameras[camera].world_to_camera[:3]).float()
         return pose.to(self.device, non_blocking=True).requires_grad_()
 

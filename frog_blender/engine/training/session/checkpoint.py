@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors.numpy import load as deserialize
 from safetensors.numpy import save as serialize
 
 from ...arrays import Array
@@ -45,12 +46,23 @@ def save_checkpoint(path: Path, training: Training, settings: JsonObject | None 
 
 def write_checkpoint(path: Path, state: State) -> None:
     """A state that ``state_of`` found; atomic; FrogError when disk or memory do not take it."""
-    arrays, values = state
     try:
-        content = serialize(arrays, metadata={_KEY: json.dumps(values)})
+        content = checkpoint_bytes(state)
     except MemoryError as error:
         raise FrogError(f"{path}: could not be written (out of memory); nothing was changed.") from error
     write_atomically(path, content)
+
+
+def checkpoint_bytes(state: State) -> bytes:
+    """The content of a state's checkpoint."""
+    arrays, values = state
+    return serialize(arrays, metadata={_KEY: json.dumps(values)})
+
+
+def state_in(content: bytes) -> State:
+    """What ``checkpoint_bytes`` was given, of a process that shares this training."""
+    length = int.from_bytes(content[:8], "little")
+    return deserialize(content), json.loads(json.loads(content[8 : 8 + length])["__metadata__"][_KEY])
 
 
 def _read(path: Path, wanted: Callable[[str], bool] = lambda name: True) -> State:

@@ -17,6 +17,7 @@ from ...scene.header import SceneHeader
 from ..compression.context import CompressionContext
 from ..compression.report_image import draw_report_image
 from ..compression.schedule import CompressionFailed, compression_of
+from ..optimize.peers import PeerLost
 from ..optimize.running_loss import TrainingDiverged
 from . import events
 from .checkpoint import restore
@@ -30,9 +31,11 @@ from .export import (
     size_limit,
 )
 from .fallback_save import Checkpoints, SpareSpace, save_with_fallback
+from .following import left_alone
 from .output_paths import beside, checkpoint_path
 from .preview import Previews, preview_shot
 from .recovery import Recovery
+from .roll_call import RollCall
 from .session import Session
 from .snapshots import Snapshots
 from .time_estimate import TimeLeft, Workload
@@ -49,12 +52,14 @@ def train(session: Session) -> Iterator[Event]:
     space = SpareSpace(output, size_limit(session), trainer.store)
     recovery = Recovery(trainer, session.job.stored_settings())
     trainer.add_hook(recovery)
+    calls = RollCall(trainer)
     try:
         while True:
             try:
-                yield from _steps(session, recovery, checkpoints)
+                yield from _steps(session, recovery, checkpoints, calls)
                 session.clock.end("training")
                 if trainer.step_count == began and not trainer.finished:  # there is nothing new to write
+                    calls.end()
                     yield events.Cancelled(began, str(output) if output.is_file() and session.job.resume else None)
                     return
                 place, header = yield from _export(session, recovery, space)
@@ -63,8 +68,12 @@ def train(session: Session) -> Iterator[Event]:
                 message = recovery.without_milestone(trainer, failed)
             except (TrainingDiverged, RuntimeError, MemoryError) as error:
                 message = recovery.rollback(trainer, error)
+            calls.went_back()
             yield events.WarningEvent(message)
         yield from checkpoints.save_late(recovery.last_state, None if trainer.finished else space)
+        calls.end()
+    except PeerLost as error:
+        raise left_alone(error, session, recovery, checkpoints) from error
     except Exception as error:
         checkpoints.write_emergency(recovery.last_state, space)
         if isinstance(error, TrainingDiverged):  # after every rollback: what the user can mend
@@ -85,13 +94,13 @@ def train(session: Session) -> Iterator[Event]:
     yield events.Finished(path, *figures, session.clock.seconds)
 
 
-def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
+def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints, calls: RollCall) -> Iterator[Event]:
     """Trains to the end or until it is cancelled; then the checkpoint is as new as the training."""
     job, trainer, cancel = session.job, session.trainer, session.cancel
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
     previews, snapshots, time_left = Previews(session), Snapshots(session), _time_left(session)
-    while not trainer.finished and not cancel.ended:
+    while not trainer.finished and calls.goes_on(not cancel.ended):
         paused = cancel.paused  # asked once: a pause that comes later holds the next step
         # A pause may last for days: before it, what was learned goes to disk.
         if trainer.step_count != checkpoints.step and (paused or time.monotonic() - last_save >= job.save_seconds):

@@ -6,7 +6,7 @@ from .. import passive_threads  # noqa: F401
 
 # isort: split
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 from ...capture.capture import Capture
@@ -24,6 +24,7 @@ from ..optimize.device import choose_device
 from ..optimize.hooks import Hook
 from ..optimize.hull_pruning import hull_hooks, room_for_subject
 from ..optimize.initialization import doubt_of_scale
+from ..optimize.peers import Alone, Peers
 from ..optimize.trainer import Limits, Trainer, TrainerFactory
 from ..views import fit_to
 from . import events
@@ -32,6 +33,7 @@ from .cancel_token import CancelToken
 from .checkpoint import load_checkpoint
 from .events import Event
 from .export import check_budget, check_readable
+from .following import follow
 from .job import TrainingJob, usual_scale
 from .loop import train
 from .output_lock import lock_output
@@ -65,7 +67,11 @@ def prepare_capture(
 
 
 def run_training(
-    job: TrainingJob, cancelled: Callable[[], bool] = lambda: False, *, trainer_type: TrainerFactory = Trainer
+    job: TrainingJob,
+    cancelled: Callable[[], bool] = lambda: False,
+    *,
+    trainer_type: TrainerFactory = Trainer,
+    peers: Peers | None = None,
 ) -> Iterator[Event]:
     """Trains, yielding events; the last is Finished or Cancelled.
 
@@ -74,21 +80,26 @@ def run_training(
     Args:
         cancelled: asked between steps; a ``CancelToken`` can pause as well.
         trainer_type: what trains, for whoever watches its steps or changes them.
+        peers: the processes that share the training; each runs the same job. The first one writes the files.
 
     Raises:
         FrogError: for what the user can mend.
     """
+    peers = peers or Alone()
+    if peers.rank:
+        yield from _run(job, CancelToken.of(cancelled), trainer_type, peers)
+        return
     _check_output(job.output)
     with lock_output(job.output):
-        yield from _run(job, CancelToken.of(cancelled), trainer_type)
+        if not (job.overwrite or job.resume):
+            check_unused(job.output)
+        for path in (job.output, checkpoint_path(job.output)):
+            remove_partial_files(path)
+        yield from _run(job, CancelToken.of(cancelled), trainer_type, peers)
 
 
-def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) -> Iterator[Event]:
+def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, peers: Peers) -> Iterator[Event]:
     """``run_training`` while the output is locked."""
-    if not (job.overwrite or job.resume):
-        check_unused(job.output)
-    for path in (job.output, checkpoint_path(job.output)):
-        remove_partial_files(path)
     if job.resume:  # a checkpoint that does not fit is refused before minutes of decoding
         job, message = restore_job(job)
         if message:
@@ -105,19 +116,18 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
     if cancel():
         yield events.Cancelled(0, None)
         return
-    store = yield from in_background(
-        "Decoding frames", lambda report: FrameStore.open(capture, progress=report, cancelled=cancel), cancel
-    )
-    clock.end("decoding")
-    seeds = None
-    if store is not None:
-        seeds = yield from in_background(
-            "Finding seed points", lambda report: seeds_of(job, capture, store, report), cancel
-        )
-    clock.end("seeding")
-    if store is None or seeds is None:
+    found = None
+    if peers.is_first_here:  # the others of this machine take what it has found on the disk
+        found = yield from _images_and_seeds(job, capture, cancel, clock)
+    if any(row[0] for row in peers.gather([int(cancel.ended)])):
         yield events.Cancelled(0, None)
         return
+    if not peers.is_first_here:
+        found = yield from _images_and_seeds(job, capture, cancel, clock)
+    if found is None:
+        yield events.Cancelled(0, None)
+        return
+    store, seeds = found
     limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
     trainer = trainer_type(
         capture,
@@ -129,6 +139,7 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
         seed=job.seed,
         device=device,
         hooks=hooks_of(job, capture, store),
+        peers=peers,
     )
     if job.resume:
         load_checkpoint(checkpoint_path(job.output), trainer)
@@ -141,7 +152,24 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
     work = Workload.of(capture, trainer.recipe, limits.steps)
     yield events.Started(job.method, limits.steps, *counts, trainer.device.type, round(work.pixels), work.images)
     with gc_frozen():
-        yield from train(session)
+        yield from follow(session) if peers.rank else train(session)
+
+
+def _images_and_seeds(
+    job: TrainingJob, capture: Capture, cancel: CancelToken, clock: PhaseClock
+) -> Generator[Event, None, tuple[FrameStore, Seeds] | None]:
+    """Decodes the images and finds seed points, where an earlier training has not; None if cancelled."""
+    store = yield from in_background(
+        "Decoding frames", lambda report: FrameStore.open(capture, progress=report, cancelled=cancel), cancel
+    )
+    clock.end("decoding")
+    seeds = None
+    if store is not None:
+        seeds = yield from in_background(
+            "Finding seed points", lambda report: seeds_of(job, capture, store, report), cancel
+        )
+    clock.end("seeding")
+    return None if store is None or seeds is None else (store, seeds)
 
 
 def hooks_of(job: TrainingJob, capture: Capture, store: FrameStore) -> list[Hook]:
