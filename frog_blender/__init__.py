@@ -52,30 +52,8 @@ _ROOMS = (
 )
 
 
-_TRAINING_ROOMS = {
-    "ui.capture_reading",
-    "training_task.runner",
-    "viewport.live",
-    "calibration_task.runner",
-    "scene_capture.runner",
-    "ui.preview_image",
-    "ui.contact_sheet",
-    "ui.rig_images",
-    "ui.rig_overlay",
-    "ui.points_overlay",
-    "torch_install.task",
-    "ui.presets",
-    "ui.capture_panel",
-    "ui.scene_capture_panel",
-    "ui.train_panel",
-    "ui.calibration_panel",
-    "ui.status_bar",
-}
-"""Those that the player has not."""
-
-
 def _rooms() -> list[str]:
-    return [room for room in _ROOMS if edition.TRAINS or room not in _TRAINING_ROOMS]
+    return [room for room in _ROOMS if edition.has(room)]
 
 
 def register() -> None:

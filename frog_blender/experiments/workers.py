@@ -82,13 +82,7 @@ class Processes:
 class _Process:
     """A process of ``worker``, and a thread that puts its answers into a queue."""
 
-    def __init__(
-        self,
-        run: Run,
-        environment: RunEnvironment,
-        seconds: float | None,
-        answers: Answers,
-    ) -> None:
+    def __init__(self, run: Run, environment: RunEnvironment, seconds: float | None, answers: Answers) -> None:
         self._log = environment.scene(run).with_suffix(".log")
         root = Path(__file__).resolve().parents[__name__.count(".")]
         path = os.pathsep.join([str(root), *filter(None, [os.environ.get("PYTHONPATH")])])

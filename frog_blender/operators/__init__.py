@@ -39,21 +39,10 @@ _FAMILIES = (
     "capture_cameras",
     "capture_scene",
 )
-_TRAINING_FAMILIES = {
-    "open_capture",
-    "show_result",
-    "train",
-    "install_torch",
-    "calibrate",
-    "click_points",
-    "capture_cameras",
-    "capture_scene",
-}
-"""Those that the player has not."""
 
 
 def _families() -> list[ModuleType]:
-    names = [name for name in _FAMILIES if edition.TRAINS or name not in _TRAINING_FAMILIES]
+    names = [name for name in _FAMILIES if edition.has(f"operators.{name}")]
     return [import_module(f".{name}", __package__) for name in names]
 
 
