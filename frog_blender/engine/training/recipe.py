@@ -76,6 +76,9 @@ class Recipe:
             applies: images from ever other sides show more of how a surface shines, and many silhouettes.
         size_weight: of the Gaussians' mean standard deviation, over the scene's scale, where ``appearance_views``
             applies; elsewhere ``views.fit_to`` makes it 0.
+        size_limit, size_limit_from: largest standard deviation of a Gaussian, as a share of its distance to the nearest
+            training camera, and the fraction of training from which on it holds (see optimize.gaussian_size); 0 for
+            none, as in the papers.
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
         half_size_until: fraction of training in which images have half their size (see optimize.half_resolution).
@@ -152,6 +155,8 @@ class Recipe:
     sides_sh_degree: int = whole(2, 0, 3)
     sides_alpha_weight: float = number(1.0, 0, 10)
     size_weight: float = number(0.2, 0, 1e3)
+    size_limit: float = number(0.05, 0, 1e6)
+    size_limit_from: float = number(0.35, 0, 1)
     smoothness_weight: float = number(1e-3, 0, 1e3)
     smoothness_neighbours: int = whole(8, 1, 100)
     smoothness_falloff: float = number(0.3, 0, 1e6)
@@ -251,6 +256,7 @@ _PAPER = Recipe(
     sides_sh_degree=0,
     sides_alpha_weight=0.0,
     size_weight=0.0,
+    size_limit=0.0,
     modulation=False,
     frames_per_row=2.0,
     pictures_per_row=0.0,
@@ -326,6 +332,7 @@ BEFORE = {
     "sides_sh_degree": 0,
     "sides_alpha_weight": 0.0,
     "size_weight": 0.0,
+    "size_limit": 0.0,
     "square_weight": 0.0,
     "moment_seeds": False,
 }

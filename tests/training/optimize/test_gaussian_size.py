@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import torch
 from support import synthetic_capture as film
 
+from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.training.optimize.gaussian_size import add_size_gradient
+from frog_blender.engine.training.optimize.gaussian_size import add_size_gradient, limit_sizes
+from frog_blender.engine.training.recipe import BEFORE, RECIPES, stored_recipe
 
 
 def canonical_field() -> CanonicalField:
@@ -28,3 +33,31 @@ def test_a_step_that_saw_nothing_changes_nothing() -> None:
     canonical = canonical_field()
     add_size_gradient(canonical, 0.3, 1.0)
     assert canonical.log_scales.grad is None
+
+
+def test_no_axis_is_longer_than_a_share_of_the_distance_to_the_nearest_training_camera(tmp_path: Path) -> None:
+    capture, canonical = open_capture(film.write_capture(tmp_path / "film")), canonical_field()
+    trained = sorted({shot.camera for shot in capture.train_shots})
+    assert len(trained) < len(capture.cameras)  # one is held out, and says nothing
+    centers = np.array([capture.cameras[index].center for index in trained])
+    means = canonical.means.detach().numpy()
+    nearest = np.linalg.norm(means[:, None] - centers[None], axis=2).min(1)
+    before = canonical.log_scales.detach().exp().numpy().copy()
+    wanted = np.minimum(before, 0.02 * nearest[:, None])
+    assert (wanted < before).any() and (wanted == before).any()
+    limit_sizes(canonical, capture, 0.02, 1e-3)
+    np.testing.assert_allclose(canonical.log_scales.detach().exp().numpy(), wanted, rtol=1e-5)
+
+
+def test_what_lies_in_a_camera_keeps_a_size(tmp_path: Path) -> None:
+    capture, canonical = open_capture(film.write_capture(tmp_path / "film")), canonical_field()
+    camera = capture.cameras[capture.train_shots[0].camera]
+    canonical.means.data[0] = torch.from_numpy(camera.center).float()
+    limit_sizes(canonical, capture, 0.1, 0.5)
+    sizes = canonical.log_scales.detach()[0].exp()
+    assert (sizes > 0).all() and (sizes <= 0.05 + 1e-6).all()
+
+
+def test_trainings_of_earlier_versions_and_the_papers_have_no_limit() -> None:
+    assert stored_recipe({}).size_limit == BEFORE["size_limit"] == 0 < RECIPES["standard"].size_limit
+    assert all(RECIPES[name].size_limit == 0 for name in ("paper", "hypernerf", "technicolor"))

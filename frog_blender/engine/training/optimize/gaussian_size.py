@@ -1,13 +1,15 @@
-"""Small Gaussians where single views leave their depth open (the size regularization of 3DGS-MCMC, Kheradmand 2024).
+"""How large Gaussians may be.
 
 An image says how wide a Gaussian is, not how deep: what reaches behind an edge that no training image looks behind
-shows as a fringe from the next side.
+shows as a fringe from the next side (the size regularization of 3DGS-MCMC, Kheradmand 2024, keeps it small). And what
+is so large that it wraps the cameras backs all walls with one colour, which is a fog from anywhere else.
 """
 
 from __future__ import annotations
 
 import torch
 
+from ...capture.capture import Capture
 from ...model.canonical import CanonicalField
 
 
@@ -22,3 +24,19 @@ def add_size_gradient(canonical: CanonicalField, weight: float, unit: float) -> 
     log_scales = canonical.log_scales
     if log_scales.grad is not None and log_scales.numel():
         log_scales.grad.add_(log_scales.exp(), alpha=weight / (unit * log_scales.numel()))
+
+
+@torch.no_grad()
+def limit_sizes(canonical: CanonicalField, capture: Capture, share: float, nearest: float) -> None:
+    """Shrinks what has a standard deviation of more than ``share`` of its distance to the nearest training camera.
+
+    Args:
+        nearest: world units, which every distance is taken for at least.
+    """
+    means, log_scales = canonical.means, canonical.log_scales
+    distances = torch.full((len(means),), torch.inf, dtype=means.dtype, device=means.device)
+    for camera in {shot.camera for shot in capture.train_shots}:
+        center = torch.from_numpy(capture.cameras[camera].center).to(means)
+        torch.minimum(distances, (means - center).norm(dim=1), out=distances)
+    most = (share * distances.clamp(min=nearest)).log()[:, None]
+    log_scales.copy_(torch.minimum(log_scales, most))

@@ -35,7 +35,7 @@ from .densification import DensificationStrategy
 from .device import torch_threads
 from .exposure_compensation import ExposureCompensation
 from .gaussian_order import sort_by_morton_code
-from .gaussian_size import add_size_gradient
+from .gaussian_size import add_size_gradient, limit_sizes
 from .gaussian_state import GaussianState
 from .half_resolution import halved, is_halved
 from .hooks import Hook
@@ -54,6 +54,8 @@ Played = Callable[[float], TorchGaussians]
 """A scene's Gaussians at a time in [0, 1]."""
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
+_LIMITED_EVERY = 0.01  # of the training
+_NEAREST = 1e-3  # of the scene's scale, at which no camera sees anything
 _MOST_STEPS, _MOST_LOSS = 10**12, 1e12  # in a checkpoint
 
 
@@ -125,6 +127,7 @@ class Trainer:
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sort = Every(recipe.densify_from, recipe.densify_until, _SORTED_EVERY)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
+        self._limit_sizes = Every(recipe.size_limit_from, 1.0, _LIMITED_EVERY)
         for hook in hooks:
             self.add_hook(hook)
 
@@ -322,6 +325,8 @@ class Trainer:
             self.exposures.update(before, now)
         if all(hook.allows_growth(now) for hook in self.hooks):
             self._grow(before, now, shot)
+        if self.recipe.size_limit and self._limit_sizes.due(before, now):
+            limit_sizes(self.gaussians.canonical, self.capture, self.recipe.size_limit, _NEAREST * self.scene_scale)
         for hook in list(self.hooks):
             hook.after_step(self, before, now)
         self._exclude_validation()
