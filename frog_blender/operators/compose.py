@@ -8,9 +8,14 @@ first; Blender renders both when the first is rendered.
 # mypy: disable-error-code="valid-type"
 
 import bpy
-from bpy.props import EnumProperty
+from bpy.props import BoolProperty, EnumProperty
 
+from ..engine.errors import FrogError
+from ..lighting import world
+from ..lighting.captured_light import light_by
 from ..render.compositing import compositor, scenes
+from ..scene_import.capture_objects import active_capture
+from ..scene_import.scene_setup import has_world_of_its_own
 from ..timeline import playback
 
 
@@ -30,6 +35,12 @@ Later changes of camera, frame range, render region, resolution, collections and
             ("EEVEE", "EEVEE", "Rasterization: fast, needs a graphics card"),
         ),
         default="CYCLES",
+    )
+    light: BoolProperty(
+        name="Light by Capture",
+        description="Light the objects with what the capture shows at the current frame, unless the scene has a world "
+        "that you made. Cameras see the world as before",
+        default=True,
     )
 
     @classmethod
@@ -52,7 +63,16 @@ Later changes of camera, frame range, render region, resolution, collections and
         splats.frog.composed_with, splats.frog.hold_out = scene, True
         scenes.begin()
         self.report({"INFO"}, f"F12 in {scene.name} now also renders {splats.name} and overlays it.")
+        if self.light and not has_world_of_its_own(scene) and not world.is_lit(scene):
+            self._light(context)
         return {"FINISHED"}
+
+    def _light(self, context: bpy.types.Context) -> None:
+        """Without it, the objects would stand in the dark of a grey or black world among what was filmed in light."""
+        try:
+            light_by(active_capture(context) or playback.captures_in(context.scene)[0], context)
+        except FrogError as error:
+            self.report({"WARNING"}, f"The capture does not light your objects: {error}")
 
 
 def _engine_name(engine: str) -> str:

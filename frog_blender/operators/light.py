@@ -8,13 +8,10 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty
 
-from .. import point_cloud
-from ..color_spaces import into_working_space, to_linear
 from ..engine.errors import FrogError
 from ..lighting import world
-from ..render.collect_instances import placed
+from ..lighting.captured_light import WIDTH, light_by
 from ..scene_import.capture_objects import active_capture
-from ..timeline import playback
 
 _WIDTHS = ("128", "256", "512", "1024", "2048", "4096")
 
@@ -40,7 +37,7 @@ before. Press again after changes to take the light anew"""
         name="Width",
         description="Pixels of the environment image. More of them make sharper reflections and a larger .blend",
         items=tuple((width, width, f"{width} x {int(width) // 2} pixels") for width in _WIDTHS),
-        default="1024",
+        default=str(WIDTH),
     )
 
     @classmethod
@@ -49,25 +46,13 @@ before. Press again after changes to take the light anew"""
         return active_capture(context) is not None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..engine.playback.environment import environment, free_place
-
-        obj, scene = active_capture(context), world.lit_scene(context.scene)
-        evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
+        scene = world.lit_scene(context.scene)
+        place = np.array(context.scene.cursor.location, np.float64) if self.place == "CURSOR" else None
         try:
-            shown = playback.scene_time(obj, context.scene.frame_current_final, evaluated)
-            gaussians = placed(shown.gaussians(), np.array(evaluated.matrix_world, np.float64), obj.name)
-            if self.place == "CURSOR":
-                place = np.array(context.scene.cursor.location, np.float64)
-            else:
-                place = free_place(gaussians, *point_cloud.middle_of(gaussians.means))
-            camera = world.AHEAD.copy()
-            camera[:3, 3] = -camera[:3, :3] @ place
-            light = environment(gaussians, camera, int(self.width))
+            light_by(active_capture(context), context, place, int(self.width))
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        filmed = into_working_space(to_linear(np.array(shown.scene.header.background, np.float64)))
-        world.light_with(scene, light, filmed)
         self.report({"INFO"}, f"The objects of {scene.name} are lit by frame {context.scene.frame_current}.")
         return {"FINISHED"}
 

@@ -80,6 +80,15 @@ def has_camera_of_its_own(scene: bpy.types.Scene) -> bool:
     return scene.camera is not None and not _is_of_start(scene.camera)
 
 
+def has_world_of_its_own(scene: bpy.types.Scene) -> bool:
+    """Whether somebody made the scene's world, or took it away: it is neither that of a new file nor the background
+    that ``set_up`` makes.
+    """
+    world = scene.world
+    is_ours = world is not None and world.name.startswith(_BACKGROUND_WORLD) and _is_plain(world)
+    return world is None or not (is_ours or _is_of_start_world(world))
+
+
 def _of_captures(scene: bpy.types.Scene) -> set[bpy.types.Object]:
     """The captures of a scene, their roots and cameras, without any in a mode other than Object Mode."""
     found: set[bpy.types.Object] = set()

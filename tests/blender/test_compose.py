@@ -12,6 +12,8 @@ from frog_blender import point_cloud
 from frog_blender.engine.native.options import RasterizeOptions
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
+from frog_blender.lighting import world as lighting
+from frog_blender.scene_import import scene_setup
 
 
 def import_scene(path):
@@ -70,6 +72,39 @@ def test_f12_puts_cycles_and_frog_together(empty, static_rig, tmp_path, rendered
     assert np.abs(pixels[..., :3] - to_display(light).clip(0, 1)).max() < 3 / 255
     assert drawing.alpha.max() > 0.5 > drawing.alpha.min()
     assert not point_cloud.is_drawn_in_renders(obj)
+
+
+def test_objects_are_lit_by_the_capture_where_nobody_made_a_world(empty, static_rig):
+    """A cube in the grey of a new file, or in the black that a capture was filmed in, would be black among splats."""
+    import_scene(static_rig)
+    start = empty.world = world_of("World", (0.0509, 0.0509, 0.0509))
+    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert lighting.is_lit(empty) and empty.frog.own_world == start
+    assert bpy.ops.frog.use_own_world() == {"FINISHED"}
+    assert empty.world == start
+    scene_setup.set_background(empty, np.zeros(3))
+    background = empty.world
+    assert bpy.ops.frog.compose(light=False) == {"FINISHED"} and empty.world == background
+    assert bpy.ops.frog.compose() == {"FINISHED"} and lighting.is_lit(empty)
+
+
+@pytest.mark.parametrize("name, color", [("World", (0.2, 0.3, 0.4)), ("Studio", (0.0509, 0.0509, 0.0509))])
+def test_a_world_that_somebody_made_stays(empty, static_rig, name, color):
+    import_scene(static_rig)
+    own = empty.world = world_of(name, color)
+    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert empty.world == own and not lighting.is_lit(empty)
+
+
+def world_of(name, color):
+    world = bpy.data.worlds.new(name)
+    world.use_nodes = True
+    world.color = color
+    next(node for node in world.node_tree.nodes if node.type == "BACKGROUND").inputs["Color"].default_value = (
+        *color,
+        1,
+    )
+    return world
 
 
 def test_run_again_it_follows_the_scene(empty, static_rig):
