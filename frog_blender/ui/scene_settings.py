@@ -25,7 +25,7 @@ else:
     _CLASSES = ()
 
 DRAWINGS = (
-    ("AUTO", "Automatic", "Splats, or points where there is no graphics card or Blender draws splats itself"),
+    ("AUTO", "Automatic", "Splats, drawn by Blender itself where it can"),
     (
         "CARD",
         "Splats",

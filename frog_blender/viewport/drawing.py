@@ -36,7 +36,6 @@ from .projection import is_similarity, view_of
 if TYPE_CHECKING:
     from .projection import SplatView
 
-_SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "swrast", "software", "basic render")
 _SOON = 0.01  # seconds until an order of many splats is asked for again
 _SLOW_SHADINGS, _LOOK_AGAIN = ("MATERIAL", "RENDERED"), 0.5
 
@@ -85,27 +84,14 @@ def is_wanted(scene: bpy.types.Scene) -> bool:
     choice = scene.frog.viewport_drawing
     if bpy.app.background or state().has_failed or choice == "POINTS":
         return False
-    return choice == "CARD" or not (point_cloud.draws_splats() or is_software())
-
-
-def is_software() -> bool:
-    """Whether there is no graphics card, so that the processor does its work."""
-    import gpu
-
-    try:
-        name = f"{gpu.platform.renderer_get()} {gpu.platform.vendor_get()}".lower()
-    except SystemError:  # no graphics at all
-        return True
-    return any(word in name for word in _SOFTWARE)
+    return choice == "CARD" or not point_cloud.draws_splats()
 
 
 def shows_sources(scene: bpy.types.Scene) -> bool:
     """Whether a scene's viewports show by the graphics card what they show besides captures: also where Blender draws
     splats itself, which it does of objects alone.
     """
-    choice = scene.frog.viewport_drawing
-    possible = not (bpy.app.background or state().has_failed)
-    return possible and (choice == "CARD" or (choice == "AUTO" and not is_software()))
+    return not (bpy.app.background or state().has_failed or scene.frog.viewport_drawing == "POINTS")
 
 
 def add_source(source: Source) -> None:

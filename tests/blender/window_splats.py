@@ -72,7 +72,8 @@ def steps():
     for obj in list(scene.objects):
         bpy.data.objects.remove(obj)
     bpy.ops.import_scene.frog("EXEC_DEFAULT", filepath=str(SCENE), set_up_scene=False, use_frog_engine=False)
-    scene.frog.viewport_drawing = "CARD"
+    if point_cloud.draws_splats():  # by Blender itself; elsewhere splats are what people get unasked, software or not
+        scene.frog.viewport_drawing = "CARD"
     space.region_3d.view_perspective = "PERSP"
     space.region_3d.view_location, space.region_3d.view_distance = (0.0, 0.0, 0.0), 5.0
     for mode in ("SOLID", "WIREFRAME", "MATERIAL"):
