@@ -52,6 +52,7 @@ class ViewportSplats:
         card: None until something is drawn, and where it cannot.
         has_failed: the card cannot draw splats: points are shown instead.
         changes: counts what may have changed in a scene.
+        matched_at: the changes after which points were last compared with what viewports show.
         pictures: by region.
         drawn: images that were drawn anew, of so many ``looks`` at viewports.
         sources: of what is shown besides captures.
@@ -67,7 +68,7 @@ class ViewportSplats:
         self.sorter = Sorter()
         self.ranks = Ranks()
         self.colors = Looks(lambda: _later(_make_tables))
-        self.changes = 0
+        self.changes, self.matched_at = 0, -1
         self.pictures: dict[int, Picture] = {}
         self.drawn = self.looks = 0
         self.sources: list[Source] = []
@@ -119,7 +120,10 @@ def _draw() -> None:
     """Blender's handler."""
     context = bpy.context
     try:
-        scene = context.scene
+        scene, splats = context.scene, state()
+        if splats.matched_at != splats.changes:  # also where FROG's own image shows the splats
+            splats.matched_at = splats.changes
+            _match_points(scene)
         if not (_from_sources(scene) or (_draws(scene, context.space_data) and playback.captures_in(scene))):
             return
         draw_in(context)
@@ -141,8 +145,7 @@ def draw_in(context: bpy.types.Context) -> None:
     if picture.looked_at != (looked_at := _looked_at(splats, context)):
         _look(splats, picture, context, depsgraph)
         picture.looked_at = looked_at
-        if any(point_cloud.is_drawn_in_viewports(obj) != _wants_points(obj, True) for obj in _own(context.scene)):
-            _later(apply)
+        _match_points(context.scene)
     splats.looks += 1
     if not picture.shown:
         return
@@ -329,6 +332,13 @@ def apply() -> None:
             if point_cloud.is_drawn_in_viewports(obj) != _wants_points(obj, wanted):
                 point_cloud.draw_in_viewports(obj, _wants_points(obj, wanted))
     viewports()
+
+
+def _match_points(scene: bpy.types.Scene) -> None:
+    """Sees to it that soon the points of a scene's captures are hidden or shown as they are to be."""
+    wanted = is_wanted(scene)
+    if any(point_cloud.is_drawn_in_viewports(obj) != _wants_points(obj, wanted) for obj in _own(scene)):
+        _later(apply)
 
 
 def _own(scene: bpy.types.Scene) -> list[bpy.types.Object]:

@@ -86,4 +86,4 @@ def test_splats_are_drawn_in_every_shading_mode(display: str, tmp_path: Path) ->
     assert found["free"]["psnr"] >= 38 and found["free"]["step"] == 1
     hidden, whole = found["behind a cube"]["alpha"]
     assert whole > 0.3 and hidden < 0.3 * whole, "the cube is before the splats"
-    assert found["points"] == {"splats": False, "points": True}
+    assert found["points"] == {"rendered by FROG": False, "splats": False, "points": True}

@@ -71,7 +71,11 @@ def steps():
     scene, space = bpy.context.scene, area().spaces.active
     for obj in list(scene.objects):
         bpy.data.objects.remove(obj)
-    bpy.ops.import_scene.frog("EXEC_DEFAULT", filepath=str(SCENE), set_up_scene=False, use_frog_engine=False)
+    engine = scene.render.engine
+    bpy.ops.import_scene.frog("EXEC_DEFAULT", filepath=str(SCENE), set_up_scene=False, use_frog_engine=True)
+    yield 1.0
+    found["points"]["rendered by FROG"] = point_cloud.is_drawn_in_viewports(capture())
+    scene.render.engine, space.shading.type = engine, "SOLID"
     if point_cloud.draws_splats():  # by Blender itself; elsewhere splats are what people get unasked, software or not
         scene.frog.viewport_drawing = "CARD"
     space.region_3d.view_perspective = "PERSP"
