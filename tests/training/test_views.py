@@ -44,8 +44,8 @@ def together(capture: Capture) -> Capture:
 
 
 def as_filmed(settings: Recipe) -> Recipe:
-    """Where moving cameras show what changes: colours and opacities follow time, and no Gaussian is kept small."""
-    return replace(settings, size_weight=0.0, size_limit=settings.moving_size_limit)
+    """Where images show what changes: colours and opacities follow time, and no Gaussian is kept small."""
+    return replace(settings, size_weight=0.0)
 
 
 def test_views_are_counted_at_the_moments_that_have_any(capture: Capture) -> None:
@@ -67,14 +67,6 @@ def test_one_view_a_moment_fixes_what_things_look_like(capture: Capture) -> None
     assert fit_to(never, one_a_moment(capture)) == as_filmed(never)
 
 
-def test_gaussians_may_be_larger_before_cameras_that_move(capture: Capture) -> None:
-    assert not capture.has_moving_cameras and fit_to(Recipe(), capture).size_limit == Recipe().size_limit
-    moving = fit_to(Recipe(), one_a_moment(capture))
-    assert moving.size_limit == Recipe().moving_size_limit > Recipe().size_limit
-    assert fit_to(Recipe(size_limit=0.3), one_a_moment(capture)).size_limit == 0.3
-    assert fit_to(Recipe(size_limit=0.0), one_a_moment(capture)).size_limit == 0.0
-
-
 def test_a_camera_that_moves_on_slowly_sees_colours_change(capture: Capture) -> None:
     """Neighbouring images of a film show the same side; those of ``one_a_moment`` are twenty degrees apart."""
     single = one_a_moment(capture)
@@ -91,12 +83,11 @@ def test_a_camera_that_moves_on_slowly_sees_colours_change(capture: Capture) -> 
 
 
 def test_rigs_and_standing_cameras_see_colours_change(capture: Capture) -> None:
-    still = replace(Recipe(), size_weight=0.0)
-    assert fit_to(Recipe(), capture) == still
+    assert fit_to(Recipe(), capture) == as_filmed(Recipe())
     several = together(capture)
     assert several.has_moving_cameras and fit_to(Recipe(), several) == as_filmed(Recipe())
     standing = capture.without_cameras([camera.name for camera in capture.cameras if camera.name != "cam01"])
-    assert views_per_moment(standing) == 1 and fit_to(Recipe(), standing) == still
+    assert views_per_moment(standing) == 1 and fit_to(Recipe(), standing) == as_filmed(Recipe())
 
 
 @pytest.mark.parametrize("name", RECIPES)

@@ -79,7 +79,6 @@ class Recipe:
         size_limit, size_limit_from: largest standard deviation of a Gaussian, as a share of its distance to the nearest
             training camera, and the fraction of training from which on it holds (see optimize.gaussian_size); 0 for
             none, as in the papers.
-        moving_size_limit: ``size_limit`` at least, if there is one, where cameras move.
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
         half_size_until: fraction of training in which images have half their size (see optimize.half_resolution).
@@ -156,9 +155,8 @@ class Recipe:
     sides_sh_degree: int = whole(2, 0, 3)
     sides_alpha_weight: float = number(1.0, 0, 10)
     size_weight: float = number(0.2, 0, 1e3)
-    size_limit: float = number(0.05, 0, 1e6)
-    size_limit_from: float = number(0.35, 0, 1)
-    moving_size_limit: float = number(0.1, 0, 1e6)
+    size_limit: float = number(0.1, 0, 1e6)
+    size_limit_from: float = number(0.3, 0, 1)
     smoothness_weight: float = number(1e-3, 0, 1e3)
     smoothness_neighbours: int = whole(8, 1, 100)
     smoothness_falloff: float = number(0.3, 0, 1e6)

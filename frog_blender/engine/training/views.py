@@ -32,9 +32,6 @@ def turn_between_images(capture: Capture) -> float:
 def fit_to(recipe: Recipe, capture: Capture) -> Recipe:
     """The recipe for this capture.
 
-    Cameras that move come nearer to some things than they see most of the scene from: for their distance to the nearest
-    one, Gaussians may be larger there.
-
     Where each moment is seen from one place, and the next from quite another, a colour that changes with time explains
     any image that the geometry does not, and is wrong from everywhere else. There Gaussians move, turn and grow, as in
     Deformable-3DGS, and keep their colours and opacities; and they are kept small, since nothing else says how deep
@@ -42,8 +39,6 @@ def fit_to(recipe: Recipe, capture: Capture) -> Recipe:
     no other image sees alike costs the most by them, and is learned by heart. A camera that stands still, or moves on
     slowly, sees what changes.
     """
-    if recipe.size_limit and capture.has_moving_cameras:
-        recipe = replace(recipe, size_limit=max(recipe.size_limit, recipe.moving_size_limit))
     if _shows_other_sides(capture, recipe.appearance_views):
         return replace(
             recipe,
