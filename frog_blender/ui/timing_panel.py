@@ -79,13 +79,11 @@ class FROG_PT_sound(OfChosen, bpy.types.Panel):
 
 
 def _draw_pair(layout: bpy.types.UILayout, settings: Any, use: str, names: tuple[str, str]) -> None:
-    """A switch, and the two settings that it is about."""
+    """A switch, and the two settings that it is about where it is on: off, they hold numbers that say nothing."""
     row = layout.row(heading=settings.bl_rna.properties[use].name, align=True)
     row.prop(settings, use, text="")
-    sub = row.row(align=True)
-    sub.active = getattr(settings, use)
-    for name in names:
-        sub.prop(settings, name, text="")
+    for name in names if getattr(settings, use) else ():
+        row.prop(settings, name, text="")
 
 
 def _told_of_frames(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
