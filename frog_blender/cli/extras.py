@@ -14,6 +14,7 @@ EXTRAS = {
     "bpy": ("blender",),
     "pxr": ("usd",),
     "fourdgs": ("4dgs",),
+    "zstandard": ("spz",),
     "distributed": ("cluster",),
 }
 """The extras of ``pyproject.toml`` that install a module, the smallest first."""
