@@ -52,7 +52,7 @@ class ViewportSplats:
         card: None until something is drawn, and where it cannot.
         has_failed: the card cannot draw splats: points are shown instead.
         changes: counts what may have changed in a scene.
-        matched_at: the changes after which points were last compared with what viewports show.
+        matched: the changes after which points were last compared with what viewports show, and the scene.
         pictures: by region.
         drawn: images that were drawn anew, of so many ``looks`` at viewports.
         sources: of what is shown besides captures.
@@ -68,7 +68,7 @@ class ViewportSplats:
         self.sorter = Sorter()
         self.ranks = Ranks()
         self.colors = Looks(lambda: _later(_make_tables))
-        self.changes, self.matched_at = 0, -1
+        self.changes, self.matched = 0, (-1, 0)
         self.pictures: dict[int, Picture] = {}
         self.drawn = self.looks = 0
         self.sources: list[Source] = []
@@ -121,9 +121,9 @@ def _draw() -> None:
     context = bpy.context
     try:
         scene, splats = context.scene, state()
-        if splats.matched_at != splats.changes:  # also where FROG's own image shows the splats
-            splats.matched_at = splats.changes
-            _match_points(scene)
+        if splats.matched != (matched := (splats.changes, scene.as_pointer())):
+            splats.matched = matched
+            _match_points(scene)  # also where FROG's own image shows the splats
         if not (_from_sources(scene) or (_draws(scene, context.space_data) and playback.captures_in(scene))):
             return
         draw_in(context)
