@@ -14,7 +14,7 @@ NATIVE := $(wildcard frog_blender/engine/native/src/* frog_blender/engine/native
 # The CUDA run-time compiler, for tests that compile every kernel; there is none for macOS.
 NVRTC := $(if $(filter Darwin,$(shell uname)),,nvidia-cuda-nvrtc-cu12)
 
-.PHONY: demo chart stability experiment-tables test test-fast test-slow test-sanitizers test-blender test-bpy45 test-bpy53 test-web tour lint format extension clean setup
+.PHONY: demo chart stability experiment-tables test test-fast test-slow test-sanitizers test-blender test-bpy45 test-bpy53 test-web cross tour lint format extension clean setup
 
 setup: $(VENV)/.ready
 
@@ -130,6 +130,12 @@ test-blender: setup
 test-web: setup
 	$(INSTALL) playwright
 	$(BIN)/python -m pytest -q -m slow tests/interchange/test_web_browser.py
+
+# The native library for Windows, macOS and the oldest Linux, compiled and looked at, not run: make cross TARGETS=windows-x64
+TARGETS ?= windows-x64,windows-arm64,macos-arm64,macos-x64,linux-x64,linux-arm64
+cross: setup
+	$(INSTALL) ziglang
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python tools/cross_build.py build/cross --targets $(TARGETS)
 
 # A walk through the add-on in a window, with a screenshot of each step: make tour BLENDER=/path/to/blender OUT=dir
 # The Blender's Python needs torch and OpenCV. TOUR_FLAGS is for the script, such as TOUR_FLAGS="--steps 600".
