@@ -102,6 +102,18 @@ def test_rows_that_hold_no_numbers_are_left_out(tmp_path: Path) -> None:
     assert "not one Gaussian" in refused(tmp_path / "x.ply")
 
 
+@pytest.mark.parametrize("value", [b"\1\0\0\0\0\0\xf0\x7f", b"\xff\xff\xff\xff\xff\xff\xef\x7f"])
+def test_doubles_that_no_float_holds_are_left_out(tmp_path: Path, value: bytes) -> None:
+    """A signalling NaN, and the largest of all."""
+    foreign(tmp_path / "x.ply", "little", "double", extra=False)
+    content = (tmp_path / "x.ply").read_bytes()
+    start = content.index(b"end_header\n") + len(b"end_header\n")
+    (tmp_path / "x.ply").write_bytes(content[:start] + value + content[start + 8 :])
+    with np.errstate(all="raise"):
+        splats = read_splats(tmp_path / "x.ply")
+    assert splats.left_out == 1 and len(splats.arrays["means"]) == 19
+
+
 def test_infinite_logits_are_certain(tmp_path: Path) -> None:
     content = bytearray(splat_bytes(gaussians(0)))
     size, opacity = 4 * 17, 4 * 9

@@ -1,6 +1,7 @@
 // Everything that is compiled once for each instruction set, in a namespace of its own so that the linker can never
 // mix two of them. No standard containers here: their templates would be shared between the sets.
 #include <math.h>
+#include <stddef.h>
 #if defined(__SSE__)
 #include <immintrin.h>
 #endif
