@@ -114,6 +114,18 @@ def test_doubles_that_no_float_holds_are_left_out(tmp_path: Path, value: bytes) 
     assert splats.left_out == 1 and len(splats.arrays["means"]) == 19
 
 
+def test_sizes_that_no_number_holds_are_left_out(tmp_path: Path) -> None:
+    foreign(tmp_path / "x.ply", "little", "double", extra=False)
+    content = (tmp_path / "x.ply").read_bytes()
+    start = content.index(b"end_header\n") + len(b"end_header\n")
+    table = np.frombuffer(content[start:], np.float64).reshape(20, -1).copy()
+    table[:9, :3] = 800.0  # the exponential of which is infinite, and of whose sizes half are so
+    table[9:11, :3] = 710.0
+    (tmp_path / "x.ply").write_bytes(content[:start] + table.tobytes())
+    with np.errstate(all="raise"), pytest.raises(FrogError):
+        read_splats(tmp_path / "x.ply")
+
+
 def test_infinite_logits_are_certain(tmp_path: Path) -> None:
     content = bytearray(splat_bytes(gaussians(0)))
     size, opacity = 4 * 17, 4 * 9

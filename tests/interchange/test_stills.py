@@ -150,6 +150,7 @@ def test_gltf_text_is_read(scene: ScenePlayer, tmp_path: Path, beside: str | Non
     ("uri", "sentence"),
     [
         ("../up.bin", "one in the folder of the file"),
+        ("octet-stream;base64," + 4000 * "A", "a name of 1,024 characters at most"),
         ("/etc/hostname", "one in the folder of the file"),
         ("http://127.0.0.1:9/x.bin", "one in the folder of the file"),
         ("%2e%2e/up.bin", "one in the folder of the file"),

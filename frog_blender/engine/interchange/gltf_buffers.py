@@ -15,6 +15,7 @@ from ..io.regular_file import regular_file
 MAGIC, JSON, BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 HEADER, CHUNK = struct.Struct("<III"), struct.Struct("<II")
 _EXPECTED = "a glTF 2.0 file"
+_LONGEST_NAME = 1024  # characters of a file beside the description
 _LONGEST_JSON, _LARGEST = 64 << 20, 4 << 30  # bytes, of all buffers together as well
 _MOST_BUFFERS = 1024
 _DATA = ("data:application/octet-stream;base64,", "data:application/gltf-buffer;base64,")
@@ -100,6 +101,8 @@ def _in_text(uri: str) -> bytes:
 
 def _beside(path: Path, uri: str, most: int) -> bytes:
     """What a file near the description holds."""
+    if len(uri) > _LONGEST_NAME:
+        raise UnfitValue(f"a buffer at {brief(uri[:60])}", f"a name of {_LONGEST_NAME:,} characters at most")
     name = unquote(uri)
     parts = name.split("/")
     if ":" in name or "\\" in name or "\0" in name or not name or ".." in parts or name.startswith("/"):

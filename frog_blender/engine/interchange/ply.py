@@ -189,8 +189,8 @@ def _splats(path: str | Path, table: Array) -> Splats:
         raise found_instead(path, found, f"{_EXPECTED} with every property of a Gaussian")
     if rest not in _RESTS:
         raise found_instead(path, f"{rest} properties f_rest", "0, 9, 24 or 45 of them")
-    world, places = _local_places(table)
     with np.errstate(over="ignore", invalid="ignore"):  # what no float32 holds is no number then, and is left out
+        world, places = _local_places(table)
         arrays = {
             name: np.stack([floats(path, places.get(column, table[column])) for column in columns], axis=1)
             for name, columns in wanted.items()
