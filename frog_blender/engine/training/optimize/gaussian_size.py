@@ -7,6 +7,7 @@ is so large that it wraps the cameras backs all walls with one colour, which is 
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from ...capture.capture import Capture
@@ -35,8 +36,9 @@ def limit_sizes(canonical: CanonicalField, capture: Capture, share: float, neare
     """
     means, log_scales = canonical.means, canonical.log_scales
     distances = torch.full((len(means),), torch.inf, dtype=means.dtype, device=means.device)
-    for camera in {shot.camera for shot in capture.train_shots}:
-        center = torch.from_numpy(capture.cameras[camera].center).to(means)
+    trained = {shot.camera for shot in capture.train_shots}
+    centers = torch.from_numpy(np.array([capture.cameras[camera].center for camera in trained], np.float32))
+    for center in centers.to(means.device, non_blocking=True):
         torch.minimum(distances, (means - center).norm(dim=1), out=distances)
     most = (share * distances.clamp(min=nearest)).log()[:, None]
     log_scales.copy_(torch.minimum(log_scales, most))
