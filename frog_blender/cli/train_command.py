@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..engine.field.names import METHODS
 from ..engine.training.recipe import RECIPES
 from ..engine.training.session.output_paths import check_unused
+from ..engine.training.session.torchrun import started_by_torchrun
 from .arguments import add_mask_arguments, add_offset_argument, offsets_of, positive, seed
 from .stopping import stopping
 from .streams import printing_may_fail
@@ -44,6 +45,9 @@ def add_train_parser(commands: Any) -> None:
         "--capacity", choices=["auto", "fixed"], default="auto", help="auto (default): no more than the scene needs"
     )
     train.add_argument("--max-gaussians", type=positive(int), metavar="N", help="of the scene, at most")
+    train.add_argument(
+        "--views-per-step", type=positive(int), metavar="N", help="images of every step; default: 1, or one a process"
+    )
     train.add_argument("--max-bytes", type=positive(int), metavar="N", help="of the .frog, with --capacity auto")
     train.add_argument("--lossless", action="store_true", help="write every number as it is; default: packed")
     train.add_argument(
@@ -78,7 +82,8 @@ class _Give(argparse.Action):
 
 def _chosen(options: argparse.Namespace) -> dict[str, str]:
     """Of the settings that a training keeps from its beginning those that were given, and how they were."""
-    names = ("method", "recipe", "capacity", "max_gaussians", "seed", "scale", "holdout_frames", "masks", "key")
+    of_recipe = ("method", "recipe", "capacity", "views_per_step", "max_gaussians")
+    names = (*of_recipe, "seed", "scale", "holdout_frames", "masks", "key")
     chosen = {name: f"--{name.replace('_', '-')}" for name in names if name in options.given}
     chosen |= {"lossless": "--lossless"} if options.lossless else {}
     return chosen | ({"pixel_offsets": "--pixel-offset"} if options.pixel_offset else {})
@@ -87,6 +92,10 @@ def _chosen(options: argparse.Namespace) -> dict[str, str]:
 def _train(options: argparse.Namespace) -> int:
     if not (options.overwrite or options.resume):
         check_unused(options.out, _WAYS)  # before torch is loaded
+    if started_by_torchrun():
+        from .train_together import train_together
+
+        return train_together(options, lambda: _job(options))
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
         from ..engine.training.session.run import run_training
         from ..engine.training.session.time_estimate import remembering
@@ -128,5 +137,5 @@ def _budgeted(options: argparse.Namespace) -> Recipe:
     from ..engine.training.compression.budget import recipe_within
     from ..engine.training.recipe import recipe
 
-    chosen = recipe(options.recipe, capacity=options.capacity)
+    chosen = recipe(options.recipe, capacity=options.capacity, views_per_step=options.views_per_step)
     return recipe_within(chosen, options.method, max_gaussians=options.max_gaussians, max_bytes=options.max_bytes)

@@ -29,8 +29,9 @@ class Recipe:
 
     Attributes:
         name: "draft" or "standard"; "paper" (N3DV), "hypernerf" and "technicolor" follow the papers.
-        steps: optimiser steps, each on one image or part of it, at least.
+        steps: optimiser steps, each on ``views_per_step`` images or parts of them, at least.
         steps_per_moment: for each of the capture's frames; what is longer of the two is trained.
+        views_per_step: images whose gradients a step takes the mean of; with several processes one for each at least.
         max_gaussians: of a scene at most, see ``growth_limit_at``.
         kept_gaussians: of them, those that a scene has in the end at most, with automatic capacity; 0 for as many as it
             needs (see compression.budget).
@@ -103,6 +104,7 @@ class Recipe:
     name: str = setting.name("standard")
     steps: int = whole(10_000, 1, _MOST_STEPS)
     steps_per_moment: int = whole(300, 0, 1_000_000)
+    views_per_step: int = whole(1, 1, 1024)
     max_gaussians: int = whole(40_000, 1, _MOST_GAUSSIANS)
     kept_gaussians: int = whole(0, 0, _MOST_GAUSSIANS)
     seed_gaussians: int = whole(25_000, 1, _MOST_SEEDS)
@@ -327,6 +329,7 @@ _FORMER = {"frame_choice": "even", "camera_clearance": 0.0}
 """Settings of earlier versions, and the value that trainings have had ever since."""
 
 BEFORE = {
+    "views_per_step": 1,
     "appearance_views": 0.0,
     "alpha_weight": 0.0,
     "sides_sh_degree": 0,

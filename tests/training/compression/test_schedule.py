@@ -21,7 +21,8 @@ from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.context import CompressionContext, Proposal
 from frog_blender.engine.training.compression.sensitivity import Motion, Sensitivity, peak_weights
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
-from frog_blender.engine.training.optimize.trainer import Played, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.optimize.training_images import Played
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.recovery import Recovery

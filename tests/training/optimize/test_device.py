@@ -27,7 +27,7 @@ from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.compression import report_image, sensitivity, validation
 from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
-from frog_blender.engine.training.optimize import losses, nearest_neighbours
+from frog_blender.engine.training.optimize import losses, nearest_neighbours, training_images
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
 from frog_blender.engine.training.optimize import trainer as trainer_module
 from frog_blender.engine.training.optimize.device import choose_device, image_on, try_rasterizer
@@ -77,7 +77,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
         with machine.uncounted():  # the CUDA rasterizer waits once, whatever is drawn
             return rasterize(*arguments, **{**keywords, "backend": "reference"})
 
-    for module in (trainer_module, interface_module, sensitivity, validation, report_image):
+    for module in (training_images, interface_module, sensitivity, validation, report_image):
         monkeypatch.setattr(module, "rasterize", slowly)
     monkeypatch.setattr(losses, "photometric_loss", photometric_loss_on_any_device)
     monkeypatch.setattr(nearest_neighbours, "by_tree", nearest_neighbours.by_distances)
@@ -135,10 +135,10 @@ def numbers(trainer: Trainer) -> dict[str, bytes]:
     return {name: value.detach().cpu().numpy().tobytes() for name, value in {**state(trainer), **host}.items()}
 
 
-@pytest.mark.parametrize("method", ["frog", "static"])
-def test_it_learns_elsewhere_what_it_learns_here(machine: Machine, make: Make, method: str) -> None:
+@pytest.mark.parametrize(("method", "views"), [("frog", 1), ("static", 1), ("frog", 2)])
+def test_it_learns_elsewhere_what_it_learns_here(machine: Machine, make: Make, method: str, views: int) -> None:
     """Any two devices mixed in one operation fail on the way."""
-    there, here = (train(make(device, method)) for device in (ELSEWHERE, CPU))
+    there, here = (train(make(device, method, views_per_step=views)) for device in (ELSEWHERE, CPU))
     assert there.count > 80 and there.step_count == STEPS
     assert all(isinstance(value, Remote) for value in state(there).values())
     assert not any(isinstance(value, Remote) for value in state(here).values())

@@ -7,6 +7,8 @@ replace those of the least blending weights: seed points lie where nothing is se
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 
 from ...capture.camera import Camera
@@ -26,13 +28,9 @@ _OPACITY_DECAY, _WEIGHT_DECAY = 0.5, 0.6
 _FULL_ROUND = 25  # observations of a Gaussian: weights decay by less after a round with fewer
 
 
-class DensificationStrategy:
-    """Collects screen gradients between rounds.
-
-    Args:
-        gaussians: to follow.
-        recipe: thresholds.
-        scene_scale: world units.
+@dataclass(eq=False)
+class Statistics:
+    """What is collected by Gaussian: in a ``DensificationStrategy``, or apart from it of one step's views.
 
     Attributes:
         gradient_sum, seen: (N,) screen gradients since the last round, and how many.
@@ -44,6 +42,44 @@ class DensificationStrategy:
     seen: torch.Tensor
     peak_opacity: torch.Tensor
     peak_weight: torch.Tensor
+
+    @torch.no_grad()
+    def observe(
+        self, image: Image, opacities: torch.Tensor, camera: Camera, ignored: torch.Tensor | None = None
+    ) -> None:
+        """Adds one backward pass of ``camera`` and the opacities (N,) it drew; call it before the optimiser clears the
+        gradients.
+
+        Args:
+            ignored: (N,) bool, Gaussians in pixels that do not count: that they are drawn says nothing of their use.
+        """
+        torch.maximum(self.peak_opacity, opacities, out=self.peak_opacity)
+        if image.max_weights is not None:
+            weights = image.max_weights if ignored is None else image.max_weights.masked_fill(ignored, 0)
+            torch.maximum(self.peak_weight, weights, out=self.peak_weight)
+        if image.screen.grad is None:
+            return
+        half = max(camera.width, camera.height) / 2  # 3DGS counts in half image widths
+        across, down = image.screen.grad.unbind(1)  # zero where nothing was seen
+        self.gradient_sum.add_((across * across).addcmul_(down, down).sqrt_(), alpha=half)
+        self.seen += image.radii > 0 if ignored is None else (image.radii > 0) & ~ignored
+
+    def add(self, other: Statistics) -> None:
+        """Adds what was collected apart, rounded to the precision of these."""
+        torch.maximum(self.peak_opacity, other.peak_opacity, out=self.peak_opacity)
+        torch.maximum(self.peak_weight, other.peak_weight, out=self.peak_weight)
+        self.gradient_sum += other.gradient_sum.to(self.gradient_sum.dtype)
+        self.seen += other.seen.to(self.seen.dtype)
+
+
+class DensificationStrategy(Statistics):
+    """Collects screen gradients between rounds.
+
+    Args:
+        gaussians: to follow.
+        recipe: thresholds.
+        scene_scale: world units.
+    """
 
     def __init__(self, gaussians: GaussianState, recipe: Recipe, scene_scale: float) -> None:
         self.recipe = recipe
@@ -69,27 +105,6 @@ class DensificationStrategy:
             if not bool((found >= 0).all()):
                 raise ValueError(f"{name} below zero")
             setattr(self, name, found.to(self._canonical.means.device))
-
-    @torch.no_grad()
-    def observe(
-        self, image: Image, opacities: torch.Tensor, camera: Camera, ignored: torch.Tensor | None = None
-    ) -> None:
-        """Adds one backward pass of ``camera`` and the opacities (N,) it drew; call it before the optimiser clears the
-        gradients.
-
-        Args:
-            ignored: (N,) bool, Gaussians in pixels that do not count: that they are drawn says nothing of their use.
-        """
-        torch.maximum(self.peak_opacity, opacities, out=self.peak_opacity)
-        if image.max_weights is not None:
-            weights = image.max_weights if ignored is None else image.max_weights.masked_fill(ignored, 0)
-            torch.maximum(self.peak_weight, weights, out=self.peak_weight)
-        if image.screen.grad is None:
-            return
-        half = max(camera.width, camera.height) / 2  # 3DGS counts in half image widths
-        across, down = image.screen.grad.unbind(1)  # zero where nothing was seen
-        self.gradient_sum.add_((across * across).addcmul_(down, down).sqrt_(), alpha=half)
-        self.seen += image.radii > 0 if ignored is None else (image.radii > 0) & ~ignored
 
     def least_needed(self, count: int, among: torch.Tensor | None = None) -> torch.Tensor:
         """Indices of at most ``count`` Gaussians, of all or ``among`` (N,), that may be replaced: those of the least

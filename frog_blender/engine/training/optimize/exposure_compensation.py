@@ -76,8 +76,13 @@ class ExposureCompensation:
         return step % _OBSERVED_EVERY == 0 and progress >= self._from and index in self._learned
 
     def observe(self, index: int, camera: Camera, rgb: torch.Tensor, wanted: Truth) -> None:
-        """Adds what a step drew of camera ``index``, (H, W, 3), and what it should be: of pixels that are all subject
-        and not ignored."""
+        """Adds what a step drew of camera ``index``, see ``measured``."""
+        self.add(index, self.measured(camera, rgb, wanted))
+
+    @staticmethod
+    def measured(camera: Camera, rgb: torch.Tensor, wanted: Truth) -> torch.Tensor:
+        """(2, 3) brightness of what an image should be and of its drawing (H, W, 3), before the camera's exposure: of
+        pixels that are all subject and not ignored."""
         truth = image_on(rgb.device, np.ascontiguousarray(wanted.pixels[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
         counts = (truth > _DARKEST) & (truth < _BRIGHTEST)
         if (whole := wanted.whole) is not None:
@@ -87,7 +92,11 @@ class ExposureCompensation:
         both = torch.stack([(counts * truth).sum((0, 1)), (counts * drawn).sum((0, 1))])
         if camera.exposure != NEUTRAL:
             both[1] /= torch.tensor(camera.exposure, device=both.device)
-        self.sums[index] += both.nan_to_num(0.0, 0.0, 0.0)  # a non-finite loss has its own check
+        return both.nan_to_num(0.0, 0.0, 0.0)  # a non-finite loss has its own check
+
+    def add(self, index: int, brightness: torch.Tensor) -> None:
+        """Adds what ``measured`` found of camera ``index``."""
+        self.sums[index] += brightness
 
     def update(self, before: float, now: float) -> None:
         """Gives the rig's cameras the exposures that were observed, where that is due in (before, now]."""

@@ -13,17 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.frames import FrameStore
 from ...capture.seeds import Seeds
-from ...evaluation.metrics import psnr_of
-from ...gaussians import TorchGaussians
 from ...io.plain_values import JsonObject
-from ...model.interface import RenderResult, SceneModel, ScheduleState
-from ...rasterizer import RasterizeOptions, rasterize
+from ...model.interface import RenderResult
+from ...rasterizer import RasterizeOptions
 from ...scene.scene_file import settings_json
 from ..methods import method_named
 from ..recipe import Recipe
@@ -31,27 +28,26 @@ from ..views import fit_to
 from .camera_rig import CameraRig
 from .canonical_sampling import inject_anchors
 from .crop_sampler import CropSampler
-from .densification import DensificationStrategy
+from .densification import DensificationStrategy, Statistics
 from .device import torch_threads
 from .exposure_compensation import ExposureCompensation
 from .gaussian_order import sort_by_morton_code
 from .gaussian_size import add_size_gradient, limit_sizes
 from .gaussian_state import GaussianState
-from .half_resolution import halved, is_halved
 from .hooks import Hook
 from .initialization import first_model, scale_of
 from .losses import matte_loss
-from .mattes import Color, Mattes, Truth, behind_ignored
+from .mattes import Mattes, Truth, behind_ignored
 from .optimizer import SceneOptimizer
+from .peers import ALONE, PeerLost, Peers
 from .pose_refinement import PoseRefinement
 from .running_loss import RunningLoss, TrainingDiverged
-from .schedule import Every, ViewSampler, ramp
+from .schedule import Every, ViewSampler
 from .smoothness import SMOOTHED_EVERY, EmbeddingSmoothness
 from .stateful import Stateful, Tensors, Values
+from .training_images import TrainingImages
+from .view_pass import StepSum, View, ViewPass
 from .working_time import worked_since
-
-Played = Callable[[float], TorchGaussians]
-"""A scene's Gaussians at a time in [0, 1]."""
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
 _LIMITED_EVERY = 0.01  # of the training
@@ -67,7 +63,7 @@ class Limits:
     seconds: float | None = None
 
 
-class Trainer:
+class Trainer(TrainingImages):
     """Call ``step`` until ``progress`` is 1.
 
     Everything that grows with the Gaussians lies on ``device``. Random numbers are drawn on the CPU, so that a seed
@@ -81,6 +77,7 @@ class Trainer:
         seed: of everything random.
         device: where to compute.
         hooks: what happens besides the steps; each begins at once.
+        peers: the processes that share the views of every step.
 
     Attributes:
         recipe: as the method and the capture adapted it.
@@ -102,8 +99,10 @@ class Trainer:
         seed: int,
         device: torch.device | str = "cpu",
         hooks: Iterable[Hook] = (),
+        peers: Peers = ALONE,
     ) -> None:
         self.recipe = recipe = fit_to(method_named(method).adapt(recipe), capture)
+        self.peers, self._views_per_step = peers, max(recipe.views_per_step, peers.size)
         self.rig, self.store, self.device = CameraRig(capture), store, torch.device(device)
         self.method, self.limits = method, limits
         torch.manual_seed(seed)
@@ -123,6 +122,7 @@ class Trainer:
         self.crops = CropSampler(capture.cameras, recipe.region_share, recipe.region_size)
         self.hooks: list[Hook] = []
         self.step_count, self.seconds, self.progress, self._burst_shot = 0, 0.0, 0.0, -1
+        self._worked = self._agreed_seconds = 0.0
         self._loss = RunningLoss()
         self._densify = Every(recipe.densify_from, recipe.densify_until, recipe.densify_every)
         self._sort = Every(recipe.densify_from, recipe.densify_until, _SORTED_EVERY)
@@ -139,16 +139,6 @@ class Trainer:
     def limit_gaussians(self, count: int) -> None:
         """Allows no more than ``count`` Gaussians from now on; those that there are stay."""
         self.recipe = self.density.recipe = replace(self.recipe, max_gaussians=count)
-
-    @property
-    def capture(self) -> Capture:
-        """With its cameras as they are known now."""
-        return self.rig.capture
-
-    @property
-    def model(self) -> SceneModel:
-        """The method's."""
-        return self.gaussians.model
 
     @property
     def optimizer(self) -> SceneOptimizer:
@@ -202,6 +192,7 @@ class Trainer:
             part.load_state(tensors, values)
         self.generator.set_state(tensors["random"])
         self.step_count, self.seconds = int(values["step_count"]), float(values["seconds"])
+        self._worked = self._agreed_seconds = self.seconds
         self._burst_shot, before = int(values["burst_shot"]), float(values["progress"])
         if not (0 <= self.step_count < _MOST_STEPS and 0 <= self.seconds < math.inf and 0 <= before <= 1):
             raise ValueError(f"{before} of a training at step {self.step_count} after {self.seconds} s")
@@ -236,56 +227,108 @@ class Trainer:
     # Steps -----------------------------------------------------------------------------------------------------------
 
     def step(self) -> None:
-        """One optimizer step on one image, and what is due after it."""
+        """One optimizer step on ``views_per_step`` images, and what is due after it."""
         with torch_threads(1):
             before, started = self.progress, (time.perf_counter(), time.process_time())
             shot = self._optimize(before)
             self.step_count += 1
-            self.seconds += worked_since(*started)
+            self._count_seconds(started)
             self.progress = self._progress_now()
             started = time.perf_counter(), time.process_time()
             self._after_step(before, self.progress, shot)
-            self.seconds += worked_since(*started)
+            self._count_seconds(started)
+
+    def _count_seconds(self, started: tuple[float, float]) -> None:
+        """Of several processes those of rank 0 at the end of the last step count: all have to see the same progress."""
+        self._worked += worked_since(*started)
+        self.seconds = self._worked if self.peers.size == 1 else self._agreed_seconds
 
     def _optimize(self, progress: float) -> int:
-        """Draws a training image and moves the parameters; returns its shot."""
+        """Draws training images and moves the parameters; returns the shot of the first."""
         self.synchronize()
         self.optimizer.schedule(progress)
+        if self._views_per_step > 1:
+            return self._optimize_views(progress)
+        view = self._next_view(progress)
+        found, changes = self._backward(view, progress, self.density)
+        self._move([view], [found], changes, progress)
+        return view.shot
+
+    def _optimize_views(self, progress: float) -> int:
+        """The same on several images, of which every process draws some. A PeerLost leaves all as it was."""
+        before, burst_shot = self.generator.get_state(), self._burst_shot
+        views = [self._next_view(progress) for _ in range(self._views_per_step)]
+        parameters = [each for group in self.optimizer.adam.param_groups for each in group["params"]]
+        total, changes = StepSum(parameters, views, self.count), False
+        for number in range(self.peers.rank, len(views), self.peers.size):
+            found, changes = self._backward(views[number], progress, total.collected)
+            total.add(number, found)
+        try:
+            self._agreed_seconds = total.exchange(self.peers, self._worked)
+        except PeerLost:
+            self.generator.set_state(before)
+            self._burst_shot = burst_shot
+            raise
+        total.put_means()
+        self.density.add(total.collected)
+        passes = total.passes()
+        for view, found in zip(views, passes, strict=True):
+            self._note(view, found.loss, found.cells)
+        self._move(views, passes, changes, progress)
+        return views[0].shot
+
+    def _next_view(self, progress: float) -> View:
         shot = self._next_shot(progress)
         index = self.capture.shots[shot].camera
         camera = self.camera_at(index, progress)
         full_size = camera is self.capture.cameras[index]
         region = self.crops.pick(index, self.generator) if full_size else None
-        grows = progress < self.recipe.densify_until
-        options = RasterizeOptions(region=region, weights=grows and self.recipe.replaced_below > 0)
-        pose = self._learned_pose(index, progress)
-        truth, drawn = self.draw(shot, progress, options, pose, self.mattes.random_background(self.generator))
-        image = drawn.image
+        background = self.mattes.random_background(self.generator)
+        return View(shot, index, camera, full_size, region, background, self._learned_pose(index, progress))
+
+    def _backward(self, view: View, progress: float, statistics: Statistics) -> tuple[ViewPass, bool]:
+        """Draws a view and adds its gradients to the parameters'; the flag tells whether the model deformed."""
+        camera, grows = view.camera, progress < self.recipe.densify_until
+        options = RasterizeOptions(region=view.region, weights=grows and self.recipe.replaced_below > 0)
+        truth, drawn = self.draw(view.shot, progress, options, view.pose, view.background)
+        image, region = drawn.image, view.region
         share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
         dssim_weight = self.recipe.dssim_weight if self._in_burst(progress) else 0.0
         weight = share ** (1 - self.recipe.region_emphasis)
         weights = {"square_weight": self.recipe.square_weight, "dssim_weight": dssim_weight, "weight": weight}
         found = matte_loss(image, truth, self.recipe.alpha_weight, **weights)
-        if full_size:
-            self.crops.observe(index, options.region_of(camera), found.cell_errors)
-        self._loss.add(found.loss, self.step_count)
+        if statistics is self.density:  # a step's only view: on a GPU this arrives while gradients are computed
+            self._note(view, found.loss, found.cell_errors)
         drawn.backward(found.gradient, found.alpha_gradient)
-        if drawn.changes and self.step_count % SMOOTHED_EVERY == 0:
-            self._regularize()
-        if self.recipe.size_weight:
-            add_size_gradient(self.gaussians.canonical, self.recipe.size_weight, self.scene_scale)
         if grows:
             ignored, seen = truth.ignored, drawn.gaussians
             hidden = None
             if ignored is not None and ignored.any():
                 hidden = behind_ignored(ignored, seen.means.detach(), camera, options.region_of(camera))
-            self.density.observe(image, seen.opacities.detach(), camera, hidden)
+            statistics.observe(image, seen.opacities.detach(), camera, hidden)
+        brightness = None
+        if self.exposures and self.exposures.observes(view.index, self.step_count, progress):
+            brightness = self.exposures.measured(camera, image.rgb, truth)
+        pose = None if view.pose is None else view.pose.grad
+        return ViewPass(found.loss, found.cell_errors, pose, brightness), bool(drawn.changes)
+
+    def _note(self, view: View, loss: torch.Tensor, cells: torch.Tensor) -> None:
+        if view.full_size:
+            self.crops.observe(view.index, view.drawn, cells)
+        self._loss.add(loss, self.step_count)
+
+    def _move(self, views: list[View], passes: list[ViewPass], changes: bool, progress: float) -> None:
+        """One step of the optimizer along the gradients that the views' passes have left."""
+        if changes and self.step_count % SMOOTHED_EVERY == 0:
+            self._regularize()
+        if self.recipe.size_weight:
+            add_size_gradient(self.gaussians.canonical, self.recipe.size_weight, self.scene_scale)
         self.optimizer.step()
-        if self.poses and pose is not None and pose.grad is not None:
-            self.poses.observe(index, pose.grad, progress)
-        if self.exposures and self.exposures.observes(index, self.step_count, progress):
-            self.exposures.observe(index, camera, image.rgb, truth)
-        return shot
+        for view, found in zip(views, passes, strict=True):
+            if self.poses and found.pose is not None:
+                self.poses.observe(view.index, found.pose, progress)
+            if self.exposures and found.brightness is not None:
+                self.exposures.add(view.index, found.brightness)
 
     def _regularize(self) -> None:
         """Adds the gradients of what keeps the model smooth, of SMOOTHED_EVERY steps at once."""
@@ -360,80 +403,6 @@ class Trainer:
 
     def _exclude_validation(self) -> None:
         self.views.exclude(tuple(shot for hook in self.hooks for shot in hook.validation_at(self.progress)))
-
-    # Images ----------------------------------------------------------------------------------------------------------
-
-    def draw(
-        self,
-        shot_index: int,
-        progress: float,
-        options: RasterizeOptions,
-        pose: torch.Tensor | None = None,
-        background: Color | None = None,
-    ) -> tuple[Truth, RenderResult]:
-        """What an image should be and its drawing, over ``background`` where that can be chosen."""
-        shot = self.capture.shots[shot_index]
-        camera = self.camera_at(shot.camera, progress)
-        truth = self.mattes.truth(shot_index, camera, options.region_of(camera), background)
-        background, sh_count = truth.background, self.sh_count_at(progress)
-        if progress < self.recipe.warm_up:
-            gaussians = self.model.canonical.gaussians(sh_count)
-            return truth, RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
-        frame_time, schedules = self.capture.time_of(shot), self.schedule_state(progress)
-        return truth, self.model.draw(frame_time, camera, background, options, schedules, sh_count, pose=pose)
-
-    def camera_at(self, index: int, progress: float) -> Camera:
-        """A camera at the size at which it is drawn at ``progress``."""
-        camera = self.capture.cameras[index]
-        return halved(camera) if is_halved(camera, progress, self.recipe.half_size_until) else camera
-
-    def schedule_state(self, progress: float | None = None) -> ScheduleState:
-        """The schedules inside the model at ``progress``, or as they stand."""
-        r, progress = self.recipe, self.progress if progress is None else progress
-        return ScheduleState(ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp))
-
-    def sh_count_at(self, progress: float) -> int:
-        """Coefficients of the degrees that have begun."""
-        degree = sum(progress >= start for start in self.recipe.sh_growth[: self.recipe.sh_degree])
-        return min((degree + 1) ** 2, self.model.canonical.sh.shape[1])
-
-    def deform(self, time: float, progress: float | None = None) -> tuple[TorchGaussians, Tensors]:
-        """Gaussians and changes at a time in [0, 1], with the schedules at ``progress``, or as they stand."""
-        progress = self.progress if progress is None else progress
-        sh_count = self.sh_count_at(progress)
-        if progress >= self.recipe.warm_up:
-            return self.model.deform(time, self.schedule_state(progress), sh_count)
-        return self.model.canonical.gaussians(sh_count), {}
-
-    @torch.no_grad()
-    def render_image(
-        self, shot_index: int, largest_side: int | None = None, played: Played | None = None
-    ) -> NDArray[np.float32]:
-        """(H, W, 3) float32 what a shot looks like as training stands, or as it is ``played``, at so many pixels a side
-        at most."""
-        shot = self.capture.shots[shot_index]
-        camera = self.capture.cameras[shot.camera]
-        scale = (largest_side or math.inf) / max(camera.width, camera.height)
-        if scale < 1:
-            camera = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
-        frame_time = self.capture.time_of(shot)
-        gaussians = played(frame_time) if played else self.deform(frame_time)[0]
-        return rasterize(gaussians, camera, self.capture.background).rgb.cpu().numpy()
-
-    def evaluate(self, limit: int, played: Played | None = None) -> tuple[float, str]:
-        """Mean PSNR over at most ``limit`` evenly spread held-out images (training ones when none is held out), as
-        training stands or of Gaussians ``played`` at a time.
-
-        A figure for people: nothing in the training depends on it.
-        """
-        held_out = [i for i, shot in enumerate(self.capture.shots) if self.capture.is_test(shot)]
-        shots = held_out or list(range(len(self.capture.shots)))
-        chosen = [shots[int(i)] for i in np.linspace(0, len(shots) - 1, min(limit, len(shots)))]
-        values = []
-        for index in chosen:
-            image = self.render_image(index, None, played).clip(0, 1)
-            values.append(psnr_of(self.mattes.squared_error(index, image)))
-        return float(np.mean(values)), "held-out" if held_out else "training"
 
 
 TrainerFactory = Callable[..., Trainer]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors.numpy import load as deserialize
 from safetensors.numpy import save as serialize
 
 from ...arrays import Array
@@ -19,12 +20,13 @@ from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
 from ..optimize.hooks import Training
+from ..optimize.peers import Peers, shared
 from ..recipe import BEFORE
 
 _KEY = "frog-checkpoint"
 _VERSION = 12
 _WHAT = "a training checkpoint"
-_MAY_DIFFER = ("name", "steps", "steps_per_moment")  # in a recipe
+_MAY_DIFFER = ("name", "steps", "steps_per_moment", "views_per_step")  # in a recipe
 
 State = tuple[dict[str, Array], JsonObject]
 """Everything a training has learned and remembers: arrays by name, and plain values."""
@@ -41,6 +43,16 @@ def state_of(training: Training, settings: JsonObject | None = None) -> State:
 def save_checkpoint(path: Path, training: Training, settings: JsonObject | None = None) -> None:
     """Atomic; FrogError when the disk does not take it."""
     write_checkpoint(path, state_of(training, settings))
+
+
+def share_state(peers: Peers, training: Training) -> None:
+    """Puts ``training`` where that of rank 0 stands; PeerLost."""
+    arrays, values = state_of(training)
+    first = peers.rank == 0
+    described = shared(peers, json.dumps(values).encode() if first else None)
+    content = shared(peers, serialize(arrays) if first else None)
+    if not first:
+        restore(training, (deserialize(content), json.loads(described)))
 
 
 def write_checkpoint(path: Path, state: State) -> None:

@@ -28,11 +28,12 @@ class Checkpoints:
         step: at which the training begins or is resumed.
 
     Attributes:
+        path: the same.
         step: of the newest checkpoint that was written.
     """
 
     def __init__(self, path: Path, step: int) -> None:
-        self._path, self.step, self._warned = path, step, ""
+        self.path, self.step, self._warned = path, step, ""
 
     def save(self, state: State) -> Iterator[Event]:
         """Writes the state. Where disk or memory do not allow it, training continues, and a warning says so once."""
@@ -48,7 +49,7 @@ class Checkpoints:
         """For a training that ends by an unexpected error: writes a state that is newer than the last checkpoint."""
         if self.is_older(state):
             with suppress(FrogError):
-                space.write(self._path, lambda: self._write(state))
+                space.write(self.path, lambda: self._write(state))
 
     def save_late(self, state: State, space: SpareSpace | None) -> Iterator[Event]:
         """Tries once more after the scene was saved, since the disk may have space now; ``space`` may be given up."""
@@ -57,17 +58,17 @@ class Checkpoints:
         with suppress(FrogError):
             how = ""
             if space:
-                how = space.write(self._path, lambda: self._write(state))
+                how = space.write(self.path, lambda: self._write(state))
             else:
                 self._write(state)
-            yield events.WarningEvent(f"{self._path}: written at the end{how}.")
+            yield events.WarningEvent(f"{self.path}: written at the end{how}.")
 
     def is_older(self, state: State) -> bool:
         """True when the checkpoint lacks steps that the state has."""
         return bool(state[1]["step_count"] > self.step)
 
     def _write(self, state: State) -> None:
-        write_checkpoint(self._path, state)
+        write_checkpoint(self.path, state)
         self.step = state[1]["step_count"]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .. import passive_threads  # noqa: F401
 
 # isort: split
+import hashlib
 import time
 from collections.abc import Generator, Iterator
 from dataclasses import replace
@@ -17,9 +18,10 @@ from ...scene.header import SceneHeader
 from ..compression.context import CompressionContext
 from ..compression.report_image import draw_report_image
 from ..compression.schedule import CompressionFailed, compression_of
+from ..optimize.peers import PeerLost, agreed
 from ..optimize.running_loss import TrainingDiverged
 from . import events
-from .checkpoint import restore
+from .checkpoint import restore, share_state
 from .events import Event
 from .export import (
     EVALUATED_SHOTS,
@@ -38,6 +40,7 @@ from .snapshots import Snapshots
 from .time_estimate import TimeLeft, Workload
 
 _EVALUATIONS = 10  # over a training
+_COMPARED_EVERY = 100  # steps between two comparisons of what several processes have learned
 
 
 def train(session: Session) -> Iterator[Event]:
@@ -46,7 +49,7 @@ def train(session: Session) -> Iterator[Event]:
     trainer, output = session.trainer, session.output
     began = trainer.step_count
     checkpoints = Checkpoints(checkpoint_path(output), began)
-    space = SpareSpace(output, size_limit(session), trainer.store)
+    space = SpareSpace(output, size_limit(session) if session.peers.rank == 0 else 0, trainer.store)
     recovery = Recovery(trainer, session.job.stored_settings())
     trainer.add_hook(recovery)
     try:
@@ -54,6 +57,8 @@ def train(session: Session) -> Iterator[Event]:
             try:
                 yield from _steps(session, recovery, checkpoints)
                 session.clock.end("training")
+                if session.peers.rank > 0:
+                    return
                 if trainer.step_count == began and not trainer.finished:  # there is nothing new to write
                     yield events.Cancelled(began, str(output) if output.is_file() and session.job.resume else None)
                     return
@@ -61,7 +66,15 @@ def train(session: Session) -> Iterator[Event]:
                 break
             except CompressionFailed as failed:
                 message = recovery.without_milestone(trainer, failed)
-            except (TrainingDiverged, RuntimeError, MemoryError) as error:
+            except PeerLost as lost:
+                recovery.snapshot(trainer)  # no step was half done
+                checkpoints.write_emergency(recovery.last_state, space)
+                raise PeerLost(_lost(lost, trainer.step_count, checkpoints)) from lost
+            except (RuntimeError, MemoryError) as error:
+                if session.peers.size > 1:  # one process cannot go back alone
+                    raise
+                message = recovery.rollback(trainer, error)
+            except TrainingDiverged as error:  # of all processes at the same step
                 message = recovery.rollback(trainer, error)
             yield events.WarningEvent(message)
         yield from checkpoints.save_late(recovery.last_state, None if trainer.finished else space)
@@ -91,15 +104,23 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
     previews, snapshots, time_left = Previews(session), Snapshots(session), _time_left(session)
-    while not trainer.finished and not cancel.ended:
-        paused = cancel.paused  # asked once: a pause that comes later holds the next step
+    shows = session.peers.rank == 0
+    while not trainer.finished:
+        ended, paused = cancel.ended, cancel.paused  # asked once: a pause that comes later holds the next step
         # A pause may last for days: before it, what was learned goes to disk.
-        if trainer.step_count != checkpoints.step and (paused or time.monotonic() - last_save >= job.save_seconds):
+        saves = paused or time.monotonic() - last_save >= job.save_seconds
+        if session.peers.size > 1:
+            (ended, saves), same = agreed(session.peers, (ended, saves and shows), _facts(session))
+            if not same:  # processors and GPUs may round differently what every process computes for itself
+                share_state(session.peers, trainer)
+        if ended:
+            break
+        if trainer.step_count != checkpoints.step and saves:
             yield _progress_event(session, time_left)
             yield from _save(session, recovery, checkpoints)
             last_event = last_save = time.monotonic()
         if paused and cancel():
-            break
+            continue  # the others are told that it ends
         if snapshots.due:
             yield from snapshots.offer()
         trainer.step()
@@ -112,9 +133,10 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
         if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
             recovery.snapshot(trainer)
-            psnr, split = trainer.evaluate(job.evaluated_shots)
-            yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
-        if a_tenth or (previews.due and not trainer.finished):
+            if shows:
+                psnr, split = trainer.evaluate(job.evaluated_shots)
+                yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
+        if shows and (a_tenth or (previews.due and not trainer.finished)):
             yield from previews.render()
     if trainer.step_count == checkpoints.step:  # the checkpoint is up to date, or there was no step yet
         recovery.snapshot(trainer)
@@ -123,9 +145,25 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
 
 
 def _save(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
-    """Writes a checkpoint; ``snapshot`` first refuses a state that is not finite."""
+    """Writes a checkpoint, as rank 0; ``snapshot`` first refuses a state that is not finite."""
     recovery.snapshot(session.trainer)
-    yield from checkpoints.save(recovery.last_state)
+    if session.peers.rank == 0:
+        yield from checkpoints.save(recovery.last_state)
+
+
+def _facts(session: Session) -> tuple[int, ...]:
+    """What is the same in all processes whose trainings are."""
+    trainer, digest = session.trainer, hashlib.blake2b(digest_size=7)
+    if trainer.step_count % _COMPARED_EVERY == 0:
+        for parameter in trainer.model.parameters():
+            digest.update(parameter.detach().cpu().numpy().tobytes())
+    return trainer.step_count, trainer.count, trainer.gaussians.num_dynamic, int.from_bytes(digest.digest(), "little")
+
+
+def _lost(lost: PeerLost, step: int, checkpoints: Checkpoints) -> str:
+    """What is left of a training that has lost a process."""
+    kept = f"{checkpoints.path} has step {checkpoints.step:,}, from which --resume goes on with any number of processes"
+    return f"{str(lost).rstrip('.')}: stopped at step {step:,}; {kept if checkpoints.step else 'nothing was saved'}."
 
 
 def _export(
@@ -180,7 +218,8 @@ def _compression_events(session: Session) -> Iterator[Event]:
 
 def _time_left(session: Session) -> TimeLeft:
     trainer = session.trainer
-    work = Workload.of(session.capture, trainer.recipe, trainer.limits.steps)
+    own = replace(trainer.recipe, views_per_step=-(-trainer.recipe.views_per_step // session.peers.size))
+    work = Workload.of(session.capture, own, trainer.limits.steps)
     work = replace(work, even=trainer.limits.seconds is not None)
     return TimeLeft(work, trainer.device.type, trainer.progress, session.clock.now)
 

@@ -16,7 +16,7 @@ from .checkpoint import checkpoint_settings
 from .job import LATER_SETTINGS, RESUMED_SETTINGS, TrainingJob
 from .output_paths import checkpoint_path
 
-_OF_RECIPE = {"recipe": "name", "capacity": "capacity"}
+_OF_RECIPE = {"recipe": "name", "capacity": "capacity", "views_per_step": "views_per_step"}
 
 
 def restore_job(job: TrainingJob) -> tuple[TrainingJob, str | None]:

@@ -7,6 +7,7 @@ from .. import passive_threads  # noqa: F401
 # isort: split
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from ...capture.capture import Capture
@@ -24,12 +25,13 @@ from ..optimize.device import choose_device
 from ..optimize.hooks import Hook
 from ..optimize.hull_pruning import hull_hooks, room_for_subject
 from ..optimize.initialization import doubt_of_scale
+from ..optimize.peers import ALONE, Peers, shared
 from ..optimize.trainer import Limits, Trainer, TrainerFactory
 from ..views import fit_to
 from . import events
 from .background_work import in_background
 from .cancel_token import CancelToken
-from .checkpoint import load_checkpoint
+from .checkpoint import load_checkpoint, share_state
 from .events import Event
 from .export import check_budget, check_readable
 from .job import TrainingJob, usual_scale
@@ -65,7 +67,11 @@ def prepare_capture(
 
 
 def run_training(
-    job: TrainingJob, cancelled: Callable[[], bool] = lambda: False, *, trainer_type: TrainerFactory = Trainer
+    job: TrainingJob,
+    cancelled: Callable[[], bool] = lambda: False,
+    *,
+    trainer_type: TrainerFactory = Trainer,
+    peers: Peers = ALONE,
 ) -> Iterator[Event]:
     """Trains, yielding events; the last is Finished or Cancelled.
 
@@ -74,25 +80,34 @@ def run_training(
     Args:
         cancelled: asked between steps; a ``CancelToken`` can pause as well.
         trainer_type: what trains, for whoever watches its steps or changes them.
+        peers: the processes that train together, each of which calls this. Only rank 0 writes files, and only its
+            events tell of the training.
 
     Raises:
+        PeerLost: another process was lost; what was learned is in the checkpoint.
         FrogError: for what the user can mend.
     """
+    cancel = CancelToken.of(cancelled)
+    if peers.rank > 0:
+        yield from _run(job, cancel, trainer_type, peers)
+        return
     _check_output(job.output)
     with lock_output(job.output):
-        yield from _run(job, CancelToken.of(cancelled), trainer_type)
+        if not (job.overwrite or job.resume):
+            check_unused(job.output)
+        for path in (job.output, checkpoint_path(job.output)):
+            remove_partial_files(path)
+        yield from _run(job, cancel, trainer_type, peers)
 
 
-def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) -> Iterator[Event]:
+def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, peers: Peers) -> Iterator[Event]:
     """``run_training`` while the output is locked."""
-    if not (job.overwrite or job.resume):
-        check_unused(job.output)
-    for path in (job.output, checkpoint_path(job.output)):
-        remove_partial_files(path)
     if job.resume:  # a checkpoint that does not fit is refused before minutes of decoding
         job, message = restore_job(job)
         if message:
             yield events.WarningEvent(message)
+    if peers.size > job.recipe.views_per_step:
+        job = replace(job, recipe=replace(job.recipe, views_per_step=peers.size))
     adapted = method_named(job.method).adapt(job.recipe)
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
         raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
@@ -105,6 +120,8 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
     if cancel():
         yield events.Cancelled(0, None)
         return
+    if not peers.decodes_first:
+        shared(peers, b"")  # another process decodes the frames and finds the seed points for all on this computer
     store = yield from in_background(
         "Decoding frames", lambda report: FrameStore.open(capture, progress=report, cancelled=cancel), cancel
     )
@@ -118,6 +135,8 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
     if store is None or seeds is None:
         yield events.Cancelled(0, None)
         return
+    if peers.decodes_first:
+        shared(peers, b"")
     limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
     trainer = trainer_type(
         capture,
@@ -129,9 +148,12 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory) ->
         seed=job.seed,
         device=device,
         hooks=hooks_of(job, capture, store),
+        **({"peers": peers} if peers.size > 1 else {}),
     )
-    if job.resume:
+    if job.resume and peers.rank == 0:
         load_checkpoint(checkpoint_path(job.output), trainer)
+    if peers.size > 1:
+        share_state(peers, trainer)
     session = Session(job, trainer, scale, cancel, clock)
     check_readable(session)
     for doubt in (doubt_of_scale(trainer.scene_scale), check_budget(session)):

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...capture.capture import Capture
+from ..optimize.peers import Peers
 from ..optimize.trainer import Trainer
 from .cancel_token import CancelToken
 from .job import TrainingJob
@@ -32,6 +33,11 @@ class Session:
     scale: float = 1.0
     cancel: CancelToken = field(default_factory=CancelToken)
     clock: PhaseClock = field(default_factory=lambda: PhaseClock(CancelToken()))
+
+    @property
+    def peers(self) -> Peers:
+        """The processes of this training."""
+        return self.trainer.peers
 
     @property
     def capture(self) -> Capture:

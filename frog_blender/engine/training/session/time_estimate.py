@@ -96,6 +96,7 @@ class Workload:
         pixels = self.pixels * np.where(r.half_size_until > _GRID, 0.25, cropped)
         weights = r.hidden_width * (r.embedding_size + 5 * r.head_width + 3 * (4 + r.deformed_sh))  # about
         step = _FIXED + (_GAUSSIANS + _WEIGHTS * weights / 1e3) * gaussians / 1e3 + _PIXELS * pixels / 1e6
+        step *= r.views_per_step
         return (self.steps + _BESIDES[r.capacity]) * np.cumsum(step) / len(step)
 
 

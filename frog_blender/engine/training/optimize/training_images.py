@@ -1,0 +1,127 @@
+"""Images of a training: what a step draws, and what people look at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ...capture.camera import Camera
+from ...capture.capture import Capture
+from ...evaluation.metrics import psnr_of
+from ...gaussians import TorchGaussians
+from ...model.interface import RenderResult, SceneModel, ScheduleState
+from ...rasterizer import RasterizeOptions, rasterize
+from ..recipe import Recipe
+from .camera_rig import CameraRig
+from .gaussian_state import GaussianState
+from .half_resolution import halved, is_halved
+from .mattes import Color, Mattes, Truth
+from .schedule import ramp
+from .stateful import Tensors
+
+Played = Callable[[float], TorchGaussians]
+"""A scene's Gaussians at a time in [0, 1]."""
+
+
+class TrainingImages:
+    """Draws the scene of a training as it stands.
+
+    Attributes:
+        recipe: as the method and the capture adapted it.
+        rig: the capture's cameras.
+        gaussians: everything that is kept by Gaussian.
+        mattes: the capture's images.
+        progress: 0 to 1.
+    """
+
+    recipe: Recipe
+    rig: CameraRig
+    gaussians: GaussianState
+    mattes: Mattes
+    progress: float
+
+    @property
+    def capture(self) -> Capture:
+        """With its cameras as they are known now."""
+        return self.rig.capture
+
+    @property
+    def model(self) -> SceneModel:
+        """The method's."""
+        return self.gaussians.model
+
+    def draw(
+        self,
+        shot_index: int,
+        progress: float,
+        options: RasterizeOptions,
+        pose: torch.Tensor | None = None,
+        background: Color | None = None,
+    ) -> tuple[Truth, RenderResult]:
+        """What an image should be and its drawing, over ``background`` where that can be chosen."""
+        shot = self.capture.shots[shot_index]
+        camera = self.camera_at(shot.camera, progress)
+        truth = self.mattes.truth(shot_index, camera, options.region_of(camera), background)
+        background, sh_count = truth.background, self.sh_count_at(progress)
+        if progress < self.recipe.warm_up:
+            gaussians = self.model.canonical.gaussians(sh_count)
+            return truth, RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
+        frame_time, schedules = self.capture.time_of(shot), self.schedule_state(progress)
+        return truth, self.model.draw(frame_time, camera, background, options, schedules, sh_count, pose=pose)
+
+    def camera_at(self, index: int, progress: float) -> Camera:
+        """A camera at the size at which it is drawn at ``progress``."""
+        camera = self.capture.cameras[index]
+        return halved(camera) if is_halved(camera, progress, self.recipe.half_size_until) else camera
+
+    def schedule_state(self, progress: float | None = None) -> ScheduleState:
+        """The schedules inside the model at ``progress``, or as they stand."""
+        r, progress = self.recipe, self.progress if progress is None else progress
+        return ScheduleState(ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp))
+
+    def sh_count_at(self, progress: float) -> int:
+        """Coefficients of the degrees that have begun."""
+        degree = sum(progress >= start for start in self.recipe.sh_growth[: self.recipe.sh_degree])
+        return min((degree + 1) ** 2, self.model.canonical.sh.shape[1])
+
+    def deform(self, time: float, progress: float | None = None) -> tuple[TorchGaussians, Tensors]:
+        """Gaussians and changes at a time in [0, 1], with the schedules at ``progress``, or as they stand."""
+        progress = self.progress if progress is None else progress
+        sh_count = self.sh_count_at(progress)
+        if progress >= self.recipe.warm_up:
+            return self.model.deform(time, self.schedule_state(progress), sh_count)
+        return self.model.canonical.gaussians(sh_count), {}
+
+    @torch.no_grad()
+    def render_image(
+        self, shot_index: int, largest_side: int | None = None, played: Played | None = None
+    ) -> NDArray[np.float32]:
+        """(H, W, 3) float32 what a shot looks like as training stands, or as it is ``played``, at so many pixels a side
+        at most."""
+        shot = self.capture.shots[shot_index]
+        camera = self.capture.cameras[shot.camera]
+        scale = (largest_side or math.inf) / max(camera.width, camera.height)
+        if scale < 1:
+            camera = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
+        frame_time = self.capture.time_of(shot)
+        gaussians = played(frame_time) if played else self.deform(frame_time)[0]
+        return rasterize(gaussians, camera, self.capture.background).rgb.cpu().numpy()
+
+    def evaluate(self, limit: int, played: Played | None = None) -> tuple[float, str]:
+        """Mean PSNR over at most ``limit`` evenly spread held-out images (training ones when none is held out), as
+        training stands or of Gaussians ``played`` at a time.
+
+        A figure for people: nothing in the training depends on it.
+        """
+        held_out = [i for i, shot in enumerate(self.capture.shots) if self.capture.is_test(shot)]
+        shots = held_out or list(range(len(self.capture.shots)))
+        chosen = [shots[int(i)] for i in np.linspace(0, len(shots) - 1, min(limit, len(shots)))]
+        values = []
+        for index in chosen:
+            image = self.render_image(index, None, played).clip(0, 1)
+            values.append(psnr_of(self.mattes.squared_error(index, image)))
+        return float(np.mean(values)), "held-out" if held_out else "training"
