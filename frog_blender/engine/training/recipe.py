@@ -336,6 +336,7 @@ BEFORE = {
     "sides_alpha_weight": 0.0,
     "size_weight": 0.0,
     "size_limit": 0.0,
+    "size_limit_from": 1.0,
     "square_weight": 0.0,
     "moment_seeds": False,
 }
