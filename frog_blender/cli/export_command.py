@@ -113,6 +113,7 @@ def _sound(scene_file: Path, take: SceneTake) -> Sound | None:
 
 def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: range) -> None:
     from ..engine.interchange.splats import export_frames
+    from ..engine.interchange.spz import VERSIONS
     from ..engine.playback.transform import Y_DOWN
     from .progress import bar
 
@@ -127,6 +128,6 @@ def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: ran
             lambda done: report(done, len(frames)),
             turn,
             suffix=suffix,
-            spz_version=options.spz_version or 3,
+            spz_version=options.spz_version or VERSIONS[0],
         )
     say(f"{len(paths)} files in {options.out}")

@@ -36,9 +36,8 @@ def limit_sizes(canonical: CanonicalField, capture: Capture, share: float, neare
     """
     means, log_scales = canonical.means, canonical.log_scales
     distances = torch.full((len(means),), torch.inf, dtype=means.dtype, device=means.device)
-    trained = {shot.camera for shot in capture.train_shots}
-    centers = torch.from_numpy(np.array([capture.cameras[camera].center for camera in trained], np.float32))
-    for center in centers.to(means.device, non_blocking=True):
+    places = np.array([capture.cameras[index].center for index in capture.train_cameras], np.float32)
+    for center in torch.from_numpy(places).to(means.device, non_blocking=True):
         torch.minimum(distances, (means - center).norm(dim=1), out=distances)
     most = (share * distances.clamp(min=nearest)).log()[:, None]
     log_scales.copy_(torch.minimum(log_scales, most))
