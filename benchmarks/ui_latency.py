@@ -8,9 +8,9 @@ what a click would wait.  First without a training, then while one decodes and f
 steps.  With --play a scene plays in the rendered viewport all the while; since software OpenGL may take most of a
 second to draw a window, what the add-on itself takes for a frame and for an image is measured then, not lateness.
 
-With --steps the button is pressed, and the training goes to its end and is imported; no viewport is drawn then, since
-software OpenGL and the training share the processor. What a call was late is told with the processor's time that
-Blender took meanwhile: where others use the machine, that is what was its own of the delay.
+With --steps a capture is chosen, the button is pressed, and the training goes to its end and is imported; no viewport
+is drawn then, since software OpenGL and the training share the processor. What a call was late is told with the
+processor's time that Blender took meanwhile: where others use the machine, that is what was its own of the delay.
 
 Prints one line of JSON, milliseconds, and quits Blender.
 """
@@ -41,6 +41,7 @@ from frog_blender.training_task.request import TrainingRequest
 INTERVAL = 0.01  # seconds
 IDLE_SECONDS = 8.0
 SETTLE_SECONDS = 4.0  # a window that has just opened is busy with itself
+CHOOSING_SECONDS = 3.0  # between the choice of a capture and the button, as people take them
 PATIENCE_SECONDS = 300.0  # for the training to reach its first step
 
 
@@ -50,12 +51,8 @@ class Watch:
     def __init__(self, request: TrainingRequest, seconds: float) -> None:
         self.request = request
         self.seconds = seconds
-        self.late: dict[str, list[tuple[float, float, float]]] = {
-            "idle": [],
-            "preparing": [],
-            "training": [],
-            "ending": [],
-        }
+        phases = ("idle", "choosing", "preparing", "training", "ending")
+        self.late: dict[str, list[tuple[float, float, float]]] = {phase: [] for phase in phases}
         self.to_the_end = False
         self.processor, self.main = time.process_time(), time.thread_time()
         self.own: dict[str, dict[str, list[float]]] = {}
@@ -105,6 +102,9 @@ class Watch:
         if self.phase == "settling" and elapsed > SETTLE_SECONDS:
             self.phase = "idle"
         elif self.phase == "idle" and elapsed > IDLE_SECONDS:
+            self.choose()
+            self.phase = "choosing"
+        elif self.phase == "choosing" and elapsed > CHOOSING_SECONDS:
             self.begin()
             self.phase = "preparing"
         elif self.phase == "preparing" and task is not None and task.state.step:
@@ -126,19 +126,18 @@ class Watch:
             return False
         return True
 
+    def choose(self) -> None:
+        """Choose the capture in the panel, where the button is to be pressed."""
+        if self.to_the_end:
+            settings = bpy.context.scene.frog
+            settings.capture_folder, settings.output_path = str(self.request.capture), str(self.request.output)
+            settings.recipe, settings.length, settings.steps = self.request.recipe, "STEPS", self.request.job["steps"]
+
     def begin(self) -> None:
         """Press the button, or start the training without it."""
         if not self.to_the_end:
             runner.begin(self.request.events)
-            return
-        for window in bpy.context.window_manager.windows:
-            for area in window.screen.areas:
-                if area.type == "VIEW_3D":
-                    area.type = "TEXT_EDITOR"
-        settings = bpy.context.scene.frog
-        settings.capture_folder, settings.output_path = str(self.request.capture), str(self.request.output)
-        settings.recipe, settings.length, settings.steps = self.request.recipe, "STEPS", self.request.job["steps"]
-        if bpy.ops.frog.train() != {"FINISHED"}:
+        elif bpy.ops.frog.train() != {"FINISHED"}:
             sys.exit("The training could not be started.")
 
     def report(self) -> None:
@@ -157,6 +156,19 @@ class Watch:
         print(json.dumps(figures), flush=True)
         runner.stop()
         bpy.ops.wm.quit_blender()
+
+
+def without_viewports() -> None:
+    """Other editors in the viewports' places, and a cursor of the system's, as where a mouse has been moved.
+
+    X11 looks its first cursor up in a library, for which it waits where another is loaded at the moment.
+    """
+    for window in bpy.context.window_manager.windows:
+        window.cursor_modal_set("WAIT")
+        window.cursor_modal_restore()
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.type = "TEXT_EDITOR"
 
 
 def summary(milliseconds: list[float]) -> dict[str, float]:
@@ -189,6 +201,8 @@ def main() -> None:
     watch.to_the_end = options.steps is not None
     if options.play is not None:
         watch.play(options.play)
+    elif watch.to_the_end:
+        without_viewports()
     bpy.app.timers.register(watch.__call__, first_interval=INTERVAL)
 
 

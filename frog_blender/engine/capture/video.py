@@ -17,6 +17,7 @@ from ..arrays import Float32s, Float64s, ImageArray
 from ..errors import FrogError, found_instead
 from ..io.regular_file import regular_file
 from ..optional_imports import is_missing, not_loaded
+from ..preloading import open_extension
 from .camera import MAX_SIDE
 from .image_header import is_cut_png, size_in_header
 from .movie_header import read_movie_header
@@ -61,6 +62,7 @@ def load_opencv() -> Any:  # cv2 has no types that mypy follows
         FrogError: if it is not installed, or cannot be loaded.
     """
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # before the first video: FFmpeg reads it once
+    open_extension("cv2")
     try:
         import cv2
     except ImportError as error:
