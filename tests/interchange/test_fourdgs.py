@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from frog_blender.engine.interchange.imports import import_scene
 from frog_blender.engine.interchange.take import SceneTake, Sound
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
+from frog_blender.engine.source_media.film_sound import find_sound
+from frog_blender.engine.source_media.sound import read_sound
 
 fourdgs = pytest.importorskip("fourdgs", reason="needs the package fourdgs")
 from fourdgs.keyframe_delta_file import decode_indexed, decode_streamed, render_at, write_sequence  # noqa: E402
@@ -101,6 +104,55 @@ def test_sound_is_in_the_file(scene: ScenePlayer, tmp_path: Path) -> None:
     with pytest.raises(FrogError, match="its sound could not be read"):
         list(write_fourdgs(tmp_path / "y.4dgs", SceneTake(scene, "x", range(7), Sound(tmp_path / "x.frog"))))
     assert not (tmp_path / "y.4dgs").exists()
+
+
+@pytest.fixture
+def ringing(scene: ScenePlayer, tmp_path: Path) -> Path:
+    """A file with a tone of 440 Hz."""
+    import subprocess
+
+    if program() is None:
+        pytest.skip("needs ffmpeg")
+    tone = tmp_path / "tone.wav"
+    command = [program(), "-v", "error", "-f", "lavfi", "-i", "sine=frequency=440:duration=2", str(tone)]
+    subprocess.run(command, check=True)
+    list(write_fourdgs(tmp_path / "ringing.4dgs", SceneTake(scene, "x", range(7), Sound(tone, 0.0))))
+    return tmp_path / "ringing.4dgs"
+
+
+def test_sound_is_heard_after_an_import(ringing: Path, tmp_path: Path) -> None:
+    target = tmp_path / "back.frog"
+    assert "sound" not in import_scene(ringing, target).warning
+    header = ScenePlayer.load(target).header
+    found = find_sound(header, target)
+    assert found is not None and found.path == tmp_path / "back.ogg" and found.start == 0
+    heard = read_sound(found.path, 0.0, 0.2).values[:, 0].astype(np.float64)
+    spectrum = np.abs(np.fft.rfft(heard * np.hanning(len(heard))))
+    assert abs(np.argmax(spectrum) / 0.2 - 440) <= 5
+    import_scene(ringing, target)  # once more: the same sound is no other one
+    assert sorted(path.name for path in tmp_path.glob("back*")) == ["back.frog", "back.ogg"]
+
+
+def test_a_file_that_is_there_stays(ringing: Path, tmp_path: Path) -> None:
+    (tmp_path / "back.wav").write_bytes(b"somebody's")
+    assert "back.wav is there already" in import_scene(ringing, tmp_path / "back.frog").warning
+    assert (tmp_path / "back.wav").read_bytes() == b"somebody's" and not (tmp_path / "back.ogg").exists()
+
+
+def of_unknown_form(content: bytes) -> bytes:
+    return content.replace(b"OggS", b"Oops", 1)
+
+
+def begun_later(content: bytes) -> bytes:
+    place = content.index(b"stereo") + len(b"stereo") + 8  # after the length of what is heard
+    return content[:place] + struct.pack("<d", 0.5) + content[place + 8 :]
+
+
+@pytest.mark.parametrize(("changed", "said"), [(of_unknown_form, "is not known"), (begun_later, "begins 0.5 seconds")])
+def test_sound_that_cannot_be_kept_is_told(ringing, tmp_path, changed, said) -> None:
+    ringing.write_bytes(changed(ringing.read_bytes()))
+    assert said in import_scene(ringing, tmp_path / "back.frog").warning
+    assert not list(tmp_path.glob("back.[!f]*"))
 
 
 def born(folder: Path) -> Path:

@@ -80,3 +80,17 @@ def test_without_the_calibration_films_begin_with_the_capture(header, tmp_path):
     assert found is not None and found.start == 0
     (tmp_path / "b.mp4").unlink()
     assert find_sound(header, tmp_path / "x.frog") is None
+
+
+def test_a_file_beside_the_scene_is_heard_where_no_film_has_sound(header, tmp_path):
+    beside = tmp_path / "b.mp4"
+    command = [program(), "-v", "error", "-i", str(beside), "-vn", str(tmp_path / "x.flac")]
+    subprocess.run(command, check=True)
+    found = find_sound(header, tmp_path / "x.frog")
+    assert found is not None and found.path == beside, "a film's own sound comes first"
+    beside.unlink()
+    found = find_sound(header, tmp_path / "x.frog")
+    assert found is not None and (found.path, found.start) == (tmp_path / "x.flac", 0.0)
+    (tmp_path / "x.flac").unlink()
+    (tmp_path / "x.wav").write_bytes(b"no sound")
+    assert find_sound(header, tmp_path / "x.frog") is None

@@ -71,6 +71,7 @@ def import_foreign(
         int(answer["left_out"]),
         frames=int(answer["frames"]),
         keeps_identity=bool(answer["keeps_identity"]),
+        left_out_sound=answer["sound"],
     )
 
 
@@ -110,6 +111,7 @@ def answered(source: Path, target: Path, *, compact: bool) -> dict[str, object]:
         preload(source)
         limit_memory(source)
         done = write_source(open_source(source), source, target, compact=compact, progress=_tell)
+        left_out_sound = _kept_sound(source, target)
     except FrogError as error:
         return {"error": str(error)}
     except MemoryError:
@@ -124,7 +126,17 @@ def answered(source: Path, target: Path, *, compact: bool) -> dict[str, object]:
         "left_out": done.left_out,
         "frames": done.frames,
         "keeps_identity": done.keeps_identity,
+        "sound": left_out_sound,
     }
+
+
+def _kept_sound(source: Path, target: Path) -> str:
+    """Keeps the sound of a file that has one beside the scene; what of it was left out."""
+    if source.suffix.lower() != ".4dgs":
+        return ""
+    from .fourdgs_sound import keep_sound
+
+    return keep_sound(source, target)
 
 
 def preload(source: Path) -> None:

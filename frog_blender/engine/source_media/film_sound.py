@@ -1,4 +1,4 @@
-"""Which film of a scene's capture has sound, and when in it the capture begins."""
+"""Where a scene's sound is: in a film of its capture or in a file beside it; and when in it the capture begins."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from ..errors import FrogError
 from ..scene.header import SceneHeader
 from .clips import capture_folders, find_clips
 from .sound import has_sound as ffmpeg_has_sound
+from .sound_beside import sound_beside
 
 
 @dataclass(frozen=True)
 class FilmSound:
-    """A film that has sound.
+    """A film that has sound, or a file of sound.
 
     Attributes:
         path: of the film.
@@ -31,15 +32,16 @@ class FilmSound:
 def find_sound(
     header: SceneHeader, scene_file: Path, has_sound: Callable[[Path], bool] = ffmpeg_has_sound
 ) -> FilmSound | None:
-    """The first film of a capture that has sound; None where no such film is found."""
+    """The first film of a capture that has sound, else the file of that name beside the scene; None for silence."""
     for folder in capture_folders(header, scene_file):
         clips = find_clips(header, folder)
         for clip in clips.values():
             if clip.kind == "VIDEO" and has_sound(clip.path):
                 return FilmSound(clip.path, _start_of(folder, clip.path))
         if clips:
-            return None
-    return None
+            break
+    beside = sound_beside(scene_file)
+    return FilmSound(beside, 0.0) if beside is not None and has_sound(beside) else None
 
 
 def _start_of(folder: Path, film: Path) -> float:
