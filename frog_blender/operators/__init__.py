@@ -25,6 +25,7 @@ _FAMILIES = (
     "retime",
     "capture_sound",
     "compose",
+    "render_film",
     "light",
     "make_proxy",
     "edit_crops",

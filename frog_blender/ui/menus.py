@@ -60,6 +60,7 @@ def _add(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
 def _render(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.separator()
     self.layout.operator_menu_enum("frog.compose", "engine", text="FRoG Captures With My Objects")
+    self.layout.operator("frog.render_film", text="FRoG Film")
 
 
 _ENTRIES = {

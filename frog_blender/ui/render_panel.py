@@ -29,6 +29,7 @@ class FROG_PT_render(SidebarPanel, bpy.types.Panel):
         layout.prop(scene.render, "engine")
         draw_with_objects(layout)
         draw_colors(layout, context)
+        layout.operator("frog.render_film", icon="FILE_MOVIE")
         _draw_size(layout, context)
         _draw_lock(layout, context)
         for problem in renders.problems():

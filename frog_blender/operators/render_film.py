@@ -1,0 +1,69 @@
+"""Render Film: the animation into one film, where Blender's default is a folder of images."""
+
+# mypy: disable-error-code="valid-type"
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+from bpy.props import StringProperty
+from bpy_extras.io_utils import ExportHelper
+
+from ..timeline import playback
+
+
+class FROG_OT_render_film(bpy.types.Operator, ExportHelper):
+    """Render the scene's frame range into an .mp4 film, with its sound. Sets the scene's output to that film"""
+
+    bl_idname = "frog.render_film"
+    bl_label = "Render Film"
+
+    filename_ext = ".mp4"
+    filter_glob: StringProperty(default="*.mp4", options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        has_captures = playback.has_captures(context.scene)
+        cls.poll_message_set("Set a camera first." if has_captures else "Import a capture first.")
+        return has_captures and context.scene.camera is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        scene, path = context.scene, Path(bpy.path.abspath(self.filepath))
+        if not path.parent.is_dir():
+            self.report({"ERROR"}, f"{path.parent}: found no such folder, expected one for the film.")
+            return {"CANCELLED"}
+        width, height = _size(scene.render)
+        if width % 2 or height % 2:
+            self.report({"ERROR"}, f"Renders have {width} x {height} pixels; films need even numbers of both.")
+            return {"CANCELLED"}
+        _set_output(scene, path)
+        return bpy.ops.render.render("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", animation=True)
+
+
+def _size(render: bpy.types.RenderSettings) -> tuple[int, int]:
+    """Pixels of a render, rounded as Blender does."""
+    share = render.resolution_percentage / 100
+    return int(render.resolution_x * share), int(render.resolution_y * share)
+
+
+def _set_output(scene: bpy.types.Scene, path: Path) -> None:
+    """H.264 in an .mp4, which every program plays, of good quality."""
+    render = scene.render
+    render.filepath, image = str(path), render.image_settings
+    if hasattr(image, "media_type"):  # since 5.0
+        image.media_type = "VIDEO"
+    image.file_format = "FFMPEG"
+    film = render.ffmpeg
+    film.format, film.codec, film.constant_rate_factor = "MPEG4", "H264", "HIGH"
+    film.audio_codec = "AAC" if _has_sound(scene) else "NONE"
+
+
+def _has_sound(scene: bpy.types.Scene) -> bool:
+    editor = scene.sequence_editor
+    return any(obj.type == "SPEAKER" for obj in scene.objects) or (
+        editor is not None and any(strip.type == "SOUND" for strip in editor.strips_all)
+    )
+
+
+register, unregister = bpy.utils.register_classes_factory((FROG_OT_render_film,))

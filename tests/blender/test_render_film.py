@@ -1,0 +1,57 @@
+"""Render Film: a film of the frame range, or a sentence and nothing changed."""
+
+from __future__ import annotations
+
+import bpy
+import pytest
+from support.small_scenes import rig_of_three, write_scene
+
+
+@pytest.fixture
+def scene(empty, tmp_path):
+    """A capture in a scene of three frames, 64 x 48 pixels."""
+    path = write_scene(tmp_path / "x.frog", rig_of_three())
+    bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True)
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1, 3
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 64, 48, 100
+    return scene
+
+
+def test_a_film_has_the_frames(scene, tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    target = tmp_path / "films" / "take.mp4"
+    target.parent.mkdir()
+    assert bpy.ops.frog.render_film(filepath=str(target)) == {"FINISHED"}
+    assert [path.name for path in target.parent.iterdir()] == ["take.mp4"]
+    film = cv2.VideoCapture(str(target))
+    images = []
+    while (read := film.read())[0]:
+        images.append(read[1])
+    assert len(images) == 3 and images[0].shape == (48, 64, 3)
+    assert scene.render.ffmpeg.audio_codec == "NONE", "nothing is heard in this scene"
+    assert any(image.std() > 1 for image in images), "splats are seen"
+
+
+def test_sound_goes_with_it(scene, tmp_path):
+    speaker = bpy.data.objects.new("speaker", bpy.data.speakers.new("speaker"))
+    scene.collection.objects.link(speaker)
+    assert bpy.ops.frog.render_film(filepath=str(tmp_path / "x.mp4")) == {"FINISHED"}
+    assert scene.render.ffmpeg.audio_codec == "AAC"
+
+
+@pytest.mark.parametrize(
+    ("width", "folder", "said"),
+    [(63, "", r"63 x 48 pixels; films need even"), (64, "missing", "found no such folder")],
+)
+def test_what_cannot_be_written_is_told(scene, tmp_path, width, folder, said):
+    scene.render.resolution_x = width
+    before = scene.render.filepath, scene.render.image_settings.file_format
+    with pytest.raises(RuntimeError, match=said):
+        bpy.ops.frog.render_film(filepath=str(tmp_path / folder / "x.mp4"))
+    assert (scene.render.filepath, scene.render.image_settings.file_format) == before
+
+
+def test_without_a_camera_it_is_grey(scene):
+    scene.camera = None
+    assert not bpy.ops.frog.render_film.poll()
