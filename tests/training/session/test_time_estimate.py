@@ -95,6 +95,7 @@ def test_a_workload_of_a_capture(capture: Capture) -> None:
 
 def test_a_first_guess_counts_every_phase_and_says_that_it_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
     guesses = {}
+    monkeypatch.setattr("frog_blender.engine.native.binding.instruction_set", lambda: "avx2")
     for cores in (2, 16):
         monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
         guesses[cores] = estimate(WORK)
@@ -105,6 +106,8 @@ def test_a_first_guess_counts_every_phase_and_says_that_it_is_one(monkeypatch: p
     assert guess.seconds == pytest.approx(sum(WORK.seconds.values()))
     assert guess.trainings == 0 and str(guess).startswith("Roughly")
     assert quicker is not None and guess.seconds is not None and guess.seconds / 8 < quicker < guess.seconds / 2
+    monkeypatch.setattr("frog_blender.engine.native.binding.instruction_set", lambda: "avx512")
+    assert estimate(WORK).seconds < 0.8 * quicker, "vectors of twice the length"
     nothing = estimate(WORK, "cuda")
     assert nothing.seconds is None and "not known" in str(nothing)
 

@@ -24,26 +24,28 @@ from ...capture.capture import Capture
 from ...capture.frames import default_cache_folder
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
+from ...native import binding
 from ..recipe import Recipe
 from . import events
 from .cancel_token import CancelToken
 from .job import TrainingJob
 
 PHASES = ("decoding", "seeding", "training", "finishing")
-MODEL = 2  # raise it when the model changes: older factors no longer fit then
+MODEL = 3  # raise it when the model changes: older factors no longer fit then
 
 _FILE = "training_times.json"  # beside the decoded frames: it belongs to this computer and its user
 _GRID = np.linspace(0.0, 1.0, 401)  # of a training's progress, over which the cost of steps is summed
 _SHORT = 10.0  # modelled seconds below which a training teaches nothing: what happens once outweighs its steps
 _NEWEST = 0.5  # share of the newest training in a factor
-_SKIPPED = 0.1  # of the expected time: decoding or seeding that is quicker found its results on disk
+_SKIPPED = 0.3  # of the expected time: decoding or seeding that is quicker found its results on disk
 _FORGETTING = 10.0  # a tenth of a training replaces most of the rate that was measured before it
 
 # Reference seconds, on two cores with AVX2 at 3.2 GHz. Of a step: fixed, for a thousand Gaussians, for a thousand of
 # them and a thousand weights of the network, and for a million pixels rendered. Of decoding: for an image, and for a
 # million pixels. Of the seed search, whose images are few and small.
-_FIXED, _GAUSSIANS, _WEIGHTS, _PIXELS = 6e-3, 0.53e-3, 0.054e-3, 190e-3
-_IMAGE, _DECODED, _SEEDING = 17e-3, 40e-3, 10.0
+_FIXED, _GAUSSIANS, _WEIGHTS, _PIXELS = 6e-3, 0.53e-3, 0.054e-3, 113e-3
+_IMAGE, _DECODED, _SEEDING = 2e-3, 40e-3, 20.0
+_QUICKER = {"avx512": 0.64}  # seconds for one of the reference's, by the instruction set
 # What takes as long as so many steps: evaluations, previews and compression during the training, and evaluation,
 # compression and saving after it; with a capacity of "fixed" or "auto".
 _BESIDES, _FINISHING = {"fixed": 40, "auto": 140}, {"fixed": 15, "auto": 45}
@@ -180,8 +182,16 @@ def history(device: str) -> tuple[int, dict[str, float]]:
     """How many trainings were remembered, and the factor of each phase; where there is none, a guess."""
     entries = _stored().get(device, {}).items()
     known = {name: value for name, value in entries if isinstance(value, int | float) and 0 < value < 1e9}
-    guess = (2 / (os.cpu_count() or 2)) ** 0.7  # the reference has two cores; what more of them give is not measured
+    # The reference has two cores; what more of them give is not measured.
+    guess = (2 / (os.cpu_count() or 2)) ** 0.7 * _QUICKER.get(_instruction_set(), 1.0)
     return int(known.get("trainings", 0)), {phase: float(known.get(phase, guess)) for phase in PHASES}
+
+
+def _instruction_set() -> str:
+    """Of the processor, as far as the native library uses it; "" where there is no library."""
+    with suppress(FrogError):
+        return binding.instruction_set()
+    return ""
 
 
 def remember(work: Workload, device: str, phases: Mapping[str, float]) -> None:
