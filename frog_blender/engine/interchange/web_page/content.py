@@ -2,7 +2,8 @@
 
 Positions keep 16 bits of an inverse hyperbolic sine, fine in the middle of a scene and coarse far out; sizes (as
 logarithms), rotations, colours and opacities have 8. What does not change in time is there once. What does is there for
-every frame as the difference from the frame before, which ``zlib`` makes small.
+every frame as the difference from the frame before, which ``zlib`` makes small: the smaller since numbers stay as they
+are where they would change by one step, or where their Gaussian cannot be seen.
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ MOST_BYTES = 2**29
 _SMALLEST_SCALE = 1e-12  # its logarithm is finite
 _COLOR_STEPS, _SHAPE_STEPS, _POSITION_STEPS = 255, 127, 8191
 _TAIL = 0.0005  # share of a frame's numbers at either end that may be cut off: few, and far from all others
+_OPACITY = 3  # column of "base"
+_HELD = 1  # steps by which a number may differ before it changes
+_UNSEEN = 1  # the largest quantized opacity that is not seen
 _STEEPNESS = 8.0  # of a scene's spread: within it positions are about evenly fine
 
 
@@ -157,13 +161,14 @@ class PagePacker:
 
     def packed(self) -> PageContent:
         """All that was added."""
+        films = {name: _steady(name, np.stack(film)) for name, film in self._films.items()}
+        seen = films["base"][..., _OPACITY] > _UNSEEN if "base" in films else None
         parts: list[bytes] = []
         described: list[JsonObject] = []
         for name, column in self._columns.items():
             quantizer, still = self._quantizers[name], column
             if name in self._films:
-                film = _steady(name, np.stack(self._films[name]))
-                described.append(_add(parts, name, quantizer, film, film=True))
+                described.append(_add(parts, name, quantizer, _held(name, films[name], seen), film=True))
                 still = column[self._moved :]
             if len(still):
                 values = quantizer.quantize(_canonical(name, still))
@@ -241,6 +246,27 @@ def _steady(name: str, film: Array) -> Array:
         flipped = (before * now).sum(1) < 0
         film[frame][flipped] = _SHAPE_STEPS - film[frame][flipped]
     return film
+
+
+def _held(name: str, film: Array, seen: Array | None) -> Array:
+    """(T, M, width) quantised frames whose numbers change only by more than _HELD steps and where they are seen.
+
+    Args:
+        seen: (T, M) where a Gaussian is; None for everywhere. Before that its numbers are those with which it appears.
+    """
+    shown = np.ones(film.shape, bool)
+    if seen is not None:
+        shown &= seen[..., None]
+    if name == "base":
+        shown[..., _OPACITY] = True
+    first = np.argmax(shown, axis=0)
+    now = np.take_along_axis(film, first[None], axis=0)[0]
+    result = np.empty_like(film)
+    for frame, values in enumerate(film):
+        change = np.abs(values.astype(np.int32) - now) > _HELD
+        now = np.where(change & shown[frame], values, now)
+        result[frame] = now
+    return result
 
 
 def _add(parts: list[bytes], name: str, quantizer: Quantizer, values: Array, *, film: bool) -> JsonObject:
