@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -49,8 +49,7 @@ class Crop:
             raise ValueError("a mesh crop without a mesh, or another with one")
         if len(self.matrix) != 16 or not all(map(math.isfinite, self.matrix)):
             raise ValueError("a crop whose matrix is not 16 finite numbers")
-        matrix = np.array(self.matrix).reshape(4, 4)
-        if not np.array_equal(matrix[3], (0, 0, 0, 1)) or np.linalg.cond(matrix[:3, :3]) > 1e9:
+        if self.matrix[12:] != (0, 0, 0, 1) or _inverse(self.matrix) is None:
             raise ValueError("a crop that is flattened, or whose matrix is none of a placed object")
         if not 0 <= self.feather < math.inf:
             raise ValueError(f"a feather of {self.feather}")
@@ -59,7 +58,8 @@ class Crop:
 
     def kept(self, points: Array) -> Array:
         """(N,) float32 in [0, 1]: the share of the opacity of Gaussians at (N, 3) that is kept."""
-        inverse = np.linalg.inv(np.array(self.matrix).reshape(4, 4))
+        inverse = _inverse(self.matrix)
+        assert inverse is not None
         # (3, N): numpy adds to short rows, and looks for their largest numbers, ten times as slowly.
         local: Array = inverse[:3, :3].astype(np.float32) @ points.T
         local += inverse[:3, 3:].astype(np.float32)
@@ -98,6 +98,17 @@ class Crop:
         slope = np.linalg.norm(to_shape.T.astype(np.float32) @ local, axis=0) / length
         distance: Array = (length - 1) / np.maximum(slope, 1e-9)
         return distance
+
+
+@lru_cache(maxsize=64)
+def _inverse(matrix: tuple[float, ...]) -> Array | None:
+    """(4, 4) the inverse of a matrix in rows; None for one that flattens. The same crop asks in every frame."""
+    rows = np.array(matrix).reshape(4, 4)
+    if np.linalg.cond(rows[:3, :3]) > 1e9:
+        return None
+    inverse: Array = np.linalg.inv(rows)
+    inverse.flags.writeable = False
+    return inverse
 
 
 def _as_shares(kept: Array) -> Array:
