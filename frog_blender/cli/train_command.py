@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..engine.errors import FrogError
 from ..engine.field.names import METHODS
 from ..engine.training.recipe import RECIPES
 from ..engine.training.session.output_paths import check_unused
@@ -57,6 +58,12 @@ def add_train_parser(commands: Any) -> None:
         metavar="SECONDS",
         help="between checkpoints; default: 180",
     )
+    train.add_argument(
+        "--events",
+        action="store_true",
+        help="print events as lines of JSON; end when standard input does, and obey its lines 'pause', 'resume' and "
+        "'preview CAMERA'",
+    )
     again = train.add_mutually_exclusive_group()
     again.add_argument(
         "--overwrite", action="store_true", help="replace a scene that is there, once the new one is whole"
@@ -93,16 +100,21 @@ def _train(options: argparse.Namespace) -> int:
     if not (options.overwrite or options.resume):
         check_unused(options.out, _WAYS)  # before torch is loaded
     if started_by_torchrun():
+        if options.events:
+            raise FrogError("--events tells of a training by one process, and torchrun has started this one.")
         from .train_together import train_together
 
         return train_together(options, lambda: _job(options))
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
         from ..engine.training.session.run import run_training
         from ..engine.training.session.time_estimate import remembering
+        from .event_stream import obeying_input, tell
         from .progress import show
 
         job = _job(options)
-        finished = show(remembering(run_training(job, asked), job), job.output)
+        stream = run_training(job, obeying_input(asked) if options.events else asked)
+        stream = remembering(stream, job)
+        finished = tell(stream) if options.events else show(stream, job.output)
     return 0 if finished else 1
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-from ..io.plain_values import JsonMapping
+from ..io.plain_values import JsonMapping, JsonObject, UnfitValue, finite_entries
 
 
 class StepKind(StrEnum):
@@ -64,6 +64,18 @@ def summary(capacity: JsonMapping) -> str:
 def lines(capacity: JsonMapping) -> list[str]:
     """A line for each reduction: what it did, saved and cost."""
     return [reduction_line(reduction) for reduction in capacity.get("reductions", ())]
+
+
+def readable_report(value: object) -> JsonObject:
+    """What a file or another program says was taken out; UnfitValue for a report that nobody could read out."""
+    capacity = finite_entries(value, "capacity")
+    if capacity:
+        try:
+            summary(capacity)
+            lines(capacity)
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            raise UnfitValue(f"a capacity report that cannot be read out ({error!r})", "one of a training") from error
+    return capacity
 
 
 def reduction_line(reduction: JsonMapping) -> str:

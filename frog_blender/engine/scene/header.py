@@ -26,7 +26,7 @@ from ..io.plain_values import (
     text,
     whole,
 )
-from .compression_report import lines, summary
+from .compression_report import readable_report
 
 FORMAT_VERSION = 5
 """1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade; 5 may have
@@ -148,7 +148,7 @@ class SceneHeader:
             steps=whole(data["steps"], "steps", 0, 2**62),
             train_seconds=number(data["train_seconds"], "train_seconds", 0, 1e15),
             format_version=version,
-            capacity=_capacity(data.get("capacity", {})),
+            capacity=readable_report(data.get("capacity", {})),
             world=World.from_json(data["world"]) if "world" in data else FILES_OWN,
             masks=_masks(data["masks"]) if "masks" in data else EVERY_MASK,
         )
@@ -202,15 +202,3 @@ def _offsets(value: object) -> dict[str, tuple[float, float]]:
         dx, dy = numbers(offset, "a pixel offset", (2,), 1e6).tolist()
         found[text(name, "a camera's name", _LONGEST_NAME)] = (dx, dy)
     return found
-
-
-def _capacity(value: object) -> JsonObject:
-    """UnfitValue for a report that nobody could read out."""
-    capacity = finite_entries(value, "capacity")
-    if capacity:
-        try:
-            summary(capacity)
-            lines(capacity)
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            raise UnfitValue(f"a capacity report that cannot be read out ({error!r})", "one of a training") from error
-    return capacity

@@ -6,6 +6,8 @@ import threading
 import time
 from collections.abc import Callable
 
+_LOOKS = 0.5  # seconds of a pause between questions to the front end's own way to cancel, which tells nobody
+
 
 class CancelToken:
     """Called by a training between its steps: true when it is to end. While paused the call waits.
@@ -59,6 +61,7 @@ class CancelToken:
         with self._changed:
             began = time.perf_counter()
             if self.paused:
-                self._changed.wait_for(lambda: not self.paused)
+                while self.paused and not self._ends():
+                    self._changed.wait(_LOOKS)
                 self.seconds_paused += time.perf_counter() - began
         return self.ended
