@@ -14,6 +14,7 @@ from ..engine.errors import FrogError
 from ..scene_import.capture_objects import plays, stored_path
 from ..training_task import runner
 from ..training_task.live_view import LiveView
+from ..training_task.remote import RemoteTraining
 from ..training_task.request import (
     TrainingRequest,
     can_train_longer,
@@ -22,7 +23,7 @@ from ..training_task.request import (
     request_of,
     steps_done,
 )
-from ..ui import capture_reading, capture_summary, torch_environment
+from ..ui import capture_reading, capture_summary, remote_settings, torch_environment
 from .cancel_operator import CancelsTask
 from .training_result import ResultImporter
 
@@ -38,7 +39,7 @@ def reason_not_to_train(settings: Any) -> str:
         return summary.error
     if summary is not None and summary.raw_footage:
         return "The cameras have to be calibrated first."
-    return torch_environment.torch_needed()
+    return remote_settings.needed(settings)
 
 
 class StartsTraining:
@@ -52,11 +53,16 @@ class StartsTraining:
 
     def begin(self: Any, settings: Any, request: TrainingRequest) -> None:
         """Starts it; the scene's output becomes that of the request. FrogError if it cannot be started."""
-        torch_environment.make_torch_importable()
         after = ResultImporter(settings.id_data) if settings.import_when_done else None
-        live = LiveView(settings.id_data)
-        request.job["live"] = live.source
-        runner.begin(request.events, after, live, after.prepare if after is not None else None)
+        prepare = after.prepare if after is not None else None
+        if settings.device == remote_settings.REMOTE:
+            training = RemoteTraining(remote_settings.remote_command(), request)
+            runner.begin(training.events, after, prepare=prepare, kill=training.kill)
+        else:
+            torch_environment.make_torch_importable()
+            live = LiveView(settings.id_data)
+            request.job["live"] = live.source
+            runner.begin(request.events, after, live, prepare)
         if request.output == output_of(settings):
             return
         self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")

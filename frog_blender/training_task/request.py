@@ -56,12 +56,16 @@ class TrainingRequest:
         from ..engine.training.session.run import run_training
         from ..engine.training.session.time_estimate import remembering
 
-        if self.continued is not None:
-            _copy(checkpoint_path(self.continued), checkpoint_path(self.output))
+        self.copy_checkpoint()
         chosen = recipe(self.recipe, capacity=self.capacity)
         settings = recipe_within(chosen, "frog", max_gaussians=self.max_gaussians, max_bytes=None)
         job = TrainingJob(self.capture, self.output, recipe=settings, **self.job)
         return remembering(run_training(job, control), job)
+
+    def copy_checkpoint(self) -> None:
+        """Gives a training that continues a finished one the checkpoint that it begins with."""
+        if self.continued is not None:
+            _copy(checkpoint_path(self.continued), checkpoint_path(self.output))
 
 
 def _copy(source: Path, target: Path) -> None:

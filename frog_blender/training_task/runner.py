@@ -51,6 +51,7 @@ class TrainingTask(BackgroundTask):
         prepare: does a part of ``on_finished`` before it, so that neither keeps the user waiting; at another time.
         is_scene_in_use: while true, ``on_finished`` has to wait.
         live: where viewports find its scene while it runs.
+        kill: ends at once what the source has started outside Blender, where it did not end in time.
     """
 
     what = "training"
@@ -64,9 +65,10 @@ class TrainingTask(BackgroundTask):
         prepare: Callable[[], None] | None = None,
         is_scene_in_use: Callable[[], bool] | None = None,
         live: LiveView | None = None,
+        kill: Callable[[], None] = lambda: None,
     ) -> None:
         super().__init__()
-        self.live = live
+        self.live, self.kill = live, kill
         self.state = TrainingState()
         self.on_finished, self.prepare = on_finished, prepare
         self._is_scene_in_use = is_scene_in_use or unsaved_changes.is_scene_in_use
@@ -203,6 +205,7 @@ def begin(
     on_finished: OnFinished | None = None,
     live: LiveView | None = None,
     prepare: Callable[[], None] | None = None,
+    kill: Callable[[], None] = lambda: None,
 ) -> TrainingTask:
     """Start a training as the current one, pumped by a timer; FrogError if one is running already."""
     last = current()
@@ -210,7 +213,7 @@ def begin(
         raise FrogError("A training is already running. Wait for it or cancel it first.")
     if last is not None and last.waiting:
         raise FrogError("The last scene is still waiting to be imported. Finish the current render or operation first.")
-    task = TrainingTask(source, on_finished, live=live, prepare=prepare).start()
+    task = TrainingTask(source, on_finished, live=live, prepare=prepare, kill=kill).start()
     set_current(task)
     begin_ticking(tick)
     return task
@@ -246,6 +249,7 @@ def stop() -> None:
         doing = "Saving what the training has learned" if has_learned else "Ending the training"
         _print(f"{doing}, which may take up to {state.quit_seconds:.0f} seconds.")
         if not task.join(state.quit_seconds - state.patience):
+            task.kill()
             _print("That took longer." + (" The last checkpoint is kept, if there is one." if has_learned else ""))
             return
     task.pump_all()

@@ -1,4 +1,4 @@
-"""The add-on's preferences: the size of the playback cache and, where it trains, the environment with torch."""
+"""The add-on's preferences: the size of the playback cache and, where it trains, with what and where else."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -12,13 +12,21 @@ from .. import edition
 from ..timeline import playback_cache
 
 if edition.TRAINS:
-    from .torch_environment import TorchPreferences as _Environment
+    from .remote_settings import RemotePreferences
+    from .torch_environment import TorchPreferences
+
+    class _Environment(TorchPreferences, RemotePreferences):
+        """What trains here, and elsewhere."""
+
 else:
 
     class _Environment:  # type: ignore[no-redef]
         """The player needs no other packages."""
 
         def draw_environment(self, context: bpy.types.Context) -> None:
+            pass
+
+        def draw_remote(self) -> None:
             pass
 
 
@@ -45,6 +53,7 @@ class FROG_AP_preferences(_Environment, bpy.types.AddonPreferences):
         layout.use_property_split = True
         layout.prop(self, "cache_megabytes")
         self.draw_environment(context)
+        self.draw_remote()
 
 
 _register_classes, unregister = bpy.utils.register_classes_factory((FROG_AP_preferences,))

@@ -109,7 +109,7 @@ def _draw_running(layout: bpy.types.UILayout) -> bool:
     return current.running
 
 
-def _preferences() -> Any:
+def addon_preferences() -> Any:
     """This add-on's preferences; None if it was registered by a script."""
     addon = bpy.context.preferences.addons.get(base_package)
     return addon.preferences if addon is not None else None
@@ -117,13 +117,13 @@ def _preferences() -> Any:
 
 def package_index() -> str:
     """URL of pip's package index; an empty string for the default."""
-    preferences = _preferences()
+    preferences = addon_preferences()
     return preferences.package_index.strip() if preferences is not None else ""
 
 
 def use_installation(folder: Path) -> None:
     """Stores the folder of an installation in the preferences and makes its packages importable."""
-    preferences = _preferences()
+    preferences = addon_preferences()
     if preferences is not None:
         preferences.torch_path = str(folder)
     add_folder(folder)
@@ -131,7 +131,7 @@ def use_installation(folder: Path) -> None:
 
 def forget_installation() -> None:
     """Lets the preferences no longer name what *Install torch* had installed."""
-    preferences, place = _preferences(), task.folder().parent
+    preferences, place = addon_preferences(), task.folder().parent
     named = preferences.torch_path if preferences is not None else ""
     if named and Path(bpy.path.abspath(named)).parent == place:
         preferences.torch_path = ""
@@ -142,7 +142,7 @@ def forget_installation() -> None:
 
 def torch_path() -> str:
     """The folder set in the preferences, or that of *Install torch*; otherwise an empty string."""
-    preferences = _preferences()
+    preferences = addon_preferences()
     named = preferences.torch_path if preferences is not None else ""
     place = task.folder()
     if named and Path(bpy.path.abspath(named)).parent != place.parent:

@@ -12,7 +12,7 @@ from ..scene_import.scene_setup import is_set_up, start_cube
 from ..training_task import runner
 from ..training_task.request import can_resume, can_train_longer
 from ..training_task.state import TrainingState
-from . import presets, preview_image, torch_environment, training_choices, training_time
+from . import presets, preview_image, remote_settings, torch_environment, training_choices, training_time
 from .sidebar_panel import SidebarPanel, split
 from .text import duration, wrapped_label
 
@@ -121,11 +121,12 @@ def _left_out(settings: Any) -> str:
 def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Context) -> None:
     """Draws the estimated duration and the buttons that start a training."""
     capture = training_choices.known_capture(settings)
-    if capture is not None:
+    if capture is not None and settings.device != remote_settings.REMOTE:
         wrapped_label(layout, training_time.expected(settings, capture), context, icon="TIME")
-    needed = torch_environment.torch_needed()
+    needed = remote_settings.needed(settings)
     if needed:
         wrapped_label(layout, needed, context, icon="ERROR")
+    if needed and settings.device != remote_settings.REMOTE:
         torch_environment.draw_torch_installation(layout, context)
     row = layout.row()
     row.scale_y = 1.5
@@ -150,7 +151,8 @@ def _draw_training(
         preview_image.draw(box, context)
     if state.running:
         box.prop(settings, "preview_camera")
-        box.prop(settings, "show_live")
+        if task.live is not None:
+            box.prop(settings, "show_live")
 
 
 def _draw_progress(box: bpy.types.UILayout, task: runner.TrainingTask, context: bpy.types.Context) -> None:

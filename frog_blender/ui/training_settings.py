@@ -20,6 +20,7 @@ from bpy.props import (
 from .. import redrawing, relative_paths
 from ..engine.training.session.output_paths import free_output
 from .path_options import PATH_OPTIONS
+from .remote_settings import REMOTE
 from .rig_settings import FrogRigSettings
 from .training_choices import TrainingChoices
 
@@ -38,6 +39,7 @@ DEVICES = (
     ("auto", "Automatic", "The NVIDIA GPU if torch and FRoG can use one, otherwise the CPU"),
     ("cpu", "CPU", "All cores of the CPU"),
     ("cuda", "CUDA", "The NVIDIA GPU; needs a torch with CUDA"),
+    (REMOTE, "Remote", "Another computer, by the Remote Command in the add-on's preferences"),
 )
 
 

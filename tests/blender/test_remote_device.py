@@ -1,0 +1,158 @@
+"""The device Remote: what the panel says of it, and a training by a command that ends in an imported scene."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+import pytest
+from support.builders import REPOSITORY
+from support.training_panel import Written
+
+from frog_blender import addon_state
+from frog_blender.engine.training.session import events
+from frog_blender.timeline import playback
+from frog_blender.training_task import runner
+from frog_blender.ui import preferences, remote_settings, torch_environment, train_panel
+
+COMMAND = f"{shlex.quote(sys.executable)} -m frog_blender.cli train {{capture}} --out {{output}} --events {{options}}"
+
+
+@pytest.fixture
+def chosen(empty):
+    """The add-on's preferences, as in a Blender that has it installed."""
+    addon = bpy.context.preferences.addons.new()
+    addon.module = torch_environment.base_package
+    yield addon.preferences
+    runner.stop()
+    runner.set_current(None)
+    bpy.context.preferences.addons.remove(addon)
+
+
+@pytest.fixture
+def capture(tmp_path, monkeypatch):
+    """A folder of four filmed cameras."""
+    film = pytest.importorskip("support.synthetic_capture")
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("PYTHONPATH", str(REPOSITORY))
+    return film.write_capture(tmp_path / "capture")
+
+
+def drawn(scene):
+    panel = SimpleNamespace(layout=Written())
+    system = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+    context = SimpleNamespace(scene=scene, region=SimpleNamespace(width=280), preferences=system)
+    train_panel.FROG_PT_train.draw(panel, context)
+    return " ".join(panel.layout.said)
+
+
+def preferences_drawn(chosen):
+    layout = Written()
+    shown = SimpleNamespace(layout=layout, bl_rna=chosen.bl_rna, remote_command=chosen.remote_command)
+    remote_settings.RemotePreferences.draw_remote(shown)
+    return layout.said
+
+
+def test_without_a_command_it_is_grey_and_says_why(chosen, capture, monkeypatch):
+    settings = bpy.context.scene.frog
+    settings.capture_folder, settings.device = str(capture), "remote"
+    assert "Roughly" not in drawn(bpy.context.scene)
+    assert "needs a Remote Command" in drawn(bpy.context.scene) and not bpy.ops.frog.train.poll()
+    with pytest.raises(RuntimeError, match="needs a Remote Command in the add-on's preferences"):
+        bpy.ops.frog.train()
+    chosen.remote_command = "frog train {capture}"
+    with pytest.raises(RuntimeError, match=r"lacks \{output\} and \{options\}"):
+        bpy.ops.frog.train()
+    chosen.remote_command = COMMAND
+    monkeypatch.setattr(torch_environment, "torch_needed", lambda: "There is no torch.")
+    assert bpy.ops.frog.train.poll() and "no torch" not in drawn(bpy.context.scene)
+    settings.device = "cpu"
+    assert not bpy.ops.frog.train.poll() and "There is no torch." in drawn(bpy.context.scene)
+
+
+def test_without_preferences_there_is_no_command(empty):
+    empty.frog.device = "remote"
+    assert "needs a Remote Command" in remote_settings.needed(empty.frog)
+
+
+def test_the_preferences_say_what_the_command_lacks(chosen):
+    assert isinstance(chosen, preferences.FROG_AP_preferences)
+    assert preferences_drawn(chosen) == ["remote_command", remote_settings.EXAMPLE]
+    chosen.remote_command = remote_settings.EXAMPLE
+    assert preferences_drawn(chosen) == ["remote_command", "remote_local_folder", "remote_folder"]
+    chosen.remote_folder = "/data"
+    assert "both a Local Folder and a Remote Folder" in preferences_drawn(chosen)[-1]
+
+
+def test_a_training_elsewhere_ends_in_an_imported_scene(chosen, capture, monkeypatch):
+    """Here torch is not even looked for."""
+    pytest.importorskip("torch")
+    scene = bpy.context.scene
+    settings = scene.frog
+    settings.capture_folder, settings.recipe, settings.device, settings.steps = str(capture), "draft", "remote", 30
+    settings.max_gaussians = 250
+    chosen.remote_command = COMMAND
+    monkeypatch.setattr(torch_environment, "make_torch_importable", lambda: pytest.fail("not needed"))
+    seen, take = [], runner.TrainingTask.apply
+    monkeypatch.setattr(runner.TrainingTask, "apply", lambda self, event: (seen.append(event), take(self, event)))
+    assert bpy.ops.frog.train() == {"FINISHED"}
+    task = runner.current()
+    assert "frog.pause_training" in drawn(scene) and "show_live" not in drawn(scene)
+    assert task.join(120.0)
+    while runner.tick() is not None:
+        pass
+    state = task.state
+    assert not state.error and not state.note and state.step == 30 and state.psnr and state.preview is not None
+    assert state.result == Path(settings.output_path) and state.result_bytes == state.result.stat().st_size
+    assert any(isinstance(event, events.Stage) for event in seen) and state.capacity
+    assert [playback.file_of(obj) for obj in playback.captures(scene.objects)] == [state.result]
+    assert "Finished in" in drawn(scene)
+
+
+def test_cancelled_from_the_panel_and_trained_on(chosen, capture):
+    pytest.importorskip("torch")
+    scene = bpy.context.scene
+    settings = scene.frog
+    settings.capture_folder, settings.recipe, settings.device, settings.steps = str(capture), "draft", "remote", 10**6
+    settings.max_gaussians, chosen.remote_command = 250, COMMAND
+    assert bpy.ops.frog.train() == {"FINISHED"}
+    task = runner.current()
+    while not task.state.step:
+        assert runner.tick() is not None, task.state.error
+    assert bpy.ops.frog.cancel_training() == {"FINISHED"}
+    assert task.join(60.0)
+    task.pump_all()
+    done = task.state.step
+    assert task.state.cancelled and not task.state.error and task.state.result.is_file()
+    assert "Import What There Is" not in drawn(scene) and "frog.train" in drawn(scene)
+    settings.steps = done + 20
+    assert bpy.ops.frog.train(resume=True) == {"FINISHED"}
+    task = runner.current()
+    assert task.join(120.0)
+    task.pump_all()
+    assert not task.state.error and task.state.step == done + 20
+
+
+def test_what_outlives_its_patience_dies_with_blender(chosen, capture, tmp_path, monkeypatch, capfd):
+    script = tmp_path / "deaf.py"
+    script.write_text('import time\nprint(\'{"event": "saved", "path": "x"}\', flush=True)\ntime.sleep(100)\n')
+    chosen.remote_command = (
+        f"{shlex.quote(sys.executable)} {shlex.quote(str(script))} {{capture}} {{output}} {{options}}"
+    )
+    settings = bpy.context.scene.frog
+    settings.capture_folder, settings.device = str(capture), "remote"
+    trainings = addon_state.get(runner.BackgroundTraining)
+    monkeypatch.setattr(trainings, "patience", 0.01)
+    monkeypatch.setattr(trainings, "quit_seconds", 0.1)
+    assert bpy.ops.frog.train() == {"FINISHED"}
+    task = runner.current()
+    while not task.pump():
+        pass
+    runner.stop()
+    assert "That took longer." in capfd.readouterr().err
+    assert task.join(20.0), "it was killed, which ends the worker"
+    task.pump_all()
+    assert task.state.cancelled and not task.state.error
