@@ -297,7 +297,7 @@ def real(tmp_path, filmed, own_cache, monkeypatch):
 def test_a_real_training(real, tmp_path):
     said = list(real(30).events(CancelToken()))
     kinds = {type(event) for event in said}
-    assert {events.Stage, events.Started, events.Progress, events.Evaluated, events.Preview, events.Saved} <= kinds
+    assert {events.Started, events.Progress, events.Evaluated, events.Preview, events.Saved} <= kinds
     assert isinstance(said[-1], events.Finished) and said[-1].path == str(tmp_path / "here" / "x.frog")
     assert Path(said[-1].path).is_file() and said[-1].steps == 30
 

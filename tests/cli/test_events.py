@@ -74,7 +74,7 @@ def test_a_whole_training(follow: type[Followed], filmed: Path, tmp_path: Path) 
     said = list(training.events())
     assert training.process.wait() == 0
     kinds = {type(event) for event in said}
-    assert {events.Stage, events.Started, events.Progress, events.Evaluated, events.Preview, events.Saved} <= kinds
+    assert {events.Started, events.Progress, events.Evaluated, events.Preview, events.Saved} <= kinds
     last = said[-1]
     assert isinstance(last, events.Finished) and (last.path, last.steps) == (str(tmp_path / "x.frog"), 30)
     assert last.phases and last.capacity["gaussians"] == last.gaussians
