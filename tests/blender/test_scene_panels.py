@@ -55,7 +55,7 @@ def test_one_capture_is_a_handful_of_rows(empty, static_rig, said):
     }
     for kind, name in panels.items():
         assert name in said(kind) and kind.bl_options == {"DEFAULT_CLOSED"}
-    assert said(render_panel.FROG_PT_render) == "engine frog.compose", "it was set up"
+    assert said(render_panel.FROG_PT_render) == "engine frog.compose frog.render_film", "it was set up"
 
 
 def test_several_captures_are_a_list_of_which_one_is_chosen(empty, static_rig, tmp_path, said):
