@@ -108,13 +108,16 @@ def _train(options: argparse.Namespace) -> int:
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
         from ..engine.training.session.run import run_training
         from ..engine.training.session.time_estimate import remembering
-        from .event_stream import obeying_input, tell
-        from .progress import show
 
         job = _job(options)
-        stream = run_training(job, obeying_input(asked) if options.events else asked)
-        stream = remembering(stream, job)
-        finished = tell(stream) if options.events else show(stream, job.output)
+        if options.events:
+            from .event_stream import obeying_input, tell
+
+            finished = tell(remembering(run_training(job, obeying_input(asked)), job))
+        else:
+            from .progress import show
+
+            finished = show(remembering(run_training(job, asked), job), job.output)
     return 0 if finished else 1
 
 
