@@ -371,7 +371,7 @@ def test_a_cubes_shadow_darkens_the_splats_below_it(empty, floor, rendered, comp
     shade, hidden = shadow_on_floor()
     filmed = (alone > 0.5 * alone.max()) & ~hidden
     assert filmed.mean() > 0.6
-    dark = (with_cube < 0.5 * alone) & filmed
+    dark = (with_cube < 0.75 * alone) & filmed  # the world, which is the capture's light, reaches the shade as well
     assert (dark & shade).sum() / (dark | shade).sum() > 0.8
     rest = filmed & ~dark & ~shade
     assert np.median(np.abs(with_cube - alone)[rest]) < 0.01
