@@ -12,16 +12,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import resource
+import math
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from raster_run import resident_mb
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.frames import FrameStore
@@ -31,6 +31,7 @@ from frog_blender.engine.native import binding
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.run import prepare_capture
+from frog_blender.experiments.corruptions.cameras import fewer_views
 
 BASE = {"gaussians": 20_000, "scale": 1.0, "cameras": 0, "moments": 0}
 CASES: dict[str, tuple[str, list[float]]] = {
@@ -43,15 +44,9 @@ WARM_UP = 10
 
 
 def limited(capture: Capture, cameras: int, moments: int) -> Capture:
-    """The first so many training cameras and frames; 0 for all."""
-    held_out = [index for index, camera in enumerate(capture.cameras) if camera.name in capture.test_cameras]
-    kept = [index for index in range(len(capture.cameras)) if index not in held_out][: cameras or None] + held_out
-    names = [camera.name for index, camera in enumerate(capture.cameras) if index not in kept]
-    capture = capture.without_cameras(names) if names else capture
-    if not moments:
-        return capture
-    shots = tuple(shot for shot in capture.shots if shot.frame < moments)
-    return replace(capture, shots=shots, frame_count=moments)
+    """With so many training cameras, and the first so many frames; 0 for all."""
+    capture = fewer_views(capture, cameras) if cameras else capture
+    return capture.segment(0, moments) if moments else capture
 
 
 def enough(seeds: Seeds, count: int) -> Seeds:
@@ -82,10 +77,10 @@ def measure(path: Path, name: str, steps: int, case: dict[str, float]) -> dict[s
                 if number >= 0:
                     seconds.append(time.perf_counter() - started)
     pixels = float(np.mean([camera.width * camera.height for camera in capture.cameras]))
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    peak = resident_mb(peak=True) or math.nan
     found = {"gaussians": trainer.count, "megapixels": round(pixels / 1e6, 3), "cameras": len(capture.cameras)}
     found |= {"moments": capture.frame_count, "step_ms": round(1e3 * statistics.mean(seconds), 1)}
-    found |= {"peak_gb": round(peak / 1e9, 2), "frames_gb": round(on_disk / 1e9, 2)}
+    found |= {"peak_gb": round(peak / 1e3, 2), "frames_gb": round(on_disk / 1e9, 2)}
     return found | {"isa": binding.instruction_set()}
 
 

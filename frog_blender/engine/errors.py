@@ -33,6 +33,11 @@ def brief(found: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
 
 
+def how_it_ended(code: int) -> str:
+    """What became of a process, by its exit status: "ended with status 1", "was ended by signal 9"."""
+    return f"was ended by signal {-code}" if code < 0 else f"ended with status {code}"
+
+
 def printable(text: object) -> str:
     """Text in which control characters are written out, as ``\\x1b``: what a file says must not command a terminal."""
     shown = str(text)

@@ -18,7 +18,7 @@ import bpy
 
 from .. import addon_state
 from ..background_task import BackgroundTask, TaskHolder, end_ticking
-from ..engine.errors import FrogError, brief
+from ..engine.errors import FrogError, brief, how_it_ended
 from . import capture_folder
 from .request import RenderRequest, command
 from .state import SceneCaptureState
@@ -128,9 +128,8 @@ class SceneCaptureTask(BackgroundTask):
         if self._stop.is_set() or (code == 0 and not failures):
             return ""
         reason = failures[-1] if failures else " ".join(line.strip() for line in said[-_LAST_LINES:])
-        how = f"ended with status {code}" if code >= 0 else f"was ended by signal {-code}"
         why = brief(reason) or "it said nothing"
-        return f"The Blender that rendered {how} ({why}). Images that are done are kept."
+        return f"The Blender that rendered {how_it_ended(code)} ({why}). Images that are done are kept."
 
     def _follow(self, stream: object, said: list[str], failures: list[str]) -> None:
         """Reads the child's lines; those of Blender and its engines are kept for a sentence."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, how_it_ended
 from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.event_lines import event_of
@@ -165,6 +165,4 @@ class _Wishes:
 
 def _how(process: FollowedProcess) -> str:
     """How a command ended that failed, and its last words."""
-    code = process.code or 0
-    how = f"was ended by signal {-code}" if code < 0 else f"ended with status {code}"
-    return f"{how} ({process.last_words().rstrip('.')})"
+    return f"{how_it_ended(process.code or 0)} ({process.last_words().rstrip('.')})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -91,14 +92,19 @@ def test_there_and_back_by_the_commands(scene: ScenePlayer, tmp_path: Path, caps
         np.testing.assert_allclose(found_camera.world_to_camera, camera.world_to_camera, atol=1e-9)
 
 
-@pytest.mark.skipif(program() is None, reason="needs ffmpeg")
-def test_sound_is_in_the_file(scene: ScenePlayer, tmp_path: Path) -> None:
-    import subprocess
-
-    film = tmp_path / "tone.wav"
-    command = [program(), "-v", "error", "-f", "lavfi", "-i", "sine=frequency=440:duration=2", str(film)]
+@pytest.fixture
+def tone(tmp_path: Path) -> Path:
+    """Two seconds of 440 Hz."""
+    if program() is None:
+        pytest.skip("needs ffmpeg")
+    path = tmp_path / "tone.wav"
+    command = [program(), "-v", "error", "-f", "lavfi", "-i", "sine=frequency=440:duration=2", str(path)]
     subprocess.run(command, check=True)
-    list(write_fourdgs(tmp_path / "x.4dgs", SceneTake(scene, "x", range(7), Sound(film, 0.5))))
+    return path
+
+
+def test_sound_is_in_the_file(scene: ScenePlayer, tone: Path, tmp_path: Path) -> None:
+    list(write_fourdgs(tmp_path / "x.4dgs", SceneTake(scene, "x", range(7), Sound(tone, 0.5))))
     content = (tmp_path / "x.4dgs").read_bytes()
     assert validate(content).ok and content.count(b"OpusHead") == 1
     with pytest.raises(FrogError, match="its sound could not be read"):
@@ -107,15 +113,8 @@ def test_sound_is_in_the_file(scene: ScenePlayer, tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def ringing(scene: ScenePlayer, tmp_path: Path) -> Path:
-    """A file with a tone of 440 Hz."""
-    import subprocess
-
-    if program() is None:
-        pytest.skip("needs ffmpeg")
-    tone = tmp_path / "tone.wav"
-    command = [program(), "-v", "error", "-f", "lavfi", "-i", "sine=frequency=440:duration=2", str(tone)]
-    subprocess.run(command, check=True)
+def ringing(scene: ScenePlayer, tone: Path, tmp_path: Path) -> Path:
+    """A file with that tone."""
     list(write_fourdgs(tmp_path / "ringing.4dgs", SceneTake(scene, "x", range(7), Sound(tone, 0.0))))
     return tmp_path / "ringing.4dgs"
 

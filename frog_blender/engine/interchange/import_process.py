@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from ..capture.video import load_opencv
-from ..errors import FrogError, brief
+from ..errors import FrogError, brief, how_it_ended
 from ..optional_imports import is_missing, not_loaded
 from .frame_source import FrameSource, Imported, write_source
 
@@ -63,7 +63,7 @@ def import_foreign(
         raise FrogError(answer["error"])
     if code or "gaussians" not in answer:
         last = brief(" ".join(line.strip() for line in said[-_LAST_LINES:])) or "it said nothing"
-        how = f"was ended by signal {-code}" if code < 0 else f"ended with status {code}"
+        how = how_it_ended(code)
         raise FrogError(f"{source}: the program that reads it {how} ({last}): the file is damaged or too large.")
     return Imported(
         target,

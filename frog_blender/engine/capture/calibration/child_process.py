@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 
-from ...errors import FrogError, brief
+from ...errors import FrogError, brief, how_it_ended
 from ...io.plain_values import JsonObject, UnfitValue, entries, plain_json
 from .calibration import CalibrationRefused
 
@@ -122,7 +122,7 @@ def _result(path: Path, code: int, said: list[str]) -> JsonObject:
     """What the child wrote; raises for what went wrong there."""
     if code != 0 or not path.is_file():
         last = brief(" ".join(line.strip() for line in said[-_LAST_LINES:])) if said else "it said nothing"
-        how = f"was ended by signal {-code}" if code < 0 else f"ended with status {code}"
+        how = how_it_ended(code)
         raise FrogError(f"The calibration's process {how} ({last}); nothing was written, and what is done is kept.")
     try:
         if path.stat().st_size > _MOST_TEXT:
