@@ -100,7 +100,7 @@ $(BPY45)/.ready: constraints.txt
 	$(BPY45)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(BPY45)
 	sed 's/^bpy==[0-9.]*/bpy==4.5.15/' constraints.txt > $(BPY45)/constraints.txt
 	$(BPY45)/bin/python -m pip install --disable-pip-version-check -q -c $(BPY45)/constraints.txt $(PIP_FLAGS) \
-		bpy torch numpy safetensors opencv-contrib-python-headless tqdm pytest plyfile
+		bpy torch numpy safetensors opencv-contrib-python-headless zstandard tqdm pytest plyfile
 	touch $@
 
 test-bpy45: setup $(BPY45)/.ready
@@ -113,7 +113,7 @@ BPY53 := .venv-bpy53
 $(BPY53)/.ready: constraints.txt
 	$(BPY53)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON313) -m venv --clear $(BPY53)
 	$(BPY53)/bin/python -m pip install --disable-pip-version-check -q -c constraints.txt $(PIP_FLAGS) \
-		bpy torch numpy safetensors opencv-contrib-python-headless tqdm pytest plyfile
+		bpy torch numpy safetensors opencv-contrib-python-headless zstandard tqdm pytest plyfile
 	touch $@
 
 test-bpy53: setup $(BPY53)/.ready

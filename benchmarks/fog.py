@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.video import load_opencv
 from frog_blender.engine.evaluation.evaluate_file import open_training_capture
 from frog_blender.engine.evaluation.metrics import psnr_of
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.gaussians import NumpyGaussians
 from frog_blender.engine.playback.importance import peak_weights
 from frog_blender.engine.playback.player import ScenePlayer

@@ -28,9 +28,10 @@ import torch
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds, find_seeds
+from frog_blender.engine.frames.image_coding import halved_image
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.rasterizer import Backend, GaussianArrays, Image, RasterizeOptions, rasterize
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import recipe
@@ -43,12 +44,22 @@ SH_DC = 0.28209479177387814
 class Images:
     """Drawn images in place of a FrameStore."""
 
+    is_large = False
+
     def __init__(self, images: list[np.ndarray]) -> None:
         self._images = images
 
     def image(self, shot_index: int) -> np.ndarray:
         """(H, W, 3) uint8."""
         return self._images[shot_index]
+
+    def part(self, shot_index: int, region: tuple[int, int, int, int], is_half: bool = False) -> np.ndarray:
+        """A region (left, top, width, height) of an image, or of the one of half its size."""
+        image, (left, top, width, height) = self._images[shot_index], region
+        return (halved_image(image) if is_half else image)[top : top + height, left : left + width]
+
+    def prefetch(self, shot_index: int, region: tuple[int, int, int, int], is_half: bool = False) -> None:
+        """Nothing is to be read."""
 
 
 def generated(name: str, device: str) -> tuple[Capture, Any, Seeds]:

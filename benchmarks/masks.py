@@ -26,7 +26,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import MaskSettings
 from frog_blender.engine.capture.readers import open_capture
@@ -34,6 +33,7 @@ from frog_blender.engine.capture.video import load_opencv
 from frog_blender.engine.evaluation.as_trained import as_trained
 from frog_blender.engine.evaluation.evaluate import held_out_shots
 from frog_blender.engine.evaluation.metrics import psnr_of
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.training.recipe import recipe

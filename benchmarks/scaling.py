@@ -24,8 +24,8 @@ import numpy as np
 from raster_run import resident_mb
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.seeds import Seeds, find_seeds
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.memory import gc_frozen
 from frog_blender.engine.native import binding
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer

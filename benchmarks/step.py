@@ -20,8 +20,8 @@ from typing import Any
 
 import torch
 
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.seeds import find_seeds
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.memory import gc_frozen
 from frog_blender.engine.model import fused
 from frog_blender.engine.native import binding

@@ -24,7 +24,7 @@ INTEGRATION = (
     "capture/synchronization",
     "capture/test_films.py",
     "capture/test_quality.py",
-    "capture/test_seed_store.py",
+    "frames/test_seed_store.py",
     "capture/test_seeds.py",
     "capture/test_shipped_captures.py",
     "cli",
@@ -97,8 +97,8 @@ def quick_seeds(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     than are asked for."""
     from support import synthetic_capture
 
-    from frog_blender.engine.capture import seed_store
     from frog_blender.engine.capture.seeds import Seeds
+    from frog_blender.engine.frames import seed_store
 
     def seeds(*_: object, count_limit: int, **__: object) -> Seeds:
         return synthetic_capture.seeds(min(300, count_limit))

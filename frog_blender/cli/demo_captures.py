@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..engine.capture.frames import default_cache_folder
 from ..engine.errors import FrogError, found_instead
+from ..engine.io.cache_folder import default_cache_folder
 
 SHIPPED = ("room", "dim", "fast")
 _SHIPPED_FOLDER = Path(__file__).resolve().parents[2] / "examples" / "captures"

@@ -7,6 +7,7 @@ from ..engine.optional_imports import is_missing, not_loaded
 EXTRAS = {
     "torch": ("train",),
     "cv2": ("render", "train"),
+    "zstandard": ("spz", "render", "train"),
     "pycolmap": ("calibrate",),
     "tqdm": ("render", "train"),
     "matplotlib": ("chart", "pictures"),
@@ -14,7 +15,6 @@ EXTRAS = {
     "bpy": ("blender",),
     "pxr": ("usd",),
     "fourdgs": ("4dgs",),
-    "zstandard": ("spz",),
     "distributed": ("cluster",),
 }
 """The extras of ``pyproject.toml`` that install a module, the smallest first."""

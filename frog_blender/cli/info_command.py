@@ -10,12 +10,12 @@ from typing import Any
 from ..engine.capture.calibration.report_lines import report_lines
 from ..engine.capture.capture import Capture
 from ..engine.capture.contact_sheet import write_contact_sheet
-from ..engine.capture.frames import is_decoded
 from ..engine.capture.masking import MaskSettings
 from ..engine.capture.masks_found import mask_lines
 from ..engine.capture.quality.check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
+from ..engine.frames.store import is_decoded
 from ..engine.playback.player import ScenePlayer
 from ..engine.scene import compression_report
 from ..engine.training.recipe import recipe

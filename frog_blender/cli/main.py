@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from ..engine.errors import FrogError
 from ..engine.notices import as_sentences
+from .cache_command import add_cache_parser
 from .calibrate import add_calibrate_parser
 from .chart_command import add_chart_parser
 from .demo_command import add_demo_parser
@@ -84,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     add_render_parser(commands)
     add_export_parser(commands)
     add_import_parser(commands)
+    add_cache_parser(commands)
     add_chart_parser(commands)
     add_stability_parser(commands)
     add_demo_parser(commands)

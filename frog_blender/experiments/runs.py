@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.capture.frames import FrameStore
 from ..engine.errors import FrogError
 from ..engine.evaluation.evaluate import evaluate
 from ..engine.evaluation.metrics import Image, psnr_of
 from ..engine.evaluation.perceptual import perceptual_metrics
+from ..engine.frames.store import FrameStore
 from ..engine.io.atomic_files import write_atomically
 from ..engine.playback.player import ScenePlayer
 from ..engine.scene.scene_file import read_scene, scene_bytes, settings_json

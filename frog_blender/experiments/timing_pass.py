@@ -8,8 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from ..engine.capture.frames import FrameStore
 from ..engine.errors import FrogError
+from ..engine.frames.store import FrameStore
 from ..engine.playback.player import ScenePlayer
 from ..engine.training.optimize.device import choose_device
 from ..engine.training.optimize.running_loss import TrainingDiverged

@@ -38,7 +38,7 @@ def expected(settings: Any, capture: Capture) -> str:
 
 def _is_decoded(capture: Capture, scale: float) -> bool:
     """Whether an earlier training has left the frames on disk; looks again once a training has begun or ended."""
-    from ..engine.capture.frames import is_decoded
+    from ..engine.frames.store import is_decoded
 
     known, task = addon_state.get(DecodedFrames), runner.current()
     key = (capture, scale, task, task is not None and task.is_running)

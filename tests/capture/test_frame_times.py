@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.readers.frame_times import frame_times, times_by_name
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.frames.store import FrameStore
 
 from .posed_images import OPENGL_AHEAD
 from .test_films import write_oriented

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.decoding import decode_shots
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import detect, open_capture
 from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.frames.store import FrameStore
 
 WIDTH, HEIGHT = 192, 128  # of the 1x images
 SPOT = np.array([0.35, -0.2, 4.0])  # a bright spot in the world

@@ -14,13 +14,14 @@ from support.masked_capture import ball_alpha, write_masks
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.contact_sheet import contact_sheet, first_shots, marked_image, write_contact_sheet
-from frog_blender.engine.capture.frames import FrameStore, decoding_key
+from frog_blender.engine.capture.frame_keys import decoding_key
 from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import ChromaKey, MaskSettings, chroma_key, over, recolored
 from frog_blender.engine.capture.masks_found import mask_lines
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.frames.store import FrameStore
 
 BALL = np.array([-0.9 + 1.8 * 2 / (film.FRAMES - 1), 0.4 * np.sin(2), -0.3])  # its centre at frame 2
 

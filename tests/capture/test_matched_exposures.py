@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeding.exposures import matched_exposures, solve_exposures
+from frog_blender.engine.frames.store import FrameStore
 
 HALL = Path(__file__).resolve().parents[2] / "examples" / "captures" / "fast"
 """Cameras that are alike, of which the first is held out."""

@@ -12,11 +12,11 @@ import pytest
 from support.films import copied, encode, high_dynamic_range, kept, number_of, numbered
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.readers.pairing import Clock, pair_videos
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.frames.store import FrameStore
 
 from .test_calibrated_videos import opencv
 

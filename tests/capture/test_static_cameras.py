@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture, transforms_json
+from frog_blender.engine.frames.store import FrameStore
 
 from .posed_images import OPENGL_AHEAD, rewrite, write
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.decoding import decode_shots
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import detect, open_capture, technicolor
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.frames.store import FrameStore
 
 SCALE = 16  # images of 128 x 68 stand for 2048 x 1088
 WIDTH, HEIGHT = 2048 // SCALE, 1088 // SCALE

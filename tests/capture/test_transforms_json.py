@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.frames.store import FrameStore
 
 from .posed_images import rewrite, write
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import read_facts, read_image
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.frames.store import FrameStore
 
 from .conftest import write_n3dv, write_video
 

@@ -20,7 +20,9 @@ from support.builders import scene_file
 from frog_blender.cli import info_command
 from frog_blender.cli.arguments import frames_of
 from frog_blender.cli.main import main
+from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
@@ -177,6 +179,28 @@ def test_info_about_a_capture(run: Run, filmed: Path) -> None:
     assert (report["size"], report["held out"], report["warning"]) == ("48 x 36", "cam00", [])
     status, out, _ = run("info", filmed)
     assert status == 0 and "n3dv" in out and "48 x 36" in out
+
+
+def test_the_cache_is_shown_limited_and_cleared(
+    run: Run, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))  # others use the usual one
+    monkeypatch.delenv("FROG_CACHE_LIMIT", raising=False)
+    capture = open_capture(filmed)
+    store = FrameStore.open(capture)
+    FrameStore.open(capture.scaled(0.5))
+    status, out, _ = run("cache")
+    assert status == 0 and out.count(str(filmed)) == 2 and "(25% of the disk)" in out and out.count("today") == 2
+    described = json.loads(run("cache", "--json")[1])
+    assert described["bytes"] == sum(entry["bytes"] for entry in described["frames"]) > 0
+    status, out, _ = run("cache", "--limit", "1 KB")  # what is open stays
+    assert status == 0 and out.count(str(filmed)) == 1 and "(1KB by frog cache --limit)" in out
+    status, out, _ = run("cache", "--clear", "--limit", "default")
+    assert status == 0 and "freed; 1 in use stay" in out
+    assert store.give_up() > 0
+    assert run("cache", "--clear")[1].startswith("0.0 MB freed\n")
+    status, out, error = run("cache", "--limit", "much")
+    assert status == 1 and not out and "found 'MUCH'" not in error and "a size such as 40GB" in error
 
 
 def test_info_checks_the_images_of_a_capture(run: Run, filmed: Path, trained: Path) -> None:

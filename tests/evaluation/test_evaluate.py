@@ -15,11 +15,11 @@ from support import synthetic_capture as film
 from support.builders import scene_file
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.evaluate import evaluate
 from frog_blender.engine.evaluation.masks import load_masks, moving_mask
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import SceneFile

@@ -10,8 +10,8 @@ import pytest
 from support import synthetic_capture, turning_object
 from support.builders import odd_camera, scene_file
 
-from frog_blender.engine.capture import seed_store
 from frog_blender.engine.capture.seeds import Seeds
+from frog_blender.engine.frames import seed_store
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.frame_delta import FrameDelta
 from frog_blender.engine.playback.player import ScenePlayer

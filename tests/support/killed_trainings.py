@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from support import synthetic_capture as film
 
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer

@@ -31,11 +31,11 @@ from support.builders import plain_camera
 from support.played_scenes import spared
 from support.synthetic_capture import FRAMES, HEIGHT, WIDTH, seeds, write_capture
 
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.seed_store import stored_seeds
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.masks import load_masks
+from frog_blender.engine.frames.seed_store import stored_seeds
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.bake import Bake, write_bake
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
+from support.image_stores import ImageStore
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
@@ -24,7 +25,7 @@ from frog_blender.engine.training.recipe import Recipe, recipe
 LIVELY = {"steps_per_moment": 0, "network_rate": 1e-3, "embedding_rate": 3e-2, "mean_rate": 2e-4, "max_gaussians": 600}
 
 
-class WatchedStore:
+class WatchedStore(ImageStore):
     """A frame store that remembers which images were read."""
 
     def __init__(self, store: FrameStore) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.filmed_scene import FRAMES, image, rig
+from support.image_stores import ImageStore
 from support.layouts import rigs
 from support.layouts.colmap import write_model
 from support.layouts.files import write_films, write_frames
@@ -17,10 +18,10 @@ from support.training_steps import train
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeding.views import Images
 from frog_blender.engine.capture.seeds import Seeds, find_seeds
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.recipe import recipe
 
@@ -70,7 +71,7 @@ CENTRED: dict[str, Writer] = {
 """Layouts that cannot say where the principal point is."""
 
 
-class Drawn:
+class Drawn(ImageStore):
     """The images of cameras by their formula, frame after frame."""
 
     def __init__(self, cameras: Sequence[Camera]) -> None:

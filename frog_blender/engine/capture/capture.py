@@ -1,6 +1,6 @@
 """A recorded scene: its cameras, and which image is of which camera and frame.
 
-A capture only refers to its images; ``frames.FrameStore`` decodes them.
+A capture only refers to its images; ``engine.frames`` decodes them.
 """
 
 from __future__ import annotations

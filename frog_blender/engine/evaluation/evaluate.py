@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..capture.capture import Capture, Shot
-from ..capture.frames import FrameStore
 from ..errors import FrogError
+from ..frames.store import FrameStore
 from ..notices import say
 from ..playback.player import ScenePlayer
 from ..playback.render import draw

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..capture.capture import Capture
-from ..capture.frames import FrameStore
 from ..capture.readers import open_capture
+from ..frames.store import FrameStore
 from ..playback.player import ScenePlayer
 from .as_trained import as_trained
 from .evaluate import Figures, evaluate

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.capture import Capture
-from ..capture.frames import FrameStore
 from ..capture.image_size import image_size
 from ..capture.video import read_gray
 from ..errors import found_instead
+from ..frames.store import FrameStore
 from ..io.numpy_files import read_npz
 from ..io.regular_file import regular_file
 

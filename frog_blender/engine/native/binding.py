@@ -24,7 +24,7 @@ from . import structs
 from .options import RasterizeOptions
 from .structs import Buffer
 
-ABI_VERSION = 16
+ABI_VERSION = 17
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``l1_loss``, which are the rasterizer's tiles
 _EXPECTED = "the native rasterizer"
 MANY_INSTANCES = 60_000_000
@@ -110,6 +110,13 @@ def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
     loaded.frog_l1_loss.restype = c_int32
     loaded.frog_adam.argtypes = [POINTER(structs.Adam), c_int32]
     loaded.frog_adam.restype = c_int32
+    pixels = POINTER(structs.Pixels)
+    loaded.frog_predict.argtypes = [pixels, c_void_p]
+    loaded.frog_restore.argtypes = [c_void_p, pixels]
+    loaded.frog_predict_details.argtypes = [pixels, pixels, c_void_p]
+    loaded.frog_restore_details.argtypes = [c_void_p, pixels, pixels]
+    for name in ("predict", "restore", "predict_details", "restore_details"):
+        getattr(loaded, f"frog_{name}").restype = c_int32
     return loaded
 
 

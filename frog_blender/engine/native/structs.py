@@ -102,6 +102,11 @@ L1Loss = _struct(
     *[("image", c_void_p), ("truth", c_void_p), ("truth_row", c_int64), ("weight", c_float)],
     *[(name, c_void_p) for name in ("gradient", "cells", "truth_floats")],
 )
+Pixels = _struct(
+    "FrogPixels",
+    *[("first", c_void_p), ("row", c_int64)],
+    *[(name, c_int32) for name in ("height", "width", "channels")],
+)
 OPACITY_FORMS = {"off": 0, "paper": 1, "unit": 2}
 
 

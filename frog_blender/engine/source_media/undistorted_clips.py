@@ -22,7 +22,7 @@ from urllib.parse import quote
 import numpy as np
 
 from ..capture.decoding import decode_shots
-from ..capture.frames import decoding_key
+from ..capture.frame_keys import decoding_key
 from ..capture.readers import open_capture
 from ..capture.video import load_opencv, read_facts
 from ..errors import FrogError

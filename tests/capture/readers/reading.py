@@ -10,8 +10,8 @@ from support.filmed_scene import still
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import detect, open_capture
+from frog_blender.engine.frames.store import FrameStore
 
 Images = Callable[[Camera, int], np.ndarray]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.experiments.corruptions.alterations import (
     Compression,
     Exposure,

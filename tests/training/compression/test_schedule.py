@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
+from support.image_stores import ImageStore
 from support.training_steps import compression, train
 
 from frog_blender.engine.capture.capture import Capture
@@ -43,7 +44,7 @@ def test_milestones_make_the_scene_smaller_and_training_goes_on(make_trainer: Ma
     assert all((step.loss or 0.0) <= max(DEFAULT.max_freeze_loss, DEFAULT.max_prune_loss) for step in log)
 
 
-class Exact:
+class Exact(ImageStore):
     """A store of images as they were drawn, without a film's losses."""
 
     def __init__(self, capture: Capture) -> None:

@@ -13,9 +13,9 @@ import torch
 from support.builders import scene_file
 from support.training_steps import compression, train
 
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.evaluation.evaluate import evaluate
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.compression_report import reduction_line

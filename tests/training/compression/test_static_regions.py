@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
+from support.image_stores import ImageStore
 from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.static_regions import is_static_capture, temporal_variance
@@ -27,7 +28,7 @@ pytestmark = pytest.mark.usefixtures("quick_seeds")
 Make = Callable[..., Trainer]
 
 
-class Repeated:
+class Repeated(ImageStore):
     """A store whose images are a camera's first, with noise; ``moved`` pixels of one frame differ."""
 
     def __init__(self, capture: Capture, noise: float, moved: int = 0) -> None:
@@ -96,7 +97,7 @@ def test_motion_is_not_static_but_a_single_moment_is(capture: Capture, store: ob
     assert is_static_capture(one, store)
 
 
-class Painted:
+class Painted(ImageStore):
     """A store of random textures, each camera's static but for what ``change(image, frame)`` does in place."""
 
     def __init__(self, capture: Capture, change: Callable[[np.ndarray, int], None], noise: float = 0.0) -> None:

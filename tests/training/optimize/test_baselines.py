@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.training_steps import train
 
-from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 

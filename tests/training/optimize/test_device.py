@@ -19,8 +19,8 @@ from torch.optim import Adam
 
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.model import interface as interface_module
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.scene.scene_file import read_scene

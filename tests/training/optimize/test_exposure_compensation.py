@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
+from support.image_stores import ImageStore
 from support.training_steps import train
 
 from frog_blender.engine.capture.camera import NEUTRAL
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.training.optimize import exposure_compensation
@@ -28,7 +29,7 @@ MEDIAN = np.median(list(FACTORS.values()), axis=0)
 """How bright the scene will be; the held-out camera is exposed so."""
 
 
-class Exposed:
+class Exposed(ImageStore):
     """A store of images that each camera exposed otherwise."""
 
     def __init__(self, store: FrameStore, capture: Capture) -> None:

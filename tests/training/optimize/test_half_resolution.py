@@ -13,12 +13,12 @@ from support.builders import odd_camera
 from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.frames.image_coding import halved_image
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training.optimize.half_resolution import (
     halved,
     halved_capture,
-    halved_image,
     is_halved,
     sized,
 )

@@ -13,15 +13,16 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
+from support.image_stores import ImageStore
 from support.masked_capture import ball_alpha, write_masks
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import over
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.evaluation.evaluate import evaluate
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
 from frog_blender.engine.training.optimize.hull_pruning import HullPruning, hull_hooks, room_for_subject
@@ -226,7 +227,7 @@ def test_nothing_is_learned_of_what_is_ignored(
     capture = open_capture(folder)
     store = FrameStore.open(capture)
 
-    class Marked:
+    class Marked(ImageStore):
         """The store's images, with a white mark in one camera's."""
 
         ignored, alpha = store.ignored, store.alpha

@@ -12,8 +12,8 @@ from support import synthetic_capture as film
 from support.builders import scene_file
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.evaluation.evaluate import evaluate
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training.compression.sensitivity import sample_views

@@ -14,7 +14,7 @@ from support import synthetic_capture as film
 from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.model.interface import ScheduleState
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training.optimize import losses, smoothness

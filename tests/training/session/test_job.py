@@ -19,9 +19,9 @@ from support import synthetic_capture as film
 from support.training_steps import cancelled_at, stepping
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.metrics import psnr
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from support import turning_object
 
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.evaluation.evaluate import evaluate
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.job import TrainingJob

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ...errors import FrogError, brief, found_instead
 from ...io.atomic_files import write_atomically
-from ..frames import default_cache_folder
+from ...io.cache_folder import default_cache_folder
 
 NAME = "pose_landmark_full.tflite"
 SIZES = "36 MB to download, of which 6.4 MB are kept"

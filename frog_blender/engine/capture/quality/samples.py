@@ -12,7 +12,7 @@ from ...arrays import Float32s, Float64s, ImageArray
 from ..camera import Camera
 from ..capture import Capture
 from ..decoding import decode_shots
-from ..frames import decoding_order
+from ..frame_keys import decoding_order
 from ..seeding.views import neighbours, scene_depth, spread
 from ..video import load_opencv
 from .blur import blur_of

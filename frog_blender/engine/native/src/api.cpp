@@ -8,6 +8,7 @@
 
 #include "raster/backward.h"
 #include "deformation/deformation.h"
+#include "images/tile_coding.h"
 #include "raster/depth_order.h"
 #include "raster/mesh_depth.h"
 #include "threads/thread_pool.h"
@@ -104,6 +105,15 @@ bool lies_within(const FrogCamera &camera, const int32_t region[4]) {
 
 constexpr int32_t BAD_SIZE = 2;  // what functions return then, besides 0 and 1
 
+bool is_coded(const FrogPixels &pixels) {
+  return is_drawable(pixels.width, pixels.height) && (pixels.channels == 1 || pixels.channels == 3);
+}
+
+bool is_twice(const FrogPixels &pixels, const FrogPixels &half) {
+  return is_coded(pixels) && is_coded(half) && pixels.channels == 3 && half.channels == 3 &&
+         pixels.height == 2 * half.height && pixels.width == 2 * half.width;
+}
+
 // 0, or 1 when memory ran out: exceptions stay on this side of the interface.
 template <class Work>
 int32_t attempt(Work work) {
@@ -119,7 +129,7 @@ int32_t attempt(Work work) {
 
 extern "C" {
 
-int32_t frog_abi_version(void) { return 16; }
+int32_t frog_abi_version(void) { return 17; }
 const char *frog_instruction_set(void) { return kernels().name; }
 void frog_set_thread_count(int32_t count) { frog::set_thread_count(count); }
 int32_t frog_thread_count(void) { return frog::thread_count(); }
@@ -193,6 +203,26 @@ int32_t frog_adam(const FrogAdam *parameters, int32_t count) {
       }
     });
   });
+}
+
+int32_t frog_predict(const FrogPixels *pixels, uint8_t *numbers) {
+  if (!is_coded(*pixels)) return BAD_SIZE;
+  return attempt([&] { frog::predict(*pixels, numbers); });
+}
+
+int32_t frog_restore(const uint8_t *numbers, const FrogPixels *pixels) {
+  if (!is_coded(*pixels)) return BAD_SIZE;
+  return attempt([&] { frog::restore(numbers, *pixels); });
+}
+
+int32_t frog_predict_details(const FrogPixels *pixels, const FrogPixels *half, uint8_t *numbers) {
+  if (!is_twice(*pixels, *half)) return BAD_SIZE;
+  return attempt([&] { frog::predict_details(*pixels, *half, numbers); });
+}
+
+int32_t frog_restore_details(const uint8_t *numbers, const FrogPixels *half, const FrogPixels *pixels) {
+  if (!is_twice(*pixels, *half)) return BAD_SIZE;
+  return attempt([&] { frog::restore_details(numbers, *half, *pixels); });
 }
 
 int32_t frog_l1_loss(const FrogL1Loss *comparison, float *absolute) {

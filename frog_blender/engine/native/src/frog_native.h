@@ -111,6 +111,13 @@ typedef struct {
   float *truth_floats;  // (H, W, 3) the truth in [0, 1] (or null)
 } FrogL1Loss;
 
+// Bytes of an image, `channels` (1 or 3) of each pixel side by side.
+typedef struct {
+  uint8_t *first;
+  int64_t row;  // bytes from one row to the next
+  int32_t height, width, channels;
+} FrogPixels;
+
 typedef struct FrogFrame FrogFrame;
 
 FROG_EXPORT int32_t frog_abi_version(void);
@@ -161,6 +168,17 @@ FROG_EXPORT int32_t frog_deform_backward(const FrogDeformation *, const FrogDefo
 // Fills the gradient, cells and floats of a comparison, and the mean absolute difference. Returns 0, or 1 when memory
 // ran out.
 FROG_EXPORT int32_t frog_l1_loss(const FrogL1Loss *, float *absolute);
+
+// Images as numbers that compress well, and back, without loss; all arithmetic is modulo 256. All four return 0, or 1 when
+// memory ran out.
+// `numbers` (channels, height, width): of each pixel its planes (a mask's byte, or green, red less green and blue less
+// green), each less the number to its left, and that less the same of the pixel above.
+FROG_EXPORT int32_t frog_predict(const FrogPixels *, uint8_t *numbers);
+FROG_EXPORT int32_t frog_restore(const uint8_t *numbers, const FrogPixels *);
+// `numbers` (4, 3, height, width) of an image of twice the size of `half`: how the planes of the four pixels over each of
+// its pixels (two above, two below) differ from its own; in place of those of the fourth, the sum of all four.
+FROG_EXPORT int32_t frog_predict_details(const FrogPixels *, const FrogPixels *half, uint8_t *numbers);
+FROG_EXPORT int32_t frog_restore_details(const uint8_t *numbers, const FrogPixels *half, const FrogPixels *);
 
 // One step of Adam for each of `count` parameters. Returns 0, or 1 when memory ran out, before anything was changed.
 FROG_EXPORT int32_t frog_adam(const FrogAdam *parameters, int32_t count);

@@ -31,7 +31,7 @@ def machine_code(
     Raises:
         FrogError: no compiler was found, the GPU is too old, or the kernel does not compile.
     """
-    from ...capture.frames import default_cache_folder
+    from ...io.cache_folder import default_cache_folder
 
     compiler = compiler or nvrtc.compiler()
     target = compiler.target(capability)

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from ...capture.capture import Capture
-from ...capture.frames import FrameStore
+from ...frames.store import FrameStore
 from ...gaussians import TorchGaussians
 from ...rasterizer import rasterize
 from ...spherical_harmonics import SH_DC

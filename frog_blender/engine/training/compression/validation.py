@@ -14,8 +14,8 @@ import torch
 from numpy.typing import NDArray
 
 from ...capture.capture import Capture
-from ...capture.frames import FrameStore
 from ...evaluation.metrics import psnr_of
+from ...frames.store import FrameStore
 from ...gaussians import TorchGaussians
 from ...rasterizer import rasterize
 from ..optimize.device import image_on

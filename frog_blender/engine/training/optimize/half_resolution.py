@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
-
-_LEAST = 64  # pixels a side; smaller images stay as they are
+from ...frames.image_coding import halved_image
+from ...frames.image_coding import is_halved as has_half
 
 
 def is_halved(camera: Camera, progress: float, until: float) -> bool:
@@ -21,20 +21,12 @@ def is_halved(camera: Camera, progress: float, until: float) -> bool:
 
 
 def _is_large(camera: Camera) -> bool:
-    return min(camera.width, camera.height) >= _LEAST
+    return has_half(camera.height, camera.width)
 
 
 def halved(camera: Camera) -> Camera:
     """The same view with half the pixels a side, rounded down."""
     return camera.resized(camera.width // 2, camera.height // 2)
-
-
-def halved_image(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(H // 2, W // 2, 3) uint8 means over the area of each pixel, of (H, W, 3) uint8."""
-    import cv2
-
-    height, width = pixels.shape[:2]
-    return np.asarray(cv2.resize(pixels, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
 
 
 def halved_capture(capture: Capture) -> Capture:

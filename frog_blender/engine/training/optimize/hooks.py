@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...capture.capture import Capture
-from ...capture.frames import FrameStore
+from ...frames.store import FrameStore
 from ...gaussians import TorchGaussians
 from ...io.plain_values import JsonObject
 from ...model.interface import ScheduleState

@@ -6,9 +6,9 @@ import numpy as np
 import torch
 
 from ...capture.capture import Capture
-from ...capture.frames import FrameStore
 from ...capture.hull import ALL_BUT, VisualHull
 from ...capture.seeding.views import spread
+from ...frames.store import FrameStore
 from .hooks import Hook, Training
 from .schedule import Every
 

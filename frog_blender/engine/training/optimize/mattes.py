@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
-from ...capture.frames import FrameStore
 from ...capture.masking import recolored
+from ...frames.store import FrameStore
 from .half_resolution import sized
 
 Color = tuple[float, float, float]
@@ -76,7 +76,7 @@ class Mattes:
             background: the colour that the image is to lie over; None for the capture's.
         """
         usual = self._capture.background
-        pixels = _part(self._store.image(shot), camera, region)
+        pixels = self._store.part(shot, region, self._is_half(shot, camera))
         alpha = _part(self._store.alpha(shot), camera, region) if self.has_alpha else None
         ignored = _part(self._store.ignored(shot), camera, region) > 0 if self.has_ignored else None
         if ignored is not None and ignored.any():
@@ -91,13 +91,21 @@ class Mattes:
         gain_red, gain_green, gain_blue = camera.exposure  # which the drawing, its background too, is exposed by
         return Truth(pixels, (red / gain_red, green / gain_green, blue / gain_blue), alpha, ignored, weight)
 
+    def prefetch(self, shot: int, camera: Camera, region: tuple[int, int, int, int]) -> None:
+        """Begins to read what ``truth`` will probably be asked for next."""
+        self._store.prefetch(shot, region, self._is_half(shot, camera))
+
+    def _is_half(self, shot: int, camera: Camera) -> bool:
+        full = self._capture.cameras[self._capture.shots[shot].camera]
+        return (camera.height, camera.width) != (full.height, full.width)
+
     def _empty_weight(self, shot: int) -> float:
         """See Truth, of all the image."""
-        alpha = self._store.alpha(shot) if self.has_alpha else None
-        if alpha is None:
+        if not self.has_alpha:
             return 1.0
         if shot not in self._shares:
-            self._shares[shot] = float(alpha.mean()) / 255
+            alpha = self._store.alpha(shot)
+            self._shares[shot] = 1.0 if alpha is None else float(alpha.mean()) / 255
         share = self._shares[shot]
         return min(1.0, max(_LEAST_WEIGHT, share / max(1 - share, _LEAST_WEIGHT)))
 

@@ -16,8 +16,8 @@ import torch
 
 from ...capture.camera import Camera
 from ...capture.capture import Capture
-from ...capture.frames import FrameStore
 from ...capture.seeds import Seeds
+from ...frames.store import FrameStore
 from ...io.plain_values import JsonObject
 from ...model.interface import RenderResult
 from ...rasterizer import RasterizeOptions
@@ -250,6 +250,8 @@ class Trainer(TrainingImages):
         if self._views_per_step > 1:
             return self._optimize_views(progress)
         view = self._next_view(progress)
+        if self.store.is_large:
+            self._read_ahead(progress)
         found, changes = self._backward(view, progress, self.density)
         self._move([view], [found], changes, progress)
         return view.shot
@@ -329,6 +331,18 @@ class Trainer(TrainingImages):
                 self.poses.observe(view.index, found.pose, progress)
             if self.exposures and found.brightness is not None:
                 self.exposures.add(view.index, found.brightness)
+
+    def _read_ahead(self, progress: float) -> None:
+        """Begins to read the next step's image. It is another one where random numbers are drawn before, in rounds of
+        density control, or where this step changes the errors of its camera: then what was read is not used."""
+        if self._in_burst(progress):
+            return
+        generator = self.generator.clone_state()
+        shot = self.views.pick(generator)
+        index = self.capture.shots[shot].camera
+        camera = self.camera_at(index, progress)
+        region = self.crops.pick(index, generator) if camera is self.capture.cameras[index] else None
+        self.mattes.prefetch(shot, camera, RasterizeOptions(region=region).region_of(camera))
 
     def _regularize(self) -> None:
         """Adds the gradients of what keeps the model smooth, of SMOOTHED_EVERY steps at once."""

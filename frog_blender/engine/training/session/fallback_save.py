@@ -8,9 +8,10 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from ...capture.frames import FrameStore, default_cache_folder
 from ...errors import FrogError
+from ...frames.store import FrameStore
 from ...io.atomic_files import beginning, write_atomically
+from ...io.cache_folder import default_cache_folder
 from . import events
 from .checkpoint import State, write_checkpoint
 from .disk_reserve import DiskReserve

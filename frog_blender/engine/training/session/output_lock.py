@@ -13,8 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from ...capture.frames import default_cache_folder
 from ...errors import FrogError
+from ...io.cache_folder import default_cache_folder
 
 try:
     import fcntl

@@ -11,12 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...capture.capture import Capture
-from ...capture.frames import FrameStore
 from ...capture.masking import EVERY_MASK, MaskSettings
 from ...capture.readers import open_capture
-from ...capture.seed_store import stored_seeds
 from ...capture.seeds import Seeds
 from ...errors import FrogError
+from ...frames.seed_store import stored_seeds
+from ...frames.store import FrameStore
 from ...io.atomic_files import check_writable, remove_partial_files
 from ...memory import gc_frozen
 from ..compression.schedule import compression_hooks

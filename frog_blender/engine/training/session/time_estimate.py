@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...capture.capture import Capture
-from ...capture.frames import default_cache_folder
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
+from ...io.cache_folder import default_cache_folder
 from ...native import binding
 from ..recipe import Recipe
 from . import events

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..capture.capture import Capture
+from ..capture.seeds import Seeds, find_seeds
 from ..errors import FrogError
 from ..io.numpy_files import NUMBERS, TEXT, read_npz
-from .capture import Capture
-from .frames import FrameStore
-from .seeds import Seeds, find_seeds
+from .store import FrameStore
 
 _LONGEST_ORIGIN = 1000
 _VERSION = 5  # raise it when the same capture would get other seeds

@@ -12,10 +12,10 @@ import pytest
 from support import synthetic_capture
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.frames import FrameStore
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.seed_store import stored_seeds
 from frog_blender.engine.capture.seeds import Seeds
+from frog_blender.engine.frames.seed_store import stored_seeds
+from frog_blender.engine.frames.store import FrameStore
 
 
 @pytest.fixture

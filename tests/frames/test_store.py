@@ -13,15 +13,16 @@ import cv2
 import numpy as np
 import pytest
 from support.builders import REPOSITORY
+from support.small_captures import write_video
 from support.system_faults import file_size_limit
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Distortion, Shot
-from frog_blender.engine.capture.frames import DecodingCancelled, FrameStore, default_cache_folder
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
-
-from .conftest import write_video
+from frog_blender.engine.frames.building import DecodingCancelled
+from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.io.cache_folder import default_cache_folder
 
 
 def open_store(folder: Path, **options: Any) -> FrameStore:
@@ -100,8 +101,8 @@ def test_what_a_killed_decode_leaves_is_not_taken_as_whole(n3dv: Path, monkeypat
     for file in (cache / f"{name}.partial-killed").iterdir():
         os.utime(file, (1, 1))
     os.utime(cache / f"{name}.partial-killed", (1, 1))
-    with (cache / name / "frames.raw").open("r+b") as file:
-        file.truncate(1000)  # a store that lost bytes
+    with (cache / name / "plain.tiles").open("r+b") as file:
+        file.truncate(500)  # a store that lost bytes
     assert open_store(n3dv).image(14).mean() > 40
     assert stores(n3dv) == [name]  # and the old remains are swept away
 
@@ -112,10 +113,10 @@ def test_a_store_that_another_process_finished_first_is_used(n3dv: Path) -> None
 
     def finish_another(done: int, total: int) -> None:
         if done == total:
-            others.append((open_store(n3dv).folder / "frames.raw").stat().st_ino)
+            others.append((open_store(n3dv).folder / "plain.tiles").stat().st_ino)
 
     store = open_store(n3dv, progress=finish_another)
-    assert [(store.folder / "frames.raw").stat().st_ino] == others
+    assert [(store.folder / "plain.tiles").stat().st_ino] == others
     assert stores(n3dv) == [store.folder.name]
 
 
@@ -124,7 +125,7 @@ def test_a_full_disk_is_noticed_before_decoding(n3dv: Path) -> None:
     largest = tuple(replace(camera, width=8192, height=8192) for camera in capture.cameras)
     frames = -(-shutil.disk_usage(n3dv).total // (8192 * 8192 * 3))
     endless = replace(capture, cameras=largest, shots=capture.shots * frames)
-    with pytest.raises(FrogError, match=r"need [\d.]+ GB, found [\d.]+ GB free"):
+    with pytest.raises(FrogError, match=r"need about [\d.]+ GB, found [\d.]+ GB free"):
         FrameStore.open(endless, cache_folder=cache, progress=lambda done, total: pytest.fail("decoded"))
     assert stores(n3dv) == []
 
@@ -135,7 +136,7 @@ def test_a_disk_that_fills_up_meanwhile_is_one_sentence(n3dv: Path, decoded: int
 
         def fill(done: int, total: int) -> None:
             if done == decoded:
-                limits.enter_context(file_size_limit(2 * 48 * 64 * 3))
+                limits.enter_context(file_size_limit(20))
 
         if not decoded:
             fill(0, 15)
@@ -215,7 +216,8 @@ def test_images_of_other_proportions_are_refused(tmp_path: Path) -> None:
 def test_frames_are_given_up_to_make_room(n3dv: Path) -> None:
     store = open_store(n3dv)
     image = store.image(3).copy()
-    assert store.give_up() == 15 * 48 * 64 * 3
+    size = sum(file.stat().st_size for file in store.folder.iterdir())
+    assert store.give_up() == size > 0
     assert stores(n3dv) == []
     assert store.give_up() == 0
     np.testing.assert_array_equal(open_store(n3dv).image(3), image)
@@ -225,7 +227,7 @@ def test_frames_that_another_training_reads_stay(n3dv: Path) -> None:
     code = """
 import sys
 from pathlib import Path
-from frog_blender.engine.capture.frames import FrameStore
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.capture.readers import open_capture
 capture = open_capture(Path(sys.argv[1]))
 store = FrameStore.open(capture, cache_folder=Path(sys.argv[2]))
@@ -256,13 +258,9 @@ def test_of_two_that_share_frames_neither_deletes_them(n3dv: Path) -> None:
     assert other.give_up() > 0 and stores(n3dv) == []
 
 
-def test_frames_stay_while_an_image_is_held(n3dv: Path) -> None:
-    """Deleting them would free nothing, and the image would end the process that looks at it."""
+def test_an_image_outlives_the_frames_that_were_given_up(n3dv: Path) -> None:
     store = open_store(n3dv)
     image = store.image(3)
     before = image.copy()
-    assert store.give_up() == 0 and len(stores(n3dv)) == 1
-    np.testing.assert_array_equal(image, before)
-    np.testing.assert_array_equal(store.image(3), before)
-    del image
     assert store.give_up() > 0 and stores(n3dv) == []
+    np.testing.assert_array_equal(image, before)

@@ -1,0 +1,1 @@
+"""Decoded frames on disk: kept without loss, read in parts, limited in size."""

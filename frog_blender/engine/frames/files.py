@@ -1,0 +1,209 @@
+"""The files of decoded frames: images of half and of whole size, alpha and what is ignored, each in compressed tiles.
+
+``NAME.tiles`` has the tiles, ``NAME.sizes`` the bytes of each of them (uint32, little-endian). Masks that say nothing
+in any image are left out: nothing then costs more than without masks.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import ImageArray
+from ..capture.decoding import DecodedShot
+from .codecs import TileCodec
+from .image_coding import (
+    Region,
+    detail_grid,
+    halved_image,
+    is_halved,
+    pack_details,
+    pack_plain,
+    plain_grid,
+    read_detailed,
+    read_plain,
+)
+from .tiles import DamagedTiles, Grid, TileFile
+
+ALPHA, IGNORED = "alpha", "ignored"
+_PLAIN, _HALVES, _DETAILS = "plain", "halves", "details"
+_SILENT = {ALPHA: 255, IGNORED: 0}
+_NONE = Grid(0, 0, 1, 1)
+
+Shape = tuple[int, int]
+Description = dict[str, list[int]]
+"""Bytes of the tiles and a checksum (CRC-32) of their sizes, by the file's name."""
+
+
+@dataclass(frozen=True)
+class PackedShot:
+    """The tiles of a shot by file, and the masks among them that say something."""
+
+    tiles: dict[str, list[bytes]]
+    said: set[str] = field(default_factory=set)
+
+
+def pack_shot(shot: DecodedShot, has_masks: bool, codec: TileCodec) -> PackedShot:
+    """Compresses a decoded shot."""
+    image = shot.image
+    packed = PackedShot({})
+    if is_halved(*image.shape[:2]):
+        half = halved_image(image)
+        packed.tiles[_HALVES], packed.tiles[_DETAILS] = pack_plain(half, codec), pack_details(image, half, codec)
+    else:
+        packed.tiles[_PLAIN] = pack_plain(image, codec)
+    if has_masks:
+        for name, mask in ((ALPHA, shot.alpha), (IGNORED, shot.ignored)):
+            values = np.full(image.shape[:2], _SILENT[name], np.uint8) if mask is None else mask
+            packed.tiles[name] = pack_plain(values, codec)
+            if (values != _SILENT[name]).any():
+                packed.said.add(name)
+    return packed
+
+
+def names_of(has_masks: bool) -> list[str]:
+    """The files of a store, without their endings; masks may be left out."""
+    return [_PLAIN, _HALVES, _DETAILS, *([ALPHA, IGNORED] if has_masks else [])]
+
+
+class FrameWriter:
+    """Writes shots one after the other into a folder.
+
+    Attributes:
+        written: bytes so far.
+    """
+
+    def __init__(self, folder: Path, has_masks: bool) -> None:
+        self._folder, self.written = folder, 0
+        self._sizes: dict[str, list[int]] = {name: [] for name in names_of(has_masks)}
+        self._said: set[str] = set()
+        self._files: dict[str, BinaryIO] = {}
+        try:
+            for name in self._sizes:
+                self._files[name] = _tiles_of(folder, name).open("wb")
+        except OSError:
+            self.abandon()
+            raise
+
+    def add(self, packed: PackedShot) -> None:
+        """The next shot. OSError if the disk does not take it."""
+        for name, tiles in packed.tiles.items():
+            content = b"".join(tiles)
+            self._files[name].write(content)
+            self._sizes[name] += map(len, tiles)
+            self.written += len(content)
+        self._said |= packed.said
+
+    def finish(self) -> Description:
+        """Ends the files, and leaves out the masks that say nothing."""
+        described: Description = {}
+        for name, file in self._files.items():
+            file.flush()
+            os.fsync(file.fileno())
+            size = file.tell()
+            file.close()
+            if name in _SILENT and name not in self._said:
+                _tiles_of(self._folder, name).unlink()
+                continue
+            sizes = np.array(self._sizes[name], "<u4").tobytes()
+            _sizes_of(self._folder, name).write_bytes(sizes)
+            described[name] = [size, zlib.crc32(sizes)]
+        return described
+
+    def abandon(self) -> None:
+        """Closes the files, whatever is in them."""
+        for file in self._files.values():
+            try:
+                file.close()
+            except OSError:  # what was not written yet does not fit on the disk
+                continue
+
+
+class FrameFiles:
+    """The frames of a folder, read by any number of threads.
+
+    Args:
+        folder: where they are.
+        shapes: (H, W) of the shots in the order in which they were written.
+        description: what ``FrameWriter.finish`` returned.
+        codec: what packed the tiles.
+
+    Raises:
+        OSError: if a file cannot be opened.
+        DamagedTiles: if one is not what was written, as far as its length tells.
+    """
+
+    def __init__(self, folder: Path, shapes: Sequence[Shape], description: Description, codec: TileCodec) -> None:
+        self._shapes, self._files = shapes, dict[str, TileFile]()
+        try:
+            for name, (size, checksum) in description.items():
+                grids = [_grid(name, *shape) for shape in shapes]
+                sizes = _read_sizes(_sizes_of(folder, name), sum(grid.count() for grid in grids), checksum)
+                self._files[name] = TileFile(_tiles_of(folder, name), grids, sizes, codec)
+                if int(sizes.sum(dtype=np.int64)) != size:
+                    raise DamagedTiles(f"{_tiles_of(folder, name)}: another length than was written")
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """No image can be read any more."""
+        for file in self._files.values():
+            file.close()
+
+    def has(self, name: str) -> bool:
+        """Whether masks of that kind say something of any image."""
+        return name in self._files
+
+    def image(self, number: int, region: Region | None = None) -> ImageArray:
+        """(H, W, 3) an image or a region of it. DamagedTiles if it is not what was written."""
+        height, width = self._shapes[number]
+        if not is_halved(height, width):
+            return read_plain(self._files[_PLAIN], number, region)
+        whole = (0, 0, width, height)
+        return read_detailed(self._files[_DETAILS], self._files[_HALVES], number, region or whole)
+
+    def half(self, number: int) -> ImageArray:
+        """(H // 2, W // 2, 3) ``halved_image`` of an image. DamagedTiles if it is not what was written."""
+        if not is_halved(*self._shapes[number]):
+            return halved_image(self.image(number))
+        return read_plain(self._files[_HALVES], number)
+
+    def mask(self, name: str, number: int, region: Region | None = None) -> ImageArray:
+        """(H, W) a mask or a region of it. DamagedTiles if it is not what was written."""
+        return read_plain(self._files[name], number, region)
+
+
+def _grid(name: str, height: int, width: int) -> Grid:
+    if name in _SILENT:
+        return plain_grid(height, width, 1)
+    halved = is_halved(height, width)
+    if name == _PLAIN:
+        return _NONE if halved else plain_grid(height, width, 3)
+    if not halved:
+        return _NONE
+    return plain_grid(height // 2, width // 2, 3) if name == _HALVES else detail_grid(height, width)
+
+
+def _read_sizes(path: Path, count: int, checksum: int) -> NDArray[np.uint32]:
+    if path.stat().st_size != 4 * count:
+        raise DamagedTiles(f"{path}: another length than was written")
+    content = path.read_bytes()
+    if zlib.crc32(content) != checksum:
+        raise DamagedTiles(f"{path}: other bytes than were written")
+    return np.frombuffer(content, "<u4").astype(np.uint32)
+
+
+def _tiles_of(folder: Path, name: str) -> Path:
+    return folder / f"{name}.tiles"
+
+
+def _sizes_of(folder: Path, name: str) -> Path:
+    return folder / f"{name}.sizes"

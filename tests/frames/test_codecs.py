@@ -1,0 +1,100 @@
+"""How tiles are compressed: without loss, and what was damaged is found."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.frames import store
+from frog_blender.engine.frames.codecs import TileCodec, Zlib, Zstandard, codec_of, usual_codec
+from frog_blender.engine.frames.store import FrameStore
+
+CODECS = [Zstandard(), Zlib()]
+
+
+def tile(seed: int = 0) -> np.ndarray:
+    """Small numbers, most of them near 0, as differences are."""
+    return (np.random.default_rng(seed).normal(0, 3, (3, 32, 32)).astype(np.int16) % 256).astype(np.uint8)
+
+
+@pytest.fixture(params=CODECS, ids=lambda codec: codec.name)
+def codec(request: pytest.FixtureRequest) -> TileCodec:
+    found: TileCodec = request.param
+    return found
+
+
+def test_tiles_come_back_and_are_smaller(codec: TileCodec) -> None:
+    for numbers in (tile(), np.zeros((3, 1, 1), np.uint8), np.zeros((12, 64, 64), np.uint8)):
+        packed = codec.pack(numbers)
+        assert codec.unpack(memoryview(packed), numbers.size) == numbers.tobytes()
+    assert len(codec.pack(tile())) < 0.7 * tile().size
+
+
+def test_every_damaged_byte_is_found(codec: TileCodec) -> None:
+    numbers = tile()
+    packed = codec.pack(numbers)
+    found = 0
+    for place in range(len(packed)):
+        damaged = bytearray(packed)
+        damaged[place] ^= 1 << place % 8
+        try:
+            content = codec.unpack(memoryview(bytes(damaged)), numbers.size)
+        except ValueError:
+            found += 1
+            continue
+        assert content == numbers.tobytes()  # a bit that says nothing
+    assert found > 0.99 * len(packed)
+
+
+def test_tiles_of_another_size_or_cut_off_are_refused(codec: TileCodec) -> None:
+    numbers = tile()
+    packed = memoryview(codec.pack(numbers))
+    wrong = [(packed, numbers.size - 1), (packed, numbers.size + 1), (packed[:-1], numbers.size), (packed[:0], 1)]
+    for content, size in wrong:
+        with pytest.raises(ValueError):
+            codec.unpack(content, size)
+
+
+def test_threads_share_a_codec(codec: TileCodec) -> None:
+    failed = []
+
+    def work(seed: int) -> None:
+        for number in range(50):
+            numbers = tile(100 * seed + number)
+            if codec.unpack(memoryview(codec.pack(numbers)), numbers.size) != numbers.tobytes():
+                failed.append(seed)
+
+    threads = [threading.Thread(target=work, args=(seed,)) for seed in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failed
+
+
+def test_names_give_codecs_back() -> None:
+    assert isinstance(codec_of("zstandard"), Zstandard) and isinstance(codec_of("zlib"), Zlib)
+    assert codec_of("lz4") is None and codec_of(None) is None and codec_of(["zlib"]) is None
+
+
+def test_without_zstandard_frames_are_packed_anew_by_zlib_and_read_by_everyone(
+    n3dv: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = open_capture(n3dv)
+    first = FrameStore.open(capture, cache_folder=tmp_path)
+    images = [first.image(shot).copy() for shot in range(len(capture.shots))]
+    del first
+    with monkeypatch.context() as patched:
+        patched.setitem(sys.modules, "zstandard", None)
+        assert isinstance(usual_codec(), Zlib) and codec_of("zstandard") is None
+        second = FrameStore.open(capture, cache_folder=tmp_path)
+        assert all(np.array_equal(second.image(shot), image) for shot, image in enumerate(images))
+    assert isinstance(usual_codec(), Zstandard)
+    monkeypatch.setattr(store, "build", lambda *_: pytest.fail("decoded again"))
+    third = FrameStore.open(capture, cache_folder=tmp_path)
+    assert all(np.array_equal(third.image(shot), image) for shot, image in enumerate(images))

@@ -1,0 +1,252 @@
+"""Decoded frames on disk: their limit, what is deleted first, what stays, and frames that were damaged."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.builders import REPOSITORY
+from support.small_captures import write_video
+
+from frog_blender.engine.capture.decoding import decode_shots
+from frog_blender.engine.capture.frame_keys import decoding_order
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.frames import limit, store
+from frog_blender.engine.frames.image_coding import halved_image
+from frog_blender.engine.frames.limit import (
+    clear,
+    limit_of,
+    make_room,
+    remove_abandoned,
+    set_limit,
+    stored_frames,
+)
+from frog_blender.engine.frames.store import FrameStore
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    monkeypatch.delenv("FROG_CACHE_LIMIT", raising=False)
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def nothing_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a capture larger than memory."""
+    monkeypatch.setattr(store, "_memory_for_images", lambda: 0)
+
+
+def noisy(size: tuple[int, int]) -> Callable[[int], np.ndarray]:
+    return lambda frame: np.random.default_rng(frame).integers(0, 256, (*size, 3)).astype(np.uint8)
+
+
+def films(n3dv: Path, size: tuple[int, int]) -> Path:
+    """Three cameras, of five images of noise each."""
+    height, width = size
+    for name in ("cam00", "cam01", "cam03"):
+        write_video(n3dv / f"{name}.mp4", 5, width, height, noisy(size))
+    return n3dv
+
+
+def aged(store: FrameStore, days: float) -> Path:
+    used = (store.folder / "index.json").stat().st_mtime - 86400 * days
+    os.utime(store.folder / "index.json", (used, used))
+    return store.folder
+
+
+@pytest.mark.usefixtures("nothing_kept")
+@pytest.mark.parametrize("scale", [1.0, 3.02, 5.4])
+def test_the_bits_are_those_that_were_decoded(n3dv: Path, cache: Path, scale: float) -> None:
+    """Whole, halved and in part, of images with and without a reduced one, of even and odd sizes."""
+    capture = open_capture(films(n3dv, (48, 64))).scaled(scale)
+    store, order = FrameStore.open(capture), decoding_order(capture)
+    random = np.random.default_rng(0)
+    for index, truth in zip(order, decode_shots(capture, order), strict=True):
+        height, width = truth.shape[:2]
+        np.testing.assert_array_equal(store.image(index), truth)
+        half = halved_image(truth)
+        np.testing.assert_array_equal(store.part(index, (0, 0, width // 2, height // 2), is_half=True), half)
+        for ahead in (False, True, False):
+            left, top = int(random.integers(width)), int(random.integers(height))
+            region = (left, top, int(random.integers(1, width - left + 1)), int(random.integers(1, height - top + 1)))
+            if ahead:
+                store.prefetch((index + 1) % len(order), region)  # guessed wrong
+                store.prefetch(index, region)
+            found = store.part(index, region)
+            np.testing.assert_array_equal(found, truth[top : top + region[3], left : left + region[2]])
+
+
+def test_a_training_sees_the_same_bits_whether_images_are_kept_or_not(
+    n3dv: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = open_capture(films(n3dv, (96, 128)))
+    kept = FrameStore.open(capture)
+    monkeypatch.setattr(store, "_memory_for_images", lambda: 0)
+    read = FrameStore.open(capture)
+    assert read.is_large and not kept.is_large
+    for index in range(len(kept)):
+        for region, is_half in (((16, 32, 40, 24), False), ((0, 0, 64, 48), True)):
+            parts = [store.part(index, region, is_half) for store in (kept, read, kept)]
+            np.testing.assert_array_equal(parts[0], parts[1])
+            np.testing.assert_array_equal(parts[0], parts[2])
+
+
+@pytest.mark.usefixtures("nothing_kept")
+@pytest.mark.parametrize("name", ["halves.tiles", "details.tiles"])
+def test_a_damaged_block_is_decoded_anew(n3dv: Path, cache: Path, name: str) -> None:
+    capture = open_capture(films(n3dv, (96, 128)))
+    truth = [FrameStore.open(capture).image(index).copy() for index in range(15)]
+    path = FrameStore.open(capture).folder / name
+    content, random = path.read_bytes(), np.random.default_rng(1)
+    for place in random.integers(0, len(content), 25).tolist():
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << int(random.integers(8))
+        path.write_bytes(damaged)
+        store = FrameStore.open(capture)
+        for index in range(15):
+            np.testing.assert_array_equal(store.image(index), truth[index])
+            whole = (0, 0, 64, 48)
+            np.testing.assert_array_equal(store.part(index, whole, is_half=True), halved_image(truth[index]))
+        assert (store.folder / "damaged").exists()
+        del store
+        decoded: list[int] = []
+        FrameStore.open(capture, progress=lambda done, total, to=decoded: to.append(done))  # type: ignore[misc]
+        assert len(decoded) == 15 and path.read_bytes() == content  # written again
+
+
+@pytest.mark.usefixtures("nothing_kept")
+def test_damage_that_cannot_be_mended_is_one_sentence(n3dv: Path, cache: Path) -> None:
+    capture = open_capture(films(n3dv, (96, 128)))
+    store = FrameStore.open(capture)
+    path = store.folder / "details.tiles"
+    path.write_bytes(bytes(path.stat().st_size))
+    for video in n3dv.glob("*.mp4"):
+        video.unlink()
+    with pytest.raises(FrogError, match=r"decoded frames are damaged, and cannot be decoded again: .*mp4"):
+        store.image(3)
+
+
+@pytest.mark.parametrize("damage", ["details.tiles", "halves.sizes", "index.json"])
+def test_what_is_cut_off_or_altered_is_decoded_again(n3dv: Path, cache: Path, damage: str) -> None:
+    capture = open_capture(films(n3dv, (96, 128)))
+    folder = FrameStore.open(capture).folder
+    content = (folder / damage).read_bytes()
+    for changed in (content[:-1], content + b"0", b"", content[:10] + bytes([content[10] ^ 1]) + content[11:]):
+        if damage == "details.tiles" and len(changed) == len(content):
+            continue  # its checksums are checked when it is read
+        (folder / damage).write_bytes(changed)
+        decoded: list[int] = []
+        FrameStore.open(capture, progress=lambda done, total, to=decoded: to.append(done))  # type: ignore[misc]
+        assert len(decoded) == 15 and (folder / damage).read_bytes() == content
+
+
+def test_what_was_used_longest_ago_is_deleted_first_and_never_what_is_open(n3dv: Path, cache: Path) -> None:
+    captures = [open_capture(films(n3dv, (96, 128))).scaled(scale) for scale in (1.0, 0.9, 0.8)]
+    oldest, older, young = (aged(FrameStore.open(each), days) for each, days in zip(captures, (3, 2, 1), strict=True))
+    assert [entry.folder for entry in stored_frames(cache)] == [oldest, older, young]
+    store = FrameStore.open(captures[0])
+    aged(store, 9)  # open, however old it is
+    total = sum(entry.size for entry in stored_frames(cache))
+    set_limit(cache, f"{total - 1}B")
+    make_room(cache)
+    assert [entry.folder for entry in stored_frames(cache)] == [oldest, young]
+    set_limit(cache, "1KB")
+    make_room(cache)
+    assert [entry.folder for entry in stored_frames(cache)] == [oldest]
+    np.testing.assert_array_equal(store.image(2), FrameStore.open(captures[0]).image(2))
+
+
+def test_a_new_capture_takes_the_place_of_the_oldest(n3dv: Path, cache: Path) -> None:
+    capture = open_capture(films(n3dv, (96, 128)))
+    first = aged(FrameStore.open(capture), 1)
+    size = stored_frames(cache)[0].size
+    set_limit(cache, f"{round(1.9 * size)}B")
+    second = FrameStore.open(capture.scaled(0.95)).folder
+    assert [entry.folder for entry in stored_frames(cache)] == [second] and not first.exists()
+
+
+def test_frames_larger_than_the_limit_are_refused_in_a_sentence(
+    n3dv: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = open_capture(films(n3dv, (96, 128)))
+    monkeypatch.setenv("FROG_CACHE_LIMIT", "10 KB")
+    expected = r"need about 0.00 GB, found a limit of 0.00 GB \(10KB by FROG_CACHE_LIMIT\): .* frog cache --limit"
+    with pytest.raises(FrogError, match=expected):
+        FrameStore.open(capture, progress=lambda done, total: pytest.fail("decoded"))
+    assert list(cache.iterdir()) == []
+
+
+def test_a_limit_is_a_size_or_a_share(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    total = limit.shutil.disk_usage(cache.parent).total
+    assert limit_of(cache) == (int(0.25 * total), "25% of the disk")
+    for text, size in (("40 gb", 40_000_000_000), ("1.5TB", 1_500_000_000_000), ("10%", int(0.1 * total))):
+        set_limit(cache, text)
+        assert limit_of(cache)[0] == size
+    monkeypatch.setenv("FROG_CACHE_LIMIT", "5MB")
+    assert limit_of(cache) == (5_000_000, "5MB by FROG_CACHE_LIMIT")
+    monkeypatch.delenv("FROG_CACHE_LIMIT")
+    set_limit(cache, "default")
+    assert limit_of(cache)[0] == int(0.25 * total)
+    for wrong in ("", "much", "-1GB", "0%", "101%", "1e9", "nan"):
+        with pytest.raises(FrogError, match="a size such as 40GB or a share"):
+            set_limit(cache, wrong)
+    (cache / "limit.txt").write_text("huge")
+    with pytest.raises(FrogError, match=r"limit\.txt: found 'huge'"):
+        limit_of(cache)
+
+
+def test_stores_of_other_versions_are_deleted_and_other_files_stay(n3dv: Path, cache: Path) -> None:
+    current = FrameStore.open(open_capture(films(n3dv, (96, 128)))).folder
+    old = cache / ("0" * 32)
+    old.mkdir()
+    (old / "index.json").write_text('{"capture": "/x", "sources": {}, "shots": 1}')
+    (old / "frames.raw").write_bytes(bytes(1000))
+    for other in ("captures", "kernels"):
+        (cache / other).mkdir()
+        (cache / other / "index.json").write_text("{}")
+    remove_abandoned(cache)
+    assert sorted(path.name for path in cache.iterdir()) == sorted([current.name, "captures", "kernels"])
+
+
+HOLDING = """
+import sys
+from pathlib import Path
+from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.capture.readers import open_capture
+store = FrameStore.open(open_capture(Path(sys.argv[1])))
+print("open", flush=True)
+sys.stdin.read()
+print(int(store.image(3).sum()))
+"""
+
+
+def test_clearing_leaves_what_another_process_has_open(n3dv: Path, cache: Path) -> None:
+    capture = open_capture(films(n3dv, (96, 128)))
+    other = FrameStore.open(capture.scaled(0.9)).folder
+    command: list[Any] = [sys.executable, "-c", HOLDING, str(n3dv)]
+    with subprocess.Popen(command, cwd=REPOSITORY, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout is not None and holder.stdout.readline() == "open\n"
+        freed, kept = clear(cache)
+        assert freed > 0 and kept == 1 and not other.exists()
+        total = int(FrameStore.open(capture).image(3).sum())
+        assert holder.communicate()[0] == f"{total}\n"
+    assert clear(cache)[1] == 0 and stored_frames(cache) == []
+
+
+def test_two_processes_decode_one_capture_at_once(n3dv: Path, cache: Path) -> None:
+    """Both end with the same frames, in one store."""
+    films(n3dv, (96, 128))
+    command: list[Any] = [sys.executable, "-c", HOLDING, str(n3dv)]
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    both = [subprocess.Popen(command, cwd=REPOSITORY, **pipes) for _ in range(2)]
+    found = [each.communicate()[0] for each in both]
+    assert found[0] == found[1] == f"open\n{int(FrameStore.open(open_capture(n3dv)).image(3).sum())}\n"
+    assert len(list(cache.iterdir())) == 1
