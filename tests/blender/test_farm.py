@@ -14,11 +14,9 @@ from frog_blender.render.exit_status import is_render
 
 ROOT = Path(__file__).resolve().parents[2]
 ENABLE = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import frog_blender; frog_blender.register()"
-IN_MODULE = """
-import sys
+IN_MODULE = f"""
+{ENABLE}
 import bpy
-import frog_blender
-frog_blender.register()
 _, blend, out, first, last = sys.argv
 bpy.ops.wm.open_mainfile(filepath=blend)
 scene = bpy.context.scene
@@ -49,7 +47,7 @@ def saved(empty, static_rig, tmp_path):
     settings = empty.render
     settings.engine = "FROG"
     settings.image_settings.file_format = "PNG"
-    empty.frame_start, empty.frame_end = 1, 4
+    empty.frame_start, empty.frame_end = 1, 10
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     bpy.ops.file.make_paths_relative()
     bpy.ops.wm.save_mainfile()
@@ -57,15 +55,15 @@ def saved(empty, static_rig, tmp_path):
 
 
 def test_frames_are_the_same_in_one_run_and_in_two(saved, tmp_path):
-    for out, parts in (("whole", [(1, 4)]), ("parts", [(3, 4), (1, 2)])):
+    for out, parts in (("whole", [(1, 10)]), ("parts", [(6, 10), (1, 5)])):
         for first, last in parts:
             ended = render(saved, tmp_path / out, first, last)
             assert ended.returncode == 0, ended.stdout + ended.stderr
     whole, parts = (sorted((tmp_path / out).iterdir()) for out in ("whole", "parts"))
-    assert [path.name for path in whole] == [path.name for path in parts] == [f"000{n}.png" for n in range(1, 5)]
+    assert [path.name for path in whole] == [path.name for path in parts] == [f"{n:04}.png" for n in range(1, 11)]
     pixels = [read_png(path).tobytes() for path in whole]  # the files have their dates
     assert pixels == [read_png(path).tobytes() for path in parts]
-    assert len(set(pixels)) > 1, "something moves"
+    assert len(set(pixels)) > 5, "something moves"
 
 
 def test_a_missing_scene_file_is_an_exit_status(saved, static_rig, tmp_path):
