@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ENABLE = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import frog_blender; frog_blender.register()"
 IN_MODULE = f"""
 {ENABLE}
+import os
 import bpy
 _, blend, out, first, last = sys.argv
 bpy.ops.wm.open_mainfile(filepath=blend)
@@ -23,7 +24,10 @@ scene = bpy.context.scene
 scene.render.filepath, scene.frame_start, scene.frame_end = out, int(first), int(last)
 bpy.ops.render.render(animation=True)
 frog_blender.unregister()
+if bpy.app.version < (5, 0):
+    os._exit(0)
 """
+"""The bpy 4.5 module never leaves by itself while any script's handler is registered."""
 
 
 def render(folder: Path, out: Path, first: int, last: int) -> subprocess.CompletedProcess[str]:
@@ -41,8 +45,6 @@ def render(folder: Path, out: Path, first: int, last: int) -> subprocess.Complet
 @pytest.fixture
 def saved(empty, static_rig, tmp_path):
     """The folder of a scene.blend that plays a capture beside it, by a relative path."""
-    if not bpy.app.binary_path and bpy.app.version < (5, 0):
-        pytest.skip("the bpy 4.5 module never leaves while any script's handler is registered")
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
     settings = empty.render
     settings.engine = "FROG"
@@ -67,6 +69,8 @@ def test_frames_are_the_same_in_one_run_and_in_two(saved, tmp_path):
 
 
 def test_a_missing_scene_file_is_an_exit_status(saved, static_rig, tmp_path):
+    if not bpy.app.binary_path and bpy.app.version < (5, 0):
+        pytest.skip("the bpy 4.5 module has no exit status, see IN_MODULE")
     static_rig.unlink()
     ended = render(saved, tmp_path / "out", 1, 2)
     assert ended.returncode == 1, ended.stdout + ended.stderr
