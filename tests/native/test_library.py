@@ -1,9 +1,11 @@
-"""FROG_NATIVE_LIBRARY may name anything: what is no native rasterizer of ours is a sentence."""
+"""Where the native library is looked for. What is none of ours, or of another version, is a sentence."""
 
 from __future__ import annotations
 
 import ctypes.util
 import os
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -45,3 +47,39 @@ def test_what_is_no_library(tmp_path: Path) -> None:
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.so")
     assert "found a pipe" in said(tmp_path / "pipe.so")
+
+
+def test_a_library_of_another_version(tmp_path: Path) -> None:
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("needs a compiler")
+    (tmp_path / "old.c").write_text("int frog_abi_version(void) { return 3; }")
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", tmp_path / "old.so", tmp_path / "old.c"], check=True)
+    assert "found interface version 3, expected" in said(tmp_path / "old.so")
+
+
+WHERE = """
+from frog_blender.engine.native import binding
+binding.__file__ = {file!r}
+print(binding.library_path())
+"""
+
+
+def where(file: Path, **environment: str) -> Path:
+    run = run_python(WHERE.format(file=str(file)), **environment)
+    assert run.returncode == 0, run.stderr
+    return Path(run.stdout.strip())
+
+
+def test_where_it_is_looked_for(tmp_path: Path) -> None:
+    package = tmp_path / "site" / "frog_blender_native"
+    package.mkdir(parents=True)
+    sources = Path(__file__).parents[2] / "packaging" / "native" / "frog_blender_native"
+    shutil.copy2(sources / "__init__.py", package)
+    beside, site = tmp_path / "binding.py", str(tmp_path / "site")
+    name = where(beside).name
+    assert where(beside) == tmp_path / name, "without the package, where a checkout has it"
+    assert where(beside, PYTHONPATH=site) == package / name
+    (tmp_path / name).touch()
+    assert where(beside, PYTHONPATH=site) == tmp_path / name
+    assert where(beside, PYTHONPATH=site, FROG_NATIVE_LIBRARY="another.so") == Path("another.so")

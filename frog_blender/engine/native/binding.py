@@ -33,9 +33,19 @@ SLOT_LIMIT = 6_000_000  # (Gaussian, tile) pairs that a backward pass keeps grad
 
 
 def library_path() -> Path:
-    """Where the library lies: beside this file, or where FROG_NATIVE_LIBRARY says."""
+    """Where the library lies: where FROG_NATIVE_LIBRARY says; beside this file, as in a checkout; or in the package
+    frog_blender_native, whose wheel the extension brings along."""
     name = {"win32": "frog_native.dll", "darwin": "libfrog_native.dylib"}.get(sys.platform, "libfrog_native.so")
-    return Path(os.environ.get("FROG_NATIVE_LIBRARY") or Path(__file__).parent / name)
+    if named := os.environ.get("FROG_NATIVE_LIBRARY"):
+        return Path(named)
+    if (path := Path(__file__).with_name(name)).exists():
+        return path
+    try:
+        import frog_blender_native
+    except ModuleNotFoundError:
+        return path
+    packaged: Path = frog_blender_native.library_path()
+    return packaged
 
 
 @functools.cache
