@@ -103,8 +103,8 @@ $(BPY45)/.ready: constraints.txt
 		bpy torch numpy safetensors opencv-contrib-python-headless zstandard tqdm pytest plyfile
 	touch $@
 
-test-bpy45: setup $(BPY45)/.ready
-	$(BPY45)/bin/python tests/blender/run_in_blender.py -- -q -m "slow or not slow"
+test-bpy45: extension $(BPY45)/.ready
+	FROG_ZIPS=dist $(BPY45)/bin/python tests/blender/run_in_blender.py -- -q -m "slow or not slow"
 
 # The newest Blender, as a module; its Python is 3.13. Where pip finds only a build of torch with CUDA, that takes 6 GB.
 PYTHON313 ?= $(firstword $(wildcard $(HOME)/.pyenv/versions/3.13*/bin/python3.13) python3.13)
@@ -116,26 +116,30 @@ $(BPY53)/.ready: constraints.txt
 		bpy torch numpy safetensors opencv-contrib-python-headless zstandard tqdm pytest plyfile
 	touch $@
 
-test-bpy53: setup $(BPY53)/.ready
-	$(BPY53)/bin/python tests/blender/run_in_blender.py -- -q -m "slow or not slow"
+test-bpy53: extension $(BPY53)/.ready
+	FROG_ZIPS=dist $(BPY53)/bin/python tests/blender/run_in_blender.py -- -q -m "slow or not slow"
 
 # The Blender to test in and to walk through: make test-blender BLENDER=/path/to/blender (FROG_BLENDER names it as well).
 BLENDER ?= $(or $(FROG_BLENDER),blender)
 
-test-blender: setup
+test-blender: extension
 	@command -v $(firstword $(BLENDER)) > /dev/null || { echo "$(BLENDER): found no such program; say BLENDER=/path/to/blender"; exit 1; }
-	$(BLENDER) -b --factory-startup --python tests/blender/run_in_blender.py -- -q -m "slow or not slow"
+	FROG_ZIPS=$(abspath dist) $(BLENDER) -b --factory-startup --python tests/blender/run_in_blender.py -- -q -m "slow or not slow"
 
 # Exported web pages in a browser without a window: chromium or google-chrome, or the one that FROG_CHROMIUM names.
 test-web: setup
 	$(INSTALL) playwright
 	$(BIN)/python -m pytest -q -m slow tests/interchange/test_web_browser.py
 
-# The native library for Windows, macOS and the oldest Linux, compiled and looked at, not run: make cross TARGETS=windows-x64
+# Wheels of the native library for Windows, macOS and the oldest Linux, in build/cross/wheels, and the zips made of them:
+# compiled and looked at, not run: make cross TARGETS=windows-x64. With WINE=wine that for Windows x64 draws.
 TARGETS ?= windows-x64,windows-arm64,macos-arm64,macos-x64,linux-x64,linux-arm64
+comma := ,
 cross: setup
 	$(INSTALL) ziglang
-	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python tools/cross_build.py build/cross --targets $(TARGETS)
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python tools/cross_build.py build/cross --targets $(TARGETS) $(if $(WINE),--wine $(WINE))
+	for target in $(subst $(comma), ,$(TARGETS)); do for edition in training player; do $(BIN)/python tools/build_extension.py \
+		--edition $$edition --platform $$target --wheels build/cross/wheels --output build/cross/zips || exit 1; done; done
 
 # A walk through the add-on in a window, with a screenshot of each step: make tour BLENDER=/path/to/blender OUT=dir
 # The Blender's Python needs torch and OpenCV. TOUR_FLAGS is for the script, such as TOUR_FLAGS="--steps 600".

@@ -6,10 +6,13 @@ import ctypes.util
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from support.builders import run_python
+
+from frog_blender.engine.native import binding
 
 DRAW = """
 import sys
@@ -56,6 +59,19 @@ def test_a_library_of_another_version(tmp_path: Path) -> None:
     (tmp_path / "old.c").write_text("int frog_abi_version(void) { return 3; }")
     subprocess.run([compiler, "-shared", "-fPIC", "-o", tmp_path / "old.so", tmp_path / "old.c"], check=True)
     assert "found interface version 3, expected" in said(tmp_path / "old.so")
+
+
+def test_the_program_that_draws_elsewhere_draws_here(tmp_path: Path) -> None:
+    """tools/cross_build.py runs it under wine."""
+    compiler = shutil.which("c++")
+    if compiler is None or sys.platform == "win32":
+        pytest.skip("needs a compiler")
+    sources, program = Path(binding.__file__).parent / "src", tmp_path / "draw_one"
+    source = Path(__file__).with_name("draw_one.cpp")
+    subprocess.run([compiler, "-std=c++17", f"-I{sources}", source, "-o", program, "-ldl"], check=True)
+    run = subprocess.run([program, binding.library_path()], capture_output=True, text=True)
+    assert run.returncode == 0 and f"interface {binding.ABI_VERSION}, kernels" in run.stdout, run.stdout
+    assert subprocess.run([program, source], capture_output=True).returncode == 1
 
 
 WHERE = """
