@@ -132,12 +132,13 @@ test-web: setup
 	$(BIN)/python -m pytest -q -m slow tests/interchange/test_web_browser.py
 
 # Wheels of the native library for Windows, macOS and the oldest Linux, in build/cross/wheels, and the zips made of them:
-# compiled and looked at, not run: make cross TARGETS=windows-x64. With WINE=wine that for Windows x64 draws.
+# compiled and looked at, not run: make cross TARGETS=windows-x64. With WINE=wine that for Windows x64 draws,
+# with QEMU="qemu-aarch64-static -L /usr/aarch64-linux-gnu" that for Linux on ARM.
 TARGETS ?= windows-x64,windows-arm64,macos-arm64,macos-x64,linux-x64,linux-arm64
 comma := ,
 cross: setup
 	$(INSTALL) ziglang
-	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python tools/cross_build.py build/cross --targets $(TARGETS) $(if $(WINE),--wine $(WINE))
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python tools/cross_build.py build/cross --targets $(TARGETS) $(if $(WINE),--wine "$(WINE)") $(if $(QEMU),--qemu "$(QEMU)")
 	for target in $(subst $(comma), ,$(TARGETS)); do for edition in training player; do $(BIN)/python tools/build_extension.py \
 		--edition $$edition --platform $$target --wheels build/cross/wheels --output build/cross/zips || exit 1; done; done
 

@@ -1,11 +1,11 @@
 """Builds the native library's wheel for other platforms, so that it keeps compiling there though it runs nowhere here.
 
-    python tools/cross_build.py OUT [--targets windows-x64,macos-arm64] [--wine PROGRAM]
+    python tools/cross_build.py OUT [--targets windows-x64,macos-arm64] [--wine wine] [--qemu "qemu-aarch64 -L X"]
 
 Zig brings a compiler with the headers and libraries of all of them. What is built is looked at: a library of that
 platform's kind that exports all functions of ``frog_native.h``. With ``--wine`` that for Windows x64 draws a Gaussian
-(``tests/native/draw_one.cpp``). The wheels are for trying out what is made of them (``tools/build_extension.py
---platform``); what users get is built on the platforms themselves, by cibuildwheel.
+(``tests/native/draw_one.cpp``), with ``--qemu`` that for Linux on ARM. The wheels are for trying out what is made of
+them (``tools/build_extension.py --platform``); what users get is built on the platforms themselves, by cibuildwheel.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shlex
 import subprocess
 import sys
 import zipfile
@@ -55,7 +56,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("out", type=Path, help="a folder for the builds; the wheels go into its folder wheels")
     parser.add_argument("--targets", default=",".join(TARGETS), help="default: %(default)s")
-    parser.add_argument("--wine", metavar="PROGRAM", help="runs what is built for Windows x64")
+    parser.add_argument("--wine", metavar="COMMAND", help="runs what is built for Windows x64")
+    parser.add_argument("--qemu", metavar="COMMAND", help="runs what is built for Linux on ARM")
     options = parser.parse_args()
     names = options.targets.split(",")
     if unknown := [name for name in names if name not in TARGETS]:
@@ -64,11 +66,9 @@ def main() -> None:
         wheel = build(TARGETS[name], options.out.resolve() / name, options.out.resolve() / "wheels")
         check(wheel, TARGETS[name])
         print(f"{name}: {wheel} ({wheel.stat().st_size / 1e6:.1f} MB)", flush=True)
-        if options.wine and name == "windows-x64":
-            print(
-                f"  wine: {draw_in_wine(options.wine, wheel, TARGETS[name], options.out.resolve() / 'wine')}",
-                flush=True,
-            )
+        if emulator := {"windows-x64": options.wine, "linux-arm64": options.qemu}.get(name):
+            said = draw(shlex.split(emulator), wheel, TARGETS[name], options.out.resolve() / f"{name}-drawn")
+            print(f"  {emulator.split()[0]}: {said}", flush=True)
 
 
 def build(target: Target, folder: Path, wheels: Path) -> Path:
@@ -110,14 +110,14 @@ def check(wheel: Path, target: Target) -> None:
         sys.exit(f"{wheel}: found no {', '.join(missing)}.")
 
 
-def draw_in_wine(wine: str, wheel: Path, target: Target, folder: Path) -> str:
+def draw(emulator: list[str], wheel: Path, target: Target, folder: Path) -> str:
     """What the little program said that draws with the wheel's library; ends with a sentence where it failed."""
     folder.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(wheel) as archive:
         (folder / target.library).write_bytes(archive.read(f"frog_blender_native/{target.library}"))
     compiler = [sys.executable, "-m", "ziglang", "c++", "-target", target.triple, "-std=c++17", f"-I{HEADER.parent}"]
     command = [*compiler, str(ROOT / "tests" / "native" / "draw_one.cpp"), "-o", str(folder / "draw_one.exe")]
-    for words in (command, [wine, "draw_one.exe", target.library]):
+    for words in (command, [*emulator, "./draw_one.exe", f"./{target.library}"]):
         ended = subprocess.run(words, capture_output=True, text=True, cwd=folder, timeout=600)
         if ended.returncode:
             sys.exit(f"{' '.join(words)}\n{ended.stdout}{ended.stderr}")

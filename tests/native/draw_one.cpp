@@ -1,5 +1,5 @@
 // Loads the library that is named, as the binding does, and draws one Gaussian with it. Ends with 0 when the image is
-// right. For systems that no Python runs on here: tools/cross_build.py --wine.
+// right. For emulators, which have no Python: tools/cross_build.py --wine, --qemu.
 #include <cstdio>
 #include <vector>
 
