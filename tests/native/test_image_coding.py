@@ -9,7 +9,8 @@ import pytest
 
 from frog_blender.engine.native.image_coding import predict, predict_details, restore, restore_details
 
-SIZES = [(1, 1), (1, 7), (5, 1), (16, 16), (37, 53)]
+SIZES = [(1, 1), (1, 7), (5, 1), (16, 16), (37, 53), (70, 150)]
+SIDES = [1, 16, 64, 1000]
 
 
 def noise(*shape: int) -> np.ndarray:
@@ -24,46 +25,61 @@ def planes(image: np.ndarray) -> np.ndarray:
     return np.stack([green, red - green, blue - green])
 
 
-def differences(image: np.ndarray) -> np.ndarray:
+def tiles(image: np.ndarray, side: int) -> list[np.ndarray]:
+    height, width = image.shape[:2]
+    return [image[y : y + side, x : x + side] for y in range(0, height, side) for x in range(0, width, side)]
+
+
+def differences(image: np.ndarray, side: int) -> np.ndarray:
     """The reference of ``predict``."""
-    beside = np.diff(planes(image), axis=2, prepend=np.uint8(0))
-    return np.diff(beside, axis=1, prepend=np.uint8(0))
+    found = []
+    for tile in tiles(image, side):
+        beside = np.diff(planes(tile), axis=2, prepend=np.uint8(0))
+        found.append(np.diff(beside, axis=1, prepend=np.uint8(0)).ravel())
+    return np.concatenate(found)
 
 
-def detail_numbers(image: np.ndarray, half: np.ndarray) -> np.ndarray:
+def detail_numbers(image: np.ndarray, half: np.ndarray, side: int) -> np.ndarray:
     """The reference of ``predict_details``."""
-    quarters = [planes(image[line::2, side::2]) - planes(half) for line in (0, 1) for side in (0, 1)]
-    quarters[3] = quarters[0] + quarters[1] + quarters[2] + quarters[3]
-    return np.concatenate(quarters)
+    found = []
+    for tile, known in zip(tiles(image, 2 * side), tiles(half, side), strict=True):
+        quarters = [planes(tile[line::2, column::2]) - planes(known) for line in (0, 1) for column in (0, 1)]
+        quarters[3] = quarters[0] + quarters[1] + quarters[2] + quarters[3]
+        found.append(np.concatenate(quarters).ravel())
+    return np.concatenate(found)
 
 
+@pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("channels", [(), (3,)])
-def test_numbers_are_the_references_and_give_the_image_back(size: tuple[int, int], channels: tuple[int, ...]) -> None:
+def test_numbers_are_the_references_and_give_the_image_back(
+    size: tuple[int, int], channels: tuple[int, ...], side: int
+) -> None:
     image = noise(*size, *channels)
-    numbers = predict(image)
-    assert np.array_equal(numbers, differences(image))
+    numbers = predict(image, side)
+    assert np.array_equal(numbers, differences(image, side))
     found = np.full_like(image, 77)
-    restore(numbers, found)
+    restore(numbers, side, found)
     assert np.array_equal(found, image)
 
 
+@pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("size", SIZES)
-def test_details_are_the_references_and_give_the_image_back(size: tuple[int, int]) -> None:
+def test_details_are_the_references_and_give_the_image_back(size: tuple[int, int], side: int) -> None:
     image, half = noise(2 * size[0], 2 * size[1], 3), noise(*size, 3)
-    numbers = predict_details(image, half)
-    assert np.array_equal(numbers, detail_numbers(image, half))
+    numbers = predict_details(image, half, side)
+    assert np.array_equal(numbers, detail_numbers(image, half, side))
     found = np.zeros_like(image)
-    restore_details(numbers, half, found)
+    restore_details(numbers, half, side, found)
     assert np.array_equal(found, image)
 
 
 def test_parts_of_larger_images_are_read_and_filled_alone() -> None:
     large = noise(40, 50, 3)
     part = large[3:20, 10:31]
-    assert np.array_equal(predict(part), differences(part.copy()))
+    assert np.array_equal(predict(part, 8), differences(part, 8))
     target = np.zeros((40, 50, 3), np.uint8)
-    restore(predict(part), target[5:22, 20:41])
+    restore(predict(part, 8), 8, target[5:22, 20:41])
     assert np.array_equal(target[5:22, 20:41], part)
     target[5:22, 20:41] = 0
     assert not target.any()
@@ -72,16 +88,17 @@ def test_parts_of_larger_images_are_read_and_filled_alone() -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        lambda: predict(noise(4, 4, 3).astype(np.float32)),
-        lambda: predict(noise(4, 4, 3)[:, ::2]),
-        lambda: predict(noise(4, 4, 2)),
-        lambda: predict(noise(0, 4, 3)),
-        lambda: restore(np.zeros(47, np.uint8), noise(4, 4, 3)),
-        lambda: restore(np.zeros(48, np.int8), noise(4, 4, 3)),
-        lambda: restore(np.zeros(48, np.uint8), np.frombuffer(bytes(48), np.uint8).reshape(4, 4, 3)),
-        lambda: predict_details(noise(5, 4, 3), noise(2, 2, 3)),
-        lambda: predict_details(noise(4, 4), noise(2, 2)),
-        lambda: restore_details(np.zeros(48, np.uint8), noise(2, 2, 3), noise(4, 5, 3)),
+        lambda: predict(noise(4, 4, 3).astype(np.float32), 8),
+        lambda: predict(noise(4, 4, 3)[:, ::2], 8),
+        lambda: predict(noise(4, 4, 2), 8),
+        lambda: predict(noise(0, 4, 3), 8),
+        lambda: predict(noise(4, 4, 3), 0),
+        lambda: restore(np.zeros(47, np.uint8), 8, noise(4, 4, 3)),
+        lambda: restore(np.zeros(48, np.int8), 8, noise(4, 4, 3)),
+        lambda: restore(np.zeros(48, np.uint8), 8, np.frombuffer(bytes(48), np.uint8).reshape(4, 4, 3)),
+        lambda: predict_details(noise(5, 4, 3), noise(2, 2, 3), 8),
+        lambda: predict_details(noise(4, 4), noise(2, 2), 8),
+        lambda: restore_details(np.zeros(48, np.uint8), noise(2, 2, 3), 8, noise(4, 5, 3)),
     ],
 )
 def test_what_is_no_such_image_is_refused(wrong: Callable[[], object]) -> None:

@@ -9,11 +9,9 @@ import threading
 import zlib
 from typing import Any, Protocol
 
-from ..arrays import ImageArray
-
 _SHORTEST_MATCH = 7  # bytes: shorter ones cost more time than they save space
 _WINDOW_BITS = 16  # a tile has less than 2**16 bytes
-_HASH_BITS = 14
+_HASH_BITS = 6  # as good as none: repetitions are rare, and nearly all is gained by each byte's code length
 
 
 class TileCodec(Protocol):
@@ -25,8 +23,8 @@ class TileCodec(Protocol):
 
     name: str
 
-    def pack(self, numbers: ImageArray) -> bytes:
-        """Contiguous numbers, compressed."""
+    def pack(self, numbers: memoryview) -> bytes:
+        """Compresses bytes."""
         ...
 
     def unpack(self, packed: memoryview, size: int) -> bytes:
@@ -45,7 +43,7 @@ class Zstandard:
         self._library: Any = zstandard  # of a package that not everybody has
         self._of_thread = threading.local()  # a compressor or decompressor serves one thread at a time
 
-    def pack(self, numbers: ImageArray) -> bytes:
+    def pack(self, numbers: memoryview) -> bytes:
         """See TileCodec."""
         compressor = getattr(self._of_thread, "compressor", None)
         if compressor is None:
@@ -85,10 +83,10 @@ class Zlib:
 
     name = "zlib"
 
-    def pack(self, numbers: ImageArray) -> bytes:
+    def pack(self, numbers: memoryview) -> bytes:
         """See TileCodec."""
         compressor = zlib.compressobj(1, strategy=zlib.Z_RLE)
-        return compressor.compress(numbers.data) + compressor.flush()
+        return compressor.compress(numbers) + compressor.flush()
 
     def unpack(self, packed: memoryview, size: int) -> bytes:
         """See TileCodec."""

@@ -9,6 +9,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from ..arrays import ImageArray
@@ -50,7 +52,7 @@ def pack_plain(image: ImageArray, codec: TileCodec) -> list[bytes]:
     """The tiles of a plain image (H, W, 3) or a mask (H, W)."""
     height, width = image.shape[:2]
     grid = plain_grid(height, width, 1 if image.ndim == 2 else 3)
-    return [codec.pack(predict(image[rows, across])) for rows, across in grid.tiles()]
+    return _packed(predict(image, grid.side), grid, codec)
 
 
 def read_plain(file: TileFile, number: int, region: Region | None = None) -> ImageArray:
@@ -66,8 +68,7 @@ def read_plain(file: TileFile, number: int, region: Region | None = None) -> Ima
     x, y = across.start, rows.start
     channels = () if grid.channels == 1 else (grid.channels,)
     image = np.empty((rows.stop - y, across.stop - x, *channels), np.uint8)
-    for there, beside, numbers in file.read(number, *touched):
-        restore(numbers, image[there.start - y : there.stop - y, beside.start - x : beside.stop - x])
+    restore(file.read(number, *touched), grid.side, image)
     return image[top - y : top - y + height, left - x : left - x + width]
 
 
@@ -75,10 +76,7 @@ def pack_details(image: ImageArray, half: ImageArray, codec: TileCodec) -> list[
     """The tiles of an image (H, W, 3), given the one (H // 2, W // 2, 3) that it is reduced to."""
     grid = detail_grid(*image.shape[:2])
     even, known = _repeated(image, 2 * grid.height, 2 * grid.width), _repeated(half, grid.height, grid.width)
-    return [
-        codec.pack(predict_details(even[_twice(rows), _twice(across)], known[rows, across]))
-        for rows, across in grid.tiles()
-    ]
+    return _packed(predict_details(even, known, grid.side), grid, codec)
 
 
 def read_detailed(details: TileFile, halves: TileFile, number: int, region: Region) -> ImageArray:
@@ -98,14 +96,14 @@ def read_detailed(details: TileFile, halves: TileFile, number: int, region: Regi
     there = (*first, min(x + wide, half.width) - first[0], min(y + tall, half.height) - first[1])
     known = _repeated(read_plain(halves, number, there), tall, wide)
     image = np.empty((2 * tall, 2 * wide, 3), np.uint8)
-    for of_rows, of_columns, numbers in details.read(number, *touched):
-        here = slice(of_rows.start - y, of_rows.stop - y), slice(of_columns.start - x, of_columns.stop - x)
-        restore_details(numbers, known[here], image[_twice(here[0]), _twice(here[1])])
+    restore_details(details.read(number, *touched), known, grid.side, image)
     return image[top - 2 * y : top - 2 * y + height, left - 2 * x : left - 2 * x + width]
 
 
-def _twice(pixels: slice) -> slice:
-    return slice(2 * pixels.start, 2 * pixels.stop)
+def _packed(numbers: ImageArray, grid: Grid, codec: TileCodec) -> list[bytes]:
+    """The numbers of an image's tiles, compressed."""
+    ends = np.cumsum([0, *grid.sizes(range(grid.lines), range(grid.columns))]).tolist()
+    return [codec.pack(numbers.data[first:end]) for first, end in pairwise(ends)]
 
 
 def _repeated(image: ImageArray, height: int, width: int) -> ImageArray:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO
 
@@ -52,19 +52,11 @@ class Grid:
         """Tiles."""
         return self.lines * self.columns
 
-    def rows_of(self, line: int) -> slice:
-        """The image's rows that a line of tiles has."""
-        return slice(line * self.side, min((line + 1) * self.side, self.height))
-
-    def columns_of(self, column: int) -> slice:
-        """The image's columns that a column of tiles has."""
-        return slice(column * self.side, min((column + 1) * self.side, self.width))
-
-    def tiles(self) -> Iterator[tuple[slice, slice]]:
-        """Rows and columns of each tile, line by line."""
-        for line in range(self.lines):
-            for column in range(self.columns):
-                yield self.rows_of(line), self.columns_of(column)
+    def sizes(self, lines: range, columns: range) -> list[int]:
+        """Bytes of tiles, line by line."""
+        heights = [min(self.side, self.height - line * self.side) for line in lines]
+        widths = [min(self.side, self.width - column * self.side) for column in columns]
+        return [height * width * self.channels for height in heights for width in widths]
 
     def touched(self, rows: slice, columns: slice) -> tuple[range, range]:
         """Lines and columns of the tiles that have any of the pixels."""
@@ -108,23 +100,21 @@ class TileFile:
         """No image can be read any more."""
         self._file.close()
 
-    def read(self, number: int, lines: range, columns: range) -> Iterator[tuple[slice, slice, ImageArray]]:
-        """Rows and columns of tiles of an image, and their bytes.
+    def read(self, number: int, lines: range, columns: range) -> ImageArray:
+        """The numbers of some tiles of an image, line by line one after the other.
 
         Raises:
             DamagedTiles: if they cannot be read, or are not what was written.
         """
         grid = self.grids[number]
+        sizes, found = iter(grid.sizes(lines, columns)), list[bytes]()
         for line in lines:
             first = int(self._first[number]) + line * grid.columns
-            ends = self._offsets[first + columns.start : first + columns.stop + 1]
-            packed = memoryview(self._bytes(int(ends[0]), int(ends[-1] - ends[0])))
-            places = (ends - ends[0]).tolist()
-            rows = grid.rows_of(line)
-            for column, start, end in zip(columns, places[:-1], places[1:], strict=True):
-                across = grid.columns_of(column)
-                size = (rows.stop - rows.start) * (across.stop - across.start) * grid.channels
-                yield rows, across, self._unpacked(packed[start:end], size)
+            ends = self._offsets[first + columns.start : first + columns.stop + 1].tolist()
+            packed = memoryview(self._bytes(ends[0], ends[-1] - ends[0]))
+            for start, end in pairwise(ends):
+                found.append(self._unpacked(packed[start - ends[0] : end - ends[0]], next(sizes)))
+        return np.frombuffer(b"".join(found), np.uint8)
 
     def _bytes(self, offset: int, size: int) -> bytes:
         """Not by a memory map: the pages of a file that is read are the system's, and count for nobody's memory."""
@@ -141,8 +131,8 @@ class TileFile:
             raise DamagedTiles(f"{self.path}: {len(found)} bytes of {size} at {offset}")
         return found
 
-    def _unpacked(self, packed: memoryview, size: int) -> ImageArray:
+    def _unpacked(self, packed: memoryview, size: int) -> bytes:
         try:
-            return np.frombuffer(self._codec.unpack(packed, size), np.uint8)
+            return self._codec.unpack(packed, size)
         except ValueError as error:
             raise DamagedTiles(f"{self.path}: {error}") from error

@@ -121,10 +121,10 @@ def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
     loaded.frog_adam.argtypes = [POINTER(structs.Adam), c_int32]
     loaded.frog_adam.restype = c_int32
     pixels = POINTER(structs.Pixels)
-    loaded.frog_predict.argtypes = [pixels, c_void_p]
-    loaded.frog_restore.argtypes = [c_void_p, pixels]
-    loaded.frog_predict_details.argtypes = [pixels, pixels, c_void_p]
-    loaded.frog_restore_details.argtypes = [c_void_p, pixels, pixels]
+    loaded.frog_predict.argtypes = [pixels, c_int32, c_void_p]
+    loaded.frog_restore.argtypes = [c_void_p, c_int32, pixels]
+    loaded.frog_predict_details.argtypes = [pixels, pixels, c_int32, c_void_p]
+    loaded.frog_restore_details.argtypes = [c_void_p, pixels, c_int32, pixels]
     for name in ("predict", "restore", "predict_details", "restore_details"):
         getattr(loaded, f"frog_{name}").restype = c_int32
     return loaded

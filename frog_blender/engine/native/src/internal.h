@@ -35,6 +35,8 @@ struct SlotView {
   int32_t width;          // SPLAT_GRADIENTS, or BY_BLUE + 1 where absolute gradients are not wanted
 };
 
+constexpr int TILE_SCRATCH = 12;
+
 constexpr int SSIM_STRIP = 32;  // rows of a strip
 
 struct Kernels {
@@ -56,6 +58,11 @@ struct Kernels {
   double (*ssim)(int height, int width, const float *image, const float *truth, int channel, int begin, int end,
                  float *gradient, float *scratch);
   void (*adam)(const FrogAdam &, long long begin, long long end);
+  // See images/tile_coding.inl.
+  void (*predict)(const FrogPixels &, uint8_t *numbers, uint8_t *scratch);
+  void (*restore)(const uint8_t *numbers, const FrogPixels &, uint8_t *scratch);
+  void (*predict_details)(const FrogPixels &, const FrogPixels &half, uint8_t *numbers, uint8_t *scratch);
+  void (*restore_details)(const uint8_t *numbers, const FrogPixels &half, const FrogPixels &, uint8_t *scratch);
   double (*l1_loss)(const FrogL1Loss &, int row);  // returns the sum of the absolute differences in a row of cells
 };
 

@@ -26,8 +26,9 @@ namespace FROG_ISA {
 #include "losses/ssim.inl"
 #include "optimizer/adam.inl"
 #include "losses/l1_loss.inl"
+#include "images/tile_coding.inl"
 
 const Kernels kernels = {FROG_ISA_NAME, project,  blend,           count_blended, blend_backward, project_backward,
                          deform,        playback, deform_backward, ssim_scratch,  ssim,           adam,
-                         l1_loss};
+                         predict,    restore,  predict_details, restore_details, l1_loss};
 }  // namespace FROG_ISA
