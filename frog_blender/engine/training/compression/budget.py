@@ -92,7 +92,10 @@ def _remove(context: CompressionContext, num_excess: Callable[[], int], saved: C
     psnr = context.evaluator().now
     while number > 0:
         measured = context.measure(context.sample_views(generator, settings.num_budget_views), generator)
-        gaussians.keep(mask_excluding(measured.energy.argsort()[:number], gaussians.count).nonzero().squeeze(1))
+        removed = gaussians.without_fixed(measured.energy.argsort())[:number]
+        if not len(removed):
+            break
+        gaussians.keep(mask_excluding(removed, gaussians.count).nonzero().squeeze(1))
         number = num_excess()
     loss = psnr - context.evaluator().now
     context.add_step(StepKind.PRUNE, before, gaussians.count, loss, saved=saved())
