@@ -18,6 +18,7 @@ from ..engine.errors import FrogError
 from ..engine.frames.store import is_decoded
 from ..engine.playback.player import ScenePlayer
 from ..engine.scene import compression_report
+from ..engine.scene.segments import Segment, segments_of
 from ..engine.training.recipe import recipe
 from ..engine.training.session.job import usual_scale
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
@@ -129,6 +130,7 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
         "method": header.method,
         "gaussians": scene.count,
         "dynamic": scene.num_dynamic,
+        "segments": [_segment(each) for each in segments_of(header.model)],
         "heads": _heads(scene),
         "sh_degree": scene.sh_degree,
         "bytes": path.stat().st_size,
@@ -144,10 +146,16 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
     }
 
 
+def _segment(segment: Segment) -> str:
+    frames = f"{segment.first} to {segment.first + segment.frames - 1}"
+    return f"frames {frames}: {segment.deformed} Gaussians that move, {segment.still} that do not"
+
+
 def _heads(scene: ScenePlayer) -> list[str]:
     """The attributes that a scene's deformation network changes; none for other methods and for static scenes."""
-    model = scene.header.model
+    segments = segments_of(scene.header.model)
+    model = next((each.model for each in segments if each.model), scene.header.model)
     if not scene.num_dynamic or scene.header.method not in ("frog", "ed3dgs"):
         return []
-    names = ["means", "log_scales", "quaternions", "opacity_logits", *(["sh"] if model["deformed_sh"] else [])]
+    names = ["means", "log_scales", "quaternions", "opacity_logits", *(["sh"] if model.get("deformed_sh") else [])]
     return [name for name in names if name not in model.get("silent_heads", ())]

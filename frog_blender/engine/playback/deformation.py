@@ -186,6 +186,11 @@ class DeformationPlayer:
         result.pop("was_visible", None)
         return GaussianArrays(**result)
 
+    def fill(self, time: float, result: SceneArrays) -> None:
+        """Writes the dynamic Gaussians at a time in [0, 1] into the first rows of ``result``, contiguous arrays by the
+        attributes of GaussianArrays that are canonical where nothing was written yet; ``sh`` where colours deform."""
+        self._deform(self._field, time, {"sh": self._still["sh"]} | result)
+
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
         """Columns of the dynamic Gaussians at a time in [0, 1]: the same bits as in ``at``."""
         count, colors = self.num_dynamic, self._shape.sh_deformed

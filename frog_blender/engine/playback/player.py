@@ -23,11 +23,13 @@ from ..io.plain_values import JsonMapping
 from ..scene.frame_rows import KEEPS_IDENTITY
 from ..scene.header import SHAPE_DYNAMIC, SceneHeader
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
+from ..scene.segments import SEGMENTS, segments_of, selected
 from .baselines import BASELINES
 from .buffer_pool import BufferPool
 from .canonical import canonical_gaussians, normalize
 from .deformation import DeformationPlayer
 from .frame_delta import FrameDelta, column_names, column_of, column_view, column_width, extract_columns
+from .segments import SegmentedPlayer, field_player
 from .sequence import PlayableSequence
 from .visibility import VisibilityMask
 
@@ -49,10 +51,12 @@ class Deformation(Protocol):
 
 
 PLAYABLE: dict[str, Callable[[SceneArrays, JsonMapping], Deformation]] = {
-    **dict.fromkeys(FIELD_METHODS, DeformationPlayer),
+    **dict.fromkeys(FIELD_METHODS, field_player),
     **BASELINES,
 }
 """What plays each method that moves Gaussians. A file with nothing but CANONICAL is static, whatever its method."""
+
+_BY_COLUMN = DeformationPlayer | SegmentedPlayer | PlayableSequence
 
 
 TIMES_KEPT = 4
@@ -89,9 +93,12 @@ def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
         header = replace(header, model={**header.model, SHAPE_DYNAMIC: num_shape_dynamic})
     if OPACITY_TRACKS in arrays and not len(arrays[OPACITY_TRACKS]):
         del arrays[OPACITY_TRACKS]
-    if (
-        "embeddings" in arrays and not len(arrays["embeddings"]) and OPACITY_TRACKS not in arrays
-    ):  # none of those that move
+    moving = len(arrays.get("embeddings", ())) + len(arrays.get(OPACITY_TRACKS, ()))
+    if SEGMENTS in header.model:
+        segments = selected(segments_of(header.model), kept)
+        header = replace(header, model={**header.model, SEGMENTS: [segment.to_json() for segment in segments]})
+        moving += sum(segment.still for segment in segments)
+    if "embeddings" in arrays and not moving:
         arrays = {name: arrays[name] for name in CANONICAL}
         header = replace(header, model={})
     return SceneFile(header, arrays, None if scene.rows is None else scene.rows.subset(kept))
@@ -194,7 +201,7 @@ class ScenePlayer:
         """The columns ``changing`` of the dynamic Gaussians at a time in [0, 1] (clamped)."""
         if not self.changing:
             return FrameDelta({})
-        if isinstance(self._deformation, DeformationPlayer | PlayableSequence):  # which gives those columns alone
+        if isinstance(self._deformation, _BY_COLUMN):  # which gives those columns alone
             return self._deformation.delta_at(self._held(time), self.changing)
         return extract_columns(self.compute(self._held(time)), self.changing)
 
@@ -255,7 +262,7 @@ class ScenePlayer:
         if self._deformation is None:
             return canonical_gaussians(self._arrays).checked()
         gaussians = self._deformation.at(time)
-        if isinstance(self._deformation, DeformationPlayer | PlayableSequence):
+        if isinstance(self._deformation, _BY_COLUMN):
             return gaussians  # contiguous float32 with unit quaternions
         gaussians.quaternions = normalize(gaussians.quaternions)
         return gaussians.checked()

@@ -12,7 +12,7 @@ from ..capture.camera_motion import cameras_move
 from ..capture.masking import EVERY_MASK, MaskSettings
 from ..capture.world import FILES_OWN, World
 from ..errors import brief
-from ..field.names import METHODS, SEQUENCE
+from ..field.names import FIELD_METHODS, METHODS, SEQUENCE
 from ..io.plain_values import (
     JsonMapping,
     JsonObject,
@@ -27,10 +27,12 @@ from ..io.plain_values import (
     whole,
 )
 from .compression_report import readable_report
+from .segments import frames_of, segments_of
 
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 """1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade; 5 may have
-numbers that are packed apart from their block."""
+numbers that are packed apart from their block; 6 may have segments."""
+_ONE_PIECE = 5  # the version of scenes without segments
 SHAPE_DYNAMIC = "reshaped"
 """The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
 shape. All of them where it is missing."""
@@ -87,7 +89,7 @@ class SceneHeader:
     metrics: JsonMapping = field(default_factory=dict)
     steps: int = 0
     train_seconds: float = 0.0
-    format_version: int = FORMAT_VERSION
+    format_version: int = _ONE_PIECE
     capacity: JsonMapping = field(default_factory=dict)
     world: World = FILES_OWN
     masks: MaskSettings = EVERY_MASK
@@ -154,6 +156,10 @@ class SceneHeader:
         )
         if len(header.cameras) > MOST_STANDING and not header.is_moving:
             raise UnfitValue(f"{len(header.cameras)} cameras that do not move", f"at most {MOST_STANDING}")
+        segments = segments_of(header.model)
+        if segments and (method not in FIELD_METHODS or frames_of(segments) != header.frame_count):
+            found = f"segments of {frames_of(segments)} frames in a scene of {header.frame_count} by {method}"
+            raise UnfitValue(found, f"as many frames, by {' or '.join(FIELD_METHODS)}")
         return header
 
 

@@ -23,6 +23,7 @@ from ...scene.header import SHAPE_DYNAMIC
 from ...scene.morton_order import morton_order_by_range
 from ...scene.quantization import unpack
 from ...scene.scene_file import VISIBILITY, SceneFile, packed_arrays
+from ...scene.segments import SEGMENTS
 from .context import CompressionContext, CompressionStep
 from .settings import DEFAULT
 
@@ -52,7 +53,8 @@ def reorder_for_playback(
 def in_groups(scene: SceneFile) -> bool:
     """Whether playback deforms Gaussians of the scene in groups (see playback.visibility), and it is FRoG's."""
     header = scene.header
-    return bool(len(scene.arrays.get("embeddings", ())) and header.method == "frog" and not header.model["head_width"])
+    moves = len(scene.arrays.get("embeddings", ())) and SEGMENTS not in header.model
+    return bool(moves and header.method == "frog" and not header.model["head_width"])
 
 
 def has_transients(scene: SceneFile, max_visible: float = DEFAULT.max_visible) -> bool:
