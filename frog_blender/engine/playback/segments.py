@@ -6,7 +6,6 @@ frames belongs to the nearer one's segment: there is nothing between two segment
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Collection
 
 import numpy as np
@@ -17,7 +16,7 @@ from ..errors import FrogError, brief
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..scene.segment_parts import own_arrays
-from ..scene.segments import SEGMENTS, SegmentRows, frames_of, rows_of, segments_of
+from ..scene.segments import SEGMENTS, SegmentRows, frames_of, rows_of, segment_at, segments_of
 from .buffer_pool import BufferPool
 from .canonical import canonical_gaussians
 from .deformation import DeformationPlayer
@@ -56,7 +55,6 @@ class SegmentedPlayer:
             raise FrogError(f"The scene's segments cannot be used ({brief(error)}); train it again.") from error
         self.num_dynamic = self._rows[-1].still.stop
         self._frame_count = frames_of(self._segments)
-        self._begins = [segment.first - 0.5 for segment in self._segments]
         self.changing = frozenset({"base"} if self.num_dynamic else ())
         self.changing = self.changing.union(*(player.changing for player in self._players if player is not None))
         self._still = canonical_gaussians(arrays).checked()
@@ -78,15 +76,10 @@ class SegmentedPlayer:
             found = f"{deformed} embeddings and {table} rows of the temporal table"
             raise ValueError(f"{found}, expected {last.deformed.stop} and {last.table.stop}")
 
-    def segment_at(self, time: float) -> int:
-        """The number of the segment that plays at a time in [0, 1]."""
-        frame = time_to_frame(time, self._frame_count)
-        return max(bisect_right(self._begins, frame) - 1, 0)
-
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
-        number = self.segment_at(time)
-        frame = self._memory.take()
+        place = time_to_frame(time, self._frame_count)
+        number, frame = segment_at(self._segments, place), self._memory.take()
         writer = frame.pop("writer")
         if writer[0] not in (_NOBODY, number):
             self._clear(frame, self._rows[int(writer[0])])
@@ -95,7 +88,7 @@ class SegmentedPlayer:
         frame["opacities"][rows.still] = self._still.opacities[rows.still]
         if player is not None:
             part = {name: array[rows.deformed] for name, array in frame.items()}
-            player.fill(segment.time_of(time_to_frame(time, self._frame_count)), part)
+            player.fill(segment.time_of(place), part)
         return GaussianArrays(**({"sh": self._still.sh} | frame))
 
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:

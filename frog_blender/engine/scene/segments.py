@@ -6,6 +6,7 @@ that are there in one segment alone but do not change in it, segment by segment,
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, replace
 from itertools import accumulate
 
@@ -95,6 +96,11 @@ def segments_of(model: JsonMapping) -> tuple[Segment, ...]:
 def frames_of(segments: tuple[Segment, ...]) -> int:
     """Frames of all of them."""
     return segments[-1].first + segments[-1].frames
+
+
+def segment_at(segments: tuple[Segment, ...], frame: float) -> int:
+    """The number of the segment that plays at a frame: between two frames that of the nearer one."""
+    return max(bisect_right(segments, frame, key=lambda segment: segment.first - 0.5) - 1, 0)
 
 
 @dataclass(frozen=True)
