@@ -45,12 +45,14 @@ def bar(name: str) -> Iterator[Callable[[int, int], None]]:
         yield partial(report, name)
 
 
-def show(stream: Iterator[Event], output: Path) -> bool:
-    """Follows a training to ``output`` to its end; True when it finished, False when it was cancelled."""
+def show(stream: Iterator[Event], output: Path, prefix: str = "") -> bool:
+    """Follows a training to ``output`` to its end; True when it finished, False when it was cancelled. ``prefix`` is
+    said before each stage's name."""
     line: tqdm | None = None
 
     def switch(name: str, total: int, done: int) -> tqdm:
         nonlocal line
+        name = prefix + name
         if line is None or line.desc != name:
             if line is not None:
                 line.close()
@@ -73,7 +75,7 @@ def show(stream: Iterator[Event], output: Path) -> bool:
                 case events.Reduced(_, message):
                     _note(message)
                 case events.Evaluated(step=step, psnr=psnr, split=split):
-                    _note(f"step {step}: {split} PSNR {psnr:.2f} dB")
+                    _note(f"{prefix}step {step}: {split} PSNR {psnr:.2f} dB")
                 case events.CompressionPreview(path, _):
                     text = f"{path}: dynamic Gaussians are orange, static ones blue, pruned ones red dots"
                     _note(text)

@@ -12,6 +12,7 @@ from ..engine.training.recipe import RECIPES
 from ..engine.training.session.output_paths import check_unused
 from ..engine.training.session.torchrun import started_by_torchrun
 from .arguments import add_mask_arguments, add_offset_argument, offsets_of, positive, seed
+from .cluster import add_scheduler_argument
 from .stopping import stopping
 from .streams import printing_may_fail
 
@@ -74,6 +75,17 @@ def add_train_parser(commands: Any) -> None:
         help="go on from the checkpoint beside the .frog, with the recipe, method, capacity and so on that it began "
         "with (others are ignored, and it says so); only --steps, --seconds and --max-bytes may be set anew",
     )
+    train.add_argument(
+        "--segments",
+        type=positive(int),
+        metavar="FRAMES",
+        help="train a long take in segments of about so many frames, which share what does not move; --steps are each"
+        " segment's, and those of a training of the whole take before them",
+    )
+    train.add_argument(
+        "--jobs", type=positive(int), default=1, metavar="N", help="workers of --scheduler local, which share the cores"
+    )
+    add_scheduler_argument(train)
     add_offset_argument(train)
     add_mask_arguments(train)
     train.set_defaults(run=_train, given=frozenset())
@@ -99,6 +111,12 @@ def _chosen(options: argparse.Namespace) -> dict[str, str]:
 def _train(options: argparse.Namespace) -> int:
     if not (options.overwrite or options.resume):
         check_unused(options.out, _WAYS)  # before torch is loaded
+    if options.segments:
+        from .segments_command import train_segments
+
+        return train_segments(options, _job(options))
+    if options.scheduler:
+        raise FrogError("--scheduler gives segments to workers: expected --segments FRAMES with it.")
     if started_by_torchrun():
         if options.events:
             raise FrogError("--events tells of a training by one process, and torchrun has started this one.")

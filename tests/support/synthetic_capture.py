@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -63,14 +64,14 @@ def seeds(count: int = 300) -> Seeds:
     return Seeds(points.astype(np.float32), colors.clip(0, 1).astype(np.float32), "the tests")
 
 
-def write_capture(folder: Path) -> Path:
-    """An N3DV folder: ``camNN.mp4`` and ``poses_bounds.npy``; returns it."""
+def write_capture(folder: Path, shown: Sequence[int] = range(FRAMES)) -> Path:
+    """An N3DV folder: ``camNN.mp4`` of the frames ``shown`` and ``poses_bounds.npy``; returns it."""
     folder.mkdir(parents=True)
     rows = []
     for camera in rig():
         codec = cv2.VideoWriter_fourcc(*"mp4v")
         writer = cv2.VideoWriter(str(folder / f"{camera.name}.mp4"), codec, 24.0, (WIDTH, HEIGHT))
-        for frame in range(FRAMES):
+        for frame in shown:
             writer.write(np.ascontiguousarray(image(camera, frame)[:, :, ::-1]))
         writer.release()
         right, down, forward = camera.rotation

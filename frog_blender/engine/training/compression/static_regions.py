@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...frames.store import FrameStore
 from ...gaussians import TorchGaussians
@@ -55,21 +56,33 @@ def change_of_pixels(
 ) -> torch.Tensor:
     """(N,) the mean temporal variance of the pixels that each Gaussian colours in ``views``, weighted by blending
     weight; infinite where it colours none.
-
-    A Gaussian's red is in the image's red by its blending weights: the backward pass sums what it is given in their
-    proportion. It is given the variance in red and ones in green, which counts the weights.
     """
     sums = torch.zeros((), device="cpu")
     for view in views:
         camera, gaussians = capture.cameras[view.camera], gaussians_at(view.time)
-        grey = torch.zeros_like(gaussians.sh[:, :1]).requires_grad_()  # no colour is clamped
-        image = rasterize(replace(gaussians, sh=grey), camera, capture.background).rgb
-        size = camera.width, camera.height
-        of_pixels = torch.from_numpy(_resized(variance[view.camera], size)).to(image.device)
-        image.backward(torch.stack([of_pixels, torch.ones_like(of_pixels), torch.zeros_like(of_pixels)], dim=2))
-        assert grey.grad is not None
-        sums = sums + grey.grad[:, 0] / SH_DC
+        of_pixels = _resized(variance[view.camera], (camera.width, camera.height))
+        sums = sums + sums_of_pixels(gaussians, camera, of_pixels, capture.background)
     return torch.where(sums[:, 1] >= 1, sums[:, 0] / sums[:, 1], torch.inf)
+
+
+def sums_of_pixels(
+    gaussians: TorchGaussians,
+    camera: Camera,
+    of_pixels: NDArray[np.float32],
+    background: tuple[float, float, float],
+) -> torch.Tensor:
+    """(N, 3) the sum over a camera's pixels of numbers (H, W), each times the Gaussian's blending weight there; the sum
+    of the weights; and zeros.
+
+    A Gaussian's red is in the image's red by its blending weights: the backward pass sums what it is given in their
+    proportion. It is given the numbers in red and ones in green, which counts the weights.
+    """
+    grey = torch.zeros_like(gaussians.sh[:, :1]).requires_grad_()  # no colour is clamped
+    image = rasterize(replace(gaussians, sh=grey), camera, background).rgb
+    given = torch.from_numpy(of_pixels).to(image.device)
+    image.backward(torch.stack([given, torch.ones_like(given), torch.zeros_like(given)], dim=2))
+    assert grey.grad is not None
+    return grey.grad[:, 0] / SH_DC
 
 
 def _resized(variance: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:

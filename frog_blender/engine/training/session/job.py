@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ...arrays import SceneArrays
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.masking import MaskSettings
@@ -51,6 +52,8 @@ class TrainingJob:
         opened: the capture itself, where it is not what ``open_capture`` makes of the folder (a segment, a protocol's
             own split).
         seeds: the seed points, where they are known; None finds them in the images.
+        shared: canonical arrays of static Gaussians that are drawn with and stay as they are, see
+            ``shared_gaussians``; None for none.
         event_seconds: between progress events, at least.
         evaluated_shots: images that each evaluation during the training looks at, at most.
         save_seconds: between checkpoints: the most that a killed training loses.
@@ -81,6 +84,7 @@ class TrainingJob:
     max_bytes: int | None = None
     opened: Capture | None = None
     seeds: Seeds | None = None
+    shared: SceneArrays | None = None
     event_seconds: float = 0.5
     evaluated_shots: int = 6
     save_seconds: float = 180.0
