@@ -1,6 +1,6 @@
 """Films a minute in which nothing is seen twice: a trained scene's room, with a walker, a banner and a ball in it.
 
-    python examples/make_take.py SCENE.frog OUT [--cameras 4] [--frames 1800] [--size 320x240] [--quality 17]
+    python examples/make_take.py SCENE.frog OUT [--cameras 4] [--frames 1800] [--size 320x240] [--names cam00]
 
 SCENE.frog is a scene of `examples/captures/room` (`frog train examples/captures/room --out room.frog --recipe draft`);
 its static Gaussians are the room. What moves are Gaussians on surfaces that are formulas of time, each at a pace of
@@ -169,6 +169,7 @@ def main() -> None:
     parser.add_argument("scene", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--cameras", type=int, default=4)
+    parser.add_argument("--names", nargs="+", help="of the scene's cameras, instead of some that are spread evenly")
     parser.add_argument("--frames", type=int, default=1800)
     parser.add_argument("--size", default="320x240", help="WIDTHxHEIGHT, both even")
     parser.add_argument("--quality", type=int, default=17, help="constant rate factor of the videos, lower is better")
@@ -177,7 +178,10 @@ def main() -> None:
     width, height = (int(side) for side in options.size.split("x"))
     options.out.mkdir(parents=True, exist_ok=True)
     room, entries = room_of(scene), []
-    for camera in cameras_of(scene, options.cameras, (width, height)):
+    chosen = cameras_of(scene, options.cameras, (width, height))
+    if options.names:
+        chosen = [each.resized(width, height) for each in scene.header.cameras if each.name in options.names]
+    for camera in chosen:
         video = options.out / f"{camera.name}.mp4"
         if not video.exists():
             film(room, camera, options.frames, options.quality, video)

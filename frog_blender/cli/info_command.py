@@ -16,16 +16,17 @@ from ..engine.capture.quality.check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
 from ..engine.frames.store import is_decoded
+from ..engine.io.plain_values import JsonMapping
 from ..engine.playback.player import ScenePlayer
 from ..engine.scene import compression_report
-from ..engine.scene.segments import Segment, segments_of
+from ..engine.scene.segments import segments_of
 from ..engine.training.recipe import recipe
 from ..engine.training.session.job import usual_scale
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 from .arguments import add_mask_arguments, add_offset_argument, offsets_of
 from .printing import say
 
-_SHOWN = 12  # names of held-out cameras
+_SHOWN = 12  # names of held-out cameras, segments
 
 
 def add_info_parser(commands: Any) -> None:
@@ -130,7 +131,7 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
         "method": header.method,
         "gaussians": scene.count,
         "dynamic": scene.num_dynamic,
-        "segments": [_segment(each) for each in segments_of(header.model)],
+        "segments": _segments(header.model),
         "heads": _heads(scene),
         "sh_degree": scene.sh_degree,
         "bytes": path.stat().st_size,
@@ -146,9 +147,14 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
     }
 
 
-def _segment(segment: Segment) -> str:
-    frames = f"{segment.first} to {segment.first + segment.frames - 1}"
-    return f"frames {frames}: {segment.deformed} Gaussians that move, {segment.still} that do not"
+def _segments(model: JsonMapping) -> list[str]:
+    """A line for each of the first segments."""
+    segments = segments_of(model)
+    lines = []
+    for segment in segments[:_SHOWN]:
+        frames = f"{segment.first} to {segment.first + segment.frames - 1}"
+        lines.append(f"frames {frames}: {segment.deformed} Gaussians that move, {segment.still} that do not")
+    return [*lines, *([f"... ({len(segments)} in all)"] if len(segments) > _SHOWN else [])]
 
 
 def _heads(scene: ScenePlayer) -> list[str]:

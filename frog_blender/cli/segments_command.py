@@ -29,6 +29,8 @@ def train_segments(options: argparse.Namespace, job: TrainingJob) -> int:
     if options.events or started_by_torchrun():
         found = "--events" if options.events else "torchrun"
         raise FrogError(f"--segments: found {found}, which one training is for: expected neither that nor torchrun.")
+    if options.jobs > 1 and not options.scheduler:
+        raise FrogError(f"--jobs {options.jobs}: expected --scheduler local with it, whose workers they are.")
     with printing_may_fail(), stopping() as asked:
         from ..engine.training.segments.plan import SegmentPlan
         from ..engine.training.segments.stages import BASE, Stages

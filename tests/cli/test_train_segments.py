@@ -62,6 +62,7 @@ def test_a_take_is_trained_told_and_not_trained_twice(
         (["--segments", "10", "--method", "curves"], "--method frog"),
         (["--segments", "10", "--seconds", "5"], "--seconds"),
         (["--segments", "15"], "one segment"),
+        (["--segments", "10", "--jobs", "2"], "--scheduler local"),
         (["--scheduler", "local"], "--segments FRAMES"),
     ],
 )

@@ -21,7 +21,7 @@ from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.dynamics import ONLY_FADES, STATIC, dynamics_of
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_scene
 from frog_blender.engine.scene.segment_parts import part_of
-from frog_blender.engine.scene.segments import SEGMENTS, rows_of, segments_of
+from frog_blender.engine.scene.segments import SEGMENTS, rows_of, seen_at, segments_of, share_of
 
 FRAMES = 15
 
@@ -40,13 +40,47 @@ def seen(gaussians: GaussianArrays) -> set[bytes]:
 @pytest.mark.parametrize("number", range(3))
 @pytest.mark.parametrize("offset", [-0.45, 0.0, 0.25, 0.45])
 def test_each_segment_plays_as_its_own_scene_does(scene: SceneFile, number: int, offset: float) -> None:
-    part, whole = segmented.parts()[number], ScenePlayer(scene)
-    own = ScenePlayer(part.scene)
+    """Where no other one is seen."""
+    part, whole, segments = segmented.parts()[number], ScenePlayer(scene), segments_of(scene.header.model)
+    own, alone = ScenePlayer(part.scene), 0
     for frame in np.arange(part.first, part.first + part.frames) + offset:
-        if not 0 <= frame <= FRAMES - 1:
+        if not 0 <= frame <= FRAMES - 1 or len(seen_at(segments, frame)) > 1:
             continue
+        alone += 1
         expected = seen(own.at_frame(float(frame) - part.trained_first))
         assert seen(whole.at_frame(float(frame))) == expected and len(expected) > segmented.SHARED
+    assert alone
+
+
+def test_at_a_seam_one_becomes_the_other(scene: SceneFile) -> None:
+    segments = segments_of(scene.header.model)
+    assert seen_at(segments, 4.5) == {1: 0.5, 0: 0.5}
+    assert seen_at(segments, 2.9) == {0: 1.0} and seen_at(segments, 6.1) == {1: 1.0}
+    shares = [seen_at(segments, frame) for frame in np.arange(3.05, 6, 0.1)]
+    assert all(sum(share.values()) == pytest.approx(1) for share in shares)
+    steps = np.diff([share[1] for share in shares])
+    assert (steps > 0).all() and steps.max() < 0.04
+
+
+def test_two_shares_are_as_opaque_as_the_whole() -> None:
+    opacities = np.array([0.0, 0.01, 0.5, 0.99, 1.0], np.float32)
+    one, other = share_of(opacities, 0.3), share_of(opacities, 0.7)
+    np.testing.assert_allclose(1 - (1 - one) * (1 - other), opacities, atol=1e-6)
+    assert share_of(opacities, 1.0) is opacities and share_of(opacities, 0.5).dtype == np.float32
+
+
+def test_without_frames_that_both_know_there_is_a_cut(scene: SceneFile) -> None:
+    own = [
+        replace(each, trained_first=each.first, trained_frames=each.frames) for each in segments_of(scene.header.model)
+    ]
+    assert [seen_at(tuple(own), frame) for frame in (4, 4.49, 4.51, 5)] == [{0: 1.0}, {0: 1.0}, {1: 1.0}, {1: 1.0}]
+
+
+def test_images_change_little_at_a_seam(scene: SceneFile) -> None:
+    player, camera = ScenePlayer(scene), scene.header.cameras[1]
+    images = [draw(player.at_frame(frame), camera).rgb for frame in np.arange(2, 8, 0.05)]
+    steps = [float(np.abs(one - other).mean()) for one, other in pairwise(images)]
+    assert max(steps) < 6 * float(np.median(steps))
 
 
 def test_a_packed_file_draws_the_same(scene: SceneFile, tmp_path: Path) -> None:
@@ -85,13 +119,11 @@ def test_frames_do_not_depend_on_what_was_played_before(scene: SceneFile) -> Non
     assert not wrong
 
 
-def test_nothing_is_between_two_segments(scene: SceneFile) -> None:
-    player = ScenePlayer(scene)
-    before, after = (player.at_frame(frame).opacities for frame in (4.49, 4.51))
-    rows = rows_of(segments_of(scene.header.model))
-    assert before[rows[0].deformed].any() and not before[rows[1].deformed].any()
-    assert after[rows[1].deformed].any() and not after[rows[0].deformed].any()
-    assert not after[rows[0].still].any() and before[rows[0].still].all()
+def test_others_are_unseen(scene: SceneFile) -> None:
+    player, rows = ScenePlayer(scene), rows_of(segments_of(scene.header.model))
+    early, late = (player.at_frame(frame).opacities for frame in (2, 8))
+    assert early[rows[0].deformed].any() and early[rows[0].still].all() and not early[rows[1].deformed].any()
+    assert late[rows[1].deformed].any() and not late[rows[0].deformed].any() and not late[rows[0].still].any()
 
 
 @pytest.mark.parametrize("which", ["every other", "one segment", "still", "shared"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -10,11 +11,11 @@ import torch
 from ..arrays import Array
 from ..capture.camera import Camera
 from ..capture.time import time_to_frame
-from ..gaussians import TorchGaussians
+from ..gaussians import GaussianArrays, TorchGaussians
 from ..rasterizer import rasterize
 from ..scene.scene_file import SceneFile
 from ..scene.segment_parts import part_of
-from ..scene.segments import segment_at, segments_of
+from ..scene.segments import seen_at, segments_of, share_of
 from .canonical import ATTRIBUTES, CanonicalField
 from .torch_player import TorchScenePlayer
 
@@ -57,10 +58,19 @@ class SegmentedTorchPlayer:
 
         self._part = lru_cache(_PARTS_KEPT)(part)
 
+    @torch.inference_mode()
     def at_frame(self, frame: float) -> TorchGaussians:
         """As ScenePlayer.at_frame, without those that are unseen; quaternions of any length."""
-        number = segment_at(self._segments, frame)
-        return self._part(number).at(self._segments[number].time_of(frame))
+        shared, found = None, list[TorchGaussians]()
+        for number, share in seen_at(self._segments, frame).items():
+            segment = self._segments[number]
+            drawn, own = self._part(number).at(segment.time_of(frame)), segment.deformed + segment.still
+            shared = shared or GaussianArrays(*(values[own:] for values in vars(drawn).values()))
+            part = GaussianArrays(*(values[:own] for values in vars(drawn).values()))
+            found.append(replace(part, opacities=share_of(part.opacities, share)))
+        assert shared is not None
+        parts = [vars(part).values() for part in (*found, shared)]
+        return GaussianArrays(*(torch.cat(values) for values in zip(*parts, strict=True)))
 
     def at(self, time: float) -> TorchGaussians:
         """Gaussians at a time in [0, 1] (clamped), activated; quaternions of any length."""

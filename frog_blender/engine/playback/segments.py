@@ -1,7 +1,7 @@
 """A scene of segments at playback: the Gaussians of the segment that plays are deformed, those of others are unseen.
 
-Each segment has been trained on some frames of its neighbours, so that two of them know a seam. What is between two
-frames belongs to the nearer one's segment: there is nothing between two segments' Gaussians.
+Each segment has been trained on some frames of its neighbours, so that two of them know a seam. Around it both are
+seen (``seen_at``).
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ from ..errors import FrogError, brief
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..scene.segment_parts import own_arrays
-from ..scene.segments import SEGMENTS, SegmentRows, frames_of, rows_of, segment_at, segments_of
+from ..scene.segments import SEGMENTS, SegmentRows, frames_of, rows_of, seen_at, segments_of, share_of
 from .buffer_pool import BufferPool
 from .canonical import canonical_gaussians
 from .deformation import DeformationPlayer
 from .frame_delta import FrameDelta, extract_columns
 
-_NOBODY = -1.0
+_NOBODY = -1
+_AT_ONCE = 3  # segments that are seen at a time, at most
 
 
 class SegmentedPlayer:
@@ -62,8 +63,9 @@ class SegmentedPlayer:
         unseen[: self.num_dynamic] = 0
         recolors = any(name == "base" or name.startswith("sh_") for name in self.changing)
         kept = {name: value for name, value in vars(self._still).items() if name != "sh" or recolors}
-        # Beside a frame's arrays, which segment wrote them last: its Gaussians become as they were.
-        self._memory = BufferPool({**kept, "opacities": unseen, "writer": np.full(1, _NOBODY, np.float32)})
+        # Beside a frame's arrays, which segments wrote them last: their Gaussians become as they were.
+        nobody = np.full(_AT_ONCE, _NOBODY, np.float32)
+        self._memory = BufferPool({**kept, "opacities": unseen, "writers": nobody})
 
     def _check(self, arrays: SceneArrays) -> None:
         """ValueError for numbers of rows that are not the segments'."""
@@ -79,22 +81,30 @@ class SegmentedPlayer:
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
         place = time_to_frame(time, self._frame_count)
-        number, frame = segment_at(self._segments, place), self._memory.take()
-        writer = frame.pop("writer")
-        if writer[0] not in (_NOBODY, number):
-            self._clear(frame, self._rows[int(writer[0])])
-        writer[0] = number
-        segment, rows, player = self._segments[number], self._rows[number], self._players[number]
-        frame["opacities"][rows.still] = self._still.opacities[rows.still]
-        if player is not None:
-            part = {name: array[rows.deformed] for name, array in frame.items()}
-            player.fill(segment.time_of(place), part)
+        seen, frame = seen_at(self._segments, place), self._memory.take()
+        writers = frame.pop("writers")
+        for writer in writers.astype(int).tolist():
+            if writer != _NOBODY and writer not in seen:
+                self._clear(frame, self._rows[writer])
+        writers[:] = [*seen, *[_NOBODY] * (_AT_ONCE - len(seen))]
+        for number, share in seen.items():
+            self._show(frame, number, place, share)
         return GaussianArrays(**({"sh": self._still.sh} | frame))
 
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
         """Columns of the Gaussians that are not there in all segments, at a time in [0, 1]: the same bits as in
         ``at``."""
         return extract_columns(self.at(time), names, self.num_dynamic)
+
+    def _show(self, frame: dict[str, Array], number: int, place: float, share: float) -> None:
+        """Writes a segment's Gaussians, with such a share in the image."""
+        rows, player = self._rows[number], self._players[number]
+        opacities = frame["opacities"]
+        opacities[rows.still] = share_of(self._still.opacities[rows.still], share)
+        if player is not None:
+            part = {name: array[rows.deformed] for name, array in frame.items()}
+            player.fill(self._segments[number].time_of(place), part)
+            opacities[rows.deformed] = share_of(opacities[rows.deformed], share)
 
     def _clear(self, frame: dict[str, Array], rows: SegmentRows) -> None:
         """Makes a segment's Gaussians canonical and unseen."""

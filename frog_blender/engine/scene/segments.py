@@ -11,10 +11,13 @@ from dataclasses import dataclass, replace
 from itertools import accumulate
 
 from ..arrays import Array
+from ..gaussians import ArrayT
 from ..io.plain_values import JsonMapping, JsonObject, UnfitValue, entries, items, whole
 
 SEGMENTS = "segments"
 """The model setting that lists them; a scene without is one piece."""
+FADE = 4.0
+"""Frames on each side of a seam over which one segment becomes the other, if both were trained on so many."""
 MOST_SEGMENTS = 10_000
 _MOST = 2**31
 _NUMBERS = ("first", "frames", "trained_first", "trained_frames", "deformed", "still")
@@ -98,9 +101,25 @@ def frames_of(segments: tuple[Segment, ...]) -> int:
     return segments[-1].first + segments[-1].frames
 
 
-def segment_at(segments: tuple[Segment, ...], frame: float) -> int:
-    """The number of the segment that plays at a frame: between two frames that of the nearer one."""
-    return max(bisect_right(segments, frame, key=lambda segment: segment.first - 0.5) - 1, 0)
+def seen_at(segments: tuple[Segment, ...], frame: float) -> dict[int, float]:
+    """Numbers of the segments that are seen at a frame, and the share that each has in the image; together 1."""
+    number = max(bisect_right(segments, frame, key=lambda segment: segment.first - 0.5) - 1, 0)
+    seen = {number: 1.0}
+    for earlier in (number - 1, number):
+        if 0 <= earlier < len(segments) - 1:
+            one, other = segments[earlier], segments[earlier + 1]
+            seam, other_one = other.first - 0.5, earlier + 1 if earlier == number else earlier
+            known = min(one.trained_first + one.trained_frames - 1 - seam, seam - other.trained_first)
+            if abs(frame - seam) < min(FADE, known):
+                seen[other_one] = 0.5 - 0.5 * abs(frame - seam) / min(FADE, known)
+                seen[number] -= seen[other_one]
+    return seen
+
+
+def share_of(opacities: ArrayT, share: float) -> ArrayT:
+    """The opacities of Gaussians with such a share in the image: what has one half in front of itself, with the other
+    half, is as opaque as it is alone."""
+    return opacities if share == 1 else 1 - (1 - opacities) ** share
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from ..session.job import RESUMED_SETTINGS, TrainingJob
 from ..session.output_paths import beside
 from ..setting import check
 
-OVERLAP = 4
+OVERLAP = 8
 """Frames on each side of a segment that it is trained on and its neighbour plays."""
 _SHORTEST = 8  # frames of a segment
 _FILE, _VERSION, _MOST_CHARACTERS = "plan.json", 1, 1_000_000
