@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,9 @@ import pytest
 from support import synthetic_capture as film
 from support.builders import REPOSITORY
 
+from frog_blender.cli.cluster import opened_cluster
 from frog_blender.cli.main import main
+from frog_blender.engine.distributed.cluster import Cluster
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.segments import segments_of
 
@@ -103,3 +107,32 @@ def test_workers_train_the_same_scene(take: Path, own_cache: Path, tmp_path: Pat
     given = ["--scheduler", "local", "--jobs", "2"]
     assert main(["train", str(take), "--out", str(there), *OPTIONS, *given]) == 0
     assert same(read_scene(here), read_scene(there))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal on this system")
+def test_a_dead_workers_segment_is_trained_by_another(
+    take: Path, own_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("distributed")
+    from frog_blender.cli import segments_command
+
+    workers, killed, put = list[int](), list[int](), segments_command._put
+
+    @contextmanager
+    def opened(scheduler: str, count: int) -> Iterator[Cluster]:
+        with opened_cluster(scheduler, count) as cluster:
+            workers.extend(cluster._client.run(os.getpid).values())
+            yield cluster
+
+    def kill_at_first_word(heard: object, number: int, message: object) -> None:
+        if isinstance(message, float) and message < 1 and not killed:
+            killed.append(min(workers))
+            os.kill(killed[0], signal.SIGKILL)
+        put(heard, number, message)
+
+    monkeypatch.setattr(segments_command, "opened_cluster", opened)
+    monkeypatch.setattr(segments_command, "_put", kill_at_first_word)
+    out, options = tmp_path / "out.frog", [*OPTIONS, "--steps", "300", "--save-every", "0.5"]
+    assert main(["train", str(take), "--out", str(out), *options, "--scheduler", "local", "--jobs", "2"]) == 0
+    assert killed and len(segments_of(read_scene(out).header.model)) == 2
