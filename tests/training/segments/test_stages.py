@@ -18,7 +18,7 @@ from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer, select_gaussians
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
-from frog_blender.engine.scene.segments import rows_of, segments_of
+from frog_blender.engine.scene.segments import rows_of, seen_at, segments_of
 from frog_blender.engine.training.segments.stages import BASE, Stages
 from frog_blender.engine.training.segments.steady import read_rows, steady_rows, write_rows
 from frog_blender.engine.training.session import events
@@ -65,7 +65,9 @@ def test_what_is_shared_is_in_every_segment_and_once_in_the_scene(stages: Callab
     player = ScenePlayer(scene)
     for number, cut in enumerate(made.cuts):
         own = ScenePlayer.load(made.scene_path(number))
-        for frame in range(cut.first, cut.first + cut.frames):
+        alone = [frame for frame in range(cut.first, cut.first + cut.frames) if seen_at(segments, frame) == {number: 1}]
+        assert len(alone) > 4
+        for frame in alone:
             images = [
                 draw(each, header.cameras[1], header.background).rgb
                 for each in (player.at_frame(frame), own.at_frame(frame - cut.trained_first))
