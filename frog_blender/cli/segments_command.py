@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import queue
-import sys
 from collections.abc import Callable, Mapping
-from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,39 +71,17 @@ def _train(stages: Stages, number: int, asked: Callable[[], bool]) -> bool:
 
 
 def _on_cluster(cluster: Cluster, stages: Stages, left: list[int], asked: Callable[[], bool]) -> bool:
-    """Gives segments to the workers of a cluster; False when they were stopped, FrogError when one fails."""
-    from tqdm import tqdm
+    """Gives segments to the workers of a cluster; False when they were stopped, FrogError when one failed."""
+    from .cluster_trainings import train_on_cluster
 
-    job, heard = stages.plan.job, queue.Queue[tuple[int, Any]]()
+    job = stages.plan.job
     task: dict[str, Any] = {"folder": str(stages.plan.folder.resolve()), "capture": str(Path(job.capture).resolve())}
     task |= {"device": job.device, "save_seconds": job.save_seconds, "threads": cluster.threads()}
-    for number in left:
-        told, ended = partial(_put, heard, number), partial(_put, heard, number)
-        cluster.start(str(number), train_part, {**task, "segment": number}, told, ended)
-    shares, finished = dict.fromkeys(left, 0.0), True
-    layout = "{desc} |{bar}| {n:.2f}/{total} segments"
-    with tqdm(desc="Segments", total=len(left), file=sys.stderr, bar_format=layout) as line:
-        waiting = set(left)
-        while waiting:
-            if asked():
-                cluster.stop()
-            with suppress(queue.Empty):  # Windows' Ctrl-C waits for an endless get
-                number, message = heard.get(timeout=0.5)
-                if isinstance(message, float):
-                    shares[number] = message
-                elif message.error is not None:
-                    raise FrogError(f"{stages.label(number)}: {message.error}")
-                else:
-                    waiting.discard(number)
-                    finished = finished and bool(message.answer)
-                    shares[number] = 1.0 if message.answer else shares[number]
-                line.n = sum(shares.values())
-                line.refresh()
-    return finished
-
-
-def _put(heard: queue.Queue[tuple[int, Any]], number: int, message: Any) -> None:
-    heard.put((number, message))
+    tasks = {stages.label(number): {**task, "segment": number} for number in left}
+    ended = train_on_cluster(cluster, tasks, train_part, asked, "segments")
+    if any(each.error is not None for each in ended.values()):
+        raise FrogError(f"{job.output}: not all segments were trained; run the same command again to go on.")
+    return all(each.answer for each in ended.values())
 
 
 def train_part(task: Mapping[str, Any], tell: Callable[[float], None], cancelled: Callable[[], bool]) -> bool:
@@ -122,17 +96,12 @@ def train_part(task: Mapping[str, Any], tell: Callable[[float], None], cancelled
     """
     from ..engine.training.segments.plan import SegmentPlan
     from ..engine.training.segments.stages import Stages
-    from ..engine.training.session import events
     from ..experiments.machine import limited_threads
+    from .cluster_trainings import tell_shares
 
     changes = {"device": task["device"], "save_seconds": task["save_seconds"], "capture": Path(task["capture"])}
     stages, number = Stages(SegmentPlan.open(Path(task["folder"]), **changes)), int(task["segment"])
     if stages.is_done(number):
         return True
     with limited_threads(task["threads"]):
-        for event in stages.train(number, cancelled):
-            if isinstance(event, events.Progress):
-                tell(event.step / max(event.steps, 1))
-            elif isinstance(event, events.Finished):
-                return True
-    return False
+        return tell_shares(stages.train(number, cancelled), tell)

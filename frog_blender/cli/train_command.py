@@ -83,6 +83,12 @@ def add_train_parser(commands: Any) -> None:
         " segment's, and those of a training of the whole take before them",
     )
     train.add_argument(
+        "--takes",
+        action="store_true",
+        help="train every capture in the folder CAPTURE, each to a scene of its name in the folder --out; what is"
+        " trained stays, what was begun goes on",
+    )
+    train.add_argument(
         "--jobs", type=positive(int), default=1, metavar="N", help="workers of --scheduler local, which share the cores"
     )
     add_scheduler_argument(train)
@@ -109,6 +115,8 @@ def _chosen(options: argparse.Namespace) -> dict[str, str]:
 
 
 def _train(options: argparse.Namespace) -> int:
+    if options.takes:
+        return _train_takes(options)
     if not (options.overwrite or options.resume):
         check_unused(options.out, _WAYS)  # before torch is loaded
     if options.segments:
@@ -116,7 +124,9 @@ def _train(options: argparse.Namespace) -> int:
 
         return train_segments(options, _job(options))
     if options.scheduler:
-        raise FrogError("--scheduler gives segments to workers: expected --segments FRAMES with it.")
+        raise FrogError(
+            "--scheduler gives segments or takes to workers: expected --segments FRAMES or --takes with it."
+        )
     if started_by_torchrun():
         if options.events:
             raise FrogError("--events tells of a training by one process, and torchrun has started this one.")
@@ -137,6 +147,18 @@ def _train(options: argparse.Namespace) -> int:
 
             finished = show(remembering(run_training(job, asked), job), job.output)
     return 0 if finished else 1
+
+
+def _train_takes(options: argparse.Namespace) -> int:
+    from .takes_command import train_takes
+
+    if options.segments:
+        raise FrogError("--takes trains each take as one: expected no --segments with it.")
+
+    def job_of(capture: Path, output: Path) -> TrainingJob:
+        return _job(argparse.Namespace(**{**vars(options), "capture": capture, "out": output}))
+
+    return train_takes(options, job_of)
 
 
 def _job(options: argparse.Namespace) -> TrainingJob:

@@ -115,9 +115,9 @@ def test_a_dead_workers_segment_is_trained_by_another(
     take: Path, own_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed")
-    from frog_blender.cli import segments_command
+    from frog_blender.cli import cluster_trainings, segments_command
 
-    workers, killed, put = list[int](), list[int](), segments_command._put
+    workers, killed, put = list[int](), list[int](), cluster_trainings._put
 
     @contextmanager
     def opened(scheduler: str, count: int) -> Iterator[Cluster]:
@@ -125,14 +125,14 @@ def test_a_dead_workers_segment_is_trained_by_another(
             workers.extend(cluster._client.run(os.getpid).values())
             yield cluster
 
-    def kill_at_first_word(heard: object, number: int, message: object) -> None:
+    def kill_at_first_word(heard: object, label: str, message: object) -> None:
         if isinstance(message, float) and message < 1 and not killed:
             killed.append(min(workers))
             os.kill(killed[0], signal.SIGKILL)
-        put(heard, number, message)
+        put(heard, label, message)
 
     monkeypatch.setattr(segments_command, "opened_cluster", opened)
-    monkeypatch.setattr(segments_command, "_put", kill_at_first_word)
+    monkeypatch.setattr(cluster_trainings, "_put", kill_at_first_word)
     out, options = tmp_path / "out.frog", [*OPTIONS, "--steps", "300", "--save-every", "0.5"]
     assert main(["train", str(take), "--out", str(out), *options, "--scheduler", "local", "--jobs", "2"]) == 0
     assert killed and len(segments_of(read_scene(out).header.model)) == 2

@@ -12,10 +12,8 @@ from ...errors import FrogError, found_instead
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject, UnfitValue, entries, plain_json, whole
 from ..methods import method_named
-from ..recipe import stored_recipe
-from ..session.job import RESUMED_SETTINGS, TrainingJob
+from ..session.job import TrainingJob
 from ..session.output_paths import beside
-from ..setting import check
 
 OVERLAP = 8
 """Frames on each side of a segment that it is trained on and its neighbour plays."""
@@ -93,12 +91,7 @@ class SegmentPlan:
         content, path = _read(folder)
         try:
             settings = entries(content["settings"], "settings")
-            kept = {name: settings[name] for name in RESUMED_SETTINGS}
-            for name, value in kept.items():
-                check(name, value, RESUMED_SETTINGS[name])
-            recipe = stored_recipe(settings["recipe"])
-            output = folder.with_name(str(content["output"]))
-            job = TrainingJob(Path(str(settings["capture"])), output, **kept, recipe=recipe)
+            job = TrainingJob.of_settings(settings, folder.with_name(str(content["output"])))
             length = whole(content["length"], "length", _SHORTEST, 2**31)
         except (KeyError, UnfitValue, FrogError) as error:
             raise found_instead(path, f"settings that do not fit ({error})", "the plan of a training") from error

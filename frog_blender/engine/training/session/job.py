@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from ...arrays import SceneArrays
 from ...capture.camera import Camera
@@ -12,11 +13,11 @@ from ...capture.capture import Capture
 from ...capture.masking import MaskSettings
 from ...capture.seeds import Seeds
 from ...field.names import METHODS
-from ...io.plain_values import JsonObject
+from ...io.plain_values import JsonMapping, JsonObject
 from ...scene.scene_file import settings_json
 from ..compression.settings import DEFAULT, CompressionSettings
-from ..recipe import Recipe, recipe
-from ..setting import Choice, Kind, Name, Number, OrNone
+from ..recipe import Recipe, recipe, stored_recipe
+from ..setting import Choice, Kind, Name, Number, OrNone, check
 from .live_scene import LiveScene
 
 LARGEST_SIDE = 1600
@@ -99,9 +100,22 @@ class TrainingJob:
         """Of the masks and the key."""
         return MaskSettings(self.masks != "off", self.key)
 
+    @classmethod
+    def of_settings(cls, settings: JsonMapping, output: Path) -> TrainingJob:
+        """The job of what ``stored_settings`` said, read from a file or a task.
+
+        Raises:
+            KeyError: a setting is missing.
+            FrogError: one is not what it may be.
+        """
+        kept = restored_settings(settings)
+        return cls(Path(str(settings["capture"])), output, **kept, recipe=stored_recipe(settings["recipe"]))
+
     def stored_settings(self) -> JsonObject:
-        """For the checkpoint: the fields in ``RESUMED_SETTINGS``, the recipe, and whose training it is."""
+        """JSON values for a checkpoint: the fields in ``RESUMED_SETTINGS``, the recipe, and whose training it is."""
         settings = {name: getattr(self, name) for name in RESUMED_SETTINGS}
+        if self.pixel_offsets:
+            settings["pixel_offsets"] = {name: list(offset) for name, offset in self.pixel_offsets.items()}
         return {**settings, "recipe": settings_json(self.recipe), "capture": str(Path(self.capture).resolve())}
 
 
@@ -141,5 +155,20 @@ RESUMED_SETTINGS: dict[str, Kind] = {
 }
 """Fields of a job that a resume takes over besides its recipe, and what a checkpoint may say of each."""
 
-LATER_SETTINGS = {"masks": "auto", "key": None}
+_LATER_SETTINGS = {"masks": "auto", "key": None}
 """Of these, those that checkpoints of earlier versions do not have, and what they stand for there."""
+
+
+def restored_settings(stored: JsonMapping) -> dict[str, Any]:
+    """The fields in ``RESUMED_SETTINGS`` of a job, checked; ``Any`` because fields have types of their own.
+
+    Raises:
+        KeyError: one is missing.
+        FrogError: one is not what it may be.
+    """
+    kept = {name: ({**_LATER_SETTINGS, **stored})[name] for name in RESUMED_SETTINGS}
+    for name, value in kept.items():
+        check(name, value, RESUMED_SETTINGS[name])
+    if kept["pixel_offsets"]:
+        kept["pixel_offsets"] = {name: (float(x), float(y)) for name, (x, y) in kept["pixel_offsets"].items()}
+    return kept

@@ -11,9 +11,8 @@ from ...errors import FrogError, found_instead
 from ...io.paths import is_network_path
 from ...io.plain_values import JsonObject
 from ..recipe import stored_recipe
-from ..setting import check
 from .checkpoint import checkpoint_settings
-from .job import LATER_SETTINGS, RESUMED_SETTINGS, TrainingJob
+from .job import TrainingJob, restored_settings
 from .output_paths import checkpoint_path
 
 _OF_RECIPE = {"recipe": "name", "capacity": "capacity", "views_per_step": "views_per_step"}
@@ -58,11 +57,7 @@ def _check_capture(path: Path, stored: JsonObject, capture: Path) -> None:
 
 def _restored(job: TrainingJob, path: Path, stored: JsonObject) -> TrainingJob:
     try:
-        kept = {name: ({**LATER_SETTINGS, **stored})[name] for name in RESUMED_SETTINGS}
-        for name, value in kept.items():
-            check(name, value, RESUMED_SETTINGS[name])
-        if kept["pixel_offsets"]:
-            kept["pixel_offsets"] = {name: (float(x), float(y)) for name, (x, y) in kept["pixel_offsets"].items()}
+        kept = restored_settings(stored)
         if job.steps or job.seconds:
             kept |= {"steps": job.steps, "seconds": job.seconds}
         if job.max_bytes:

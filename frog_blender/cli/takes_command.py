@@ -1,0 +1,144 @@
+"""``frog train --takes``: every capture in a folder, one after the other or by the workers of a cluster."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..engine.capture.readers import detect
+from ..engine.errors import FrogError, found_instead
+from ..engine.training.session.output_paths import checkpoint_path, training_progress
+from ..engine.training.session.torchrun import started_by_torchrun
+from .cluster import opened_cluster
+from .printing import complain, say
+from .stopping import stopping
+from .streams import printing_may_fail
+
+if TYPE_CHECKING:
+    from ..engine.training.session.job import TrainingJob
+
+JobOf = Callable[[Path, Path], "TrainingJob"]
+"""The training of a capture to a scene, with the settings of the command line."""
+
+
+def takes_in(folder: Path, scenes: Path) -> list[Path]:
+    """The captures that lie in a folder, by name; says which of its folders are none.
+
+    Args:
+        scenes: a folder that is not looked at.
+
+    Raises:
+        FrogError: there is none, or the folder cannot be read.
+    """
+    try:
+        entries = sorted(entry for entry in folder.iterdir() if entry.is_dir() and not entry.name.startswith("."))
+    except OSError as error:
+        raise FrogError(f"{folder}: could not be read ({error.strerror or error}).") from error
+    takes = []
+    for entry in entries:
+        if entry.resolve() == scenes.resolve():
+            continue
+        try:
+            detect(entry)
+            takes.append(entry)
+        except FrogError as error:
+            complain(f"left out: {error}")
+    if not takes:
+        raise found_instead(folder, "no capture in it", "a folder that has captures in it")
+    return takes
+
+
+def train_takes(options: argparse.Namespace, job_of: JobOf) -> int:
+    """Trains what is not yet trained, each take to a scene of its name in ``options.out``; returns the exit status."""
+    if options.events or started_by_torchrun():
+        found = "--events" if options.events else "torchrun"
+        raise FrogError(f"--takes: found {found}, which one training is for: expected neither that nor torchrun.")
+    takes, folder = takes_in(options.capture, options.out), options.out
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FrogError(f"{folder}: scenes cannot be written here ({error.strerror or error}).") from error
+    outputs = {take.name: folder / f"{take.name}.frog" for take in takes}
+    left = [take for take in takes if options.overwrite or not is_trained(outputs[take.name])]
+    say(f"{len(takes)} takes, {len(takes) - len(left)} of them trained before")
+    with printing_may_fail(), stopping() as asked:
+        jobs = {take.name: _going_on(job_of(take, outputs[take.name]), options.overwrite) for take in left}
+        if options.scheduler and left:
+            with opened_cluster(options.scheduler, min(options.jobs, len(left))) as cluster:
+                finished = _on_cluster(cluster, jobs, asked)
+        else:
+            finished = [name for name, job in jobs.items() if _train(name, job, asked)]
+        done = len(takes) - len(left) + len(finished)
+        say(f"{folder}: {done} of {len(takes)} takes are trained")
+        if done < len(takes):
+            complain("run the same command again to go on with the others.")
+    return 0 if done == len(takes) else 1
+
+
+def is_trained(scene: Path) -> bool:
+    """Whether a scene has been trained to its end."""
+    trained = training_progress(scene)
+    return scene.is_file() and (trained is None or trained[0] >= 1)
+
+
+def _going_on(job: TrainingJob, overwrite: bool) -> TrainingJob:
+    """The job, from its checkpoint if there is one."""
+    resume = not overwrite and checkpoint_path(job.output).is_file()
+    return replace(job, resume=resume, overwrite=overwrite or resume)
+
+
+def _train(name: str, job: TrainingJob, asked: Callable[[], bool]) -> bool:
+    """Trains a take in this process; False when it was stopped, or failed."""
+    from ..engine.training.session.run import run_training
+    from ..engine.training.session.time_estimate import remembering
+    from .progress import show
+
+    if asked():
+        return False
+    try:
+        return show(remembering(run_training(job, asked), job), job.output, f"{name}: ")
+    except FrogError as error:  # the others can be trained nevertheless
+        complain(f"{name}: {error}")
+        return False
+
+
+def _on_cluster(cluster: Any, jobs: Mapping[str, TrainingJob], asked: Callable[[], bool]) -> list[str]:
+    """Gives takes to the workers of a cluster; the names of those that finished."""
+    from .cluster_trainings import train_on_cluster
+
+    threads = cluster.threads()
+    ended = train_on_cluster(
+        cluster, {name: task_of(job, threads) for name, job in jobs.items()}, train_take, asked, "takes"
+    )
+    return [name for name, each in ended.items() if each.answer]
+
+
+def task_of(job: TrainingJob, threads: int) -> dict[str, Any]:
+    """A training as JSON values, for ``train_take``. Its paths are absolute: it may be done from another folder."""
+    told = {"device": job.device, "save_seconds": job.save_seconds, "overwrite": job.overwrite}
+    return {"settings": job.stored_settings(), "output": str(job.output.resolve()), "threads": threads, **told}
+
+
+def train_take(task: Mapping[str, Any], tell: Callable[[float], None], cancelled: Callable[[], bool]) -> bool:
+    """Trains a take as a task of a cluster; tells the share that is done. A task that is done again goes on from the
+    last checkpoint.
+
+    Args:
+        task: what ``task_of`` made.
+
+    Returns:
+        Whether it finished.
+    """
+    from ..engine.training.session.job import TrainingJob
+    from ..engine.training.session.run import run_training
+    from ..experiments.machine import limited_threads
+    from .cluster_trainings import tell_shares
+
+    output = Path(task["output"])
+    fields = {"device": task["device"], "save_seconds": task["save_seconds"], "overwrite": task["overwrite"]}
+    job = replace(TrainingJob.of_settings(task["settings"], output), **fields)
+    with limited_threads(task["threads"]):
+        return tell_shares(run_training(_going_on(job, job.overwrite), cancelled), tell)

@@ -1,0 +1,118 @@
+"""``frog train --takes``: every capture in a folder, here and on a cluster."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import synthetic_capture as film
+
+from frog_blender.cli.main import main
+from frog_blender.cli.takes_command import is_trained, takes_in
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.scene.scene_file import SceneFile, read_scene
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.output_paths import checkpoint_path
+
+OPTIONS = ["--takes", "--recipe", "draft", "--steps", "20", "--max-gaussians", "200", "--device", "cpu"]
+
+
+@pytest.fixture(scope="module")
+def takes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two captures, and a folder that is none."""
+    folder = tmp_path_factory.mktemp("takes")
+    film.write_capture(folder / "one", [0, 1, 2, 3])
+    film.write_capture(folder / "two", [3, 2, 1, 0])
+    (folder / "notes").mkdir()
+    (folder / "notes" / "read.txt").write_text("nothing")
+    return folder
+
+
+def same(one: SceneFile, other: SceneFile) -> bool:
+    return all(np.array_equal(array, other.arrays[name]) for name, array in one.arrays.items())
+
+
+def test_every_take_is_trained_once(
+    takes: Path, own_cache: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "scenes"
+    command = ["train", str(takes), "--out", str(out), *OPTIONS]
+    assert main(command) == 0
+    told = capsys.readouterr()
+    assert f"{out}: 2 of 2 takes are trained" in told.out and "2 takes, 0 of them trained before" in told.out
+    assert "notes" in told.err and "left out" in told.err and "one: " in told.err
+    alone = tmp_path / "two.frog"
+    assert main(["train", str(takes / "two"), "--out", str(alone), *OPTIONS[1:]]) == 0
+    assert same(read_scene(out / "two.frog"), read_scene(alone))
+
+    changed = (out / "two.frog").stat().st_mtime_ns
+    (out / "one.frog").unlink()
+    checkpoint_path(out / "one.frog").unlink()
+    assert main(command) == 0
+    assert "1 of them trained before" in capsys.readouterr().out
+    assert (out / "two.frog").stat().st_mtime_ns == changed and is_trained(out / "one.frog")
+
+    assert main([*command, "--overwrite"]) == 0
+    assert (out / "two.frog").stat().st_mtime_ns > changed
+    assert "0 of them trained before" in capsys.readouterr().out
+
+
+def test_a_take_that_was_stopped_goes_on(takes: Path, own_cache: Path, tmp_path: Path) -> None:
+    out = tmp_path / "scenes"
+    command = ["train", str(takes), "--out", str(out), *OPTIONS]
+    assert main(command) == 0
+    (out / "one.frog").unlink()  # its checkpoint says that it is at the end
+    before = checkpoint_path(out / "one.frog").stat().st_mtime_ns
+    assert main(command) == 0
+    assert is_trained(out / "one.frog") and checkpoint_path(out / "one.frog").stat().st_mtime_ns >= before
+
+
+def test_a_take_that_fails_keeps_no_other_from_being_trained(
+    own_cache: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    takes, out = tmp_path / "takes", tmp_path / "scenes"
+    film.write_capture(takes / "b", [0, 1, 2, 3])
+    broken = film.write_capture(takes / "a", [0, 1, 2, 3])
+    for video in broken.glob("*.mp4"):
+        video.write_bytes(video.read_bytes()[:500])
+    assert main(["train", str(takes), "--out", str(out), *OPTIONS]) == 1
+    told = capsys.readouterr()
+    assert "1 of 2 takes are trained" in told.out and "frog: a: " in told.err
+    assert is_trained(out / "b.frog") and not (out / "a.frog").exists()
+
+
+def test_a_folder_without_captures_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "scenes").mkdir()
+    with pytest.raises(FrogError, match="no capture in it"):
+        takes_in(tmp_path, tmp_path / "scenes")
+    with pytest.raises(FrogError, match="could not be read"):
+        takes_in(tmp_path / "missing", tmp_path)
+
+
+@pytest.mark.parametrize(("options", "found"), [(["--events"], "--events"), (["--segments", "9"], "--segments")])
+def test_what_does_not_go_together(
+    takes: Path, tmp_path: Path, options: list[str], found: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["train", str(takes), "--out", str(tmp_path / "x"), *OPTIONS, *options]) == 1
+    assert found in capsys.readouterr().err
+
+
+def test_a_job_is_what_its_settings_say(tmp_path: Path) -> None:
+    offsets = {"cam00": (1.5, -2.0)}
+    job = TrainingJob(tmp_path, tmp_path / "x.frog", seed=3, scale=0.5, pixel_offsets=offsets, key="green", steps=7)
+    assert TrainingJob.of_settings(job.stored_settings(), job.output) == job
+    with pytest.raises(KeyError):
+        TrainingJob.of_settings({"capture": "x"}, job.output)
+    with pytest.raises(FrogError):
+        TrainingJob.of_settings({**job.stored_settings(), "seed": -1}, job.output)
+
+
+@pytest.mark.slow
+def test_workers_train_the_same_scenes(takes: Path, own_cache: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    here, there = tmp_path / "here", tmp_path / "there"
+    assert main(["train", str(takes), "--out", str(here), *OPTIONS]) == 0
+    given = ["--scheduler", "local", "--jobs", "2"]
+    assert main(["train", str(takes), "--out", str(there), *OPTIONS, *given]) == 0
+    assert all(same(read_scene(here / name), read_scene(there / name)) for name in ("one.frog", "two.frog"))
