@@ -64,10 +64,11 @@ def assert_plays_as_then(scene: ScenePlayer, name: str, tolerance: float = 1e-5)
 
 def test_every_version_and_kind_is_there() -> None:
     headers = {name: read_scene(FOLDER / name) for name in SCENES}
-    assert {scene.header.format_version for scene in headers.values()} == {1, 2, 3, 4, 5}
+    assert {scene.header.format_version for scene in headers.values()} == {1, 2, 3, 4, 5, 6}
     kinds = {kind for scene in headers.values() for kind in ("lifetimes", "fades") if kind in scene.arrays}
     assert kinds == {"lifetimes", "fades"}
     assert any(scene.header.model.get("reshaped") for scene in headers.values())
+    assert any(scene.header.model.get("segments") for scene in headers.values())
 
 
 @pytest.mark.parametrize("name", SCENES)
