@@ -82,10 +82,7 @@ def build(target: Target, folder: Path, wheels: Path) -> Path:
     }
     command = [sys.executable, "-m", "pip", "wheel", "--no-build-isolation", "--no-deps", "--disable-pip-version-check"]
     command += ["--wheel-dir", str(wheels), "--config-settings", f"build-dir={folder}"]
-    command += [
-        "--config-settings",
-        "install.strip=false",
-    ]  # this machine's knows its own alone
+    command += ["--config-settings", "install.strip=false"]  # this machine's knows its own alone
     for name, value in defines.items():
         command += ["--config-settings", f"cmake.define.{name}={value}"]
     environment = os.environ | {"_PYTHON_HOST_PLATFORM": target.tag, "CMAKE_GENERATOR": "Ninja"}
