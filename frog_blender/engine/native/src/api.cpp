@@ -6,6 +6,7 @@
 #include <new>
 #include <vector>
 
+#include "api.h"
 #include "raster/backward.h"
 #include "deformation/deformation.h"
 #include "instruction_sets.h"
@@ -14,6 +15,12 @@
 #include "threads/thread_pool.h"
 
 namespace {
+
+using frog::attempt;
+using frog::BAD_SIZE;
+using frog::is_drawable;
+using frog::kernels;
+using frog::MOST_SIDE;
 
 const Kernels *choose_kernels() {
 #if defined(FROG_X86)
@@ -24,11 +31,6 @@ const Kernels *choose_kernels() {
   if ((any || std::strcmp(wanted, "baseline")) && found.avx2) return kernels_avx2();
 #endif
   return kernels_baseline();
-}
-
-const Kernels &kernels() {
-  static const Kernels *chosen = choose_kernels();
-  return *chosen;
 }
 
 // Threads write the weights of slots, which are theirs alone; each Gaussian's largest comes of its own afterwards.
@@ -85,66 +87,18 @@ void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &ima
   if (image.max_weights) end_weights(frame, image.max_weights);
 }
 
-// Sizes of images that the code below can count: tiles in 16 bits, and no side's pixels lost in a float.
-constexpr int32_t MOST_SIDE = 65536;
-constexpr int64_t MOST_PIXELS = int64_t{1} << 30;
-
-bool is_drawable(int32_t width, int32_t height) {
-  return width >= 1 && height >= 1 && width <= MOST_SIDE && height <= MOST_SIDE &&
-         static_cast<int64_t>(width) * height <= MOST_PIXELS;
-}
-
 bool lies_within(const FrogCamera &camera, const int32_t region[4]) {
   return is_drawable(region[2], region[3]) && camera.width <= MOST_SIDE && camera.height <= MOST_SIDE &&
          region[0] >= 0 && region[1] >= 0 && region[0] <= camera.width - region[2] &&
          region[1] <= camera.height - region[3];
 }
 
-constexpr int32_t BAD_SIZE = 2;  // what functions return then, besides 0 and 1
-
-constexpr int32_t DETAILS = 12;  // numbers of the four pixels over one of half the size
-
-bool is_coded(const FrogPixels &pixels, int32_t side) {
-  return is_drawable(pixels.width, pixels.height) && (pixels.channels == 1 || pixels.channels == 3) && side >= 1;
-}
-
-bool is_twice(const FrogPixels &pixels, const FrogPixels &half, int32_t side) {
-  return is_coded(pixels, side) && is_coded(half, side) && pixels.channels == 3 && half.channels == 3 &&
-         pixels.height == 2 * half.height && pixels.width == 2 * half.width;
-}
-
-// Calls use(tile, where its numbers begin, scratch) for each tile of an image, whose pixels have so many numbers each.
-template <class Use>
-void each_tile(const FrogPixels &image, int32_t side, int32_t numbers, Use use) {
-  std::vector<uint8_t> scratch(static_cast<size_t>(TILE_SCRATCH) * std::min(side, image.width));
-  int64_t first = 0;
-  for (int32_t y = 0; y < image.height; y += std::min(side, image.height - y))
-    for (int32_t x = 0; x < image.width; x += std::min(side, image.width - x)) {
-      const int32_t height = std::min(side, image.height - y), width = std::min(side, image.width - x);
-      use({image.first + y * image.row + int64_t{x} * image.channels, image.row, height, width, image.channels}, first,
-          scratch.data());
-      first += static_cast<int64_t>(numbers) * height * width;
-    }
-}
-
-// The pixels of `whole` over a tile of the image `half` of half its size.
-FrogPixels twice(const FrogPixels &tile, const FrogPixels &half, const FrogPixels &whole) {
-  const int64_t place = tile.first - half.first, y = place / half.row, x = place % half.row / half.channels;
-  return {whole.first + 2 * y * whole.row + 2 * x * whole.channels, whole.row, 2 * tile.height, 2 * tile.width, 3};
-}
-
-// 0, or 1 when memory ran out: exceptions stay on this side of the interface.
-template <class Work>
-int32_t attempt(Work work) {
-  try {
-    work();
-    return 0;
-  } catch (const std::bad_alloc &) {
-    return 1;
-  }
-}
-
 }  // namespace
+
+const Kernels &frog::kernels() {
+  static const Kernels *chosen = choose_kernels();
+  return *chosen;
+}
 
 extern "C" {
 
@@ -220,42 +174,6 @@ int32_t frog_adam(const FrogAdam *parameters, int32_t count) {
         const int64_t first = (piece - (p ? ends[p - 1] : 0)) * PIECE;
         kernels().adam(parameters[p], first, std::min(parameters[p].size, first + PIECE));
       }
-    });
-  });
-}
-
-int32_t frog_predict(const FrogPixels *pixels, int32_t side, uint8_t *numbers) {
-  if (!is_coded(*pixels, side)) return BAD_SIZE;
-  return attempt([&] {
-    each_tile(*pixels, side, pixels->channels, [&](const FrogPixels &tile, int64_t first, uint8_t *scratch) {
-      kernels().predict(tile, numbers + first, scratch);
-    });
-  });
-}
-
-int32_t frog_restore(const uint8_t *numbers, int32_t side, const FrogPixels *pixels) {
-  if (!is_coded(*pixels, side)) return BAD_SIZE;
-  return attempt([&] {
-    each_tile(*pixels, side, pixels->channels, [&](const FrogPixels &tile, int64_t first, uint8_t *scratch) {
-      kernels().restore(numbers + first, tile, scratch);
-    });
-  });
-}
-
-int32_t frog_predict_details(const FrogPixels *pixels, const FrogPixels *half, int32_t side, uint8_t *numbers) {
-  if (!is_twice(*pixels, *half, side)) return BAD_SIZE;
-  return attempt([&] {
-    each_tile(*half, side, DETAILS, [&](const FrogPixels &tile, int64_t first, uint8_t *scratch) {
-      kernels().predict_details(twice(tile, *half, *pixels), tile, numbers + first, scratch);
-    });
-  });
-}
-
-int32_t frog_restore_details(const uint8_t *numbers, const FrogPixels *half, int32_t side, const FrogPixels *pixels) {
-  if (!is_twice(*pixels, *half, side)) return BAD_SIZE;
-  return attempt([&] {
-    each_tile(*half, side, DETAILS, [&](const FrogPixels &tile, int64_t first, uint8_t *scratch) {
-      kernels().restore_details(numbers + first, tile, twice(tile, *half, *pixels), scratch);
     });
   });
 }
