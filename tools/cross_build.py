@@ -14,6 +14,7 @@ import argparse
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -62,6 +63,9 @@ def main() -> None:
     names = options.targets.split(",")
     if unknown := [name for name in names if name not in TARGETS]:
         parser.error(f"--targets: found {', '.join(unknown)}, expected some of {', '.join(TARGETS)}")
+    for command in filter(None, (options.wine, options.qemu)):
+        if shutil.which(shlex.split(command)[0]) is None:
+            parser.error(f"{command}: there is no such program here")
     for name in names:
         wheel = build(TARGETS[name], options.out.resolve() / name, options.out.resolve() / "wheels")
         check(wheel, TARGETS[name])
