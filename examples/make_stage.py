@@ -10,26 +10,14 @@ The cameras stand on the scene's own arc, evenly; a film longer than the scene p
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
 from pathlib import Path
 
-import imageio_ffmpeg
 import numpy as np
+from filmed_scene import Size, encode, size_of, write_calibration
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import render_image
-
-Size = tuple[int, int]
-
-
-def size_of(text: str) -> Size:
-    """Width and height, both even as the encoder wants them."""
-    width, _, height = text.partition("x")
-    if not (width.isdecimal() and height.isdecimal()) or int(width) < 2 or int(height) < 2:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected WIDTHxHEIGHT")
-    return int(width) // 2 * 2, int(height) // 2 * 2
 
 
 def arc_of(cameras: list[Camera], count: int, size: Size) -> list[Camera]:
@@ -60,18 +48,11 @@ def arc_of(cameras: list[Camera], count: int, size: Size) -> list[Camera]:
 
 def film(scene: ScenePlayer, camera: Camera, frames: int, quality: int, video: Path) -> None:
     """Draws a camera's frames into an H.264 video of halved colour resolution, as phones and webcams make them."""
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
-    command += ["-s", f"{camera.width}x{camera.height}", "-r", "30", "-i", "-"]
-    command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", str(quality), "-pix_fmt", "yuv420p", str(video)]
     length = scene.header.frame_count
     drawn = [render_image(scene.at_frame(frame), camera, scene.header.background) for frame in range(length)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE) as encoder:
-        assert encoder.stdin is not None
-        for frame in range(frames):
-            shown = frame % max(2 * length - 2, 1)
-            encoder.stdin.write(drawn[min(shown, 2 * length - 2 - shown)].data)
-    if encoder.returncode:
-        raise SystemExit(f"{video}: the encoder failed")
+    shown = (frame % max(2 * length - 2, 1) for frame in range(frames))
+    images = (drawn[min(place, 2 * length - 2 - place)] for place in shown)
+    encode(images, camera, quality, ["-pix_fmt", "yuv420p"], video)
 
 
 def main() -> None:
@@ -88,15 +69,11 @@ def main() -> None:
         raise SystemExit(f"{options.scene}: expected a scene of several standing cameras.")
     options.out.mkdir(parents=True, exist_ok=True)
     cameras = arc_of(list(scene.header.cameras), options.cameras, options.size)
-    entries = []
     for camera in cameras:
         video = options.out / f"{camera.name}.mp4"
         film(scene, camera, options.frames, options.quality, video)
         print(f"{video.name}: {video.stat().st_size / 1e6:.2f} MB", flush=True)
-        place = {"R": camera.rotation.tolist(), "t": camera.world_to_camera[:3, 3].tolist()}
-        lens = {"K": camera.intrinsics.tolist(), "dist": [0.0, 0.0, 0.0, 0.0]}
-        entries.append({"name": camera.name, "width": camera.width, "height": camera.height, **lens, **place})
-    (options.out / "cameras_opencv.json").write_text(json.dumps({"cameras": entries}), encoding="utf-8")
+    write_calibration(cameras, options.out)
 
 
 if __name__ == "__main__":

@@ -11,13 +11,11 @@ its own that is no ratio of another's. Needs imageio-ffmpeg. OUT receives ``cam0
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
-import imageio_ffmpeg
 import numpy as np
+from filmed_scene import Size, encode, size_of, write_calibration
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.gaussians import GaussianArrays
@@ -138,7 +136,7 @@ def take_at(room: GaussianArrays[np.ndarray], seconds: float) -> GaussianArrays[
     return GaussianArrays(*joined)
 
 
-def cameras_of(scene: ScenePlayer, count: int, size: tuple[int, int]) -> list[Camera]:
+def cameras_of(scene: ScenePlayer, count: int, size: Size) -> list[Camera]:
     """Some of the scene's cameras, evenly from the left to the right, without its held-out ones."""
     known = [camera for camera in scene.header.cameras if camera.name not in scene.header.test_cameras]
     right = known[0].rotation[0]
@@ -149,18 +147,16 @@ def cameras_of(scene: ScenePlayer, count: int, size: tuple[int, int]) -> list[Ca
 
 def film(room: GaussianArrays[np.ndarray], camera: Camera, frames: int, quality: int, video: Path) -> None:
     """Draws a camera's frames into an H.264 video."""
-    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
-    command += ["-s", f"{camera.width}x{camera.height}", "-r", f"{RATE:g}", "-i", "-", "-threads", "1"]
     unfinished = video.with_name(f"unfinished-{video.name}")
-    command += ["-vf", "scale=out_color_matrix=bt601:out_range=tv:flags=lanczos+accurate_rnd+full_chroma_int"]
-    command += ["-colorspace", "smpte170m", "-color_range", "tv"]
-    command += ["-c:v", "libx264", "-preset", "veryfast", "-crf", str(quality), "-pix_fmt", "yuv444p", str(unfinished)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE) as encoder:
-        assert encoder.stdin is not None
-        for frame in range(frames):
-            encoder.stdin.write(render_image(take_at(room, frame / RATE), camera).data)
-    if encoder.returncode:
-        raise SystemExit(f"{video}: the encoder failed")
+    options = [
+        "-threads",
+        "1",
+        "-vf",
+        "scale=out_color_matrix=bt601:out_range=tv:flags=lanczos+accurate_rnd+full_chroma_int",
+    ]
+    options += ["-colorspace", "smpte170m", "-color_range", "tv", "-pix_fmt", "yuv444p"]
+    images = (render_image(take_at(room, frame / RATE), camera) for frame in range(frames))
+    encode(images, camera, quality, options, unfinished)
     unfinished.replace(video)
 
 
@@ -171,25 +167,21 @@ def main() -> None:
     parser.add_argument("--cameras", type=int, default=4)
     parser.add_argument("--names", nargs="+", help="of the scene's cameras, instead of some that are spread evenly")
     parser.add_argument("--frames", type=int, default=1800)
-    parser.add_argument("--size", default="320x240", help="WIDTHxHEIGHT, both even")
+    parser.add_argument("--size", type=size_of, default=(320, 240), help="WIDTHxHEIGHT, both even")
     parser.add_argument("--quality", type=int, default=17, help="constant rate factor of the videos, lower is better")
     options = parser.parse_args()
     scene = ScenePlayer.load(options.scene)
-    width, height = (int(side) for side in options.size.split("x"))
     options.out.mkdir(parents=True, exist_ok=True)
-    room, entries = room_of(scene), []
-    chosen = cameras_of(scene, options.cameras, (width, height))
+    room = room_of(scene)
+    chosen = cameras_of(scene, options.cameras, options.size)
     if options.names:
-        chosen = [each.resized(width, height) for each in scene.header.cameras if each.name in options.names]
+        chosen = [each.resized(*options.size) for each in scene.header.cameras if each.name in options.names]
     for camera in chosen:
         video = options.out / f"{camera.name}.mp4"
         if not video.exists():
             film(room, camera, options.frames, options.quality, video)
         print(f"{video.name}: {video.stat().st_size / 1e6:.2f} MB", flush=True)
-        place = {"R": camera.rotation.tolist(), "t": camera.world_to_camera[:3, 3].tolist()}
-        lens = {"K": camera.intrinsics.tolist(), "dist": [0.0, 0.0, 0.0, 0.0]}
-        entries.append({"name": camera.name, "width": camera.width, "height": camera.height, **lens, **place})
-    (options.out / "cameras_opencv.json").write_text(json.dumps({"cameras": entries}), encoding="utf-8")
+    write_calibration(chosen, options.out)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FrogError
-from ..engine.training.session.torchrun import started_by_torchrun
 from .cluster import opened_cluster
 from .printing import complain, say
 from .stopping import stopping
@@ -22,9 +21,6 @@ if TYPE_CHECKING:
 
 def train_segments(options: argparse.Namespace, job: TrainingJob) -> int:
     """Trains what is not yet trained, and joins it; returns the exit status."""
-    if options.events or started_by_torchrun():
-        found = "--events" if options.events else "torchrun"
-        raise FrogError(f"--segments: found {found}, which one training is for: expected neither that nor torchrun.")
     if options.jobs > 1 and not options.scheduler:
         raise FrogError(f"--jobs {options.jobs}: expected --scheduler local with it, whose workers they are.")
     with printing_may_fail(), stopping() as asked:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from ..engine.capture.readers import detect
 from ..engine.errors import FrogError, found_instead
 from ..engine.training.session.output_paths import checkpoint_path, training_progress
-from ..engine.training.session.torchrun import started_by_torchrun
 from .cluster import opened_cluster
 from .printing import complain, say
 from .stopping import stopping
@@ -53,9 +52,6 @@ def takes_in(folder: Path, scenes: Path) -> list[Path]:
 
 def train_takes(options: argparse.Namespace, job_of: JobOf) -> int:
     """Trains what is not yet trained, each take to a scene of its name in ``options.out``; returns the exit status."""
-    if options.events or started_by_torchrun():
-        found = "--events" if options.events else "torchrun"
-        raise FrogError(f"--takes: found {found}, which one training is for: expected neither that nor torchrun.")
     takes, folder = takes_in(options.capture, options.out), options.out
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -122,6 +122,7 @@ def _train(options: argparse.Namespace) -> int:
     if options.segments:
         from .segments_command import train_segments
 
+        _check_several(options, "--segments")
         return train_segments(options, _job(options))
     if options.scheduler:
         raise FrogError(
@@ -149,11 +150,19 @@ def _train(options: argparse.Namespace) -> int:
     return 0 if finished else 1
 
 
+def _check_several(options: argparse.Namespace, what: str) -> None:
+    """FrogError for what one training is for, where there are several."""
+    if options.events or started_by_torchrun():
+        found = "--events" if options.events else "torchrun"
+        raise FrogError(f"{what}: found {found}, which one training is for: expected neither that nor torchrun.")
+
+
 def _train_takes(options: argparse.Namespace) -> int:
     from .takes_command import train_takes
 
     if options.segments:
         raise FrogError("--takes trains each take as one: expected no --segments with it.")
+    _check_several(options, "--takes")
 
     def job_of(capture: Path, output: Path) -> TrainingJob:
         return _job(argparse.Namespace(**{**vars(options), "capture": capture, "out": output}))

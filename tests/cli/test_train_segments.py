@@ -11,15 +11,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
 from support import synthetic_capture as film
 from support.builders import REPOSITORY
+from support.scene_files import same_arrays
 
 from frog_blender.cli.cluster import opened_cluster
 from frog_blender.cli.main import main
 from frog_blender.engine.distributed.cluster import Cluster
-from frog_blender.engine.scene.scene_file import SceneFile, read_scene
+from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.scene.segments import segments_of
 
 OPTIONS = ["--recipe", "draft", "--steps", "40", "--segments", "10", "--max-gaussians", "200", "--device", "cpu"]
@@ -28,12 +28,6 @@ OPTIONS = ["--recipe", "draft", "--steps", "40", "--segments", "10", "--max-gaus
 @pytest.fixture(scope="module")
 def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return film.write_capture(tmp_path_factory.mktemp("take") / "capture", [abs(5 - f % 10) for f in range(20)])
-
-
-def same(one: SceneFile, other: SceneFile) -> bool:
-    return one.arrays.keys() == other.arrays.keys() and all(
-        np.array_equal(array, other.arrays[name]) for name, array in one.arrays.items()
-    )
 
 
 def test_a_take_is_trained_told_and_not_trained_twice(
@@ -51,7 +45,7 @@ def test_a_take_is_trained_told_and_not_trained_twice(
     assert main(command) == 1 and "--overwrite" in capsys.readouterr().err
     out.unlink()
     assert main(command) == 0  # joined alone
-    assert "Whole take" not in capsys.readouterr().err and same(read_scene(out), first)
+    assert "Whole take" not in capsys.readouterr().err and same_arrays(read_scene(out), first)
     assert main(["info", str(out)]) == 0
     assert "frames 10 to 19" in capsys.readouterr().out
     assert main(["eval", str(out), str(take)]) == 0
@@ -96,7 +90,7 @@ def test_a_killed_training_goes_on(take: Path, own_cache: Path, tmp_path: Path) 
     assert (folder / "base.frog").stat().st_mtime_ns == base
     straight = tmp_path / "straight.frog"
     assert main(["train", str(take), "--out", str(straight), *options]) == 0
-    assert same(read_scene(out), read_scene(straight))
+    assert same_arrays(read_scene(out), read_scene(straight))
 
 
 @pytest.mark.slow
@@ -106,7 +100,7 @@ def test_workers_train_the_same_scene(take: Path, own_cache: Path, tmp_path: Pat
     assert main(["train", str(take), "--out", str(here), *OPTIONS]) == 0
     given = ["--scheduler", "local", "--jobs", "2"]
     assert main(["train", str(take), "--out", str(there), *OPTIONS, *given]) == 0
-    assert same(read_scene(here), read_scene(there))
+    assert same_arrays(read_scene(here), read_scene(there))
 
 
 @pytest.mark.slow

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from support import synthetic_capture as film
+from support.scene_files import same_arrays
 
 from frog_blender.cli.main import main
 from frog_blender.cli.takes_command import is_trained, takes_in
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.scene.scene_file import SceneFile, read_scene
+from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
 
@@ -29,10 +29,6 @@ def takes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def same(one: SceneFile, other: SceneFile) -> bool:
-    return all(np.array_equal(array, other.arrays[name]) for name, array in one.arrays.items())
-
-
 def test_every_take_is_trained_once(
     takes: Path, own_cache: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -44,7 +40,7 @@ def test_every_take_is_trained_once(
     assert "notes" in told.err and "left out" in told.err and "one: " in told.err
     alone = tmp_path / "two.frog"
     assert main(["train", str(takes / "two"), "--out", str(alone), *OPTIONS[1:]]) == 0
-    assert same(read_scene(out / "two.frog"), read_scene(alone))
+    assert same_arrays(read_scene(out / "two.frog"), read_scene(alone))
 
     changed = (out / "two.frog").stat().st_mtime_ns
     (out / "one.frog").unlink()
@@ -115,4 +111,4 @@ def test_workers_train_the_same_scenes(takes: Path, own_cache: Path, tmp_path: P
     assert main(["train", str(takes), "--out", str(here), *OPTIONS]) == 0
     given = ["--scheduler", "local", "--jobs", "2"]
     assert main(["train", str(takes), "--out", str(there), *OPTIONS, *given]) == 0
-    assert all(same(read_scene(here / name), read_scene(there / name)) for name in ("one.frog", "two.frog"))
+    assert all(same_arrays(read_scene(here / name), read_scene(there / name)) for name in ("one.frog", "two.frog"))

@@ -20,7 +20,7 @@ from ..capture.frame_keys import Sources, bytes_of, decoding_order, has_changed,
 from ..errors import FrogError
 from .codecs import TileCodec, codec_of, usual_codec
 from .files import ALPHA, IGNORED, Description, FrameFiles, FrameWriter, PackedShot, names_of, pack_shot
-from .limit import FORMAT, INDEX, PARTIAL, make_room, read_index, remove_abandoned, remove_store, too_small
+from .limit import FORMAT, INDEX, PARTIAL, make_room, read_index, remove_abandoned, remove_store, size_of, too_small
 from .tiles import DamagedTiles
 
 DAMAGED = "damaged"
@@ -110,7 +110,7 @@ def build(
     try:
         codec = usual_codec()
         described = _write(partial, capture, codec, progress, cancelled)
-        _keep_to_limit(folder.parent, _size_of(partial))
+        _keep_to_limit(folder.parent, size_of(partial))
         facts = {"format": FORMAT, "capture": str(capture.path.resolve()), "sources": sources}
         facts |= {"codec": codec.name, "files": described}
         (partial / INDEX).write_text(json.dumps(facts), encoding="utf-8")
@@ -163,7 +163,7 @@ def _check_room(cache: Path, more: int, at_once: int, partial: Path | None = Non
     Raises:
         FrogError: if the limit is lower, or the disk has no room for what is written ``at_once``.
     """
-    written = 0 if partial is None else _size_of(partial)
+    written = 0 if partial is None else size_of(partial)
     make_room(cache, more, written, _SPARE_BYTES)
     free = shutil.disk_usage(cache).free
     if free < at_once + _SPARE_BYTES:
@@ -179,10 +179,6 @@ def _keep_to_limit(cache: Path, needed: int) -> None:
     make_room(cache, 0, needed)
     if (error := too_small(cache, needed)) is not None:
         raise error
-
-
-def _size_of(folder: Path) -> int:
-    return sum(file.stat().st_size for file in folder.iterdir())
 
 
 def _put(partial: Path, folder: Path, capture: Capture) -> None:

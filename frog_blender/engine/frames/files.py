@@ -60,12 +60,17 @@ def pack_shot(shot: DecodedShot, has_masks: bool, codec: TileCodec) -> PackedSho
     else:
         packed.tiles[_PLAIN] = pack_plain(image, codec)
     if has_masks:
-        for name, mask in ((ALPHA, shot.alpha), (IGNORED, shot.ignored)):
-            values = np.full(image.shape[:2], _SILENT[name], np.uint8) if mask is None else mask
+        for name, values in masks_of(shot).items():
             packed.tiles[name] = pack_plain(values, codec)
             if (values != _SILENT[name]).any():
                 packed.said.add(name)
     return packed
+
+
+def masks_of(shot: DecodedShot) -> dict[str, ImageArray]:
+    """(H, W) alpha and what is ignored; of a shot without, masks that say nothing."""
+    masks, size = {ALPHA: shot.alpha, IGNORED: shot.ignored}, shot.image.shape[:2]
+    return {name: np.full(size, _SILENT[name], np.uint8) if mask is None else mask for name, mask in masks.items()}
 
 
 def names_of(has_masks: bool) -> list[str]:

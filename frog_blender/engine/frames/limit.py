@@ -167,6 +167,11 @@ def remove_store(folder: Path) -> bool:
     return True
 
 
+def size_of(folder: Path) -> int:
+    """Bytes of a store. OSError if they cannot be counted."""
+    return sum(file.stat().st_size for file in folder.iterdir())
+
+
 def read_index(folder: Path) -> dict[str, object] | None:
     """What a store says of itself; None where that cannot be read."""
     try:
@@ -180,7 +185,7 @@ def _described(folder: Path) -> StoredFrames:
     index = read_index(folder) or {}
     size, used = 0, 0.0
     with suppress(OSError):
-        size = sum(file.stat().st_size for file in folder.iterdir())
+        size = size_of(folder)
         used = (folder / INDEX).stat().st_mtime
     capture = index.get("capture")
     return StoredFrames(folder, capture if isinstance(capture, str) else "", size, used, index.get("format") == FORMAT)

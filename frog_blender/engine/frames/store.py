@@ -16,8 +16,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-import numpy as np
-
 from ..arrays import ImageArray
 from ..capture.camera import MAX_PIXELS, MAX_SIDE
 from ..capture.capture import Capture
@@ -27,9 +25,9 @@ from ..capture.sharing import lock_exclusively, open_shared
 from ..errors import FrogError, found_instead
 from ..io.cache_folder import default_cache_folder
 from .building import DAMAGED, altered, build, is_whole, opened_files, remove_stale
-from .files import ALPHA, IGNORED, FrameFiles
+from .files import ALPHA, IGNORED, FrameFiles, masks_of
 from .image_coding import Region, halved_image
-from .limit import INDEX, remove_store
+from .limit import INDEX, remove_store, size_of
 from .tiles import DamagedTiles
 
 _IMAGE = "image"
@@ -157,7 +155,7 @@ class FrameStore:
         if self._reader is not None:
             self._reader.shutdown()
         self._in_use, self._ahead, self._reader, self._kept = None, [], None, {}
-        size = sum(file.stat().st_size for file in self.folder.iterdir())
+        size = size_of(self.folder)
         self._files.close()
         if remove_store(self.folder):
             return size
@@ -231,11 +229,7 @@ class FrameStore:
         if not unchanged:
             expected = "what was written; the capture has changed meanwhile: start again, and it is decoded anew"
             raise found_instead(self.folder, "damaged frames", expected)
-        height, width = self._shapes[shot]
-        masks = {ALPHA: (found.alpha, 255), IGNORED: (found.ignored, 0)}
-        images = {_IMAGE: found.image}
-        for kind, (mask, silent) in masks.items():
-            images[kind] = np.full((height, width), silent, np.uint8) if mask is None else mask
+        images = {_IMAGE: found.image, **masks_of(found)}
         with self._lock:
             for kind, image in images.items():
                 image.flags.writeable = False
