@@ -6,7 +6,7 @@ import ast
 import functools
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -15,12 +15,14 @@ from support.builders import REPOSITORY, run_python
 PACKAGE = REPOSITORY / "frog_blender"
 ENGINE = PACKAGE / "engine"
 FILES = sorted(PACKAGE.rglob("*.py"))
-ENGINE_FILES = sorted(ENGINE.rglob("*.py"))
 
 
 @functools.cache
 def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
+
+
+HEAVY = {"torch", "pycolmap", "matplotlib", "imageio_ffmpeg", "scipy", "av", "PIL"}
 
 
 def is_for_types_only(node: ast.AST) -> bool:
@@ -51,10 +53,6 @@ def imports(path: Path, *, also_inside_functions: bool = True) -> Iterator[str]:
             yield from (f"{module}.{alias.name}" for alias in node.names)
 
 
-def name_of(path: Path) -> str:
-    return str(path.relative_to(PACKAGE))
-
-
 def test_the_contract_has_no_exceptions() -> None:
     """``make lint`` holds every room to the layers of ``pyproject.toml``."""
     settings = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
@@ -64,14 +62,20 @@ def test_the_contract_has_no_exceptions() -> None:
     assert layered and all(contract["exhaustive"] for contract in layered)
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_nothing_heavy_is_imported_at_the_top_outside_training(path: Path) -> None:
+def offenders(rule: Callable[[Path], Iterable[str]], files: Iterable[Path] = FILES) -> list[str]:
+    """What breaks a rule of the house, as "file: what", a line each."""
+    return [f"{path.relative_to(PACKAGE)}: {what}" for path in files for what in rule(path)]
+
+
+def test_nothing_heavy_is_imported_at_the_top_outside_training() -> None:
     """Registering the add-on must not wait for what only some users have."""
-    with_torch = any(path.is_relative_to(ENGINE / room) for room in ("training", "model", "rasterizer"))
-    allowed = {"torch"} if with_torch else set()
-    heavy = {"torch", "pycolmap", "matplotlib", "imageio_ffmpeg", "scipy"} - allowed
-    top = {name.split(".")[0] for name in imports(path, also_inside_functions=False)}
-    assert not top & heavy
+
+    def heavy(path: Path) -> Iterable[str]:
+        with_torch = any(path.is_relative_to(ENGINE / room) for room in ("training", "model", "rasterizer"))
+        top = {name.split(".")[0] for name in imports(path, also_inside_functions=False)}
+        return top & HEAVY - ({"torch"} if with_torch else set())
+
+    assert offenders(heavy) == []
 
 
 IMPORTED = """
@@ -101,22 +105,27 @@ def calls(path: Path) -> Iterator[str]:
             yield ast.unparse(node.func)
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_nothing_is_unpickled_or_evaluated(path: Path) -> None:
-    assert not {name.split(".")[0] for name in imports(path)} & {"pickle", "marshal", "shelve", "dill", "joblib"}
-    assert not {name for name in calls(path) if name in ("eval", "exec", "torch.load", "torch.save", "compile")}
-    text = path.read_text(encoding="utf-8")
-    assert "allow_pickle=True" not in text
-    if "np.load(" in text:
-        assert text.count("np.load(") == text.count("allow_pickle=False")
+def test_nothing_is_unpickled_or_evaluated() -> None:
+    def unsafe(path: Path) -> Iterator[str]:
+        modules = {name.split(".")[0] for name in imports(path)}
+        yield from modules & {"pickle", "marshal", "shelve", "dill", "joblib"}
+        yield from set(calls(path)) & {"eval", "exec", "torch.load", "torch.save", "compile"}
+        text = path.read_text(encoding="utf-8")
+        if "allow_pickle=True" in text or text.count("np.load(") > text.count("allow_pickle=False"):
+            yield "np.load with pickles"
+
+    assert offenders(unsafe) == []
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_files_are_short_and_say_what_they_are_for(path: Path) -> None:
-    text = path.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 450
-    if text.strip():
-        assert ast.get_docstring(tree_of(path)), "a sentence at the top"
+def test_files_are_short_and_say_what_they_are_for() -> None:
+    def too_long_or_mute(path: Path) -> Iterator[str]:
+        text = path.read_text(encoding="utf-8")
+        if len(text.splitlines()) > 450:
+            yield "over 450 lines"
+        if text.strip() and not ast.get_docstring(tree_of(path)):
+            yield "no sentence at the top"
+
+    assert offenders(too_long_or_mute) == []
 
 
 def test_kernels_are_short_too() -> None:
@@ -132,22 +141,28 @@ def functions(path: Path) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
             yield node
 
 
-@pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_functions_take_few_parameters_by_position(path: Path) -> None:
-    for function in functions(path):
-        names = [each.arg for each in (*function.args.posonlyargs, *function.args.args)]
-        assert len([name for name in names if name not in ("self", "cls")]) <= 6, function.name
+def test_functions_take_few_parameters_by_position() -> None:
+    def crowded(path: Path) -> Iterator[str]:
+        for function in functions(path):
+            names = {argument.arg for argument in (*function.args.posonlyargs, *function.args.args)}
+            if len(names - {"self", "cls"}) > 6:
+                yield function.name
+
+    assert offenders(crowded) == []
 
 
 OPTIMIZE = ENGINE / "training" / "optimize"
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if not path.is_relative_to(OPTIMIZE)], ids=name_of)
-def test_nobody_else_asks_for_the_whole_trainer(path: Path) -> None:
-    for function in functions(path):
-        annotations = [each.annotation for each in ast.walk(function.args) if isinstance(each, ast.arg)]
-        texts = [ast.unparse(each) for each in (*annotations, function.returns) if each is not None]
-        assert not [text for text in texts if re.search(r"\bTrainer\b", text)], function.name
+def test_nobody_else_asks_for_the_whole_trainer() -> None:
+    def takes_it(path: Path) -> Iterator[str]:
+        for function in functions(path):
+            arguments = [node.annotation for node in ast.walk(function.args) if isinstance(node, ast.arg)]
+            annotations = [ast.unparse(node) for node in (*arguments, function.returns) if node is not None]
+            if any(re.search(r"\bTrainer\b", annotation) for annotation in annotations):
+                yield function.name
+
+    assert offenders(takes_it, [path for path in FILES if not path.is_relative_to(OPTIMIZE)]) == []
 
 
 MUTABLE = (ast.List, ast.Dict, ast.Set, ast.ListComp, ast.DictComp, ast.SetComp)
@@ -160,12 +175,16 @@ def holds_state(value: ast.expr | None) -> bool:
     return isinstance(value, MUTABLE)
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if path.name != "addon_state.py"], ids=name_of)
-def test_modules_keep_no_state(path: Path) -> None:
+def test_modules_keep_no_state() -> None:
     """Objects do; Blender's side finds them in ``addon_state``. Tables in capitals are constants."""
-    tree = tree_of(path)
-    assert not [node.names for node in ast.walk(tree) if isinstance(node, ast.Global)]
-    for node in tree.body:
-        if isinstance(node, ast.Assign | ast.AnnAssign) and holds_state(node.value):
-            names = node.targets if isinstance(node, ast.Assign) else [node.target]
-            assert all(ast.unparse(name).isupper() or ast.unparse(name) == "__all__" for name in names)
+
+    def stateful(path: Path) -> Iterator[str]:
+        tree = tree_of(path)
+        yield from (name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names)
+        for node in tree.body:
+            if isinstance(node, ast.Assign | ast.AnnAssign) and holds_state(node.value):
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                names = [ast.unparse(target) for target in targets]
+                yield from (name for name in names if not (name.isupper() or name == "__all__"))
+
+    assert offenders(stateful, [path for path in FILES if path.name != "addon_state.py"]) == []
