@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Float64s
+from ..camera import Camera
+from ..readers.geometry import intrinsics
 
 _INVERSIONS = 12
 
@@ -29,6 +31,16 @@ class Lens:
     def limit(self) -> float:
         """Pixels beyond which an observation is false: 4 are for photographs of 12 megapixels."""
         return max(1.0, 0.0025 * self.width)
+
+    def camera(self, name: str, pose: Float64s) -> Camera:
+        """The camera of a pose (3, 4), world to camera; without its distortion."""
+        return Camera(
+            name,
+            self.width,
+            self.height,
+            intrinsics(self.focal, self.focal, self.width / 2, self.height / 2),
+            np.vstack([pose, [[0.0, 0.0, 0.0, 1.0]]]),
+        )
 
     def pixels(self, local: Float64s) -> Float64s:
         """(N, 2) pixels of points (N, 3) in the camera's axes, which lie before it."""

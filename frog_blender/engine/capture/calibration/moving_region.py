@@ -11,9 +11,8 @@ from math import ceil
 
 import numpy as np
 
-from ...arrays import Float64s, Ints
+from ..epipolar import fundamental, sampson_distances
 from .features import Features
-from .lens import Lens
 from .mapping import Model
 from .matching import match
 from .two_view import LEAST_MATCHES, undistorted_pixels, verified
@@ -41,9 +40,12 @@ def moving_share(walks: Sequence[Walk], features: Sequence[Features], model: Mod
         if len(found) < LEAST_MATCHES:
             continue
         lenses = model.lenses[one], model.lenses[other]
+        matrix = fundamental(
+            *(lens.camera("", model.poses[index]) for lens, index in zip(lenses, (one, other), strict=True))
+        )
         pixels = [undistorted_pixels(model.lenses[each], features[each].pixels) for each in (one, other)]
-        missed = _missed(lenses, model.poses[[one, other]], pixels, found)
-        rest = found[missed > max(lens.limit for lens in lenses)]
+        missed = sampson_distances(matrix, pixels[0][found[:, 0]], pixels[1][found[:, 1]])
+        rest = found[np.abs(missed) > max(lens.limit for lens in lenses)]
         together = verified(lenses[0], pixels[0], lenses[1], pixels[1], rest)
         is_motion = len(together) >= _COHERENT * len(rest)
         shares.append(len(together) / len(found) if is_motion else 0.0)
@@ -69,22 +71,3 @@ def _near(walks: Sequence[Walk]) -> list[tuple[int, int]]:
         pairs += [(one, one + gap) for one in range(start, end) for gap in _GAPS if one + gap < end]
         start = end
     return pairs
-
-
-def _missed(lenses: tuple[Lens, Lens], poses: Float64s, pixels: Sequence[Float64s], matches: Ints) -> Float64s:
-    """(M,) pixels by which matches (M, 2) miss the epipolar lines of two poses (2, 3, 4), to first order (Sampson)."""
-    turn = poses[1, :, :3] @ poses[0, :, :3].T
-    x, y, z = poses[1, :, 3] - turn @ poses[0, :, 3]
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    inverse = [
-        np.linalg.inv(np.array([[lens.focal, 0, lens.width / 2], [0, lens.focal, lens.height / 2], [0, 0, 1]]))
-        for lens in lenses
-    ]
-    fundamental = inverse[1].T @ across @ turn @ inverse[0]
-    first, second = (
-        np.concatenate([own[matches[:, side]], np.ones((len(matches), 1))], axis=1) for side, own in enumerate(pixels)
-    )
-    lines, back = first @ fundamental.T, second @ fundamental
-    slope = np.sum(lines[:, :2] ** 2, axis=1) + np.sum(back[:, :2] ** 2, axis=1)
-    missed: Float64s = np.abs(np.sum(second * lines, axis=1)) / np.sqrt(np.maximum(slope, 1e-300))
-    return missed

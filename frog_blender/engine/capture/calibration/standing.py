@@ -9,17 +9,15 @@ from dataclasses import fields
 
 import numpy as np
 
-from ...arrays import Float64s
 from ...errors import FrogError, brief
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
-from ..camera import Camera
-from ..readers.geometry import intrinsics
 from .calibration import CalibratedCamera, Calibration
 from .child_process import REQUEST, Progress, run, run_several
 from .evidence import CameraEvidence, PairEvidence
 from .feature_task import arrays_of, missing_features
 from .films import View
+from .lens import Lens
 from .walk import Walk
 from .work_folder import WorkFolder, key_of
 
@@ -106,9 +104,8 @@ def _calibration(result: JsonObject) -> Calibration:
 
 def _camera(entry: JsonObject) -> CalibratedCamera:
     lens = entry["lens"]
-    width, height, focal = int(lens["width"]), int(lens["height"]), float(lens["focal"])
-    pose: Float64s = np.vstack([np.asarray(entry["pose"], np.float64).reshape(3, 4), [[0.0, 0.0, 0.0, 1.0]]])
-    camera = Camera(str(entry["name"]), width, height, intrinsics(focal, focal, width / 2, height / 2), pose)
+    size = Lens(int(lens["width"]), int(lens["height"]), float(lens["focal"]))
+    camera = size.camera(str(entry["name"]), np.asarray(entry["pose"], np.float64).reshape(3, 4))
     evidence = entry["evidence"]
     supported = CameraEvidence(
         observations=int(evidence["observations"]),

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..capture import Capture
 from ..seeding.views import parallax, scene_depth
-from .epipolar import PairCheck, check_pair
+from .pair_check import PairCheck, check_pair
 from .samples import Sample, choose_pairs, take_samples
 
 _WIDE = 35.0  # degrees between views, beyond which many matches that agree are wrong all the same

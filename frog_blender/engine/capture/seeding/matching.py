@@ -8,6 +8,7 @@ import numpy as np
 
 from ...arrays import Float32s, Float64s
 from ..camera import Camera
+from ..epipolar import fundamental, sampson_table
 from ..video import load_opencv
 from .views import View
 
@@ -38,7 +39,7 @@ def triangulate_pair(first: View, second: View, features: tuple[Features, Featur
         return np.zeros((0, 3)), np.zeros((0, 3), np.float32)
     similarity = descriptors_a @ descriptors_b.T
     # Only matches on the epipolar line compete: repeated patterns (bricks, tiles) then still have one best match.
-    error = _sampson_errors(first.camera, second.camera, positions_a, positions_b)
+    error = np.abs(sampson_table(fundamental(first.camera, second.camera), positions_a, positions_b))
     similarity[error > 4 * _EPIPOLAR_PIXELS] = -1.0
     best = similarity.argmax(axis=1)
     rows = np.arange(len(best))
@@ -84,19 +85,3 @@ def triangulate(pairs: Iterable[tuple[View, View]]) -> tuple[Float64s, Float32s]
 def _projection(camera: Camera) -> Float64s:
     """(3, 4) matrix from the world to homogeneous pixels."""
     return camera.intrinsics @ camera.world_to_camera[:3]
-
-
-def _sampson_errors(first: Camera, second: Camera, pixels_a: Float64s, pixels_b: Float64s) -> Float64s:
-    """(A, B) distance in pixels of every pair of positions from fulfilling the epipolar constraint."""
-    relative = second.world_to_camera @ np.linalg.inv(first.world_to_camera)
-    x, y, z = relative[:3, 3]
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    fundamental = np.linalg.inv(second.intrinsics).T @ cross @ relative[:3, :3] @ np.linalg.inv(first.intrinsics)
-    fundamental /= max(float(np.linalg.norm(fundamental)), 1e-300)
-    a = np.concatenate([pixels_a, np.ones((len(pixels_a), 1))], axis=1)
-    b = np.concatenate([pixels_b, np.ones((len(pixels_b), 1))], axis=1)
-    lines_b, lines_a = a @ fundamental.T, b @ fundamental
-    residual = np.abs(lines_b @ b.T)
-    norm = (lines_b[:, :2] ** 2).sum(axis=1)[:, None] + (lines_a[:, :2] ** 2).sum(axis=1)[None]
-    errors: Float64s = residual / np.sqrt(np.maximum(norm, 1e-300))
-    return errors

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Bools, Float64s, Ints
-from ..camera import Camera
+from ..epipolar import fundamental, line_distances
 from ..video import load_opencv
 from .samples import Sample
 
@@ -55,30 +55,10 @@ def check_pair(first: Sample, second: Sample) -> PairCheck:
     still = ~(_is_moving(first, first.positions[a]) | _is_moving(second, second.positions[b]))
     if still.sum() >= _ENOUGH:
         a, b = a[still], b[still]
-    to_b, to_a = distances(matrix, first.positions[a], second.positions[b])
+    to_b, to_a = line_distances(matrix, first.positions[a], second.positions[b])
     apart = float(np.median((np.abs(to_b) * second.scale + np.abs(to_a) * first.scale) / 2))
     offset, moving = _offset(first, second, matched, matrix, apart / second.scale)
     return PairCheck(len(a), apart, offset, moving, _gain(first.colors[a], second.colors[b]))
-
-
-def fundamental(first: Camera, second: Camera) -> Float64s:
-    """(3, 3): ``b @ F @ a`` is 0 for pixels a of the first and b of the second that show the same point."""
-    relative = second.world_to_camera @ np.linalg.inv(first.world_to_camera)
-    x, y, z = relative[:3, 3]
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    matrix = np.linalg.inv(second.intrinsics).T @ cross @ relative[:3, :3] @ np.linalg.inv(first.intrinsics)
-    normed: Float64s = matrix / max(float(np.linalg.norm(matrix)), 1e-300)
-    return normed
-
-
-def distances(matrix: Float64s, a: Float64s, b: Float64s) -> tuple[Float64s, Float64s]:
-    """Signed distances (N,) in pixels of b (N, 2) from the lines of a, and of a from those of b."""
-    ones = np.ones((len(a), 1))
-    whole_a, whole_b = np.concatenate([a, ones], axis=1), np.concatenate([b, ones], axis=1)
-    lines_b, lines_a = whole_a @ matrix.T, whole_b @ matrix
-    residual = (lines_b * whole_b).sum(axis=1)
-    lengths = [np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-300) for lines in (lines_b, lines_a)]
-    return residual / lengths[0], residual / lengths[1]
 
 
 def _match(first: Sample, second: Sample) -> tuple[Ints, Ints]:
@@ -131,7 +111,7 @@ def _offset(
     a, b = matched
     at_a, at_b = first.positions[a], second.positions[b]
     moving = _is_moving(first, at_a) & _is_moving(second, at_b)
-    apart = np.abs(distances(matrix, at_a, at_b)[0])
+    apart = np.abs(line_distances(matrix, at_a, at_b)[0])
     near = moving & (apart < _NEAR * max(second.gray.shape))
     if near.sum() < _ENOUGH_MOVING:
         return None, int(near.sum())
@@ -141,8 +121,8 @@ def _offset(
     tracked, found, _ = cv2.calcOpticalFlowPyrLK(second.gray, second.following, start, None)
     back, found_back, _ = cv2.calcOpticalFlowPyrLK(second.following, second.gray, tracked, None)
     sure = (found.ravel() > 0) & (found_back.ravel() > 0) & (np.linalg.norm(back - start, axis=2).ravel() < 0.5)
-    now = distances(matrix, at_a, at_b)[0]
-    then = distances(matrix, at_a, tracked[:, 0].astype(np.float64) + 0.5)[0]
+    now = line_distances(matrix, at_a, at_b)[0]
+    then = line_distances(matrix, at_a, tracked[:, 0].astype(np.float64) + 0.5)[0]
     crossing = then - now
     sure &= np.abs(crossing) > _CROSSING
     if sure.sum() < _ENOUGH_MOVING:
