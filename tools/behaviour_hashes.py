@@ -5,7 +5,8 @@
     python tools/behaviour_hashes.py compare BEFORE.json AFTER.json
 
 ``record`` writes tiny captures, trains them with every method and in many settings, resumes, plays, renders, exports,
-imports and evaluates, and hashes every array and image. ``compare`` prints what differs and exits with status 1.
+imports and evaluates, calibrates films and images, and hashes every array and image. ``compare`` prints what differs
+and exits with status 1.
 
 Only the command line, the file formats on disk and Blender's operator and property names are used: no module of the
 package is imported (but for ``frog_blender`` itself, which Blender registers), so any of them may be renamed.
@@ -86,14 +87,14 @@ def _look_at(center: np.ndarray) -> np.ndarray:
     return np.stack([right, np.cross(forward, right), forward])
 
 
-def _rays(center: np.ndarray, distortion: np.ndarray | None) -> np.ndarray:
-    """(H, W, 3) directions in the world, one for each pixel's centre."""
-    columns, rows = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
-    pixels = np.stack([columns, rows], -1).reshape(-1, 1, 2)
+def _rays(center: np.ndarray, distortion: np.ndarray | None, size: int = 1) -> np.ndarray:
+    """(H, W, 3) directions in the world, one for each pixel's centre of an image ``size`` times as large."""
+    columns, rows = np.meshgrid(np.arange(size * WIDTH) + 0.5, np.arange(size * HEIGHT) + 0.5)
+    pixels = np.stack([columns, rows], -1).reshape(-1, 1, 2) / size
     matrix = _intrinsics()
     coefficients = np.zeros(5) if distortion is None else distortion
-    plane = cv2.undistortPoints(pixels, matrix, coefficients).reshape(HEIGHT, WIDTH, 2)
-    return np.concatenate([plane, np.ones((HEIGHT, WIDTH, 1))], -1) @ _look_at(center)
+    plane = cv2.undistortPoints(pixels, matrix, coefficients).reshape(*columns.shape, 2)
+    return np.concatenate([plane, np.ones((*columns.shape, 1))], -1) @ _look_at(center)
 
 
 def _intrinsics() -> np.ndarray:
@@ -125,15 +126,16 @@ def _image(
     return np.ascontiguousarray(np.rint(rgba.clip(0, 1) * 255).astype(np.uint8)[..., [2, 1, 0, 3]])
 
 
-def _arc(count: int) -> list[np.ndarray]:
+def _arc(count: int, reach: float = 0.4) -> list[np.ndarray]:
     return [
         np.array([3 * np.sin(angle), 0.3 * np.cos(7 * angle), -3 * np.cos(angle)])
-        for angle in np.linspace(-0.4, 0.4, count)
+        for angle in np.linspace(-reach, reach, count)
     ]
 
 
 def _write_video(path: Path, images: list[np.ndarray]) -> None:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 24.0, (WIDTH, HEIGHT))
+    height, width = images[0].shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 24.0, (width, height))
     for image in images:
         writer.write(np.ascontiguousarray(image[..., :3]))
     writer.release()
@@ -212,6 +214,46 @@ def _write_cutout(folder: Path) -> None:
         (folder / f"transforms_{split}.json").write_text(json.dumps({**lens, "frames": entries}))
 
 
+_ROOM = ((2, 1.2), (1, 0.7), (0, 1.1), (0, -1.1))
+"""Walls and floor of the films to be calibrated: the axis that each is square to, and where."""
+_FILMED = 5  # times as large as the captures
+
+
+def _film_frame(center: np.ndarray, ball: np.ndarray) -> np.ndarray:
+    """(H, W, 3) uint8, BGR: a room and a ball in it, large enough for features."""
+    rays = _rays(center, None, _FILMED)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    color, nearest = np.zeros(rays.shape), np.full(rays.shape[:2], np.inf)
+    for salt, (axis, place) in enumerate(_ROOM):
+        with np.errstate(divide="ignore"):
+            distance = (place - center[axis]) / rays[..., axis]
+        on = center + distance[..., None] * rays
+        u, v = np.delete(on, axis, axis=-1).reshape(-1, 2).T.reshape(2, *distance.shape)
+        seen = (distance > 0) & (distance < nearest)
+        color[seen] = 0.1 + 0.8 * _texture(2 * u[seen], 2 * v[seen], 3 + salt)
+        nearest[seen] = distance[seen]
+    away, radius = center - ball, 0.25
+    half = rays @ away
+    root = half * half - (away @ away - radius * radius)
+    hit = (root > 0) & (-half < nearest)
+    at = (away + (-half - np.sqrt(root.clip(0)))[..., None] * rays)[hit]
+    color[hit] = np.array([1.0, 0.7, 0.25]) * _texture(3 * at[:, 0], 3 * at[:, 1] + at[:, 2], 2)
+    return np.ascontiguousarray(np.rint(color.clip(0, 1) * 255).astype(np.uint8)[..., ::-1])
+
+
+def _write_films(folder: Path) -> None:
+    """Videos of four standing cameras and no calibration."""
+    for name, center in enumerate(_arc(4, 0.25)):
+        images = [_film_frame(center, _ball(frame / (FRAMES - 1))) for frame in range(FRAMES)]
+        _write_video(folder / f"cam{name:02}.mp4", images)
+
+
+def _write_path(folder: Path) -> None:
+    """Images of a camera on its way, and no calibration."""
+    for frame, center in enumerate(_arc(10, 0.25)):
+        cv2.imwrite(str(folder / f"{frame:03}.png"), _film_frame(center, _ball(0.5)))
+
+
 CAPTURES = {
     "rig": _write_rig,
     "moving": _write_moving,
@@ -220,6 +262,8 @@ CAPTURES = {
     "exposed": _write_exposed,
     "cutout": _write_cutout,
 }
+FOOTAGE = {"films": _write_films, "path": _write_path}
+"""What is calibrated, and not trained on."""
 
 
 # Runs ----------------------------------------------------------------------------------------------------------------
@@ -231,7 +275,7 @@ class Run:
 
     Attributes:
         name: unique; the beginning of its hashes' names.
-        capture: one of CAPTURES; "" where nothing is trained.
+        capture: one of CAPTURES, or of FOOTAGE to be calibrated; "" for neither.
         arguments: of ``frog train``.
         then: of a second ``frog train --resume``, where there is one.
         quick: part of ``--quick``.
@@ -290,6 +334,8 @@ RUNS = (
     _run("exposed-frog-resumed", "exposed", f"{_SMALL} 100", "--steps 200"),
     _run("exposed-static", "exposed", f"{_SMALL} 100 --method static --capacity fixed"),
     _run("cutout-frog", "cutout", f"{_SMALL} 150", plays=True),
+    _run("calibrated-films", "films", "", quick=True),
+    _run("calibrated-path", "path", "", quick=True),
 )
 
 
@@ -370,6 +416,8 @@ class Recorder:
         if run.scene:
             shutil.copyfile(run.scene, scene)
             found |= self._played(scene, folder)
+        elif run.capture in FOOTAGE:
+            found |= self._calibrated(run, folder)
         else:
             found |= self._trained(run, scene, self.folder / "captures" / run.capture)
         if run.blender and self.blender:
@@ -377,6 +425,13 @@ class Recorder:
             found |= _named("blender", hash_folder(folder / "blender"))
         shutil.rmtree(folder)
         return _named(run.name, found)
+
+    def _calibrated(self, run: Run, folder: Path) -> Hashes:
+        """What ``frog calibrate`` writes; pycolmap gives the same bits as well."""
+        FOOTAGE[run.capture](folder)
+        self.frog("calibrate", folder, *run.arguments)
+        files = [folder / name for name in ("cameras_opencv.json", "transforms.json") if (folder / name).is_file()]
+        return {k: v for path in files for k, v in hash_values(json.loads(path.read_text()), path.stem).items()}
 
     def _trained(self, run: Run, scene: Path, capture: Path) -> Hashes:
         found: Hashes = {}
@@ -561,7 +616,7 @@ def record(options: argparse.Namespace) -> int:
         _isolate(Path(parent))
         blender = find_spec("bpy") is not None if options.blender is None else options.blender
         recorder = Recorder(Path(parent).resolve(), blender)
-        for name in sorted({run.capture for run in runs if run.capture}):
+        for name in sorted({run.capture for run in runs} & CAPTURES.keys()):
             folder = recorder.folder / "captures" / name
             folder.mkdir(parents=True)
             CAPTURES[name](folder)
