@@ -26,9 +26,9 @@ import bpy
 import numpy as np
 
 import frog_blender
+from frog_blender.tasks import training
+from frog_blender.tasks.training_request import TrainingRequest
 from frog_blender.timeline.prefetch import prefetch
-from frog_blender.training_task import runner
-from frog_blender.training_task.request import TrainingRequest
 
 SCRUB_SECONDS = 0.04  # between two frames
 PATIENCE = 20  # times as long as asked for: decoding and seeds come on top, and machines stall
@@ -50,12 +50,12 @@ def held_now() -> dict[str, float]:
 def train(request: TrainingRequest, seconds: float) -> int:
     """One training, as the panel runs it, while somebody scrubs; the frames that were shown."""
     old = list(bpy.data.objects)  # captures and their cameras
-    task = runner.begin(request.events, lambda path: bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True))
+    task = training.begin(request.events, lambda path: bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True))
     scene, shown, end = bpy.context.scene, 0, time.monotonic() + PATIENCE * seconds
     while task.state.running:
         if time.monotonic() > end:
             raise SystemExit(f"the training has not ended: {task.state}")
-        runner.tick()
+        training.tick()
         scene.frame_set(1 + shown % 30)
         prefetch(scene)
         shown += 1

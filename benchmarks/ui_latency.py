@@ -34,9 +34,9 @@ import numpy as np
 import frog_blender
 from frog_blender import app_handlers
 from frog_blender.render import viewport_drawing
+from frog_blender.tasks import training
+from frog_blender.tasks.training_request import TrainingRequest
 from frog_blender.timeline.handlers import on_frame
-from frog_blender.training_task import runner
-from frog_blender.training_task.request import TrainingRequest
 
 INTERVAL = 0.01  # seconds
 IDLE_SECONDS = 8.0
@@ -98,7 +98,7 @@ class Watch:
 
     def advance(self, elapsed: float) -> bool:
         """Go to the next phase when this one has lasted; whether it did."""
-        task = runner.current()
+        task = training.current()
         if self.phase == "settling" and elapsed > SETTLE_SECONDS:
             self.phase = "idle"
         elif self.phase == "idle" and elapsed > IDLE_SECONDS:
@@ -136,7 +136,7 @@ class Watch:
     def begin(self) -> None:
         """Press the button, or start the training without it."""
         if not self.to_the_end:
-            runner.begin(self.request.events)
+            training.begin(self.request.events)
         elif bpy.ops.frog.train() != {"FINISHED"}:
             sys.exit("The training could not be started.")
 
@@ -148,13 +148,13 @@ class Watch:
                 figures[phase] = summary([wall for wall, *_ in late]) | worst(late)
             elif phase in self.own:
                 figures[phase] = {name: summary(taken) for name, taken in self.own[phase].items()}
-        state = runner.current().state if runner.current() else None
+        state = training.current().state if training.current() else None
         if state is not None:
             figures["steps"], figures["gaussians"], figures["error"] = state.step, state.gaussians, state.error
-            task = runner.current()
+            task = training.current()
             figures["snapshots"] = task.live.number if task is not None and task.live is not None else 0
         print(json.dumps(figures), flush=True)
-        runner.stop()
+        training.stop()
         bpy.ops.wm.quit_blender()
 
 

@@ -68,8 +68,8 @@ def train(options: argparse.Namespace, part: Any) -> Path:
     part("ui.preferences").make_torch_importable()
     output = options.out.resolve() / "scene.frog"
     capture, what = options.capture.resolve(), {"capacity": "auto", "steps": options.steps}
-    request = part("training_task.request").TrainingRequest(capture, output, options.recipe, **what)
-    task = part("training_task.runner").begin(request.events)
+    request = part("tasks.training_request").TrainingRequest(capture, output, options.recipe, **what)
+    task = part("tasks.training").begin(request.events)
     state, said, warned = task.state, "", 0
     while state.running:
         if not task.pump():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-TRAINS = find_spec(f"{__package__}.training_task") is not None
+TRAINS = find_spec(f"{__package__}.tasks.training") is not None
 """Whether captures can be trained, and cameras be calibrated, with this build."""
 
 

@@ -41,10 +41,32 @@ LIBRARY_SUFFIXES = (".so", ".dylib", ".dll")
 LEFT_OUT = ("cli", "experiments", "engine/distributed")
 """Rooms of the package that nothing in Blender uses: the command line and what it alone calls."""
 TRAINING = (
-    "training_task",
-    "calibration_task",
     "scene_capture",
-    "torch_install",
+    *(
+        f"tasks/{name}.py"
+        for name in (
+            "calibration",
+            "calibration_request",
+            "calibration_state",
+            "clocks",
+            "followed_process",
+            "installation",
+            "installer",
+            "landmarks",
+            "live_view",
+            "package_folders",
+            "packages",
+            "pip_process",
+            "pip_run",
+            "remote_command",
+            "remote_training",
+            "scene_capture",
+            "scene_capture_state",
+            "training",
+            "training_request",
+            "training_state",
+        )
+    ),
     "viewport/live.py",
     "engine/api.py",
     "engine/training",
@@ -74,6 +96,7 @@ TRAINING = (
             "capture_panel",
             "capture_reading",
             "capture_summary",
+            "clicked_points",
             "contact_sheet",
             "points_overlay",
             "presets",

@@ -73,7 +73,7 @@ class Tour:
         yield from self.shot("21_dropped")
 
     def calibrate(self) -> Iterator[float]:
-        runner = import_module(f"{ADDON}.calibration_task.runner")
+        runner = import_module(f"{ADDON}.tasks.calibration")
         with override(view()):
             expect(bpy.ops.frog.calibrate("INVOKE_DEFAULT"), "Calibrate Cameras")
         task = runner.current()
@@ -87,7 +87,7 @@ class Tour:
 
     def train_as_found(self) -> Iterator[float]:
         """With the panel's settings, of which the recipe alone is chosen."""
-        runner = import_module(f"{ADDON}.training_task.runner")
+        runner = import_module(f"{ADDON}.tasks.training")
         bpy.context.scene.frog.recipe = "draft"
         with override(view()):
             expect(bpy.ops.frog.train("INVOKE_DEFAULT"), "Train FRoG")
@@ -164,7 +164,7 @@ class Tour:
         yield from self.shot("01_capture")
 
     def train(self) -> Iterator[float]:
-        runner = import_module(f"{ADDON}.training_task.runner")
+        runner = import_module(f"{ADDON}.tasks.training")
         with override(view()):
             expect(bpy.ops.frog.train(), "Train FRoG")
         task = runner.current()

@@ -84,7 +84,7 @@ def _choose(options: argparse.Namespace) -> int:
 def _fetch_landmarks() -> None:
     """Downloads the landmark file unless it is there; FrogError if that fails."""
     from ..engine.capture.calibration.landmark_file import LICENSE, SIZES
-    from ..torch_install.landmarks import LandmarkDownload
+    from ..tasks.landmarks import LandmarkDownload
 
     say(f"Fetching {LICENSE}: {SIZES}.")
     download = LandmarkDownload().start()

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..calibration_task import runner
-from ..calibration_task.request import CalibrationRequest, Calibrator, Progress
 from ..engine.errors import FrogError
+from ..tasks import calibration
+from ..tasks.calibration_request import CalibrationRequest, Calibrator, Progress
 from ..ui import capture_summary, report_images, torch_environment
 from .cancel_operator import CancelsTask
 
@@ -26,7 +26,7 @@ class FROG_OT_calibrate(bpy.types.Operator):
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
         cls.poll_message_set("A calibration is already running.")
-        return not runner.is_running()
+        return not calibration.is_running()
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return begin_calibration(self, context)
@@ -38,7 +38,7 @@ class FROG_OT_cancel_calibration(CancelsTask, bpy.types.Operator):
     bl_idname = "frog.cancel_calibration"
     bl_label = "Cancel"
 
-    task = staticmethod(runner.current)
+    task = staticmethod(calibration.current)
 
 
 def begin_calibration(operator: bpy.types.Operator, context: bpy.types.Context, points: str = "") -> set[str]:
@@ -51,7 +51,7 @@ def begin_calibration(operator: bpy.types.Operator, context: bpy.types.Context, 
         if needed:
             raise FrogError(needed)
         opening = CaptureOpening(folder, CalibrationRequest(folder, folder / points if points else None).calibrate)
-        runner.begin(folder, opening.calibrate, opening.show)
+        calibration.begin(folder, opening.calibrate, opening.show)
     except FrogError as error:
         operator.report({"ERROR"}, str(error))
         return {"CANCELLED"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..background_task import BackgroundTask
+from ..tasks.background_task import BackgroundTask
 
 
 class CancelsTask:

@@ -8,10 +8,10 @@ from pathlib import Path
 import bpy
 from bpy.props import FloatProperty, StringProperty
 
-from ..calibration_task import runner
-from ..calibration_task.clocks import OFFSETS, RATES, CameraClock, write_clock
 from ..engine.capture.calibration.found_cameras import found_beside, given_beside, use_found, use_given
 from ..engine.errors import FrogError
+from ..tasks import calibration
+from ..tasks.clocks import OFFSETS, RATES, CameraClock, write_clock
 from ..ui import capture_reading, capture_summary, contact_sheet, preview_image, report_images, torch_environment
 
 
@@ -125,7 +125,7 @@ def _can_choose(
     operator.poll_message_set("There is no other calibration beside the one in use, or a calibration is running.")
     folder = context.scene.frog.capture_folder
     try:
-        return bool(folder) and not runner.is_running() and beside(Path(bpy.path.abspath(folder))) is not None
+        return bool(folder) and not calibration.is_running() and beside(Path(bpy.path.abspath(folder))) is not None
     except (FrogError, OSError):
         return False
 

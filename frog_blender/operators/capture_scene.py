@@ -10,9 +10,10 @@ import bpy
 from bpy.props import BoolProperty
 
 from ..engine.errors import FrogError
-from ..scene_capture import placing, runner
+from ..scene_capture import placing
 from ..scene_capture.request import request_of
 from ..scene_import.capture_objects import finder
+from ..tasks import scene_capture
 from .cancel_operator import CancelsTask
 
 
@@ -76,12 +77,12 @@ and its settings stay as they are"""
             cls.poll_message_set("There are no cameras yet. Press Place Cameras.")
             return False
         cls.poll_message_set("A scene is being rendered already.")
-        return not runner.is_running()
+        return not scene_capture.is_running()
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             request = request_of(context.scene, context.scene.frog.rig)
-            runner.begin(request, partial(_open, finder(context.scene)))
+            scene_capture.begin(request, partial(_open, finder(context.scene)))
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -94,7 +95,7 @@ class FROG_OT_cancel_scene_capture(CancelsTask, bpy.types.Operator):
     bl_idname = "frog.cancel_scene_capture"
     bl_label = "Cancel"
 
-    task = staticmethod(runner.current)
+    task = staticmethod(scene_capture.current)
 
 
 def _open(find: Callable[[], bpy.types.Scene | None], folder: Path) -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..calibration_task.clicked_points import ENDING, FILE, ClickedPoints, points_of
 from ..engine.capture.calibration.films import Film, find_films
 from ..engine.capture.video import decode
 from ..engine.errors import FrogError
 from ..ui import points_overlay, torch_environment
+from ..ui.clicked_points import ENDING, FILE, ClickedPoints, points_of
 from .calibrate import begin_calibration, footage_folder
 
 

@@ -18,11 +18,11 @@ from ..engine.interchange.imports import SUFFIXES, says_what_is_up
 from ..engine.playback.transform import Y_DOWN
 from ..scene_import.capture_objects import finder, root_of, select_capture
 from ..scene_import.create_objects import import_scene
+from ..tasks import foreign_import
+from ..tasks.foreign_import import Converter, ForeignImport
 from ..timeline.retiming import frame_rate
-from . import foreign_import
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .foreign_formats import expose_usd
-from .foreign_import import Converter, ForeignImport
 from .modal_operator import ModalOperator
 from .set_up_scene import SetsUpScene
 

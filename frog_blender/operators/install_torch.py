@@ -10,9 +10,9 @@ from bpy.props import EnumProperty, StringProperty
 from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
 from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
-from ..torch_install import task
-from ..torch_install.folders import installed, remove
-from ..torch_install.packages import (
+from ..tasks import installation, training
+from ..tasks.package_folders import installed, remove
+from ..tasks.packages import (
     CALIBRATION_SIZES,
     CPU,
     CUDA,
@@ -24,7 +24,6 @@ from ..torch_install.packages import (
     served_build,
     suitable_build,
 )
-from ..training_task import runner
 from ..ui import torch_environment
 
 BUILDS = {CPU: "CPU only", CUDA: "NVIDIA GPU (CUDA)"}
@@ -37,7 +36,7 @@ def may_download(operator: type[bpy.types.Operator]) -> bool:
         operator.poll_message_set("Enable Online Access in Preferences > System first.")
         return False
     operator.poll_message_set("An installation is already running.")
-    return not task.is_running()
+    return not installation.is_running()
 
 
 class FROG_OT_install_torch(bpy.types.Operator):
@@ -94,7 +93,7 @@ class FROG_OT_install_torch(bpy.types.Operator):
             # Besides pip's own, which alone has the other packages.
             arguments = ["--extra-index-url", index] if index else []
             is_chosen = self.properties.is_property_set("build")  # else it depends on the index
-            task.begin(arguments, torch_environment.use_installation, build=self.build if is_chosen else CPU)
+            installation.begin(arguments, torch_environment.use_installation, build=self.build if is_chosen else CPU)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -110,16 +109,16 @@ class FROG_OT_remove_torch(bpy.types.Operator):
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
         cls.poll_message_set("Install torch has installed nothing here.")
-        if installed(task.folder()) is None:
+        if installed(installation.folder()) is None:
             return False
         cls.poll_message_set("Wait until the training or the installation has ended.")
-        return not task.is_running() and not runner.is_running()
+        return not installation.is_running() and not training.is_running()
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_confirm(self, event, title="Remove torch", confirm_text="Remove")
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        is_gone = remove(task.folder())
+        is_gone = remove(installation.folder())
         torch_environment.forget_installation()
         if not is_gone:
             self.report({"INFO"}, "torch is in use. It is removed when Blender starts the next time.")
@@ -143,7 +142,7 @@ class FROG_OT_install_calibration(bpy.types.Operator):
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         try:  # from pip's own index: PyTorch's has no pycolmap
-            task.begin_calibration([], torch_environment.add_folder)
+            installation.begin_calibration([], torch_environment.add_folder)
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -167,7 +166,7 @@ class FROG_OT_fetch_landmarks(bpy.types.Operator):
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         try:
-            task.begin_landmarks()
+            installation.begin_landmarks()
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -182,10 +181,10 @@ class FROG_OT_cancel_installation(bpy.types.Operator):
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        return task.is_running()
+        return installation.is_running()
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        task.cancel()
+        installation.cancel()
         return {"FINISHED"}
 
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import bpy
 
-from ..calibration_task import runner
-from ..calibration_task.clicked_points import FILE
-from ..calibration_task.clocks import CameraClock
-from ..calibration_task.state import CalibrationState
 from ..engine.capture.calibration.landmark_file import landmark_file
+from ..tasks import calibration
+from ..tasks.calibration_state import CalibrationState
+from ..tasks.clocks import CameraClock
 from . import capture_summary, contact_sheet, preview_image, report_images, torch_environment
 from .capture_summary import CaptureSummary
+from .clicked_points import FILE
 from .sidebar_panel import SidebarPanel
 from .text import wrapped_label
 
@@ -21,7 +21,7 @@ def draw_calibration(
     layout: bpy.types.UILayout, folder: Path, summary: CaptureSummary, context: bpy.types.Context
 ) -> None:
     """Draws the running calibration, the end of the last one of this folder, and the button for raw footage."""
-    task = runner.current()
+    task = calibration.current()
     if task is not None and task.state.running:
         _draw_progress(layout, task, folder, context)
         return
@@ -50,7 +50,7 @@ def _draw_points(layout: bpy.types.UILayout, folder: Path, is_lacking: bool) -> 
 
 
 def _draw_progress(
-    layout: bpy.types.UILayout, task: runner.CalibrationTask, folder: Path, context: bpy.types.Context
+    layout: bpy.types.UILayout, task: calibration.CalibrationTask, folder: Path, context: bpy.types.Context
 ) -> None:
     state = task.state
     if state.folder != folder:
@@ -83,7 +83,7 @@ def _draw_end(layout: bpy.types.UILayout, state: CalibrationState, context: bpy.
 
 def draw_choice(layout: bpy.types.UILayout, summary: CaptureSummary | None) -> None:
     """Draws what makes the other calibration of a folder the one in use."""
-    if summary is None or runner.is_running():
+    if summary is None or calibration.is_running():
         return
     if summary.found is not None:
         layout.operator("frog.use_found_cameras", icon="CHECKMARK")
@@ -108,7 +108,7 @@ class FROG_PT_cameras(SidebarPanel, bpy.types.Panel):
         if summary is not None and summary.capture is not None:
             layout.prop(context.scene.frog, "show_rig")
         _draw_contact_sheet(layout, context)
-        if summary is not None and summary.capture is not None and summary.has_videos and not runner.is_running():
+        if summary is not None and summary.capture is not None and summary.has_videos and not calibration.is_running():
             layout.operator("frog.calibrate", text="Calibrate Again", icon="CAMERA_DATA")
             draw_choice(layout, summary)
 

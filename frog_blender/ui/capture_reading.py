@@ -9,8 +9,8 @@ from pathlib import Path
 import bpy
 
 from .. import addon_state, redrawing
-from ..background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
 from ..engine.errors import FrogError, brief
+from ..tasks.background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
 from . import capture_summary, report_images, torch_environment
 from .capture_summary import CaptureSummary
 

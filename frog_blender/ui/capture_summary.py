@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import addon_state
-from ..calibration_task.clocks import ClockFile, read_clocks
-from ..calibration_task.request import raw_footage
 from ..engine.errors import FrogError
 from ..engine.optional_imports import is_missing, not_loaded
+from ..tasks.calibration_request import raw_footage
+from ..tasks.clocks import ClockFile, read_clocks
 
 if TYPE_CHECKING:
     from ..engine.capture.capture import Capture

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 from .. import addon_state, reported_once
-from ..calibration_task.clicked_points import ClickedPoints
+from .clicked_points import ClickedPoints
 
 IMAGE = "FRoG camera"
 _RADIUS = 7.0  # pixels of the screen

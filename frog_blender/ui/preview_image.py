@@ -6,8 +6,8 @@ import bpy.utils.previews
 import numpy as np
 
 from .. import addon_state
-from ..training_task import runner
-from ..training_task.state import TrainingState
+from ..tasks import training
+from ..tasks.training_state import TrainingState
 
 NAME = "training"
 REPORT = "training report"
@@ -73,7 +73,7 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context, name: str = NAM
 
 def register() -> None:
     addon_state.get(PreviewIcons).icons = bpy.utils.previews.new()
-    runner.watch(show_training)
+    training.watch(show_training)
 
 
 def unregister() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from bpy.props import StringProperty
 
-from ..training_task.remote_command import RemoteCommand
+from ..tasks.remote_command import RemoteCommand
 from . import torch_environment
 
 REMOTE = "remote"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ..scene_capture import placing, runner
+from ..scene_capture import placing
+from ..tasks import scene_capture
 from .sidebar_panel import SidebarPanel, split
 from .text import duration, wrapped_label
 
@@ -36,7 +37,7 @@ class FROG_PT_scene_capture(SidebarPanel, bpy.types.Panel):
 
 
 def _draw_rendering(layout: bpy.types.UILayout, context: bpy.types.Context, cameras: int) -> None:
-    scene, settings, task = context.scene, context.scene.frog.rig, runner.current()
+    scene, settings, task = context.scene, context.scene.frog.rig, scene_capture.current()
     if task is not None and task.is_running:
         _draw_progress(layout, task)
         return
@@ -52,7 +53,7 @@ def _draw_rendering(layout: bpy.types.UILayout, context: bpy.types.Context, came
         _draw_end(layout, context, task)
 
 
-def _draw_progress(layout: bpy.types.UILayout, task: runner.SceneCaptureTask) -> None:
+def _draw_progress(layout: bpy.types.UILayout, task: scene_capture.SceneCaptureTask) -> None:
     state, left = task.state, task.seconds_left()
     doing = f"{state.done:,} of {state.total:,} images"
     if task.is_stopping:
@@ -63,7 +64,7 @@ def _draw_progress(layout: bpy.types.UILayout, task: runner.SceneCaptureTask) ->
     layout.operator("frog.cancel_scene_capture", icon="CANCEL")
 
 
-def _draw_end(layout: bpy.types.UILayout, context: bpy.types.Context, task: runner.SceneCaptureTask) -> None:
+def _draw_end(layout: bpy.types.UILayout, context: bpy.types.Context, task: scene_capture.SceneCaptureTask) -> None:
     state = task.state
     if state.error:
         wrapped_label(layout, state.error, context, icon="ERROR")

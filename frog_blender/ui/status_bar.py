@@ -7,13 +7,13 @@ from typing import Any
 import bpy
 
 from .. import redrawing
-from ..training_task import runner
-from ..training_task.state import TrainingState
+from ..tasks import training
+from ..tasks.training_state import TrainingState
 from .text import duration
 
 
 def _draw(self: Any, _context: bpy.types.Context) -> None:  # Any: the header, drawn by Blender
-    task = runner.current()
+    task = training.current()
     if task is None:
         return
     if not task.state.running:
@@ -49,7 +49,7 @@ def _on_change(_state: TrainingState) -> None:
 
 def register() -> None:
     bpy.types.STATUSBAR_HT_header.append(_draw)
-    runner.watch(_on_change)
+    training.watch(_on_change)
 
 
 def unregister() -> None:

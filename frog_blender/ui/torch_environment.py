@@ -16,10 +16,10 @@ from .. import __package__ as base_package
 from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
 from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
-from ..torch_install import task
-from ..torch_install.folders import CALIBRATION, TORCH, installed
-from ..torch_install.installer import Installation
-from ..torch_install.packages import CALIBRATION_SIZES, SIZES, has_nvidia_gpu, has_pycolmap_wheel, suitable_build
+from ..tasks import installation
+from ..tasks.installer import Installation
+from ..tasks.package_folders import CALIBRATION, TORCH, installed
+from ..tasks.packages import CALIBRATION_SIZES, SIZES, has_nvidia_gpu, has_pycolmap_wheel, suitable_build
 from .text import wrapped_label
 
 
@@ -44,7 +44,7 @@ class TorchPreferences:
         layout.prop(self, "torch_path")
         layout.label(text=_torch_found() or torch_needed(), icon="INFO")
         layout.label(text="Opening, scrubbing and rendering a .frog file does not need torch.")
-        if installed(task.folder()) is not None:
+        if installed(installation.folder()) is not None:
             layout.operator("frog.remove_torch", icon="TRASH")
         if torch_needed():
             layout.prop(self, "package_index")
@@ -96,7 +96,7 @@ def draw_landmarks(layout: bpy.types.UILayout) -> None:
 
 def _draw_running(layout: bpy.types.UILayout) -> bool:
     """Draws the running installation and returns whether there is one; draws the error of one that failed."""
-    current = task.current()
+    current = installation.current()
     if current is None:
         return False
     if current.running:
@@ -131,7 +131,7 @@ def use_installation(folder: Path) -> None:
 
 def forget_installation() -> None:
     """Lets the preferences no longer name what *Install torch* had installed."""
-    preferences, place = addon_preferences(), task.folder().parent
+    preferences, place = addon_preferences(), installation.folder().parent
     named = preferences.torch_path if preferences is not None else ""
     if named and Path(bpy.path.abspath(named)).parent == place:
         preferences.torch_path = ""
@@ -144,7 +144,7 @@ def torch_path() -> str:
     """The folder set in the preferences, or that of *Install torch*; otherwise an empty string."""
     preferences = addon_preferences()
     named = preferences.torch_path if preferences is not None else ""
-    place = task.folder()
+    place = installation.folder()
     if named and Path(bpy.path.abspath(named)).parent != place.parent:
         return str(named)
     found = installed(place)  # unsaved preferences may name an older one, or none
@@ -194,7 +194,7 @@ def make_torch_importable() -> None:
 
 def add_environment() -> None:
     """Append the environments of torch and of pycolmap to ``sys.path``, where they are not importable yet."""
-    packages = installed(task.folder(CALIBRATION))
+    packages = installed(installation.folder(CALIBRATION))
     if packages is not None and not _is_importable("pycolmap"):
         add_folder(packages)
     if _is_importable() or not torch_path():

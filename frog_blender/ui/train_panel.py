@@ -9,9 +9,9 @@ import bpy
 
 from ..scene_import.capture_objects import plays
 from ..scene_import.scene_setup import is_set_up, start_cube
-from ..training_task import runner
-from ..training_task.request import can_resume, can_train_longer
-from ..training_task.state import TrainingState
+from ..tasks import training
+from ..tasks.training_request import can_resume, can_train_longer
+from ..tasks.training_state import TrainingState
 from . import presets, preview_image, remote_settings, torch_environment, training_choices, training_time
 from .sidebar_panel import SidebarPanel, split
 from .text import duration, wrapped_label
@@ -29,8 +29,8 @@ class FROG_PT_train(SidebarPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)
-        settings, task = context.scene.frog, runner.current()
-        if not runner.is_running():
+        settings, task = context.scene.frog, training.current()
+        if not training.is_running():
             layout.prop(settings, "recipe")
             layout.prop(settings, "output_path")
             _draw_start(layout, settings, context)
@@ -47,11 +47,11 @@ class FROG_PT_train_report(SidebarPanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        task = runner.current()
+        task = training.current()
         return task is not None and task.state.step > 0
 
     def draw(self, context: bpy.types.Context) -> None:
-        task = runner.current()
+        task = training.current()
         if task is None:
             return
         layout, state = self.layout, task.state
@@ -138,7 +138,7 @@ def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Co
 
 
 def _draw_training(
-    layout: bpy.types.UILayout, task: runner.TrainingTask, settings: Any, context: bpy.types.Context
+    layout: bpy.types.UILayout, task: training.TrainingTask, settings: Any, context: bpy.types.Context
 ) -> None:
     """Draws the running training, or the last one."""
     box, state = layout.box(), task.state
@@ -155,7 +155,7 @@ def _draw_training(
             box.prop(settings, "show_live")
 
 
-def _draw_progress(box: bpy.types.UILayout, task: runner.TrainingTask, context: bpy.types.Context) -> None:
+def _draw_progress(box: bpy.types.UILayout, task: training.TrainingTask, context: bpy.types.Context) -> None:
     """Draws the progress or result, and the buttons to pause, cancel and dismiss."""
     state = task.state
     if state.running:

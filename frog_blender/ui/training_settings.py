@@ -84,9 +84,9 @@ def _on_show_rig(_settings: Any, _context: bpy.types.Context) -> None:
 
 
 def _on_preview_camera(settings: Any, _context: bpy.types.Context) -> None:
-    from ..training_task import runner
+    from ..tasks import training
 
-    task = runner.current()
+    task = training.current()
     if task is not None:
         task.control.preview_camera = settings.preview_camera
 

@@ -8,7 +8,7 @@ from typing import Any
 from .. import addon_state
 from ..engine.capture.capture import Capture
 from ..engine.errors import FrogError
-from ..training_task import runner
+from ..tasks import training
 
 
 class DecodedFrames:
@@ -40,7 +40,7 @@ def _is_decoded(capture: Capture, scale: float) -> bool:
     """Whether an earlier training has left the frames on disk; looks again once a training has begun or ended."""
     from ..engine.frames.store import is_decoded
 
-    known, task = addon_state.get(DecodedFrames), runner.current()
+    known, task = addon_state.get(DecodedFrames), training.current()
     key = (capture, scale, task, task is not None and task.is_running)
     if known.key != key:
         known.key, known.found = key, False

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from support.training_panel import Written
 
-from frog_blender.calibration_task import runner
-from frog_blender.calibration_task.clocks import CameraClock, read_clocks, write_clock
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
 from frog_blender.engine.capture.synchronization import CameraClock as CameraClockFound
 from frog_blender.engine.capture.synchronization import Synchronization
 from frog_blender.engine.capture.synchronization.pair import Curve
 from frog_blender.engine.errors import FrogError
 from frog_blender.operators.calibrate import CaptureOpening
+from frog_blender.tasks import calibration
+from frog_blender.tasks.clocks import CameraClock, read_clocks, write_clock
 from frog_blender.ui import (
     calibration_panel,
     capture_panel,
@@ -36,7 +36,7 @@ from frog_blender.ui import (
 film = pytest.importorskip("support.synthetic_capture")
 
 
-def calibration(folder: Path, **changed) -> None:
+def write_cameras(folder: Path, **changed) -> None:
     """What a calibration writes beside the videos: the true cameras."""
     cameras = [
         {
@@ -60,7 +60,7 @@ def calibrator_of(folder):
 
     def calibrate(progress, cancelled):
         progress("bundle adjustment", 1, 2)
-        calibration(folder)
+        write_cameras(folder)
         page = folder / "calibration_report.html"
         page.write_text("<p>Four cameras.</p>")
         cameras, report = folder / "cameras_opencv.json", folder / "calibration_report.json"
@@ -83,14 +83,14 @@ def drawn(empty):
         return " ".join(layout.said)
 
     yield draw
-    runner.stop()
-    runner.set_current(None)
+    calibration.stop()
+    calibration.set_current(None)
 
 
 def begin(folder, calibrator):
     """As the operator does."""
     opening = CaptureOpening(folder, calibrator)
-    return runner.begin(folder, opening.calibrate, opening.show)
+    return calibration.begin(folder, opening.calibrate, opening.show)
 
 
 def ended(task):
@@ -105,7 +105,7 @@ def test_raw_videos_say_so_and_offer_to_be_calibrated(empty, drawn, raw):
     said = drawn()
     assert "Found 4 videos without a calibration." in said and "frog.calibrate" in said
     assert capture_summary.known(str(raw)).capture is None
-    calibration(raw)
+    write_cameras(raw)
     assert capture_summary.is_outdated(str(raw)), "what was missing may be there"
     capture_reading.read(str(raw))
     assert "frog.calibrate" not in drawn() and "Read as calibrated videos" in drawn()
@@ -125,7 +125,7 @@ def test_from_videos_to_a_capture(empty, drawn, raw):
 
 
 def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, drawn, raw):
-    calibration(raw, made_by="somebody else")
+    write_cameras(raw, made_by="somebody else")
     empty.frog.capture_folder = str(raw)
     before = (raw / "cameras_opencv.json").read_bytes()
     assert "frog.calibrate" not in drawn().split(), "it is not what is to be done next"
@@ -152,8 +152,8 @@ def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, drawn
 
 def test_a_running_calibration_shows_its_stage(empty, drawn, raw):
     empty.frog.capture_folder = str(raw)
-    task = runner.CalibrationTask(raw, lambda progress, cancelled: progress("films", 1, 4))
-    runner.set_current(task)
+    task = calibration.CalibrationTask(raw, lambda progress, cancelled: progress("films", 1, 4))
+    calibration.set_current(task)
     task.state.stage, task.state.done, task.state.total = "films", 1, 4
     said = drawn()
     assert "Films: 1 of 4 frog.cancel_calibration" in said and "frog.calibrate" not in said.split()
@@ -189,7 +189,7 @@ def test_the_real_pipeline_says_which_film_it_cannot_use(empty, drawn, tmp_path)
         (tmp_path / name).write_bytes(b"x" * 100)
     empty.frog.capture_folder = str(tmp_path)
     assert bpy.ops.frog.calibrate() == {"FINISHED"}
-    state = ended(runner.current())
+    state = ended(calibration.current())
     assert "a.mp4: found a file that cannot be decoded" in state.error and not state.is_refused
     assert "a.mp4: found a file" in drawn()
 
@@ -211,7 +211,7 @@ def test_a_cancelled_calibration(empty, drawn, raw):
 
 
 def test_clocks_are_listed_and_corrected(empty, drawn, raw):
-    calibration(raw)
+    write_cameras(raw)
     empty.frog.capture_folder = str(raw)
     said = drawn(calibration_panel.FROG_PT_synchronization)
     assert "cam01 +0.020 s frog.edit_clock" in said and "cam00 +0.000 s" in said
@@ -226,7 +226,7 @@ def test_clocks_are_listed_and_corrected(empty, drawn, raw):
 
 
 def test_a_given_calibration_is_not_changed(empty, drawn, raw):
-    calibration(raw, made_by="somebody else")
+    write_cameras(raw, made_by="somebody else")
     empty.frog.capture_folder = str(raw)
     before = (raw / "cameras_opencv.json").read_bytes()
     said = drawn(calibration_panel.FROG_PT_synchronization)
@@ -240,7 +240,7 @@ def test_a_given_calibration_is_not_changed(empty, drawn, raw):
 
 
 def test_found_cameras_become_the_ones_in_use_and_back(empty, drawn, raw):
-    calibration(raw, made_by="somebody else")
+    write_cameras(raw, made_by="somebody else")
     given = (raw / "cameras_opencv.json").read_bytes()
     empty.frog.capture_folder = str(raw)
     assert not bpy.ops.frog.use_found_cameras.poll() and not bpy.ops.frog.use_given_cameras.poll()
@@ -273,7 +273,7 @@ def test_clocks_that_cannot_be_read_are_one_error(tmp_path, content):
 
 @pytest.mark.parametrize("clock", [CameraClock("cam01", float("nan")), CameraClock("cam01", 0.0, 0.0)])
 def test_clocks_out_of_range_are_not_written(raw, clock):
-    calibration(raw)
+    write_cameras(raw)
     before = (raw / "cameras_opencv.json").read_bytes()
     with pytest.raises(FrogError, match="expected"):
         write_clock(raw, clock)
@@ -291,7 +291,7 @@ def finished_sheet(folder):
 @pytest.mark.parametrize("is_calibrated", [False, True], ids=["raw", "calibrated"])
 def test_the_contact_sheet_has_one_image_of_each_camera(empty, drawn, raw, is_calibrated):
     if is_calibrated:
-        calibration(raw)
+        write_cameras(raw)
     empty.frog.capture_folder = str(raw)
     assert "frog.show_contact_sheet" in drawn(calibration_panel.FROG_PT_cameras)
     assert bpy.ops.frog.show_contact_sheet() == {"FINISHED"}
@@ -346,7 +346,7 @@ def test_the_drawn_rig_looks_as_the_cameras_do():
 
 
 def test_the_rig_is_drawn_until_a_scene_is_imported(empty, raw, static_rig):
-    calibration(raw)
+    write_cameras(raw)
     empty.frog.capture_folder = str(raw)
     assert rig_overlay.shown_capture(empty) is capture_summary.known(str(raw)).capture
     empty.frog.show_rig = False
@@ -372,7 +372,7 @@ def synchronization(names):
 
 
 def test_the_curves_of_a_report_are_drawn(empty, raw):
-    calibration(raw)
+    write_cameras(raw)
     report_of(raw, synchronization(film.CAMERAS).to_json())
     empty.frog.capture_folder = str(raw)
     image = report_images.curves(raw / report_images.REPORT)
@@ -396,7 +396,7 @@ def test_a_report_without_curves_draws_none(raw, found):
 
 
 def test_the_rig_from_above_shows_every_camera(raw):
-    calibration(raw)
+    write_cameras(raw)
     capture = capture_reading.read(str(raw)).capture
     image = report_images.rig_from_above(capture)
     without = report_images.rig_from_above(replace(capture, cameras=capture.cameras[:3], distortions=(None,) * 3))

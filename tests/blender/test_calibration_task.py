@@ -14,11 +14,11 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from frog_blender.background_task import TIMER_SECONDS
-from frog_blender.calibration_task import runner
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
 from frog_blender.engine.capture.calibration.pipeline import Outcome
 from frog_blender.engine.errors import FrogError
+from frog_blender.tasks import calibration
+from frog_blender.tasks.background_task import TIMER_SECONDS
 
 
 def outcome(folder, **changed):
@@ -62,7 +62,7 @@ def test_progress_becomes_state(addon, tmp_path):
         gate.wait(20.0)
         return outcome(tmp_path)
 
-    task = runner.CalibrationTask(tmp_path, calibrator, lambda *given: finished.append(given)).start()
+    task = calibration.CalibrationTask(tmp_path, calibrator, lambda *given: finished.append(given)).start()
     while not task.pump():
         pass
     assert task.state.running and task.state.doing == "Films: 3 of 4" and task.state.fraction == 0.75
@@ -79,18 +79,18 @@ def test_no_progress_is_out_of_range(addon, tmp_path, done, total, fraction):
         progress("images", done, total)
         return outcome(tmp_path)
 
-    assert finish(runner.CalibrationTask(tmp_path, calibrator).start()).fraction == fraction
+    assert finish(calibration.CalibrationTask(tmp_path, calibrator).start()).fraction == fraction
 
 
 def test_a_refusal_is_told_from_a_failure(addon, tmp_path):
-    refused = finish(runner.CalibrationTask(tmp_path, raising(CalibrationRefused("Film a walk."))).start())
+    refused = finish(calibration.CalibrationTask(tmp_path, raising(CalibrationRefused("Film a walk."))).start())
     assert refused.error == "Film a walk." and refused.is_refused and refused.outcome is None
-    failed = finish(runner.CalibrationTask(tmp_path, raising(FrogError("No video."))).start())
+    failed = finish(calibration.CalibrationTask(tmp_path, raising(FrogError("No video."))).start())
     assert failed.error == "No video." and not failed.is_refused
 
 
 def test_an_unexpected_error_is_one_sentence(addon, tmp_path, capfd):
-    state = finish(runner.CalibrationTask(tmp_path, raising(ZeroDivisionError("a\nb"))).start())
+    state = finish(calibration.CalibrationTask(tmp_path, raising(ZeroDivisionError("a\nb"))).start())
     assert state.error == "Calibration stopped on an unexpected ZeroDivisionError: a b."
     assert "Traceback" in capfd.readouterr().err
 
@@ -104,7 +104,7 @@ def test_cancel_reaches_the_worker_whatever_it_raises(addon, tmp_path):
             pass
         raise Ended
 
-    task = runner.CalibrationTask(tmp_path, calibrator, lambda *_: pytest.fail("nothing was written")).start()
+    task = calibration.CalibrationTask(tmp_path, calibrator, lambda *_: pytest.fail("nothing was written")).start()
     task.cancel()
     assert task.is_stopping
     state = finish(task)
@@ -117,7 +117,7 @@ def test_what_was_written_in_time_counts_though_it_was_cancelled(addon, tmp_path
             pass
         return outcome(tmp_path)
 
-    task = runner.CalibrationTask(tmp_path, calibrator).start()
+    task = calibration.CalibrationTask(tmp_path, calibrator).start()
     task.cancel()
     state = finish(task)
     assert state.outcome is not None and not state.cancelled
@@ -131,8 +131,8 @@ def test_a_result_that_cannot_be_opened_says_so(addon, tmp_path):
         raise KeyError("x")
 
     done = lambda progress, cancelled: outcome(tmp_path)  # noqa: E731
-    assert finish(runner.CalibrationTask(tmp_path, done, refuse).start()).error == "It does not fit."
-    state = finish(runner.CalibrationTask(tmp_path, done, fail).start())
+    assert finish(calibration.CalibrationTask(tmp_path, done, refuse).start()).error == "It does not fit."
+    state = finish(calibration.CalibrationTask(tmp_path, done, fail).start())
     assert "written, but the capture could not be opened" in state.error and state.outcome is not None
 
 
@@ -144,34 +144,36 @@ def test_one_at_a_time_and_none_outlives_the_add_on(addon, tmp_path):
             pass
         ended.set()
 
-    runner.begin(tmp_path, calibrator)
+    calibration.begin(tmp_path, calibrator)
     try:
-        assert runner.is_running() and bpy.app.timers.is_registered(runner.tick)
+        assert calibration.is_running() and bpy.app.timers.is_registered(calibration.tick)
         with pytest.raises(FrogError, match="already running"):
-            runner.begin(tmp_path, calibrator)
+            calibration.begin(tmp_path, calibrator)
     finally:
         addon.unregister()
         addon.register()
-    assert ended.is_set() and runner.current() is None and not bpy.app.timers.is_registered(runner.tick)
+    assert ended.is_set() and calibration.current() is None and not bpy.app.timers.is_registered(calibration.tick)
 
 
 def test_the_timer_ends_with_the_calibration(addon, tmp_path):
-    task = runner.begin(tmp_path, lambda progress, cancelled: outcome(tmp_path))
+    task = calibration.begin(tmp_path, lambda progress, cancelled: outcome(tmp_path))
     try:
         assert task.join(20.0)
-        while (seconds := runner.tick()) is not None:
+        while (seconds := calibration.tick()) is not None:
             assert seconds == TIMER_SECONDS
         assert not task.state.running and task.state.outcome is not None
     finally:
-        runner.stop()
-        runner.set_current(None)
+        calibration.stop()
+        calibration.set_current(None)
 
 
 def test_a_calibrator_that_crashes_is_one_sentence(addon, tmp_path):
     """The real process, which finds no request and ends with an error."""
     from frog_blender.engine.capture.calibration.child_process import run
 
-    task = runner.CalibrationTask(tmp_path, lambda progress, cancelled: run("standing", tmp_path, progress, cancelled))
+    task = calibration.CalibrationTask(
+        tmp_path, lambda progress, cancelled: run("standing", tmp_path, progress, cancelled)
+    )
     state = finish(task.start())
     assert state.error.startswith("The calibration's process ended with status 1 (") and state.outcome is None
     assert not list(tmp_path.iterdir()), "nothing was written"
@@ -184,7 +186,9 @@ def test_a_killed_calibrator_leaves_blender_as_it_was(empty, tmp_path):
 
     objects = len(bpy.data.objects)
     os.mkfifo(tmp_path / "request.json")  # the real process waits at it
-    task = runner.CalibrationTask(tmp_path, lambda progress, cancelled: run("standing", tmp_path, progress, cancelled))
+    task = calibration.CalibrationTask(
+        tmp_path, lambda progress, cancelled: run("standing", tmp_path, progress, cancelled)
+    )
     task.start()
     deadline = time.monotonic() + 60
     while not (children := children_of(os.getpid(), "calibration.child")) and time.monotonic() < deadline:
@@ -201,7 +205,9 @@ def test_a_cancelled_calibration_ends_its_process(empty, tmp_path):
     from frog_blender.engine.capture.calibration.child_process import run
 
     os.mkfifo(tmp_path / "request.json")
-    task = runner.CalibrationTask(tmp_path, lambda progress, cancelled: run("standing", tmp_path, progress, cancelled))
+    task = calibration.CalibrationTask(
+        tmp_path, lambda progress, cancelled: run("standing", tmp_path, progress, cancelled)
+    )
     task.start()
     deadline = time.monotonic() + 60
     while not children_of(os.getpid(), "calibration.child") and time.monotonic() < deadline:

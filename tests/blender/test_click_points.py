@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from support.training_panel import Written
 
-from frog_blender.calibration_task import runner
-from frog_blender.calibration_task.clicked_points import FILE, ClickedPoints, points_of
-from frog_blender.calibration_task.request import CalibrationRequest
 from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.calibration.films import find_films
 from frog_blender.engine.capture.calibration.ways import read_points
 from frog_blender.engine.errors import FrogError
 from frog_blender.operators import click_points
+from frog_blender.tasks import calibration
+from frog_blender.tasks.calibration_request import CalibrationRequest
 from frog_blender.ui import capture_panel, points_overlay
+from frog_blender.ui.clicked_points import FILE, ClickedPoints, points_of
 
 film = pytest.importorskip("support.synthetic_capture")
 
@@ -209,12 +209,12 @@ def test_too_few_points_are_refused_in_the_panel(empty, tmp_path):
     context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=280), preferences=preferences)
     try:
         assert bpy.ops.frog.calibrate_from_points() == {"FINISHED"}
-        task = runner.current()
+        task = calibration.current()
         assert task.join(60.0)
         task.pump_all()
         assert task.state.is_refused and "expected 8 or more" in task.state.error
         capture_panel.FROG_PT_capture.draw(SimpleNamespace(layout=layout), context)
     finally:
-        runner.stop()
-        runner.set_current(None)
+        calibration.stop()
+        calibration.set_current(None)
     assert "frog.click_points" in layout.said and "frog.calibrate_from_points" in layout.said

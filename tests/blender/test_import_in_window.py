@@ -15,8 +15,9 @@ from frog_blender import unsaved_changes
 from frog_blender.engine.interchange import imports
 from frog_blender.engine.interchange.ply import write_splats
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.operators import foreign_import, import_ply
+from frog_blender.operators import import_ply
 from frog_blender.operators.import_ply import FROG_OT_import_splats
+from frog_blender.tasks import foreign_import
 from frog_blender.timeline import playback
 
 PATIENCE = 60.0  # seconds

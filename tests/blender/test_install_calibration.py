@@ -10,10 +10,10 @@ import bpy
 import pytest
 from support.wheels import finished, wheel
 
-from frog_blender.torch_install.folders import installed
-from frog_blender.torch_install.installer import Installation
-from frog_blender.torch_install.landmarks import LandmarkDownload
-from frog_blender.torch_install.packages import (
+from frog_blender.tasks.installer import Installation
+from frog_blender.tasks.landmarks import LandmarkDownload
+from frog_blender.tasks.package_folders import installed
+from frog_blender.tasks.packages import (
     CALIBRATION_PACKAGES,
     CPU,
     CUDA,

@@ -21,12 +21,12 @@ from support.wheels import finished, wheel
 from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session.cancel_token import CancelToken
-from frog_blender.torch_install import folders, task
-from frog_blender.torch_install.folders import clear_remains, has_package, installed
-from frog_blender.torch_install.installer import Installation
-from frog_blender.torch_install.packages import PACKAGES
-from frog_blender.torch_install.pip_run import pip_command
-from frog_blender.training_task.request import TrainingRequest
+from frog_blender.tasks import installation, package_folders
+from frog_blender.tasks.installer import Installation
+from frog_blender.tasks.package_folders import clear_remains, has_package, installed
+from frog_blender.tasks.packages import PACKAGES
+from frog_blender.tasks.pip_run import pip_command
+from frog_blender.tasks.training_request import TrainingRequest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -234,8 +234,8 @@ def test_what_another_blender_trains_with_stays_until_that_ends(tmp_path, quick_
     finished(Installation(folder, pip=quick_pip).start())
     code = f"""
 import sys; sys.path[:0] = {[str(folder), str(ROOT), *sys.path]!r}
-from frog_blender.torch_install import folders
-folders.hold()
+from frog_blender.tasks import package_folders
+package_folders.hold()
 print("held", flush=True)
 sys.stdin.read()
 """
@@ -253,7 +253,7 @@ def test_a_training_holds_its_torch_before_it_imports_it(addon, tmp_path, monkey
     def hold():
         raise FrogError("asked")
 
-    monkeypatch.setattr(folders, "hold", hold)
+    monkeypatch.setattr(package_folders, "hold", hold)
     with pytest.raises(FrogError, match="asked"):
         TrainingRequest(tmp_path, tmp_path / "a.frog").events(CancelToken())
 
@@ -273,7 +273,7 @@ def own_folder(tmp_path, monkeypatch):
     """Where the add-on's torch lies, among a user's files of the test's own."""
     (tmp_path / "user").mkdir()
     monkeypatch.setenv("BLENDER_USER_DATAFILES", str(tmp_path / "user"))
-    return task.folder()
+    return installation.folder()
 
 
 def test_leftovers_go_at_the_next_start(empty, addon, own_folder):
@@ -302,7 +302,7 @@ def test_pip_ends_with_the_process_that_started_it(tmp_path, either_pip):
     code = f"""
 import sys; sys.path[:0] = {[str(ROOT), *sys.path]!r}
 from pathlib import Path
-from frog_blender.torch_install import installer
+from frog_blender.tasks import installer
 arguments = ["--index-url", {address!r}, "--timeout", "100"]
 installation = installer.Installation(Path({str(tmp_path)!r}) / "torch", arguments, pip={either_pip!r}).start()
 installation.join(60)
@@ -365,15 +365,15 @@ def test_the_button(empty, index, own_folder):
             pytest.skip("this Blender was started offline")
         assert bpy.ops.frog.install_torch() == {"FINISHED"}
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-        assert bpy.app.timers.is_registered(task.tick), "another file does not end it"
+        assert bpy.app.timers.is_registered(installation.tick), "another file does not end it"
         system = bpy.context.preferences.system
-        finished(task.current())
-        assert task.tick() is None and str(own_folder) in sys.path
+        finished(installation.current())
+        assert installation.tick() is None and str(own_folder) in sys.path
         assert torch_environment.site_packages(own_folder) == own_folder
     finally:
         system.use_online_access = allowed
         sys.path[:] = paths
-        addon_state.reset(task.CurrentInstallation)
+        addon_state.reset(installation.CurrentInstallation)
 
 
 @pytest.fixture
@@ -391,7 +391,7 @@ def test_a_build_that_the_usual_index_lacks_is_not_replaced_by_another(empty, ow
     from frog_blender.operators import install_torch
 
     asked = []
-    monkeypatch.setattr(task, "begin", lambda *given, **more: asked.append((given[0], more["build"])))
+    monkeypatch.setattr(installation, "begin", lambda *given, **more: asked.append((given[0], more["build"])))
     monkeypatch.setattr(install_torch, "index_needed", lambda build: "Elsewhere." if build == "CPU" else "")
     with pytest.raises(RuntimeError, match="Nothing was downloaded"):
         bpy.ops.frog.install_torch(build="CPU")
@@ -404,7 +404,7 @@ def test_a_build_with_cuda_needs_more_room(empty, own_folder, online, monkeypatc
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=5e9))
     with pytest.raises(RuntimeError, match="GB free, torch needs 10"):
         bpy.ops.frog.install_torch(build="CUDA", index="file:///there")
-    assert not task.is_running()
+    assert not installation.is_running()
 
 
 def test_it_can_be_removed(empty, own_folder, tmp_path, monkeypatch):

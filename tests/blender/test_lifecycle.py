@@ -18,9 +18,9 @@ from support.small_scenes import rig_of_three, write_scene
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.scene_import.capture_objects import active_capture, cameras_of
+from frog_blender.tasks import training
+from frog_blender.tasks.training_request import TrainingRequest
 from frog_blender.timeline import playback
-from frog_blender.training_task import runner
-from frog_blender.training_task.request import TrainingRequest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -184,12 +184,12 @@ def endless(cancelled):
 
 def test_switched_off_while_training_leaves_no_thread(addon):
     before = threading.active_count()
-    task = runner.begin(endless)
+    task = training.begin(endless)
     assert threading.active_count() == before + 1
     addon.unregister()
     try:
         assert task.join(5.0) and threading.active_count() == before
-        assert not bpy.app.timers.is_registered(runner.tick)
+        assert not bpy.app.timers.is_registered(training.tick)
     finally:
         addon.register()
 
@@ -205,8 +205,8 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
     capture = film.write_capture(tmp_path / "capture")
     output = tmp_path / "x.frog"
     request = TrainingRequest(capture, output, "draft", "auto", steps=100_000)
-    task = runner.begin(request.events)
-    deadline = 2000
+    task = training.begin(request.events)
+    deadline = 12_000
     while not task.state.step and deadline:
         task.pump()
         threading.Event().wait(0.01)
@@ -214,13 +214,13 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
     assert task.state.step, task.state.error
     step = task.state.step
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    deadline = 2000
+    deadline = 12_000
     while task.state.step == step and task.state.running and deadline:
         task.pump()
         threading.Event().wait(0.01)
         deadline -= 1
     assert task.state.step > step, "it goes on"
-    runner.stop()
+    training.stop()
     assert task.join(0.0) and task.state.cancelled
     assert ScenePlayer.load(output).header.steps > 0
     assert checkpoint_path(output).is_file()
@@ -233,14 +233,14 @@ from importlib import import_module
 from pathlib import Path
 name, scene, marker = sys.argv[-3:]
 
-def training(cancelled):
-    events = import_module(name + ".engine.training.session.events")
+def events(cancelled):
+    kinds = import_module(name + ".engine.training.session.events")
     while not cancelled():
-        yield events.Stage("decoding", 0, 1)
+        yield kinds.Stage("decoding", 0, 1)
         threading.Event().wait(0.005)
     threading.Event().wait(0.5)  # a scene is being written
     Path(marker).write_text("saved")
-    yield events.Cancelled(0, None)
+    yield kinds.Cancelled(0, None)
 """
 
 QUIT = (
@@ -249,9 +249,9 @@ QUIT = (
 sys.path[:0] = [{str(ROOT)!r}]
 import frog_blender
 from frog_blender.scene_import.capture_objects import active_capture
-from frog_blender.training_task import runner
+from frog_blender.tasks import training
 frog_blender.register()
-runner.begin(training)
+training.begin(events)
 """
 )
 
@@ -260,12 +260,12 @@ RELOAD = (
     + """
 import bpy, addon_utils
 addon_utils.enable(name, default_set=True)
-runner, point_cloud = (import_module(f"{name}.{room}") for room in ("training_task.runner", "point_cloud"))
+training, point_cloud = (import_module(f"{name}.{room}") for room in ("tasks.training", "point_cloud"))
 bpy.ops.import_scene.frog(filepath=scene)
 capture = next(child for child in bpy.context.object.children if child.type != "CAMERA")
 threads = threading.active_count()
 handlers = len(bpy.app.handlers.frame_change_pre)
-task = runner.begin(training)
+task = training.begin(events)
 bpy.utils.load_scripts(reload_scripts=True)  # what Reload Scripts does, in a window and without one
 print("ended", task.join(0.0) and Path(marker).exists() and threading.active_count() == threads)
 print("handlers", len(bpy.app.handlers.frame_change_pre) == handlers)
@@ -273,7 +273,7 @@ bpy.context.scene.frame_set(1)
 first = point_cloud.read(capture)["position"]
 bpy.context.scene.frame_set(6)
 print("plays", abs(point_cloud.read(capture)["position"] - first).max() > 1e-3)
-print("trains", runner.begin(training).state.running)
+print("trains", training.begin(events).state.running)
 addon_utils.disable(name, default_set=True)
 """
 )

@@ -12,10 +12,10 @@ from support.builders import scene_file
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 from frog_blender.engine.spherical_harmonics import SH_DC
+from frog_blender.tasks import training
+from frog_blender.tasks.live_view import LiveView
 from frog_blender.timeline import playback_cache
 from frog_blender.timeline.playback_cache import SceneTime
-from frog_blender.training_task import runner
-from frog_blender.training_task.live_view import LiveView
 from frog_blender.viewport import drawing, live
 
 CAPTURE = "/films/room"
@@ -27,13 +27,13 @@ def snapshot(seed=1):
 
 
 @pytest.fixture
-def training(empty):
+def live_view(empty):
     """A training that goes on, and its view."""
     view = LiveView(empty)
-    task = runner.TrainingTask(lambda control: iter(()), live=view)
-    runner.set_current(task)
+    task = training.TrainingTask(lambda control: iter(()), live=view)
+    training.set_current(task)
     yield view
-    runner.set_current(None)
+    training.set_current(None)
 
 
 def offer(view, seed=1):
@@ -43,64 +43,64 @@ def offer(view, seed=1):
     return player
 
 
-def test_the_newest_snapshot_is_shown_at_the_frame_of_the_timeline(empty, training):
-    assert live.shown_in(empty) is None and not training.update()
-    player = offer(training)
+def test_the_newest_snapshot_is_shown_at_the_frame_of_the_timeline(empty, live_view):
+    assert live.shown_in(empty) is None and not live_view.update()
+    player = offer(live_view)
     frames = player.header.frame_count
     for frame in (1, 3, frames):
         empty.frame_set(frame)
         shown = live.shown_in(empty)
         assert shown.time.scene is player and shown.time.time == pytest.approx((frame - 1) / (frames - 1))
     np.testing.assert_array_equal(shown.matrix, np.eye(4))
-    newer = offer(training, seed=2)
-    assert live.shown_in(empty).time.scene is newer and training.number == 2
+    newer = offer(live_view, seed=2)
+    assert live.shown_in(empty).time.scene is newer and live_view.number == 2
 
 
-def test_another_scene_and_a_scene_that_says_no_show_nothing(empty, training):
-    offer(training)
+def test_another_scene_and_a_scene_that_says_no_show_nothing(empty, live_view):
+    offer(live_view)
     other = bpy.data.scenes.new("Other")
     assert live.shown_in(other) is None
     empty.frog.show_live = False
     assert live.shown_in(empty) is None
-    training.update()
-    assert not training.source.is_wanted, "the training makes no more of them"
+    live_view.update()
+    assert not live_view.source.is_wanted, "the training makes no more of them"
 
 
-def test_without_a_window_no_snapshots_are_wanted(empty, training):
-    assert bpy.app.background and not training.source.is_wanted
+def test_without_a_window_no_snapshots_are_wanted(empty, live_view):
+    assert bpy.app.background and not live_view.source.is_wanted
 
 
-def test_what_was_imported_of_the_same_capture_takes_its_place(empty, training, tmp_path):
-    offer(training)
+def test_what_was_imported_of_the_same_capture_takes_its_place(empty, live_view, tmp_path):
+    offer(live_view)
     write_scene(tmp_path / "room.frog", snapshot())
     assert live.shown_in(empty) is not None
     bpy.ops.import_scene.frog(filepath=str(tmp_path / "room.frog"))
     assert live.shown_in(empty) is None
 
 
-def test_nothing_of_an_earlier_snapshot_stays_in_memory(empty, training):
+def test_nothing_of_an_earlier_snapshot_stays_in_memory(empty, live_view):
     before = len(playback_cache.frames())
     for seed in range(4):
-        offer(training, seed)
+        offer(live_view, seed)
         live.shown_in(empty).time.part()
         assert len(playback_cache.frames()) == before + 1
-    runner.set_current(None)
-    assert len(playback_cache.frames()) == before and training.player is None
+    training.set_current(None)
+    assert len(playback_cache.frames()) == before and live_view.player is None
 
 
-def test_watchers_are_told_when_it_begins_and_ends(empty, training, monkeypatch):
+def test_watchers_are_told_when_it_begins_and_ends(empty, live_view, monkeypatch):
     told = []
-    runner.watch_live(lambda: told.append(training.number))
-    training.source.offer(ScenePlayer(snapshot()))
-    runner.tick()
-    runner.tick()
+    training.watch_live(lambda: told.append(live_view.number))
+    live_view.source.offer(ScenePlayer(snapshot()))
+    training.tick()
+    training.tick()
     assert told == [1]
-    runner.set_current(None)
+    training.set_current(None)
     assert told == [1, 1]
 
 
-def test_points_are_the_seen_gaussians_in_their_colours(empty, training, monkeypatch):
-    player = offer(training)
+def test_points_are_the_seen_gaussians_in_their_colours(empty, live_view, monkeypatch):
+    player = offer(live_view)
     shown = SceneTime(player, 0.5)
     gaussians = player.at(0.5)
     places, colors = live.points(player, shown)

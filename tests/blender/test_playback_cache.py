@@ -14,7 +14,6 @@ from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.session import events
 from frog_blender.timeline import playback, playback_cache, prefetch
-from frog_blender.training_task import runner
 
 
 @pytest.fixture
@@ -117,7 +116,7 @@ def test_a_training_leaves_the_thread_little_to_do(empty, capture):
     empty.frame_set(3)
     assert len(frames_ahead(empty, capture)) == 10
     playback_cache.clear()
-    task = runner.begin(training)
+    task = training.begin(training)
     try:
         for frame in (4, 5, 6):
             assert frame == 4 or playback.displayed(capture, frame).key in playback_cache.frames(), "it was not ready"
@@ -131,8 +130,8 @@ def test_a_training_leaves_the_thread_little_to_do(empty, capture):
         task.control.resume()
         assert frames_ahead(empty, capture) == [6, 7]
     finally:
-        runner.stop()
-    assert not runner.is_running() and len(frames_ahead(empty, capture)) == 10
+        training.stop()
+    assert not training.is_running() and len(frames_ahead(empty, capture)) == 10
 
 
 def test_memory_is_bounded_and_said(empty, capture, static_rig):

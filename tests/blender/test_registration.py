@@ -25,7 +25,7 @@ def footprint():
 
 
 def test_twice_on_and_off_leaves_nothing(addon):
-    from frog_blender.training_task import runner
+    from frog_blender.tasks import training
 
     addon.unregister()
     try:
@@ -36,7 +36,7 @@ def test_twice_on_and_off_leaves_nothing(addon):
             assert footprint() != clean
             addon.unregister()
             assert footprint() == clean
-            assert not bpy.app.timers.is_registered(runner.tick) and runner.current() is None
+            assert not bpy.app.timers.is_registered(training.tick) and training.current() is None
     finally:
         addon.register()
 

@@ -19,9 +19,9 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.event_lines import line_of
-from frog_blender.training_task.remote import RemoteTraining
-from frog_blender.training_task.remote_command import RemoteCommand, options_of
-from frog_blender.training_task.request import TrainingRequest
+from frog_blender.tasks.remote_command import RemoteCommand, options_of
+from frog_blender.tasks.remote_training import RemoteTraining
+from frog_blender.tasks.training_request import TrainingRequest
 
 WHOLE = "train {capture} --out {output} --events {options}"
 ODD = "/cap tures/it's; $(touch x) {output}"
@@ -316,9 +316,9 @@ PARENT = """
 import sys
 from pathlib import Path
 from frog_blender.engine.training.session.cancel_token import CancelToken
-from frog_blender.training_task.remote import RemoteTraining
-from frog_blender.training_task.remote_command import RemoteCommand
-from frog_blender.training_task.request import TrainingRequest
+from frog_blender.tasks.remote_training import RemoteTraining
+from frog_blender.tasks.remote_command import RemoteCommand
+from frog_blender.tasks.training_request import TrainingRequest
 request = TrainingRequest(Path(sys.argv[2]), Path(sys.argv[3]), "draft", max_gaussians=250, steps=1000000)
 for event in RemoteTraining(RemoteCommand(sys.argv[1]), request).events(CancelToken()):
     print(type(event).__name__, flush=True)

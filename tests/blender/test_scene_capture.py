@@ -17,7 +17,8 @@ from support.small_scenes import read_png
 from support.training_panel import Written
 
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.scene_capture import rig, runner
+from frog_blender.scene_capture import rig
+from frog_blender.tasks import scene_capture
 from frog_blender.ui import scene_capture_panel
 
 SIZE = 40
@@ -37,11 +38,11 @@ def cube(empty, tmp_path):
     settings = empty.frog.rig
     settings.size, settings.count, settings.folder = SIZE, 3, str(tmp_path / "capture")
     yield cube
-    runner.stop()
+    scene_capture.stop()
 
 
 def finished(seconds=300.0):
-    task, end = runner.current(), time.monotonic() + seconds
+    task, end = scene_capture.current(), time.monotonic() + seconds
     while task.is_running and time.monotonic() < end:
         task.pump()
         time.sleep(0.02)
@@ -136,7 +137,7 @@ def test_a_capture_of_every_third_frame_plays_in_real_time(cube, tmp_path):
 
 def test_the_scene_that_was_rendered_gets_the_capture_and_no_other(cube, tmp_path, monkeypatch):
     opened = []
-    monkeypatch.setattr(runner, "begin", lambda _request, on_finished: opened.append(on_finished))
+    monkeypatch.setattr(scene_capture, "begin", lambda _request, on_finished: opened.append(on_finished))
     bpy.ops.frog.place_rig()
     bpy.ops.frog.capture_scene()
     scene, folder = bpy.context.scene, tmp_path / "capture"
@@ -185,7 +186,7 @@ def test_it_goes_on_where_it_was_stopped(cube, tmp_path):
     gone.unlink()
     (folder / "cam01" / "0000.png").write_bytes(b"kept as it is")
     assert bpy.ops.frog.capture_scene() == {"FINISHED"}
-    task = runner.current()
+    task = scene_capture.current()
     assert task.state.kept == 5
     state = finished()
     assert not state.error and gone.is_file() and state.done == 6
@@ -196,7 +197,7 @@ def test_cancelled_it_leaves_whole_images_alone(cube, tmp_path):
     bpy.context.scene.frame_end = 200
     bpy.ops.frog.place_rig()
     bpy.ops.frog.capture_scene()
-    task, end = runner.current(), time.monotonic() + 200
+    task, end = scene_capture.current(), time.monotonic() + 200
     while task.state.done == 0 and time.monotonic() < end:
         task.pump()
         time.sleep(0.02)
@@ -241,7 +242,7 @@ def test_without_a_folder_or_anything_to_see_there_is_a_sentence(cube):
     ],
 )
 def test_a_renderer_that_fails_is_told(cube, monkeypatch, script, said):
-    monkeypatch.setattr(runner, "command", lambda *_, **__: [sys.executable, "-c", script])
+    monkeypatch.setattr(scene_capture, "command", lambda *_, **__: [sys.executable, "-c", script])
     state = rendered_capture()
     assert said in state.error and "done are kept" in state.error
     assert bpy.context.scene.frog.capture_folder == ""
@@ -263,10 +264,10 @@ def test_the_panel_leads_through_it(cube, monkeypatch):
     assert "arc" in said().split()
     bpy.ops.frog.place_rig()
     assert "6 images: 2 frames of 3 cameras" in said() and "frog.capture_scene" in said()
-    monkeypatch.setattr(runner, "command", lambda *_, **__: [sys.executable, "-c", "input()"])
+    monkeypatch.setattr(scene_capture, "command", lambda *_, **__: [sys.executable, "-c", "input()"])
     bpy.ops.frog.capture_scene()
     assert "0 of 6 images" in said() and "frog.cancel_scene_capture" in said()
-    runner.current().cancel()
+    scene_capture.current().cancel()
     finished()
     assert "Cancelled at 0 of 6" in said()
 

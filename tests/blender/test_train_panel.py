@@ -14,8 +14,8 @@ from safetensors.numpy import save_file
 from support.training_panel import Written, told
 
 from frog_blender.engine.training.session import events
-from frog_blender.training_task import runner
-from frog_blender.training_task.state import TrainingState
+from frog_blender.tasks import training
+from frog_blender.tasks.training_state import TrainingState
 from frog_blender.ui import capture_panel, capture_summary, preview_image, train_panel, training_choices
 
 
@@ -32,8 +32,8 @@ def drawn(empty):
         return " ".join(panel.layout.said)
 
     yield draw
-    runner.stop()
-    runner.set_current(None)
+    training.stop()
+    training.set_current(None)
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def test_a_running_training(drawn):
 def test_an_ended_training(drawn, tmp_path):
     path = tmp_path / ("a long name " * 8).strip() / "x.frog"
     capacity = {"gaussians": 300, "dynamic": 40, "heads": ["means"], "sh_degree": 1, "reductions": []}
-    ended = runner.Ended("")
+    ended = training.Ended("")
     path.parent.mkdir()
     path.write_bytes(bytes(1_100_000))
     phases = {"decoding": 20.0, "seeding": 3.0, "training": 61.0, "finishing": 7.0}
@@ -153,9 +153,9 @@ def test_switching_off_takes_the_image_away(addon):
 
 def test_a_preview_reaches_the_panel_by_the_timer(addon):
     image = np.full((9, 12, 3), 200, np.uint8)
-    task = runner.begin(lambda control: iter([events.Preview(1, image)]))
+    task = training.begin(lambda control: iter([events.Preview(1, image)]))
     assert task.join(20.0)
-    while runner.tick() is not None:
+    while training.tick() is not None:
         pass
     np.testing.assert_array_equal(pixels()[:, :, :3], image)
     preview_image.show(None)
@@ -170,7 +170,7 @@ def test_the_preview_camera_is_searched_among_the_captures(empty, capture):
     task = told(events.Stage("decoding frames", 3, 10))
     empty.frog.preview_camera = "cam02"
     assert task.control.preview_camera == "cam02"
-    runner.set_current(None)
+    training.set_current(None)
 
 
 def test_presets_keep_how_to_train_and_not_what(empty, tmp_path, monkeypatch):
@@ -211,20 +211,20 @@ def test_what_a_training_made_in_one_sentence():
 def test_a_report_can_be_dismissed_but_no_running_training(empty, drawn):
     task = told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300))
     assert not bpy.ops.frog.dismiss_training.poll()
-    task.apply(runner.Ended("It stopped."))
+    task.apply(training.Ended("It stopped."))
     assert "It stopped." in drawn()
     assert bpy.ops.frog.dismiss_training() == {"FINISHED"}
-    assert runner.current() is None and "It stopped." not in drawn()
+    assert training.current() is None and "It stopped." not in drawn()
 
 
 def test_a_report_stays_with_the_file_that_shows_the_scene(empty, drawn, static_rig):
-    ended = events.Finished(str(static_rig), 9, 61.0, 28.0, 60), runner.Ended("")
+    ended = events.Finished(str(static_rig), 9, 61.0, 28.0, 60), training.Ended("")
     task = told(*ended)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert runner.current() is task, "it was not imported yet"
+    assert training.current() is task, "it was not imported yet"
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert runner.current() is None
+    assert training.current() is None
 
 
 @pytest.mark.parametrize("given", [{}, {"capture_folder": "nothing"}, {"capture_folder": "raw"}])
@@ -242,7 +242,7 @@ def test_a_grey_button_says_why(empty, capture, tmp_path, given):
     assert bpy.ops.frog.train.poll()
     told(events.Stage("decoding frames", 3, 10))
     assert not bpy.ops.frog.train.poll()
-    runner.set_current(None)
+    training.set_current(None)
 
 
 def test_no_value_stands_for_something_else(empty, drawn, capture):
@@ -304,25 +304,25 @@ def test_training_longer_keeps_the_finished_scene(empty, capture, tmp_path):
     scene = Path(settings.output_path)
     assert bpy.ops.frog.train() == {"FINISHED"}
     try:
-        task = runner.current()
+        task = training.current()
         assert task.join(120.0)
         task.pump_all()
         assert not task.state.error and task.state.step == 12
         before = scene.read_bytes()
         assert bpy.ops.frog.train_longer(steps=20) == {"FINISHED"}
-        task = runner.current()
+        task = training.current()
         assert task.join(120.0)
         task.pump_all()
         assert not task.state.error and task.state.step == 20
         assert task.state.result == scene.with_name("capture_2.frog") == Path(settings.output_path)
         assert scene.read_bytes() == before
     finally:
-        runner.stop()
-        runner.set_current(None)
+        training.stop()
+        training.set_current(None)
 
 
 def test_budgets_and_offsets_reach_the_engine(empty, capture):
-    from frog_blender.training_task.request import request_of
+    from frog_blender.tasks.training_request import request_of
 
     settings = empty.frog
     settings.capture_folder = str(capture)

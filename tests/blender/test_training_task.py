@@ -13,12 +13,12 @@ import pytest
 from safetensors.numpy import save_file
 
 from frog_blender import addon_state, unsaved_changes
-from frog_blender.background_task import PUMP_MESSAGES
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session import events
 from frog_blender.operators import training_result
+from frog_blender.tasks import training
+from frog_blender.tasks.background_task import PUMP_MESSAGES
 from frog_blender.timeline import playback
-from frog_blender.training_task import runner
 from frog_blender.ui import capture_summary
 
 
@@ -46,14 +46,14 @@ def test_events_become_state(addon, tmp_path):
         events.Saved(str(tmp_path / "a.frog")),
         events.Finished(str(tmp_path / "a.frog"), 50, 5.0, 28.0, 500),
     ]
-    state = finish(runner.TrainingTask(lambda cancelled: iter(said), finished.append).start())
+    state = finish(training.TrainingTask(lambda cancelled: iter(said), finished.append).start())
     assert (state.step, state.steps, state.gaussians, state.psnr) == (50, 50, 500, 28.0)
     assert state.warnings == ["The room is dark."] and not state.running and not state.error
     assert state.result == tmp_path / "a.frog" and finished == [state.result]
 
 
 def test_pump_takes_a_bounded_number_and_leaves_the_rest(addon):
-    task = runner.TrainingTask(lambda cancelled: iter(steps(5000))).start()
+    task = training.TrainingTask(lambda cancelled: iter(steps(5000))).start()
     assert task.join(20.0)
     first = task.pump()
     assert 0 < first <= PUMP_MESSAGES
@@ -69,7 +69,7 @@ def test_pump_does_not_wait_for_a_worker_that_is_silent(addon):
         gate.wait(20.0)
         yield from steps(3)
 
-    task = runner.TrainingTask(source).start()
+    task = training.TrainingTask(source).start()
     assert task.pump() == 0 and task.state.running  # a pump that waited would not come back before the gate opens
     gate.set()
     assert finish(task).step == 3
@@ -82,7 +82,7 @@ def test_cancel_reaches_the_worker(addon):
             pass
         yield events.Cancelled(2, "half.frog")
 
-    task = runner.TrainingTask(source, lambda path: pytest.fail("a cancelled training is not imported")).start()
+    task = training.TrainingTask(source, lambda path: pytest.fail("a cancelled training is not imported")).start()
     task.cancel()
     state = finish(task)
     assert state.cancelled and state.result.name == "half.frog" and not state.running
@@ -100,7 +100,7 @@ def test_errors_are_one_sentence(addon, error, sentence, capfd):
         yield from steps(1)
         raise error
 
-    state = finish(runner.TrainingTask(source).start())
+    state = finish(training.TrainingTask(source).start())
     assert sentence in state.error and "\n" not in state.error and not state.running
     assert ("Traceback" in capfd.readouterr().err) == isinstance(error, KeyError)
 
@@ -110,21 +110,21 @@ def test_an_import_that_fails_at_the_end_is_an_error_in_the_state(addon):
         raise FrogError(f"{path}: found a directory, expected a file.")
 
     said = [events.Finished("x.frog", 1, 1.0, 20.0, 5)]
-    state = finish(runner.TrainingTask(lambda cancelled: iter(said), refuse).start())
+    state = finish(training.TrainingTask(lambda cancelled: iter(said), refuse).start())
     assert state.error == "x.frog: found a directory, expected a file." and not state.running
 
 
 def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, request):
     renders, imported = ["RENDER"], []
     said = [events.Finished("x.frog", 1, 1.0, 20.0, 5)]
-    task = runner.TrainingTask(lambda cancelled: iter(said), imported.append, is_scene_in_use=lambda: bool(renders))
+    task = training.TrainingTask(lambda cancelled: iter(said), imported.append, is_scene_in_use=lambda: bool(renders))
     assert not finish(task.start()).running
     task.hand_over()
     assert task.waiting is not None and not imported
-    request.addfinalizer(lambda: runner.set_current(None))
-    runner.set_current(task)
+    request.addfinalizer(lambda: training.set_current(None))
+    training.set_current(task)
     with pytest.raises(FrogError, match="Finish the current render"):  # another training would take its place
-        runner.begin(lambda cancelled: iter([]))
+        training.begin(lambda cancelled: iter([]))
     renders.clear()
     for _ in range(2):
         task.hand_over()
@@ -135,15 +135,15 @@ def test_what_an_import_needs_is_made_a_tick_before_it(addon):
     """Neither keeps the user waiting as long as both together."""
     done = []
     source = lambda cancelled: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)])  # noqa: E731
-    task = runner.begin(source, lambda path: done.append(path), prepare=lambda: done.append("prepared"))
+    task = training.begin(source, lambda path: done.append(path), prepare=lambda: done.append("prepared"))
     try:
         assert task.join(20.0)
         while not done:
-            assert runner.tick() is not None
+            assert training.tick() is not None
         assert done == ["prepared"] and task.waiting is not None
-        assert runner.tick() is None and done == ["prepared", Path("x.frog")]
+        assert training.tick() is None and done == ["prepared", Path("x.frog")]
     finally:
-        runner.set_current(None)
+        training.set_current(None)
 
 
 def test_a_scene_that_was_renamed_meanwhile_gets_the_import(empty, static_rig):
@@ -164,25 +164,25 @@ def endless(addon):
             threading.Event().wait(0.005)
         yield events.Cancelled(3, "half.frog")
 
-    task = runner.begin(source)
+    task = training.begin(source)
     yield task
     task.cancel()
     finish(task)
-    runner.set_current(None)
+    training.set_current(None)
 
 
 def test_only_one_training_at_a_time(endless):
-    assert runner.is_running() and bpy.app.timers.is_registered(runner.tick)
+    assert training.is_running() and bpy.app.timers.is_registered(training.tick)
     with pytest.raises(FrogError, match="already running"):
-        runner.begin(lambda cancelled: iter([]))
+        training.begin(lambda cancelled: iter([]))
 
 
 def test_opening_another_file_neither_ends_a_training_nor_waits_for_it(endless, tmp_path):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "x.blend"))
-    assert runner.current() is endless and runner.is_running() and not endless.control.ended
-    assert bpy.app.timers.is_registered(runner.tick)
+    assert training.current() is endless and training.is_running() and not endless.control.ended
+    assert bpy.app.timers.is_registered(training.tick)
     endless.cancel()
     state = finish(endless)
     assert state.cancelled and state.result == Path("half.frog")
@@ -192,18 +192,18 @@ def test_opening_another_file_neither_ends_a_training_nor_waits_for_it(endless, 
 def test_at_the_end_there_is_so_much_patience(addon, capfd, learned):
     """What is being saved is waited for; what hangs is not."""
     gate, taken = threading.Event(), threading.Event()
-    addon_state.put(runner.BackgroundTraining(patience=0.01, quit_seconds=0.05))
+    addon_state.put(training.BackgroundTraining(patience=0.01, quit_seconds=0.05))
 
     def source(cancelled):
         yield steps(1)[0] if learned else events.Stage("decoding", 0, 1)
         taken.set()
         gate.wait(20.0)
 
-    task = runner.begin(source)
+    task = training.begin(source)
     assert taken.wait(20.0) and task.pump() == 1
     addon.unregister()
     try:
-        assert not task.join(0.0) and runner.current() is None
+        assert not task.join(0.0) and training.current() is None
         said = capfd.readouterr().err
         assert ("Saving what the training has learned" in said) == learned
         assert ("The last checkpoint is kept" in said) == learned
@@ -231,23 +231,23 @@ def file(monkeypatch):
 
 def test_the_file_counts_as_unsaved_while_a_training_runs(endless, file):
     for _ in range(3):
-        assert runner.tick() is not None
+        assert training.tick() is not None
     assert len(file.pushed) == 1
     file.is_dirty = False  # the user saves meanwhile
-    runner.tick()
+    training.tick()
     assert len(file.pushed) == 2
     endless.cancel()
     finish(endless)
     file.is_dirty = False
-    assert runner.tick() is None and len(file.pushed) == 2
+    assert training.tick() is None and len(file.pushed) == 2
 
 
 def test_a_file_that_is_saved_after_an_undo_can_still_redo(endless, file):
     file.can_redo = True
-    runner.tick()
+    training.tick()
     assert not file.pushed
     file.can_redo = False  # something new was done, and saved
-    runner.tick()
+    training.tick()
     assert len(file.pushed) == 1
 
 
@@ -260,7 +260,7 @@ def test_a_file_becomes_unsaved(empty):
 
 def test_an_import_waits_for_the_end_of_an_operation(addon):
     busy, imported = [True], []
-    task = runner.TrainingTask(
+    task = training.TrainingTask(
         lambda control: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)]),
         imported.append,
         is_scene_in_use=lambda: bool(busy),
@@ -276,9 +276,9 @@ def test_an_import_that_fails_in_an_unforeseen_way_is_a_sentence_too(addon, capf
     def fail(path):
         raise KeyError("no such thing")
 
-    task = runner.begin(lambda cancelled: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)]), fail)
+    task = training.begin(lambda cancelled: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)]), fail)
     assert task.join(20.0)
-    while runner.tick() is not None:
+    while training.tick() is not None:
         pass
     assert "x.frog: the scene was trained, but could not be imported (KeyError" in task.state.error
     assert not task.state.running and task.state.result == Path("x.frog") and "Traceback" in capfd.readouterr().err
@@ -287,20 +287,20 @@ def test_an_import_that_fails_in_an_unforeseen_way_is_a_sentence_too(addon, capf
 def test_an_event_that_cannot_be_shown_ends_nothing(addon):
     said = [events.Stage("decoding", 1, None), events.Finished("x.frog", 7, 1.0, 20.0, 5, {"what": "no summary"})]
     imported = []
-    state = finish(runner.TrainingTask(lambda cancelled: iter(said), imported.append).start())
+    state = finish(training.TrainingTask(lambda cancelled: iter(said), imported.append).start())
     assert len(state.warnings) == 2 and "cannot be shown" in state.warnings[0]
     assert not state.running and not state.error and imported == [Path("x.frog")] and state.step == 7
 
 
 def test_an_image_that_cannot_be_shown_ends_nothing(endless, capfd):
-    runner.watch(lambda state: 1 / 0)
+    training.watch(lambda state: 1 / 0)
     while not endless.state.stage_fraction and not capfd.readouterr().err:
-        assert runner.tick() is not None, "the timer goes on"
+        assert training.tick() is not None, "the timer goes on"
     assert endless.state.running
 
 
 def test_a_worker_that_dies_without_a_word_is_noticed(addon):
-    class Dying(runner.TrainingTask):
+    class Dying(training.TrainingTask):
         def work(self):
             """As without memory for a last message."""
 
@@ -317,8 +317,8 @@ def test_without_a_thread_there_is_one_sentence(addon, monkeypatch):
 
     monkeypatch.setattr(threading.Thread, "start", start)
     with pytest.raises(FrogError, match="could not be started"):
-        runner.begin(lambda cancelled: iter([]))
-    assert not runner.is_running()
+        training.begin(lambda cancelled: iter([]))
+    assert not training.is_running()
 
 
 def test_train_operator_says_what_is_missing(empty, tmp_path):
@@ -327,7 +327,7 @@ def test_train_operator_says_what_is_missing(empty, tmp_path):
     empty.frog.capture_folder = str(tmp_path / "nowhere")
     with pytest.raises(RuntimeError, match="nowhere: there is no such folder"):
         bpy.ops.frog.train()
-    assert not runner.is_running()
+    assert not training.is_running()
 
 
 def test_naming_a_folder_says_what_it_is(empty, tmp_path):
@@ -341,7 +341,7 @@ def test_naming_a_folder_says_what_it_is(empty, tmp_path):
 
 
 def test_what_the_panel_asks_for(empty, tmp_path):
-    from frog_blender.training_task.request import can_resume, request_of
+    from frog_blender.tasks.training_request import can_resume, request_of
 
     settings = empty.frog
     settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene")
@@ -365,7 +365,7 @@ def test_a_request_names_what_the_engine_knows(empty, tmp_path):
     from frog_blender.engine.training.optimize.device import DEVICES
     from frog_blender.engine.training.recipe import RECIPES
     from frog_blender.engine.training.session.job import TrainingJob
-    from frog_blender.training_task.request import request_of
+    from frog_blender.tasks.training_request import request_of
     from frog_blender.ui import training_settings
 
     empty.frog.capture_folder = str(tmp_path)
@@ -381,7 +381,7 @@ def test_resuming_what_is_no_checkpoint_is_one_sentence(empty, tmp_path):
     (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
     addon_state.reset(capture_summary.Inspected)  # as in a file that was just opened
     assert bpy.ops.frog.train(resume=True) == {"FINISHED"}
-    task = runner.current()
+    task = training.current()
     assert task.join(60)
     while task.pump():
         pass

@@ -13,8 +13,8 @@ from support.small_scenes import glowing
 
 from frog_blender import point_cloud
 from frog_blender.scene_import.capture_objects import cameras_of
+from frog_blender.tasks import training
 from frog_blender.timeline import playback
-from frog_blender.training_task import runner
 
 CAPTURE = Path(__file__).resolve().parents[2] / "examples" / "captures" / "room"
 GLOW = (0.9, 0.1, 0.8)
@@ -43,8 +43,8 @@ def test_film_train_scrub_render(empty, tmp_path, rendered, monkeypatch):
     settings = empty.frog
     settings.output_path, settings.recipe = str(tmp_path / "room.frog"), "draft"
     assert bpy.ops.frog.train() == {"FINISHED"}
-    task = runner.current()
-    seconds_patient(lambda: runner.tick() is None, 3000.0)
+    task = training.current()
+    seconds_patient(lambda: training.tick() is None, 3000.0)
     state = task.state
     assert not state.error and state.result == tmp_path / "room.frog"
     assert state.psnr > 25.0 and 0 < state.moving < state.gaussians

@@ -24,7 +24,6 @@ from support.layouts.rigs import opencv_frames
 from support.mutated_captures import counts, json_values, lines, words
 from support.mutated_files import ARCHIVES, Kind, main
 
-from frog_blender.calibration_task.clocks import CAMERAS, read_clocks, write_clock
 from frog_blender.engine.capture.calibration.board_file import read_board
 from frog_blender.engine.capture.calibration.films import Film
 from frog_blender.engine.capture.calibration.report import REPORT
@@ -38,6 +37,7 @@ from frog_blender.engine.capture.orientation import orientation_in_header
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import VideoFacts, read_facts, read_image
 from frog_blender.engine.errors import FrogError, printable
+from frog_blender.tasks.clocks import CAMERAS, read_clocks, write_clock
 
 JSON = [flipped, cut, torn, json_values, json_values, json_values, json_values, json_values]
 TEXT = [flipped, cut, torn, words, words, words, lines]

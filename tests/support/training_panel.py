@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from frog_blender.training_task import runner
+from frog_blender.tasks import training
 
 
 class Written:
@@ -54,8 +54,8 @@ class Written:
 
 def told(*said):
     """A training that has said this and is still running."""
-    task = runner.TrainingTask(lambda control: iter(said))
+    task = training.TrainingTask(lambda control: iter(said))
     for event in said:
         task.apply(event)
-    runner.set_current(task)
+    training.set_current(task)
     return task

@@ -25,7 +25,7 @@ from frog_blender.engine.capture.calibration.rig_result import CameraFacts
 from frog_blender.engine.capture.calibration.work_folder import NAME
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
-from frog_blender.torch_install import landmarks
+from frog_blender.tasks import landmarks
 
 from .rigs import around, board_poses, pixels_of
 from .test_board import photographed

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import addon_state, redrawing, unsaved_changes
-from ..background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
 from ..engine import memory
 from ..engine.errors import FrogError, brief
 from ..engine.training.session.cancel_token import CancelToken
 from ..timeline import open_scenes, prefetch
+from .background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
 from .live_view import LiveView
-from .state import TrainingState
+from .training_state import TrainingState
 
 if TYPE_CHECKING:
     from ..engine.training.session.events import Event

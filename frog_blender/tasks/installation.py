@@ -9,9 +9,9 @@ from pathlib import Path
 import bpy
 
 from .. import addon_state
-from .folders import CALIBRATION, TORCH, clear_remains, remains
 from .installer import Installation
 from .landmarks import LandmarkDownload
+from .package_folders import CALIBRATION, TORCH, clear_remains, remains
 from .packages import BYTES_NEEDED, CALIBRATION_BYTES_NEEDED, CALIBRATION_PACKAGES, CPU
 
 TICK_SECONDS = 0.5

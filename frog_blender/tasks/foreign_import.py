@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import addon_state
-from ..background_task import BackgroundTask, TaskHolder, end_ticking
 from ..engine.errors import FrogError, brief
 from ..timeline import open_scenes
+from .background_task import BackgroundTask, TaskHolder, end_ticking
 
 if TYPE_CHECKING:
     from ..engine.interchange.frame_source import Imported

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from ..engine.errors import FrogError, printable
 
 if TYPE_CHECKING:
-    from .request import TrainingRequest
+    from .training_request import TrainingRequest
 
 PLACEHOLDERS = ("{capture}", "{output}", "{options}")
 _ANY = re.compile("|".join(map(re.escape, PLACEHOLDERS)))

@@ -17,11 +17,11 @@ from pathlib import Path
 import bpy
 
 from .. import addon_state
-from ..background_task import BackgroundTask, TaskHolder, end_ticking
 from ..engine.errors import FrogError, brief, how_it_ended
-from . import capture_folder
-from .request import RenderRequest, command
-from .state import SceneCaptureState
+from ..scene_capture import capture_folder
+from ..scene_capture.request import RenderRequest, command
+from .background_task import BackgroundTask, TaskHolder, end_ticking
+from .scene_capture_state import SceneCaptureState
 
 OnFinished = Callable[[Path], None]
 """Is called on the main thread with the capture's folder. May raise FrogError."""

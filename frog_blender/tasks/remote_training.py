@@ -17,7 +17,7 @@ from .followed_process import FollowedProcess
 from .remote_command import RemoteCommand
 
 if TYPE_CHECKING:
-    from .request import TrainingRequest
+    from .training_request import TrainingRequest
 
 PATIENCE = 20.0  # seconds for a cancelled training to save and end
 _LOOKS = 0.1  # seconds between looks at what the panel asks for
@@ -42,7 +42,7 @@ class RemoteTraining:
         self._was_killed = False
 
     def events(self, control: CancelToken) -> Iterator[Event]:
-        """Runs it: an event source for ``runner.begin``. FrogError if it fails."""
+        """Runs it: an event source for ``training.begin``. FrogError if it fails."""
         if control.ended:
             yield events.Cancelled(0, None)
             return

@@ -19,7 +19,7 @@ from ..engine.training.session.output_paths import (
     training_progress,
     unused_output,
 )
-from ..torch_install import folders
+from . import package_folders
 
 
 class TrainingRequest:
@@ -49,7 +49,7 @@ class TrainingRequest:
 
     def events(self, control: CancelToken) -> Iterator[Any]:
         """Run the training; called on the worker, because this is what imports torch."""
-        folders.hold()
+        package_folders.hold()
         from ..engine.training.compression.budget import recipe_within
         from ..engine.training.recipe import recipe
         from ..engine.training.session.job import TrainingJob

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from ..engine.errors import FrogError, brief
-from .folders import has_package, package_of, partial_prefix, switch_to
+from .package_folders import has_package, package_of, partial_prefix, switch_to
 from .packages import BYTES_NEEDED, CPU, PACKAGES
 from .pip_run import PipRun, pip_command
 

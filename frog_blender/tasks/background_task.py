@@ -15,8 +15,8 @@ from typing import Any, ClassVar, Self, TypeAlias
 
 import bpy
 
-from . import redrawing
-from .engine.errors import FrogError
+from .. import redrawing
+from ..engine.errors import FrogError
 
 PUMP_MESSAGES = 200  # the most messages one pump() applies
 PUMP_SECONDS = 0.008  # and the longest it takes: half a frame at 60 Hz

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import addon_state, redrawing
-from ..background_task import BackgroundTask, TaskHolder, end_ticking
 from ..engine.errors import FrogError, brief
-from .request import Calibrator
-from .state import CalibrationState
+from .background_task import BackgroundTask, TaskHolder, end_ticking
+from .calibration_request import Calibrator
+from .calibration_state import CalibrationState
 
 if TYPE_CHECKING:
     from ..engine.capture.calibration.pipeline import Outcome

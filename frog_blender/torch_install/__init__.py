@@ -1,1 +1,0 @@
-"""Installation of torch for training, into a folder of its own."""

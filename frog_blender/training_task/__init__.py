@@ -1,1 +1,0 @@
-"""Training in a background thread, and its state for the panel."""
