@@ -49,7 +49,6 @@ TRAINING = (
             "calibration_request",
             "calibration_state",
             "clocks",
-            "followed_process",
             "installation",
             "installer",
             "landmarks",

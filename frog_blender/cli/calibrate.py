@@ -33,8 +33,8 @@ def add_calibrate_parser(commands: Any) -> None:
 
 
 def _calibrate(options: argparse.Namespace) -> int:
-    from ..engine.capture.calibration.child_process import CalibrationCancelled
     from ..engine.capture.calibration.pipeline import Options, calibrate
+    from ..engine.io.child_process import Stopped
     from .progress import stage_bars
 
     if options.use_found or options.use_given:
@@ -54,7 +54,7 @@ def _calibrate(options: argparse.Namespace) -> int:
     with stopping() as asked, stage_bars() as progress:
         try:
             found = calibrate(options.folder, chosen, progress, asked)
-        except CalibrationCancelled:
+        except Stopped:
             complain("cancelled; the same command goes on from here.")
             return 1
     for warning in found.warnings:

@@ -7,9 +7,10 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
+from ..engine.io.child_process import bounded_lines
 from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
-from ..engine.training.session.event_lines import bounded_lines, line_of
+from ..engine.training.session.event_lines import line_of
 
 _LONGEST_WORD = 4096
 _STANDARD_INPUT = 0

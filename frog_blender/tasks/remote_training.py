@@ -8,19 +8,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..engine.errors import FrogError, how_it_ended
+from ..engine.errors import FrogError
+from ..engine.io.child_process import ChildProcess, Stopped
 from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.event_lines import event_of
 from ..engine.training.session.events import Event
-from .followed_process import FollowedProcess
 from .remote_command import RemoteCommand
 
 if TYPE_CHECKING:
     from .training_request import TrainingRequest
 
 PATIENCE = 20.0  # seconds for a cancelled training to save and end
-_LOOKS = 0.1  # seconds between looks at what the panel asks for
 _PACE = 0.0005  # seconds between two events: no faster than the panel takes them, whatever is sent
 _MOST_SENTENCES = 1000  # warnings and reductions, which the panel keeps
 
@@ -37,7 +36,7 @@ class RemoteTraining:
     def __init__(self, command: RemoteCommand, request: TrainingRequest, patience: float = PATIENCE) -> None:
         self._command, self._request, self._patience = command, request, patience
         self._arguments = command.arguments(request)
-        self._process: FollowedProcess | None = None
+        self._process: ChildProcess | None = None
         self._step = self._sentences = 0
         self._was_killed = False
 
@@ -47,41 +46,38 @@ class RemoteTraining:
             yield events.Cancelled(0, None)
             return
         self._request.copy_checkpoint()
-        self._process = process = FollowedProcess(self._arguments)
-        try:
+        with ChildProcess(self._arguments) as process:
+            self._process = process
             last = yield from self._followed(process, control)
             yield from self._end(process, control, last)
-        finally:
-            process.leave()
 
     def kill(self) -> None:
         """Ends the command at once; from any thread."""
         if self._process is not None:
             self._process.kill()
 
-    def _followed(self, process: FollowedProcess, control: CancelToken) -> Generator[Event, None, Event | None]:
+    def _followed(self, process: ChildProcess, control: CancelToken) -> Generator[Event, None, Event | None]:
         """Yields events until the command has ended; returns the training's last, which waits for that: what the
         command does after a training, such as copying the scene here, belongs to it.
         """
         wishes = _Wishes(process, control, self._request.job.get("preview_camera"))
-        last: Event | None = None
-        while True:
+
+        def is_over() -> bool:
             wishes.pass_on()
-            if wishes.seconds_cancelled > self._patience:
-                self._was_killed = True
-                process.kill()
-                return last
-            line = process.line(_LOOKS)
-            if line is None:
-                if process.drained():
-                    return last
-                continue
-            event = event_of(line)
-            if isinstance(event, events.Finished | events.Cancelled):
-                last = event
-            elif event is not None and self._is_taken(event):
-                yield self._translated(event)
-            time.sleep(_PACE)
+            return wishes.seconds_cancelled > self._patience
+
+        last: Event | None = None
+        try:
+            for line in process.lines(is_over):
+                event = event_of(line)
+                if isinstance(event, events.Finished | events.Cancelled):
+                    last = event
+                elif event is not None and self._is_taken(event):
+                    yield self._translated(event)
+                time.sleep(_PACE)
+        except Stopped:
+            self._was_killed = True
+        return last
 
     def _is_taken(self, event: Event) -> bool:
         """Whether the panel is given an event. Only so many sentences are, as it keeps them."""
@@ -102,13 +98,13 @@ class RemoteTraining:
         output = self._request.output
         return output if self._command.is_there(told, output) else self._command.here(told)
 
-    def _end(self, process: FollowedProcess, control: CancelToken, last: Event | None) -> Iterator[Event]:
+    def _end(self, process: ChildProcess, control: CancelToken, last: Event | None) -> Iterator[Event]:
         """Yields the training's last event, with what is left of it here; FrogError where it failed."""
         if isinstance(last, events.Finished):
             path = self._here(last.path)
             yield replace(last, path=str(path))
             if not path.is_file():
-                why = f" The command {_how(process)}." if process.code else ""
+                why = f" The command {process.end}." if process.code else ""
                 raise FrogError(f"{path}: the scene is trained, but its file is not on this computer.{why}")
         elif isinstance(last, events.Cancelled):
             left = self._here(last.path) if last.path is not None else None
@@ -123,10 +119,10 @@ class RemoteTraining:
                 )
             yield events.Cancelled(self._step, None)
         elif process.code:
-            raise FrogError(f"The remote command {_how(process)}.")
+            raise FrogError(f"The remote command {process.end}.")
         else:
             raise FrogError(
-                f"The remote command did not tell how the training ended ({process.last_words()}). It has to run "
+                f"The remote command did not tell how the training ended ({process.last_words}). It has to run "
                 "frog train with --events."
             )
 
@@ -134,7 +130,7 @@ class RemoteTraining:
 class _Wishes:
     """Passes on to a command what is asked of a training: pauses, another preview, its end."""
 
-    def __init__(self, process: FollowedProcess, control: CancelToken, preview_camera: str | None) -> None:
+    def __init__(self, process: ChildProcess, control: CancelToken, preview_camera: str | None) -> None:
         self._process, self._control = process, control
         self._is_paused, self._preview = False, ""
         self._first_preview = preview_camera or ""
@@ -161,8 +157,3 @@ class _Wishes:
         if preview != self._preview:
             self._preview = preview
             process.send(f"preview {' '.join(preview.split())}")
-
-
-def _how(process: FollowedProcess) -> str:
-    """How a command ended that failed, and its last words."""
-    return f"{how_it_ended(process.code or 0)} ({process.last_words().rstrip('.')})"

@@ -191,7 +191,7 @@ def test_a_killed_calibrator_leaves_blender_as_it_was(empty, tmp_path):
     )
     task.start()
     deadline = time.monotonic() + 60
-    while not (children := children_of(os.getpid(), "calibration.child")) and time.monotonic() < deadline:
+    while not (children := children_of(os.getpid(), "io.child_process")) and time.monotonic() < deadline:
         time.sleep(0.01)
     for child in children:
         os.kill(child, signal.SIGKILL)
@@ -210,11 +210,11 @@ def test_a_cancelled_calibration_ends_its_process(empty, tmp_path):
     )
     task.start()
     deadline = time.monotonic() + 60
-    while not children_of(os.getpid(), "calibration.child") and time.monotonic() < deadline:
+    while not children_of(os.getpid(), "io.child_process") and time.monotonic() < deadline:
         time.sleep(0.01)
     task.cancel()
     state = finish(task)
-    assert state.cancelled and not state.error and not children_of(os.getpid(), "calibration.child")
+    assert state.cancelled and not state.error and not children_of(os.getpid(), "io.child_process")
 
 
 def children_of(process, word):

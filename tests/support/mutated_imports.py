@@ -158,7 +158,11 @@ class InProcess(Imports):
                 devnull = os.open(os.devnull, os.O_WRONLY)
                 os.dup2(devnull, 1)
                 os.dup2(devnull, 2)
-                answer = import_process.answered(self.path, self.target, compact=False)
+                request = {"source": str(self.path), "target": str(self.target), "compact": False}
+                try:
+                    answer = import_process.convert(request, lambda *_: None)
+                except FrogError as error:
+                    answer = {"error": str(error)}
                 os.write(writer, json.dumps(answer).encode())
                 os._exit(0)
             finally:

@@ -1,21 +1,16 @@
-"""Files whose libraries trust what they read, imported in a process of its own with a limit to its memory.
-
-``python -m ...interchange.import_process SOURCE TARGET COMPACT`` writes lines of JSON: ``{"done": 3, "of": 60}``, and
-at the end what was imported, or ``{"error": sentence}``. It ends when the process that started it does.
-"""
+"""Files whose libraries trust what they read, imported in a process of its own with a limit to its memory."""
 
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
-import threading
-from collections.abc import Callable, Iterable
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 from ..capture.video import load_opencv
-from ..errors import FrogError, brief, how_it_ended
+from ..errors import FrogError
+from ..io.child_process import REQUEST, Progress, Task
+from ..io.plain_values import JsonObject
 from ..optional_imports import is_missing, not_loaded
 from .frame_source import FrameSource, Imported, write_source
 
@@ -23,8 +18,6 @@ ROOM = 512 << 20
 """Bytes that a reader may take besides twice the file."""
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 SUFFIXES = (*USD_SUFFIXES, ".4dgs", ".sog")
-_PACKAGE = Path(__file__).parents[2]  # of frog_blender, or of an extension that holds it
-_LAST_LINES = 3
 
 
 def import_foreign(
@@ -35,59 +28,24 @@ def import_foreign(
     Args:
         compact, progress: see ``write_source``.
     """
-    module = ".".join([_PACKAGE.name, *Path(__file__).with_suffix("").relative_to(_PACKAGE).parts])
-    command = [sys.executable, "-P", "-m", module, str(source), str(target), "compact" if compact else "plain"]
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(_PACKAGE.parent), *filter(None, sys.path)]),
-        "PYTHONIOENCODING": "utf-8",
-        "OPENBLAS_NUM_THREADS": "1",  # threads reserve memory, which is limited here
-        "PXR_WORK_THREAD_LIMIT": "1",
-    }
-    with subprocess.Popen(
-        command,
-        env=environment,
-        stdin=subprocess.PIPE,  # closed when this process ends, which ends the child
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        encoding="utf-8",
-        errors="replace",
-    ) as process:
-        said: list[str] = []
-        listener = threading.Thread(target=lambda: said.extend(process.stderr or ()), daemon=True)
-        listener.start()
-        answer = _followed(process.stdout or (), progress)
-        code = process.wait()
-        listener.join()
-    if "error" in answer:
-        raise FrogError(answer["error"])
-    if code or "gaussians" not in answer:
-        last = brief(" ".join(line.strip() for line in said[-_LAST_LINES:])) or "it said nothing"
-        how = how_it_ended(code)
-        raise FrogError(f"{source}: the program that reads it {how} ({last}): the file is damaged or too large.")
+
+    def failure(end: str) -> str:
+        return f"{source}: the program that reads it {end}: the file is damaged or too large."
+
+    request = {"source": str(source), "target": str(target), "compact": compact}
+    with tempfile.TemporaryDirectory(prefix="frog-import-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        (folder / REQUEST).write_text(json.dumps(request), encoding="utf-8")
+        task = Task("interchange.import_process:convert", failure)
+        done = task.run(folder, lambda _stage, done, total: progress(done, total))
     return Imported(
         target,
-        int(answer["gaussians"]),
-        int(answer["left_out"]),
-        frames=int(answer["frames"]),
-        keeps_identity=bool(answer["keeps_identity"]),
-        left_out_sound=answer["sound"],
+        int(done["gaussians"]),
+        int(done["left_out"]),
+        frames=int(done["frames"]),
+        keeps_identity=bool(done["keeps_identity"]),
+        left_out_sound=done["sound"],
     )
-
-
-def _followed(lines: Iterable[str], progress: Callable[[int, int], None]) -> dict[str, str]:
-    """The child's last word; what it says before is progress."""
-    answer: dict[str, str] = {}
-    for line in lines:
-        try:
-            told = json.loads(line)
-        except ValueError:
-            continue  # a library's own
-        if isinstance(told, dict) and "of" in told:
-            progress(int(told["done"]), int(told["of"]))
-        elif isinstance(told, dict):
-            answer = told
-    return answer
 
 
 def open_source(path: Path) -> FrameSource:
@@ -105,22 +63,26 @@ def open_source(path: Path) -> FrameSource:
     return open_fourdgs(path)
 
 
-def answered(source: Path, target: Path, *, compact: bool) -> dict[str, object]:
-    """What the child says in the end."""
+def convert(request: JsonObject, tell: Progress) -> JsonObject:
+    """The child's task: writes the scene, and returns what was imported."""
+    source, target = Path(request["source"]), Path(request["target"])
+
+    def progress(done: int, of: int) -> None:
+        tell("importing", done, of)
+
     try:
         preload(source)
         limit_memory(source)
-        done = write_source(open_source(source), source, target, compact=compact, progress=_tell)
+        done = write_source(open_source(source), source, target, compact=bool(request["compact"]), progress=progress)
         left_out_sound = _kept_sound(source, target)
-    except FrogError as error:
-        return {"error": str(error)}
-    except MemoryError:
-        return {"error": f"{source}: found a file that needs more memory than its size allows for."}
+    except MemoryError as error:
+        raise FrogError(f"{source}: found a file that needs more memory than its size allows for.") from error
     except ImportError as error:
         package = {"pxr": "usd-core", "fourdgs": "fourdgs"}.get(str(error.name).split(".")[0], str(error.name))
         if not is_missing(error):
-            return {"error": f"{source}: {not_loaded(error)}."}
-        return {"error": f"{source}: the Python package {package!r}, which reads such files, is not installed."}
+            raise FrogError(f"{source}: {not_loaded(error)}.") from error
+        missing = f"the Python package {package!r}, which reads such files, is not installed"
+        raise FrogError(f"{source}: {missing}.") from error
     return {
         "gaussians": done.gaussians,
         "left_out": done.left_out,
@@ -161,25 +123,3 @@ def limit_memory(source: Path) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
     except (OSError, ValueError, IndexError):
         return
-
-
-def _tell(done: int, of: int) -> None:
-    print(json.dumps({"done": done, "of": of}), flush=True)
-
-
-def _end_with_parent() -> None:
-    """Standard input ends when the parent does, however that ended."""
-    sys.stdin.read()
-    os._exit(1)
-
-
-def main(arguments: list[str]) -> int:
-    """Imports the file that the arguments name; anything but a FrogError ends the process as it is."""
-    source, target, form = arguments
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    print(json.dumps(answered(Path(source), Path(target), compact=form == "compact")), flush=True)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

@@ -9,10 +9,10 @@ import cv2
 import pytest
 
 from frog_blender.cli.main import main
-from frog_blender.engine.capture.calibration.child_process import CalibrationCancelled
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.io.child_process import Stopped
 
 from .walls import center_errors, film, image, rig
 
@@ -58,7 +58,7 @@ def test_folders_of_frames_become_a_capture(tmp_path: Path) -> None:
 
 
 def test_it_can_be_cancelled_at_once(footage: Path, tmp_path: Path) -> None:
-    with pytest.raises(CalibrationCancelled):
+    with pytest.raises(Stopped):
         calibrate(footage, Options(out=tmp_path, in_step=True), lambda *_: None, lambda: True)
     assert not list(tmp_path.glob("*.json"))
 

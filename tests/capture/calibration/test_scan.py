@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.child_process import CalibrationCancelled
 from frog_blender.engine.capture.calibration.films import Film, find_films
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.calibration.scan import walk_throughs, walks_of
@@ -15,6 +14,7 @@ from frog_blender.engine.capture.calibration.work_folder import WorkFolder
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.io.child_process import Stopped
 
 from .walls import FOCAL, camera, center_errors, film, image
 
@@ -88,7 +88,7 @@ def test_two_unnamed_films_that_move_beside_standing_ones_are_refused() -> None:
 
 def test_reading_a_walk_through_can_be_cancelled(footage: Path, tmp_path: Path) -> None:
     (scan,) = (each for each in find_films(footage) if each.name == "Scan")
-    with pytest.raises(CalibrationCancelled):
+    with pytest.raises(Stopped):
         walks_of([scan], WorkFolder(tmp_path), lambda *_: None, lambda: True)
     (walk,) = walks_of([scan], WorkFolder(tmp_path), lambda *_: None, lambda: False)
     assert len(walk.images) == len(SCAN) and walk.size == (320, 240)

@@ -17,7 +17,6 @@ from frog_blender.cli.main import main
 from frog_blender.engine.capture.calibration import pipeline, ways
 from frog_blender.engine.capture.calibration.board_detection import Board
 from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
-from frog_blender.engine.capture.calibration.child_process import CalibrationCancelled
 from frog_blender.engine.capture.calibration.clicked_points import calibrate_clicks
 from frog_blender.engine.capture.calibration.films import Film, View, find_films
 from frog_blender.engine.capture.calibration.pipeline import Options, Outcome, calibrate
@@ -25,6 +24,7 @@ from frog_blender.engine.capture.calibration.rig_result import CameraFacts
 from frog_blender.engine.capture.calibration.work_folder import NAME
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.io.child_process import Stopped
 from frog_blender.tasks import landmarks
 
 from .rigs import around, board_poses, pixels_of
@@ -195,7 +195,7 @@ def test_looking_for_a_board_can_be_cancelled(board_footage: Path, tmp_path: Pat
     (tmp_path / "mine.toml").write_text(BOARD_FILE)
     stages: list[str] = []
     options = Options(out=tmp_path, in_step=True, board=tmp_path / "mine.toml")
-    with pytest.raises(CalibrationCancelled):
+    with pytest.raises(Stopped):
         calibrate(board_footage, options, lambda stage, *_: stages.append(stage), lambda: "board" in stages)
     assert "bundle adjustment" not in stages and not list(tmp_path.glob("*.json"))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
 import random
 import typing
@@ -13,8 +12,9 @@ from base64 import b64encode
 import numpy as np
 import pytest
 
-from frog_blender.engine.training.session import event_lines, events
-from frog_blender.engine.training.session.event_lines import bounded_lines, event_of, line_of
+from frog_blender.engine.io.child_process import LONGEST_LINE
+from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session.event_lines import event_of, line_of
 
 IMAGE = np.random.default_rng(0).integers(0, 256, (9, 16, 3), np.uint8)
 REPORT = {
@@ -137,7 +137,7 @@ def test_a_large_image_is_sent_smaller() -> None:
     assert isinstance(found, events.Preview) and found.image.shape == (500, 867, 3) and (found.image == 77).all()
     noise = np.random.default_rng(1).integers(0, 256, (1024, 1024, 3), np.uint8)
     line = line_of(events.Preview(1, noise))
-    assert line is not None and len(line) < event_lines.LONGEST_LINE
+    assert line is not None and len(line) < LONGEST_LINE
 
 
 @pytest.mark.parametrize("capacity", [[], {"gaussians": 5}, {**REPORT, "dynamic": "x"}, {**REPORT, "reductions": [3]}])
@@ -145,11 +145,6 @@ def test_reports_that_nobody_could_read_out(capacity: object) -> None:
     values = {"path": "x", "steps": 1, "seconds": 1, "psnr": None, "gaussians": 1}
     assert read(event="finished", **values, capacity=capacity) is None
     assert read(event="finished", **values, capacity={**REPORT, "reductions": REPORT["reductions"] * 2000}) is None
-
-
-def test_a_line_of_any_length_takes_no_more_memory_than_the_longest() -> None:
-    stream = io.BytesIO(b"a\n" + b"x" * 1000 + b"\nb\n" + b"y" * 99 + b"\n" + b"z" * 100 + b"\nend")
-    assert list(bounded_lines(stream, 100)) == [b"a\n", b"b\n", b"y" * 99 + b"\n", b"end"]
 
 
 def test_mutated_lines_end_nothing() -> None:

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ...arrays import ImageArray
+from ...io.child_process import Progress
 from ..readers.film_frames import decode_film
 from .board import calibrate_board
 from .board_detection import Board, Corners, find_board, find_corners
 from .calibration import Calibration
-from .child_process import Progress
 from .films import Film
 from .rig_result import CameraFacts
 

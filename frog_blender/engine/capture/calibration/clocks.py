@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 from ...arrays import ImageArray
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
+from ...io.child_process import REQUEST, Progress
 from ...io.plain_values import UnfitValue
 from ..camera import Camera
 from ..capture import Distortion
 from ..synchronization import Synchronization, draw_curves
-from .child_process import REQUEST, Progress, run
+from .child_process import run
 from .clock_task import request_of
 from .films import Film
 from .work_folder import WorkFolder
@@ -63,7 +64,7 @@ def find_clocks(
         work: keeps what a second search, with better cameras, needs again.
 
     Raises:
-        CalibrationCancelled: if ``cancelled`` said so.
+        Stopped: if ``cancelled`` said so.
         FrogError: if a film cannot be decoded, or the process of the synchronisation died.
     """
     folder = work.path / "synchronization"

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...io.child_process import Progress
 from .board_films import images_at
 from .calibration import Calibration
-from .child_process import Progress
 from .films import Film, View
 from .joint_clocks import FilmJoints, JointClocks, calibrate_unsynchronised
 from .joints import Joints, calibrate_joints, find_joints

@@ -12,12 +12,13 @@ import numpy as np
 from ...arrays import Float64s
 from ...errors import FrogError, brief
 from ...io.atomic_files import write_atomically
+from ...io.child_process import REQUEST, Progress
 from ...io.plain_values import JsonObject
 from ..image_size import image_size
 from ..readers.frame_times import frame_times
 from ..video import find_images, find_videos
 from .camera_kinds import numbered
-from .child_process import REQUEST, Progress, run
+from .child_process import run
 from .films import Film
 from .moving_films import LEAST_IMAGES, sampled, written
 from .result_files import free_path, is_calibrated
@@ -60,7 +61,7 @@ def calibrate_moving(
 
     Raises:
         CalibrationRefused: if the images do not fix the poses.
-        CalibrationCancelled: if ``cancelled`` said so.
+        Stopped: if ``cancelled`` said so.
         FrogError: if the images cannot be used or the result cannot be written.
     """
     films = [each for each in footage if isinstance(each, Film)]

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import combinations
 
+from ...io.child_process import Progress, Stopped
 from ..ffmpeg import notes
 from ..synchronization.audio import audio_lag, read_audio
 from ..synchronization.recordings import open_recording
 from ..synchronization.report import reported
 from ..synchronization.solve import solve
 from ..synchronization.timecode import read_note
-from .child_process import CalibrationCancelled, Progress
 from .clocks import FoundClocks
 from .films import Film
 
@@ -22,7 +22,7 @@ def find_moving_clocks(films: Sequence[Film], progress: Progress, cancelled: Cal
     """The films' clocks, and how they were found in a sentence.
 
     Raises:
-        CalibrationCancelled: if ``cancelled`` said so.
+        Stopped: if ``cancelled`` said so.
         FrogError: if a film cannot be decoded.
     """
     return _by_sound(films, progress, cancelled) or _by_timecode(films) or _none(films)
@@ -34,7 +34,7 @@ def _by_sound(films: Sequence[Film], progress: Progress, cancelled: Callable[[],
     for place, film in enumerate(opened):
         progress("synchronisation", place, len(films))
         if cancelled():
-            raise CalibrationCancelled
+            raise Stopped
         sound = read_audio(film)
         if sound is None:
             return None

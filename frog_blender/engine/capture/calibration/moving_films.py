@@ -12,8 +12,8 @@ import numpy as np
 from ...arrays import ImageArray
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
+from ...io.child_process import Progress, Stopped
 from ..video import decode, load_opencv
-from .child_process import CalibrationCancelled, Progress
 from .films import Film
 
 LEAST_IMAGES = 8
@@ -66,7 +66,7 @@ def sharpest(film: Film, cancelled: Callable[[], bool]) -> list[int]:
     sharp = {}
     for frame, image in zip(frames, decode(film.path, frames), strict=True):
         if cancelled():
-            raise CalibrationCancelled
+            raise Stopped
         sharp[frame] = _sharpness(image)
     return [max(window, key=lambda frame: sharp[frame]) for window in tried]
 
@@ -77,7 +77,7 @@ def written(
     """The frames as images without loss in a folder; those that are there already stay.
 
     Raises:
-        CalibrationCancelled: if ``cancelled`` said so.
+        Stopped: if ``cancelled`` said so.
         FrogError: if the film cannot be decoded, or an image not be written.
     """
     cv2 = load_opencv()
@@ -86,7 +86,7 @@ def written(
     for place, (frame, image) in enumerate(zip(missing, decode(film.path, missing), strict=True)):
         progress("images", place, len(missing))
         if cancelled():
-            raise CalibrationCancelled
+            raise Stopped
         _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
         write_atomically(paths[frame], content.tobytes())
     return [paths[frame] for frame in frames]

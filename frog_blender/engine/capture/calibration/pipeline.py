@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from ...errors import FrogError
+from ...io.child_process import Progress
 from ..camera import Camera
 from ..capture import Distortion
 from .board_detection import Board
@@ -19,7 +20,6 @@ from .board_file import read_board
 from .board_films import TIMES as BOARD_TIMES
 from .board_films import board_in_films
 from .calibration import Calibration, CalibrationRefused
-from .child_process import Progress
 from .clocks import Clocks, FoundClocks, Synchronize, find_clocks, with_clocks
 from .feature_task import arrays_of, view_of
 from .films import Film, View, common_times, find_films, is_standing, look, with_groups
@@ -99,7 +99,7 @@ def calibrate(
 
     Raises:
         CalibrationRefused: if the footage does not fix its cameras: why, and what to film next time.
-        CalibrationCancelled: if ``cancelled`` said so. What is done is kept.
+        Stopped: if ``cancelled`` said so. What is done is kept.
         FrogError: for footage that cannot be used, or a result that cannot be written.
     """
     folder = Path(folder)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FrogError
+from ...io.child_process import Progress
 from .camera_kinds import numbered
-from .child_process import Progress
 from .films import Film
 from .moving_films import sharpest, written
 from .walk import Walk
@@ -45,7 +45,7 @@ def walks_of(films: Sequence[Film], work: WorkFolder, progress: Progress, cancel
     """The sharp images of walk-throughs, in the work folder, of an earlier run or new.
 
     Raises:
-        CalibrationCancelled: if ``cancelled`` said so.
+        Stopped: if ``cancelled`` said so.
         FrogError: if a film cannot be decoded.
     """
     groups = numbered([(film.size, film.kind) for film in films])

@@ -11,9 +11,10 @@ import numpy as np
 
 from ...errors import FrogError, brief
 from ...io.atomic_files import write_atomically
+from ...io.child_process import REQUEST, Progress
 from ...io.plain_values import JsonObject
 from .calibration import CalibratedCamera, Calibration
-from .child_process import REQUEST, Progress, run, run_several
+from .child_process import run, run_several
 from .evidence import CameraEvidence, PairEvidence
 from .feature_task import arrays_of, missing_features
 from .films import View
@@ -42,7 +43,7 @@ def calibrate_standing(
 
     Raises:
         CalibrationRefused: if the views do not fix their cameras: why, and what to film next time.
-        CalibrationCancelled: if ``cancelled`` said so.
+        Stopped: if ``cancelled`` said so.
         FrogError: if pycolmap is missing, or its process died.
     """
     entries = []

@@ -11,13 +11,13 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import brief, found_instead
+from ...io.child_process import Progress, Stopped
 from ...io.plain_values import JsonList, UnfitValue, entries, items, number, plain_json
 from ...io.regular_file import regular_file
 from .board_detection import Board
 from .board_films import TIMES as BOARD_TIMES
 from .board_films import calibrate_board_films
 from .calibration import Calibration
-from .child_process import CalibrationCancelled, Progress
 from .clicked_points import calibrate_clicks
 from .clocks import FoundClocks
 from .films import Film, View, common_times
@@ -135,7 +135,7 @@ def stopper(cancelled: Callable[[], bool]) -> Callable[[], None]:
 
     def check() -> None:
         if cancelled():
-            raise CalibrationCancelled
+            raise Stopped
 
     return check
 

@@ -10,21 +10,20 @@ import base64
 import json
 import math
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...io.child_process import LONGEST_LINE
 from ...io.plain_values import UnfitValue, entries, items, number, plain_json, text, whole
 from ...scene.compression_report import readable_report
 from . import events
 from .events import Event
 
-LONGEST_LINE = 2**23
-"""Bytes of a line with an image, at most."""
-_LONGEST_PLAIN = 2**18  # of one without
+_LONGEST_PLAIN = 2**18  # bytes of a line without an image
 _LARGEST_SIDE = 1024  # pixels of an image; larger ones are sent with fewer
 _LONGEST_TEXT = 4096
 _MOST = 2**53  # of what is counted: every JSON reader keeps such numbers exactly
@@ -57,16 +56,6 @@ def event_of(line: bytes) -> Event | None:
         return create(**{name: check(found[name], name) for name, check in checks.items() if name in found})
     except (ValueError, TypeError):  # a TypeError where fields are missing
         return None
-
-
-def bounded_lines(stream: IO[bytes], longest: int = LONGEST_LINE) -> Iterator[bytes]:
-    """The lines of a stream; longer ones are skipped, whatever their length, and never held in memory."""
-    is_whole = True
-    while piece := stream.readline(longest):
-        ends = piece.endswith(b"\n") or len(piece) < longest
-        if is_whole and ends:
-            yield piece
-        is_whole = ends
 
 
 def _longest(kind: str) -> int:

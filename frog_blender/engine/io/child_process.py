@@ -1,0 +1,315 @@
+"""Programs beside this one: followed by their lines, killed with all they have started, and gone when this one is.
+
+``ChildProcess`` is any program. ``Task`` is a function of the engine in a Python of its own: whatever ends that one,
+memory or a crash in a library, this one goes on.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Self
+
+from ..errors import FrogError, brief, how_it_ended
+from .atomic_files import write_atomically
+from .plain_values import JsonObject, UnfitValue, entries, plain_json
+
+LONGEST_LINE = 2**23
+"""Bytes of a line that is read."""
+Progress = Callable[[str, int, int], None]
+"""Told a stage's name, and how much of how much is done."""
+REQUEST, RESULT = "request.json", "result.json"
+"""Files of a task's folder."""
+_PACKAGE = Path(__file__).parents[2]  # frog_blender, or an extension that holds it
+_ENGINE = f"{_PACKAGE.name}.engine"  # as a child of ours imports it
+_QUESTIONS = 0.1  # seconds between questions whether to stop
+_WAITING = 8  # lines that wait to be taken; then the program waits
+_LAST_LINES = 3
+_LONGEST_WORDS = 2000  # bytes of a line of standard error
+_DRAINED = 1.0  # seconds for what an ended program has left in its pipes, which its own children may hold open
+_REAPED = 10.0  # seconds for the system to end a killed program
+_MOST_TEXT = 2**26  # bytes of a result
+
+
+class Stopped(Exception):
+    """The caller asked for the end. No FrogError: nothing is wrong."""
+
+
+def bounded_lines(stream: IO[bytes], longest: int = LONGEST_LINE) -> Iterator[bytes]:
+    """The lines of a stream; longer ones are skipped, whatever their length, and never held in memory."""
+    is_whole = True
+    while piece := stream.readline(longest):
+        ends = piece.endswith(b"\n") or len(piece) < longest
+        if is_whole and ends:
+            yield piece
+        is_whole = ends
+
+
+class ChildProcess:
+    """A program that was started without a shell. Its standard input ends when this process does, which tells it to
+    end; leaving the ``with`` block ends it at once.
+
+    Args:
+        environment: variables that it has besides this process's.
+        folder: its current one.
+        merged: its standard error is among its lines.
+
+    Raises:
+        FrogError: where it cannot be started.
+    """
+
+    def __init__(
+        self,
+        arguments: Sequence[str],
+        *,
+        environment: Mapping[str, str] | None = None,
+        folder: Path | None = None,
+        merged: bool = False,
+    ) -> None:
+        try:
+            self._process = subprocess.Popen(
+                arguments,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT if merged else subprocess.PIPE,
+                cwd=folder,
+                env=os.environ | environment if environment else None,
+                start_new_session=os.name == "posix",  # whatever it starts is killed with it
+            )
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise FrogError(f"{brief(arguments[0])}: could not be started ({why}).") from error
+        self._lines: queue.Queue[bytes] = queue.Queue(_WAITING)
+        self._is_left = threading.Event()
+        self._said: deque[bytes] = deque(maxlen=_LAST_LINES)
+        self._readers = [threading.Thread(target=work, daemon=True) for work in (self._read, self._listen)]
+        for reader in self._readers:
+            reader.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Ends it where it still runs. Nobody takes its lines any more."""
+        self._is_left.set()
+        self.end_input()
+        self.kill()
+        with suppress(queue.Empty):
+            while True:  # makes room for the line that waits to be put
+                self._lines.get_nowait()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_REAPED)
+
+    @property
+    def code(self) -> int | None:
+        """The exit status; None while it runs."""
+        return self._process.poll()
+
+    def lines(self, stopped: Callable[[], bool] = lambda: False) -> Iterator[bytes]:
+        """The lines of its standard output until it has ended.
+
+        Args:
+            stopped: is asked before each line, and ten times a second.
+
+        Raises:
+            Stopped: if ``stopped`` said so.
+        """
+        while not stopped():
+            try:
+                line = self._lines.get(timeout=_QUESTIONS)
+            except queue.Empty:
+                if self._is_drained():
+                    return
+            else:
+                yield line
+        raise Stopped
+
+    def send(self, line: str) -> None:
+        """Writes a line to its standard input."""
+        if self._process.stdin is not None and not self._process.stdin.closed:
+            with suppress(OSError):
+                self._process.stdin.write(f"{line}\n".encode("utf-8", "replace"))
+                self._process.stdin.flush()
+
+    def end_input(self) -> None:
+        """Closes its standard input, which asks it to end."""
+        if self._process.stdin is not None:
+            with suppress(OSError):
+                self._process.stdin.close()
+
+    def kill(self) -> None:
+        """Ends it at once, with what it has started; from any thread."""
+        if self.code is not None:
+            return
+        with suppress(OSError):
+            if os.name == "posix":
+                os.killpg(self._process.pid, signal.SIGKILL)
+            else:
+                self._process.kill()
+
+    @property
+    def end(self) -> str:
+        """How it ended, and its last words: "ended with status 1 (no memory)"."""
+        return f"{how_it_ended(self.code or 0)} ({self.last_words.rstrip('.')})"
+
+    @property
+    def last_words(self) -> str:
+        """Its last lines on standard error, as one."""
+        said = b" ".join(line.strip() for line in self._said).decode("utf-8", "replace")
+        return brief(said.removeprefix("frog: ")) or "it said nothing"
+
+    def _is_drained(self) -> bool:
+        """Whether it has ended, and no line will follow. Waits a moment for what is left in its pipes."""
+        if self.code is None:
+            return False
+        for reader in self._readers:
+            reader.join(_DRAINED)
+        return self._lines.empty()
+
+    def _read(self) -> None:
+        if self._process.stdout is not None:
+            with self._process.stdout as stream:
+                for line in bounded_lines(stream):
+                    if self._is_left.is_set():
+                        return
+                    self._lines.put(line)
+
+    def _listen(self) -> None:
+        if self._process.stderr is not None:
+            with self._process.stderr as stream:
+                self._said.extend(bounded_lines(stream, _LONGEST_WORDS))
+
+
+@dataclass(frozen=True)
+class Task:
+    """A function of the engine that runs in a Python of its own, on a request in a folder.
+
+    Attributes:
+        name: of its module below the engine, and its own: ``capture.calibration.standing_task:standing``. It takes the
+            request and where to tell its progress, and returns a result.
+        failure: the sentence for a process that failed, of how it ended.
+        kind: of FrogError that it may raise, which is raised here as such.
+    """
+
+    name: str
+    failure: Callable[[str], str]
+    kind: type[FrogError] = FrogError
+
+    def run(self, folder: Path, progress: Progress, stopped: Callable[[], bool] = lambda: False) -> JsonObject:
+        """Runs it on the request in a folder and returns its result.
+
+        Raises:
+            Stopped: if ``stopped`` said so; the process was ended.
+            FrogError: if the task raised one, or its process failed or died.
+        """
+        (folder / RESULT).unlink(missing_ok=True)
+        command = [sys.executable, "-P", "-m", f"{_ENGINE}.io.child_process", self.name, str(folder)]
+        with ChildProcess(command, environment=_python_environment()) as child:
+            for line in child.lines(stopped):
+                if (told := _told(line)) is not None:
+                    progress(*told)
+            if child.code or not (folder / RESULT).is_file():
+                raise FrogError(self.failure(child.end))
+        return self._result(folder / RESULT)
+
+    def run_several(
+        self, folders: Sequence[Path], total: int, progress: Progress, stopped: Callable[[], bool]
+    ) -> list[JsonObject]:
+        """``run`` on the requests of several folders at once; what one raises ends the others.
+
+        Args:
+            total: how much all of them have to do, for ``progress``.
+        """
+        ended, done = threading.Event(), [0] * len(folders)
+
+        def run(index: int) -> JsonObject:
+            def tell(stage: str, so_far: int, _total: int) -> None:
+                done[index] = so_far
+                progress(stage, sum(done), total)
+
+            return self.run(folders[index], tell, ended.is_set)
+
+        with ThreadPoolExecutor(len(folders)) as threads:
+            futures = [threads.submit(run, index) for index in range(len(folders))]
+            try:
+                while wait(futures, _QUESTIONS, FIRST_EXCEPTION).not_done:
+                    if any(future.done() and future.exception() for future in futures):
+                        break
+                    if stopped():
+                        raise Stopped
+            finally:
+                ended.set()
+        failures = [error for future in futures if (error := future.exception()) is not None]
+        for failure in sorted(failures, key=lambda error: isinstance(error, Stopped)):
+            raise failure
+        return [future.result() for future in futures]
+
+    def _result(self, path: Path) -> JsonObject:
+        """What the child wrote; FrogError for what it raised."""
+        try:
+            if path.stat().st_size > _MOST_TEXT:
+                raise UnfitValue(f"{path.stat().st_size} bytes", "less")
+            result = entries(plain_json(path.read_text(encoding="utf-8"), "a result"), "a result")
+        except (OSError, UnfitValue) as error:
+            raise FrogError(f"{path}: found a result that cannot be read ({brief(error)}).") from error
+        if "error" in result:
+            raise (self.kind if result.get("kind") == self.kind.__name__ else FrogError)(result["error"])
+        return result
+
+
+def _python_environment() -> dict[str, str]:
+    """Variables of a Python that imports what this one does."""
+    return {
+        "PYTHONPATH": os.pathsep.join([str(_PACKAGE.parent), *filter(None, sys.path)]),
+        "PYTHONIOENCODING": "utf-8",
+        "OPENBLAS_NUM_THREADS": "1",  # its threads reserve memory, and wait for each other on small matrices
+        "PXR_WORK_THREAD_LIMIT": "1",
+    }
+
+
+def _told(line: bytes) -> tuple[str, int, int] | None:
+    """The progress that a child's line tells; None for a line of some library."""
+    try:
+        told = json.loads(line)
+        return str(told["stage"]), int(told["done"]), int(told["total"])
+    except (ValueError, KeyError, TypeError):
+        return None
+
+
+def _tell(stage: str, done: int, total: int) -> None:
+    print(json.dumps({"stage": stage, "done": done, "total": total}), flush=True)
+
+
+def _end_with_parent() -> None:
+    """Standard input ends when the parent does, however that ended."""
+    while os.read(0, 1024):  # not sys.stdin, whose lock would outlive the interpreter
+        pass
+    os._exit(1)
+
+
+def main(name: str, folder: Path) -> None:
+    """The child: runs a task and writes its result; anything but a FrogError ends the process as it is."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    module, _, function = name.partition(":")
+    try:
+        request = entries(plain_json((folder / REQUEST).read_text(encoding="utf-8"), "a request"), "a request")
+        result = getattr(importlib.import_module(f"{_ENGINE}.{module}"), function)(request, _tell)
+    except FrogError as error:
+        result = {"error": str(error), "kind": type(error).__name__}
+    write_atomically(folder / RESULT, json.dumps(result).encode())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], Path(sys.argv[2]))
