@@ -42,7 +42,7 @@ def _by_sound(films: Sequence[Film], progress: Progress, cancelled: Callable[[],
     lags = [audio_lag((one, other), (sounds[one], sounds[other])) for one, other in combinations(range(len(films)), 2)]
     pairs = [lag for lag in lags if lag is not None]
     solution = solve(len(opened), pairs, max(film.interval for film in opened), max(film.duration for film in opened))
-    found = reported(opened, solution, pairs, {})
+    found = reported(opened, solution, pairs)
     if found.refusal is not None or not pairs:
         return None
     clocks = {camera.name: (camera.offset, camera.rate) for camera in found.cameras}

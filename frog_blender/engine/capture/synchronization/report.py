@@ -9,7 +9,7 @@ import numpy as np
 from .curves import camera_curve, runner_up
 from .pair import PairLag
 from .recordings import Recording
-from .solve import Clock, Solution
+from .solve import Solution
 from .synchronization import CameraClock, RunnerUp, Synchronization
 
 _OPEN = 0.5  # share of a film's triangles that may fail to close
@@ -23,7 +23,6 @@ def reported(
     films: Sequence[Recording],
     solution: Solution,
     pairs: Sequence[PairLag],
-    given: Mapping[int, Clock],
     rivals: Mapping[int, RunnerUp] | None = None,
 ) -> Synchronization:
     """The clocks as the user sees them.
@@ -32,7 +31,6 @@ def reported(
         films: all of them.
         solution: their clocks.
         pairs: the lags that it was solved from.
-        given: films whose clocks were known.
         rivals: of films, offsets that lie beyond the curves.
     """
     rivals = rivals or {}
@@ -46,17 +44,17 @@ def reported(
                 name=film.name,
                 offset=offset,
                 rate=float(clocks.rates[number]),
-                confidence=1.0 if number in given or len(films) == 1 else _confidence(number, solution, pairs),
+                confidence=1.0 if len(films) == 1 else _confidence(number, solution, pairs),
                 sources=tuple(sorted({pair.source for pair in pairs if number in (pair.first, pair.second)})),
-                runner_up=None if number in given else _better(runner_up(curve, offset, frame), rivals.get(number)),
+                runner_up=_better(runner_up(curve, offset, frame), rivals.get(number)),
                 curve=curve,
             )
         )
-    warnings = [sentence for i, camera in enumerate(cameras) if i not in given for sentence in _doubts(camera, frame)]
-    warnings += _coarse_sentence([camera for i, camera in enumerate(cameras) if i not in given])
+    warnings = [sentence for camera in cameras for sentence in _doubts(camera, frame)]
+    warnings += _coarse_sentence(cameras)
     warnings += _open_sentences(films, solution)
     residual = float(np.median(np.abs(solution.misses))) if len(solution.misses) else 0.0
-    refusal = _refusal(films, solution, cameras, given)
+    refusal = _refusal(films, solution, cameras)
     return Synchronization(tuple(cameras), frame, residual, tuple(warnings), refusal, tuple(pairs))
 
 
@@ -117,19 +115,17 @@ def _open_sentences(films: Sequence[Recording], solution: Solution) -> list[str]
     ]
 
 
-def _refusal(
-    films: Sequence[Recording], solution: Solution, cameras: Sequence[CameraClock], given: Mapping[int, Clock]
-) -> str | None:
+def _refusal(films: Sequence[Recording], solution: Solution, cameras: Sequence[CameraClock]) -> str | None:
     """Why the offsets must not be used, and what to do; None if they may."""
     if len(films) < 2:
         return None
-    lost = [film.name for i, film in enumerate(films) if not solution.connected[i] and i not in given]
+    lost = [film.name for i, film in enumerate(films) if not solution.connected[i]]
     if lost:
         return (
             f"Camera {lost[0]} shares neither sound nor motion with another: clap once where all cameras see and hear "
             "it, or type its offset."
         )
-    unsure = [camera.name for i, camera in enumerate(cameras) if camera.confidence < _LEAST and i not in given]
+    unsure = [camera.name for camera in cameras if camera.confidence < _LEAST]
     if unsure:
         return (
             f"The films' lags contradict each other for camera {', '.join(unsure)}: clap once where all cameras see "

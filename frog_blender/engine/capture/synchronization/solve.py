@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -80,24 +80,18 @@ class _Links:
     sigmas: Float64s
 
 
-def solve(
-    count: int, pairs: Sequence[PairLag], frame: float, length: float, given: Mapping[int, Clock] | None = None
-) -> Solution:
+def solve(count: int, pairs: Sequence[PairLag], frame: float, length: float) -> Solution:
     """The clocks of ``count`` films.
 
     Args:
         pairs: lags; several of a pair may stand beside each other.
         frame: seconds between frames.
         length: seconds of the longest film.
-        given: clocks of films that are known already.
     """
-    given = given or {}
-    rates = _rates(count, pairs, frame, length, given)
+    rates = _rates(count, pairs, frame, length)
     links = _links(pairs, rates, frame)
-    fixed = {film: clock.offset for film, clock in given.items()}
-    offsets = _offsets(count, links, frame, fixed)
-    if not fixed:
-        offsets = offsets - offsets.min()
+    offsets = _offsets(count, links, frame)
+    offsets = offsets - offsets.min()
     clocks = Clocks(offsets, rates)
     chosen = _nearest(links, offsets) if len(pairs) else np.zeros(0)
     links = replace(links, candidates=chosen[:, None])
@@ -107,23 +101,11 @@ def solve(
     return Solution(clocks, misses, support, _connected(count, links), _open_triangles(count, links, frame))
 
 
-@dataclass(frozen=True)
-class Clock:
-    """One film's clock: seconds, and seconds of capture time for each second of film."""
-
-    offset: float
-    rate: float = 1.0
-
-
-def _rates(count: int, pairs: Sequence[PairLag], frame: float, length: float, given: Mapping[int, Clock]) -> Float64s:
+def _rates(count: int, pairs: Sequence[PairLag], frame: float, length: float) -> Float64s:
     """(C,) rates; 1 wherever no difference between clocks was measured beyond doubt."""
-    fixed = {film: float(np.log(clock.rate)) for film, clock in given.items()}
-    rates = np.zeros(count)
-    for film, value in fixed.items():
-        rates[film] = value
     measured = [pair for pair in pairs if np.isfinite(pair.rate_sigma)]
     if not measured:
-        return np.exp(rates)
+        return np.ones(count)
     sigmas = np.array([max(pair.rate_sigma, 1e-7) for pair in measured])
     links = _Links(
         np.array([pair.first for pair in measured]),
@@ -133,15 +115,15 @@ def _rates(count: int, pairs: Sequence[PairLag], frame: float, length: float, gi
         sigmas,
     )
     scale = float(np.median(sigmas))
-    rates = _offsets(count, links, scale / _FINEST, fixed)
-    if not fixed:  # the clock that agrees best with all others is right
-        rates = rates - rates[np.abs(rates[:, None] - rates).sum(axis=1).argmin()]
-    for film in set(range(count)) - set(fixed):
+    rates = _offsets(count, links, scale / _FINEST)
+    rates = rates - rates[np.abs(rates[:, None] - rates).sum(axis=1).argmin()]  # the clock that agrees best is right
+    for film in range(count):
         own = (links.first == film) | (links.second == film)
         sigma = float(np.sqrt(1 / (links.weights[own] ** 2).sum())) if own.any() else np.inf
         if abs(rates[film]) < _SIGNIFICANT * sigma or abs(rates[film]) * length < _VISIBLE * frame:
             rates[film] = 0.0
-    return np.exp(rates)
+    result: Float64s = np.exp(rates)
+    return result
 
 
 def _links(pairs: Sequence[PairLag], rates: Float64s, frame: float) -> _Links:
@@ -162,18 +144,16 @@ def _links(pairs: Sequence[PairLag], rates: Float64s, frame: float) -> _Links:
     )
 
 
-def _offsets(count: int, links: _Links, frame: float, fixed: Mapping[int, float]) -> Float64s:
+def _offsets(count: int, links: _Links, frame: float) -> Float64s:
     """(C,) offsets of least robust cost, from as many starts as there are films; the smaller spread of equals."""
     if not len(links.first):
-        return np.array([fixed.get(film, 0.0) for film in range(count)])
+        return np.zeros(count)
     best, least = np.zeros(count), np.inf
     for root in range(count):
         offsets = _spanning(count, links, root)
-        if fixed:
-            offsets = offsets + float(np.median([offset - offsets[film] for film, offset in fixed.items()]))
         for _ in range(8):
             wanted = _nearest(links, offsets)
-            improved = _least_misses(count, links, wanted, offsets, frame, fixed)
+            improved = _least_misses(count, links, wanted, offsets, frame)
             settled = np.abs(improved - offsets).max() < 1e-4 * frame
             offsets = improved
             if settled:
@@ -216,31 +196,24 @@ def _spanning(count: int, links: _Links, root: int) -> Float64s:
         reached[first] = reached[second] = True
 
 
-def _least_misses(
-    count: int, links: _Links, wanted: Float64s, start: Float64s, frame: float, fixed: Mapping[int, float]
-) -> Float64s:
+def _least_misses(count: int, links: _Links, wanted: Float64s, start: Float64s, frame: float) -> Float64s:
     """(C,) offsets of least weighted absolute misses, those within a sigma squared (Huber), by reweighting."""
     rows = np.arange(len(wanted))
     matrix = np.zeros((len(wanted), count))
     matrix[rows, links.second] += 1
     matrix[rows, links.first] -= 1
-    free = np.array([film not in fixed for film in range(count)])
-    known = np.array([fixed.get(film, 0.0) for film in range(count)])
-    if not fixed:  # nothing tells where capture time starts: hold the first film
-        free[0], known[0] = False, start[0]
-    offsets = np.where(free, start, known)
-    if not free.any():
+    offsets = start.copy()
+    if count < 2:
         return offsets
     # Films that no pair reaches stay where they are.
     anchor = 1e-6 * float(links.weights.mean()) / frame
     for turn in range(_ROUNDS):
         smallest = np.maximum(links.sigmas, frame * 0.5**turn)
         weights = links.weights / np.maximum(np.abs(wanted - matrix @ offsets), smallest)
-        side = wanted - matrix[:, ~free] @ known[~free]
-        normal = matrix[:, free].T @ (weights[:, None] * matrix[:, free]) + anchor * np.eye(int(free.sum()))
-        right = matrix[:, free].T @ (weights * side) + anchor * offsets[free]
-        offsets = offsets.copy()
-        offsets[free] = np.linalg.solve(normal, right)
+        # Nothing tells where capture time starts: the first film stays.
+        side, free = wanted - matrix[:, 0] * start[0], matrix[:, 1:]
+        normal = free.T @ (weights[:, None] * free) + anchor * np.eye(count - 1)
+        offsets[1:] = np.linalg.solve(normal, free.T @ (weights * side) + anchor * offsets[1:])
     return offsets
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from math import isnan
 from pathlib import Path
 
-from ...errors import FrogError
 from ..camera import Camera
 from ..capture import Distortion
 from ..ffmpeg import notes
@@ -22,7 +21,7 @@ from .moving_points import MovingPoints
 from .pair import PairLag
 from .recordings import Recording, open_recording
 from .report import reported
-from .solve import Clock, Solution, solve
+from .solve import Solution, solve
 from .straighten import straightened
 from .synchronization import RunnerUp, Synchronization
 from .timecode import read_note, window
@@ -37,7 +36,6 @@ def synchronize(
     *,
     distortions: Mapping[str, Distortion | None] | None = None,
     tracks: Mapping[str, NamedTracks] | None = None,
-    given: Mapping[str, Clock] | None = None,
     progress: Progress = lambda what, share: None,
     cancelled: Callable[[], bool] = lambda: False,
     kept: Kept | None = None,
@@ -51,19 +49,17 @@ def synchronize(
         distortions: of the cameras' lenses.
         tracks: points known by name in all films, as a person's joints are, in pixels of the films as stored: where
             cameras are not known, or see nothing else alike.
-        given: clocks that are known and stay.
         progress, cancelled: see work.Work; asked and told from several threads.
         kept: keeps what a second synchronisation of the same films needs again.
 
     Raises:
-        FrogError: if a film cannot be decoded, or a name in ``given`` has no film.
+        FrogError: if a film cannot be decoded.
         SynchronizationCancelled: if the user ended it.
     """
     work = Work(forward_only(progress), cancelled)
     opened = [open_recording(name, path) for name, path in films.items()]
-    known = _given(given or {}, opened)
     if len(opened) < 2:
-        return reported(opened, _alone(opened, known), [], known)
+        return reported(opened, solve(len(opened), [], 1.0, 1.0), [])
     parts = [work.part(*_share(0.0, 0.3, number, len(opened))) for number in range(len(opened))]
     looks = in_threads(lambda number: look_at(opened[number], parts[number], kept), range(len(opened)))
     pairs = _start(opened, looks, work.part(0.3, 0.4))
@@ -71,7 +67,7 @@ def synchronize(
         pairs += _track_lags(opened, tracks, (cameras or {}, distortions or {}), work.part(0.4, 0.5))
         named = [pair for pair in pairs if pair.source == "tracks"]
         pairs = named or pairs
-    solution = _solved(opened, pairs, known)
+    solution = _solved(opened, pairs)
     rivals: dict[int, RunnerUp] = {}
     if cameras is not None:
         calibrated = [i for i, film in enumerate(opened) if film.name in cameras]
@@ -81,10 +77,10 @@ def synchronize(
             )
             wide = pairs
             part = work.part(0.75, 0.95)
-            pairs, solution = _refined(opened, rig, calibrated, pairs, solution, given=known, work=part)
+            pairs, solution = _refined(opened, rig, calibrated, pairs, solution, part)
             rivals = _rivals(opened, rig, calibrated, wide, solution, work.part(0.95, 1.0))
     work.step("Synchronised", 1, 1)
-    return reported(opened, solution, pairs, known, rivals)
+    return reported(opened, solution, pairs, rivals)
 
 
 def _share(start: float, end: float, number: int, count: int) -> tuple[float, float]:
@@ -92,20 +88,9 @@ def _share(start: float, end: float, number: int, count: int) -> tuple[float, fl
     return start + (end - start) * number / count, start + (end - start) * (number + 1) / count
 
 
-def _given(given: Mapping[str, Clock], films: Sequence[Recording]) -> dict[int, Clock]:
-    numbers = {film.name: number for number, film in enumerate(films)}
-    if unknown := sorted(set(given) - set(numbers)):
-        raise FrogError(f"A clock is given for camera {unknown[0]}, expected one of {', '.join(numbers)}.")
-    return {numbers[name]: clock for name, clock in given.items()}
-
-
-def _solved(films: Sequence[Recording], pairs: Sequence[PairLag], given: Mapping[int, Clock]) -> Solution:
+def _solved(films: Sequence[Recording], pairs: Sequence[PairLag]) -> Solution:
     frame = max(film.interval for film in films)
-    return solve(len(films), pairs, frame, max(film.duration for film in films), given)
-
-
-def _alone(films: Sequence[Recording], given: Mapping[int, Clock]) -> Solution:
-    return solve(len(films), [], 1.0, 1.0, given)
+    return solve(len(films), pairs, frame, max(film.duration for film in films))
 
 
 def _start(films: Sequence[Recording], looks: Sequence[Look], work: Work) -> list[PairLag]:
@@ -201,8 +186,6 @@ def _refined(
     calibrated: Sequence[int],
     pairs: list[PairLag],
     start: Solution,
-    *,
-    given: Mapping[int, Clock],
     work: Work,
 ) -> tuple[list[PairLag], Solution]:
     """Lags of moving points in place of the start's, for the films whose cameras are known."""
@@ -216,7 +199,7 @@ def _refined(
         # Where nothing that moves is shared, the start is all there is.
         rest = [lag for lag in pairs if lag.source != "motion" and not {lag.first, lag.second} <= reached]
         pairs = numbered + rest
-        solution = _solved(films, pairs, given)
+        solution = _solved(films, pairs)
         clocks = solution.clocks.of(calibrated)
     return pairs, solution
 

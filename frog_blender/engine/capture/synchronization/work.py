@@ -44,11 +44,6 @@ class Work:
         self.progress(what, self.start + (self.end - self.start) * done / max(total, 1))
 
 
-def silently() -> Work:
-    """For whoever needs no report and cannot cancel."""
-    return Work(lambda what, share: None, lambda: False)
-
-
 def forward_only(progress: Progress) -> Progress:
     """The same for several threads, which do not end in order: the share never falls."""
     lock, most = threading.Lock(), 0.0
