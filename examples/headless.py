@@ -12,11 +12,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import bpy
 
@@ -58,64 +56,48 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="headless.py", description="Train a capture and render it, without a window.")
     parser.add_argument("capture", type=Path, help="folder with the videos and cameras")
     parser.add_argument("out", type=Path, help="folder to write into")
-    parser.add_argument("--recipe", default="draft", choices=("draft", "standard", "paper"))
+    parser.add_argument("--recipe", default="draft", help="draft, standard, paper, ...")
     parser.add_argument("--steps", type=int, help="training steps instead of the recipe's own number")
     return parser.parse_args(given)
 
 
-def train(options: argparse.Namespace, part: Any) -> Path:
-    """Train to OUT/scene.frog, saying how it goes; FrogError if it does not. ``part`` gives modules of the add-on."""
-    part("ui.preferences").make_torch_importable()
-    output = options.out.resolve() / "scene.frog"
-    capture, what = options.capture.resolve(), {"capacity": "auto", "steps": options.steps}
-    request = part("tasks.training_request").TrainingRequest(capture, output, options.recipe, **what)
-    task = part("tasks.training").begin(request.events)
-    state, said, warned = task.state, "", 0
-    while state.running:
-        if not task.pump():
-            time.sleep(0.05)
-        now = state.stage if state.stage else f"{10 * int(10 * state.fraction)} %"
-        if now != said:
-            said = now
-            loss = f", loss {state.loss:.4f}, {state.gaussians:,} Gaussians" if state.loss is not None else ""
-            print(f"{now}{loss}", flush=True)
-        for warning in state.warnings[warned:]:
-            print(f"Note: {warning}", flush=True)
-        warned = len(state.warnings)
-    if state.error or state.result is None:
-        raise part("engine.errors").FrogError(state.error or "Training ended without a scene.")
-    quality = f", PSNR {state.psnr:.2f} dB on {state.psnr_split} views" if state.psnr is not None else ""
-    print(f"Trained {state.step} steps in {state.seconds:.0f} s{quality}: {state.result}", flush=True)
-    return Path(state.result)
+def say(event: object) -> None:
+    """Tells of a training as it goes on."""
+    step, warning = getattr(event, "step", None), getattr(event, "message", None)
+    if warning:
+        print(f"Note: {warning}", flush=True)
+    elif hasattr(event, "loss"):
+        print(f"step {step}, loss {event.loss:.4f}, {event.gaussians:,} Gaussians", flush=True)
 
 
-def show_and_render(path: Path, out: Path, part: Any) -> None:
-    """The scene as Blender objects, saved and rendered."""
+def show_and_render(path: Path, out: Path) -> None:
+    """The scene as Blender objects, saved and rendered; RuntimeError with Blender's sentence where that fails."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    scene = bpy.context.scene
-    part("scene_import.create_objects").import_scene(path, scene)
+    bpy.ops.import_scene.frog(filepath=str(path))
     bpy.ops.wm.save_as_mainfile(filepath=str(out / "scene.blend"))
+    scene = bpy.context.scene
     scene.render.image_settings.file_format = "PNG"
     scene.render.filepath = f"{out}/frames/"
-    try:
-        bpy.ops.render.render(animation=True)
-    except RuntimeError as error:
-        raise part("engine.errors").FrogError(str(error).strip().splitlines()[0]) from error
+    bpy.ops.render.render(animation=True)
     print(f"Rendered {scene.frame_end - scene.frame_start + 1} frames to {out / 'frames'}", flush=True)
 
 
 def main() -> int:
     options = arguments()
     addon, is_ours = switched_on()
-
-    def part(name: str) -> ModuleType:
-        return import_module(f"{addon.__name__}.{name}")
-
+    engine = import_module(f"{addon.__name__}.engine")
     try:
-        path = train(options, part)
-        show_and_render(path, options.out.resolve(), part)
-    except part("engine.errors").FrogError as error:
-        print(error, file=sys.stderr, flush=True)
+        # Where the add-on's button has installed torch, Blender's Python does not look by itself.
+        import_module(f"{addon.__name__}.ui.torch_environment").make_torch_importable()
+        out = options.out.resolve()
+        result = engine.train(
+            options.capture.resolve(), out / "scene.frog", recipe=options.recipe, steps=options.steps, on_event=say
+        )
+        quality = f", PSNR {result.psnr:.2f} dB" if result.psnr is not None else ""
+        print(f"Trained {result.steps} steps in {result.seconds:.0f} s{quality}: {result.path}", flush=True)
+        show_and_render(result.path, out)
+    except (engine.FrogError, RuntimeError) as error:
+        print(str(error).strip().splitlines()[0], file=sys.stderr, flush=True)
         return 1
     finally:
         if is_ours:

@@ -21,7 +21,6 @@ bpy.ops.wm.save_userpref()
 """
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("has", ["nothing", "extension that is on"])
 def test_it_trains_and_renders(tmp_path, monkeypatch, has):
     pytest.importorskip("torch")
