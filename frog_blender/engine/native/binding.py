@@ -33,13 +33,17 @@ SLOT_LIMIT = 6_000_000  # (Gaussian, tile) pairs that a backward pass keeps grad
 
 
 def library_path() -> Path:
-    """Where the library lies: where FROG_NATIVE_LIBRARY says; beside this file, as in a checkout; or in the package
-    frog_blender_native, whose wheel the extension brings along."""
+    """Where the library lies: where FROG_NATIVE_LIBRARY says; beside this file; in the installed package, for a clone
+    in which nothing was built hides it; or in the package frog_blender_native, whose wheel the extension brings along.
+    """
     name = {"win32": "frog_native.dll", "darwin": "libfrog_native.dylib"}.get(sys.platform, "libfrog_native.so")
     if named := os.environ.get("FROG_NATIVE_LIBRARY"):
         return Path(named)
     if (path := Path(__file__).with_name(name)).exists():
         return path
+    for folder in sys.path:
+        if (installed := Path(folder, *__name__.split(".")[:-1], name)).exists():
+            return installed
     try:
         import frog_blender_native
     except ModuleNotFoundError:

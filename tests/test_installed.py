@@ -1,0 +1,86 @@
+"""Installed as a user installs it, not as an editable checkout: what README and the examples show works then as well."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.builders import REPOSITORY
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the package as ``pip install .`` leaves it. What the checkout has compiled serves again."""
+    folder = tmp_path_factory.mktemp("installed")
+    command = [sys.executable, "-m", "pip", "install", "-q", "--disable-pip-version-check", "--no-deps"]
+    command += ["--no-build-isolation", "--target", str(folder), str(REPOSITORY)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert run.returncode == 0, run.stderr
+    return folder
+
+
+@pytest.fixture
+def clone(tmp_path: Path, filmed: Path) -> Path:
+    """A checkout in which nothing was built, with a small capture in it: its package hides the installed one."""
+    folder = tmp_path / "clone"
+    shutil.copytree(
+        REPOSITORY / "frog_blender", folder / "frog_blender", ignore=shutil.ignore_patterns("*frog_native.*", "__pyc*")
+    )
+    assert not list((folder / "frog_blender").rglob("libfrog_native*"))
+    (folder / "capture").symlink_to(filmed, target_is_directory=True)
+    return folder
+
+
+def run_at(folder: Path, installed: Path, *command: object) -> subprocess.CompletedProcess[str]:
+    """With the packages of this interpreter, but without what makes its checkout importable (-S)."""
+    packages = [str(installed), *(path for path in sys.path if "site-packages" in path)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(packages), "FROG_CACHE": str(folder.parent / "cache")}
+    words = [sys.executable, "-S", *map(str, command)]
+    return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+
+
+def code_of(page: str) -> str:
+    """The Python of a page, made short: it trains for a few steps."""
+    text = (REPOSITORY / page).read_text(encoding="utf-8")
+    blocks = re.findall(r"^    from frog_blender import engine as frog\n(?:(?:    .*)?\n)+", text, re.M)
+    blocks += re.findall(r"^```python\n(.+?)^```", text, re.M | re.S)
+    code = "\n".join(line.removeprefix("    ") for line in blocks[0].splitlines())
+    assert 'recipe="draft"' in code
+    return code.replace('recipe="draft"', 'recipe="draft", steps=12')
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/python-api.md"])
+def test_the_python_of_a_page_runs_inside_the_clone(installed: Path, clone: Path, page: str) -> None:
+    code = code_of(page).replace("examples/captures/room", "capture")
+    run = run_at(clone, installed, "-c", f"{code}\nprint(image.shape, image.mean() > 0, frog.__file__)")
+    assert run.returncode == 0, run.stderr
+    assert re.search(r"^\(\d+, \d+, 3\) True .*clone", run.stdout.splitlines()[-1])
+
+
+def test_the_command_line_runs_inside_the_clone(installed: Path, clone: Path) -> None:
+    frog = installed / "bin" / "frog"
+    for command in (
+        ["train", "capture", "--out", "scene.frog", "--recipe", "draft", "--steps", "12"],
+        ["eval", "scene.frog", "capture"],
+        ["render", "scene.frog", "--camera", "cam00", "--out", "frames"],
+    ):
+        run = run_at(clone, installed, frog, *command)
+        assert run.returncode == 0, run.stderr
+    assert (clone / "scene.frog").is_file() and list((clone / "frames").iterdir())
+
+
+def test_nothing_is_missing_in_the_installed_package(installed: Path, tmp_path: Path) -> None:
+    """Away from the clone the installed files are used: what is no Python (kernels, the web page) is there as well."""
+    code = "import frog_blender.engine.native.binding as binding; print(binding.__file__, binding.library_path())"
+    run = run_at(tmp_path, installed, "-c", code)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count(str(installed)) == 2
+    kinds = ("*.py", "*.js", "*.html", "*.cu", "*.cuh", "*.inl", "*.toml", "*.json")
+    package = REPOSITORY / "frog_blender"
+    shipped = {path.relative_to(package) for kind in kinds for path in package.rglob(kind)}
+    assert [path for path in shipped if not (installed / "frog_blender" / path).is_file()] == []
