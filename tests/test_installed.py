@@ -1,4 +1,4 @@
-"""Installed as a user installs it, not as an editable checkout: what README and the examples show works then as well."""
+"""Installed as a user installs it, not as an editable checkout: README and the examples work then as well."""
 
 from __future__ import annotations
 
