@@ -28,7 +28,6 @@ def add_export_parser(commands: Any) -> None:
     kinds.add_argument(
         "--usd", action="store_true", help="one .usdc, .usda or .usd file that plays, with cameras and the sound's path"
     )
-    kinds.add_argument("--4dgs", dest="fourdgs", action="store_true", help="one .4dgs file with cameras and sound")
     kinds.add_argument("--html", action="store_true", help="one .html file that plays in a browser, with sound")
     kinds.add_argument("--spz", action="store_true", help="a compressed .spz file for each frame")
     kinds.add_argument("--glb", action="store_true", help="a glTF file for each frame, with KHR_gaussian_splatting")
@@ -66,7 +65,7 @@ def _export(options: argparse.Namespace) -> int:
 
 def _plays(options: argparse.Namespace) -> bool:
     """Whether one file holds all frames."""
-    return bool(options.usd or options.fourdgs or options.html)
+    return bool(options.usd or options.html)
 
 
 def _check_format(options: argparse.Namespace) -> None:
@@ -78,11 +77,10 @@ def _check_format(options: argparse.Namespace) -> None:
     if options.spz_version and not options.spz:
         raise FrogError("--spz-version: found another format, expected --spz.")
     if options.silent and not _plays(options):
-        raise FrogError("--silent: found a format without sound, expected --usd, --4dgs or --html.")
+        raise FrogError("--silent: found a format without sound, expected --usd or --html.")
 
 
 def _export_take(options: argparse.Namespace, take: SceneTake) -> None:
-    from ..engine.interchange.fourdgs_export import write_fourdgs
     from ..engine.interchange.usd_export import write_usd
     from ..engine.interchange.web_page.page import write_page
     from .progress import bar
@@ -91,9 +89,7 @@ def _export_take(options: argparse.Namespace, take: SceneTake) -> None:
         take = replace(take, sound=_sound(options.scene, take))
     frames = take.chosen
     with bar("Exporting") as report:
-        if options.fourdgs:
-            steps = write_fourdgs(options.out, take)
-        elif options.html:
+        if options.html:
             steps = write_page(options.out, take)
         else:
             steps = write_usd(options.out, take, full_precision=options.float)

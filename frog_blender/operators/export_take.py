@@ -1,4 +1,4 @@
-"""File > Export > FRoG as USD, as 4DGS and as Web Page: a capture as one file that plays in other programs."""
+"""File > Export > FRoG as USD and as Web Page: a capture as one file that plays in other programs."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -15,6 +15,7 @@ from bpy_extras.io_utils import ExportHelper
 from ..capture_files import file_of, named_file
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture
+from ..scene_import.capture_sound import has_sound
 from ..timeline.frame_timing import frames_shown
 from .foreign_formats import require_usd
 from .modal_operator import ModalOperator
@@ -131,7 +132,7 @@ def _sound(obj: bpy.types.Object, scene: bpy.types.Scene, take: TimelineTake) ->
     from ..engine.interchange.take_sound import sound_of
 
     shown = frames_shown(obj, scene, [int(number) for number in take.numbers])
-    return sound_of(take.header, file_of(obj), shown, take.rate)
+    return sound_of(take.header, file_of(obj), shown, take.rate, has_sound)
 
 
 class FROG_OT_export_usd(ExportsTake, bpy.types.Operator):
@@ -161,28 +162,6 @@ the right mouse button to stop"""
         yield from write_usd(path, take, full_precision=self.full_precision)
 
 
-class FROG_OT_export_4dgs(ExportsTake, bpy.types.Operator):
-    """Write a capture as a .4dgs file, with its sound. It needs the Python package fourdgs. Press Esc or the right \
-mouse button to stop"""
-
-    bl_idname = "export_scene.frog_4dgs"
-    bl_label = "Export FRoG as 4DGS"
-    bl_options = {"REGISTER"}
-
-    filename_ext = ".4dgs"
-    filter_glob: StringProperty(default="*.4dgs", options={"HIDDEN"})
-
-    def written(self, path: Path, take: TimelineTake) -> Generator[int, None, None]:
-        from ..engine.interchange.fourdgs_export import write_fourdgs
-
-        try:
-            yield from write_fourdgs(path, take)
-        except ModuleNotFoundError as error:
-            raise FrogError(
-                "Writing .4dgs needs the Python package 'fourdgs' in Blender's Python, found none."
-            ) from error
-
-
 class FROG_OT_export_web_page(ExportsTake, bpy.types.Operator):
     """Write a capture as one web page that plays it in any browser, with sound and without a network. Press Esc or \
 the right mouse button to stop"""
@@ -203,11 +182,10 @@ the right mouse button to stop"""
 
 def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator(FROG_OT_export_usd.bl_idname, text="FRoG as USD (.usdc)")
-    self.layout.operator(FROG_OT_export_4dgs.bl_idname, text="FRoG as 4DGS (.4dgs)")
     self.layout.operator(FROG_OT_export_web_page.bl_idname, text="FRoG as Web Page (.html)")
 
 
-_CLASSES = (FROG_OT_export_usd, FROG_OT_export_4dgs, FROG_OT_export_web_page)
+_CLASSES = (FROG_OT_export_usd, FROG_OT_export_web_page)
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
 
 

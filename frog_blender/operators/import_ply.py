@@ -219,7 +219,7 @@ class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
 
 
 def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator(FROG_OT_import_splats.bl_idname, text="Splats (.ply, .spz, .glb, .splat, .usd, .4dgs)")
+    self.layout.operator(FROG_OT_import_splats.bl_idname, text="Splats (.ply, .spz, .glb, .splat, .usd)")
 
 
 _CLASSES = (FROG_OT_import_splats, FROG_FH_splats)

@@ -11,11 +11,10 @@ pytest.importorskip("resource")
 
 NEEDS = {
     **dict.fromkeys(("usdc", "usda", "usdz", "foreign usd"), "pxr"),
-    "4dgs": "fourdgs",
     "spz": "zstandard",
 }
 FEW = {
-    **dict.fromkeys(("usdc", "usda", "usdz", "foreign usd", "4dgs", "sog"), 40),
+    **dict.fromkeys(("usdc", "usda", "usdz", "foreign usd", "sog"), 40),
     "plys": 100,
     **dict.fromkeys(("spz", "glb", "gltf", "splat", "ksplat", "ply", "edits"), 200),
 }

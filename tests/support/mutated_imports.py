@@ -218,17 +218,6 @@ class ForeignUsd(InProcess):
         return [foreign_files.usd(self._scene.at_frame(2)).encode()]
 
 
-class Fourdgs(InProcess):
-    suffix = ".4dgs"
-
-    def made(self, folder: Path) -> list[bytes]:
-        from frog_blender.engine.interchange.fourdgs_export import write_fourdgs
-
-        path = folder / "whole.4dgs"
-        list(write_fourdgs(path, SceneTake(self._scene, "x", range(3))))
-        return [path.read_bytes()]
-
-
 class Spz(Imports):
     suffix = ".spz"
 
@@ -339,7 +328,6 @@ class Plys(Imports):
 KINDS: dict[str, type[Kind]] = {
     "usdc": BinaryUsd,
     "usda": TextUsd,
-    "4dgs": Fourdgs,
     "spz": Spz,
     "glb": Gltf,
     "splat": Splat,

@@ -103,7 +103,6 @@ class Imported:
     world: what was taken off its coordinates.
     frames: how many there are.
     keeps_identity: whether the same row is the same Gaussian in all frames.
-    left_out_sound: a sentence about what is not heard of the file's sound; "" for nothing.
     """
 
     path: Path
@@ -112,7 +111,6 @@ class Imported:
     world: World = FILES_OWN
     frames: int = 1
     keeps_identity: bool = True
-    left_out_sound: str = ""
 
     @property
     def warning(self) -> str:
@@ -127,8 +125,6 @@ class Imported:
                 "Its frames are not the same Gaussians in the same order: they play, without anything between two of "
                 "them, and can be edited by place alone."
             )
-        if self.left_out_sound:
-            sentences.append(self.left_out_sound)
         return " ".join(sentences)
 
 

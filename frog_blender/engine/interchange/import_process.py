@@ -17,13 +17,13 @@ from .frame_source import FrameSource, Imported, write_source
 ROOM = 512 << 20
 """Bytes that a reader may take besides twice the file."""
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
-SUFFIXES = (*USD_SUFFIXES, ".4dgs", ".sog")
+SUFFIXES = (*USD_SUFFIXES, ".sog")
 
 
 def import_foreign(
     source: Path, target: Path, *, compact: bool = False, progress: Callable[[int, int], None] = lambda done, of: None
 ) -> Imported:
-    """Writes a scene of a USD, ``.4dgs`` or ``.sog`` file; FrogError when it cannot, and nothing is changed then.
+    """Writes a scene of a USD or ``.sog`` file; FrogError when it cannot, and nothing is changed then.
 
     Args:
         compact, progress: see ``write_source``.
@@ -44,23 +44,18 @@ def import_foreign(
         int(done["left_out"]),
         frames=int(done["frames"]),
         keeps_identity=bool(done["keeps_identity"]),
-        left_out_sound=done["sound"],
     )
 
 
 def open_source(path: Path) -> FrameSource:
-    """The frames of a USD, ``.4dgs`` or ``.sog`` file, read in this process."""
+    """The frames of a USD or ``.sog`` file, read in this process."""
     if path.suffix.lower() in USD_SUFFIXES:
         from .usd_source import UsdSource
 
         return UsdSource(path)
-    if path.suffix.lower() == ".sog":
-        from .sog import open_sog
+    from .sog import open_sog
 
-        return open_sog(path)
-    from .fourdgs_source import open_fourdgs
-
-    return open_fourdgs(path)
+    return open_sog(path)
 
 
 def convert(request: JsonObject, tell: Progress) -> JsonObject:
@@ -74,11 +69,10 @@ def convert(request: JsonObject, tell: Progress) -> JsonObject:
         preload(source)
         limit_memory(source)
         done = write_source(open_source(source), source, target, compact=bool(request["compact"]), progress=progress)
-        left_out_sound = _kept_sound(source, target)
     except MemoryError as error:
         raise FrogError(f"{source}: found a file that needs more memory than its size allows for.") from error
     except ImportError as error:
-        package = {"pxr": "usd-core", "fourdgs": "fourdgs"}.get(str(error.name).split(".")[0], str(error.name))
+        package = {"pxr": "usd-core"}.get(str(error.name).split(".")[0], str(error.name))
         if not is_missing(error):
             raise FrogError(f"{source}: {not_loaded(error)}.") from error
         missing = f"the Python package {package!r}, which reads such files, is not installed"
@@ -88,27 +82,15 @@ def convert(request: JsonObject, tell: Progress) -> JsonObject:
         "left_out": done.left_out,
         "frames": done.frames,
         "keeps_identity": done.keeps_identity,
-        "sound": left_out_sound,
     }
-
-
-def _kept_sound(source: Path, target: Path) -> str:
-    """Keeps the sound of a file that has one beside the scene; what of it was left out."""
-    if source.suffix.lower() != ".4dgs":
-        return ""
-    from .fourdgs_sound import keep_sound
-
-    return keep_sound(source, target)
 
 
 def preload(source: Path) -> None:
     """Loads what reads the file, before the memory is limited."""
     if source.suffix.lower() in USD_SUFFIXES:
         from pxr import Usd, UsdGeom, UsdUtils  # noqa: F401
-    elif source.suffix.lower() == ".sog":
-        load_opencv()
     else:
-        import fourdgs  # noqa: F401
+        load_opencv()
 
 
 def limit_memory(source: Path) -> None:

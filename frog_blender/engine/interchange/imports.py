@@ -70,7 +70,7 @@ def is_sequence(source: Path) -> bool:
 
 def says_what_is_up(source: Path) -> bool:
     """Whether a format says which way is up, so that its scenes have z up whatever the file has."""
-    return source.suffix.lower() in (*import_process.USD_SUFFIXES, ".4dgs", ".spz", ".glb", ".gltf")
+    return source.suffix.lower() in (*import_process.USD_SUFFIXES, ".spz", ".glb", ".gltf")
 
 
 def free_scene_path(source: Path) -> Path:
