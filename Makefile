@@ -21,7 +21,7 @@ setup: $(VENV)/.ready
 $(VENV)/.packages: constraints.txt pyproject.toml
 	$(BIN)/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(INSTALL) scikit-build-core cmake ninja
-	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless tqdm imageio-ffmpeg matplotlib flip-evaluator pycolmap bpy pytest hypothesis plyfile ruff mypy import-linter usd-core fourdgs zstandard distributed $(NVRTC)
+	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless av pillow tqdm imageio-ffmpeg matplotlib flip-evaluator pycolmap bpy pytest hypothesis plyfile ruff mypy import-linter usd-core fourdgs zstandard distributed $(NVRTC)
 	touch $@
 
 $(VENV)/.ready: $(VENV)/.packages $(NATIVE)
@@ -100,7 +100,7 @@ $(BPY45)/.ready: constraints.txt
 	$(BPY45)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(BPY45)
 	sed 's/^bpy==[0-9.]*/bpy==4.5.15/' constraints.txt > $(BPY45)/constraints.txt
 	$(BPY45)/bin/python -m pip install --disable-pip-version-check -q -c $(BPY45)/constraints.txt $(PIP_FLAGS) \
-		bpy torch numpy safetensors opencv-contrib-python-headless zstandard tqdm pytest plyfile
+		bpy torch numpy safetensors opencv-contrib-python-headless av pillow zstandard tqdm pytest plyfile
 	touch $@
 
 test-bpy45: extension $(BPY45)/.ready
@@ -113,7 +113,7 @@ BPY53 := .venv-bpy53
 $(BPY53)/.ready: constraints.txt
 	$(BPY53)/bin/python -m pip --version > /dev/null 2>&1 || $(PYTHON313) -m venv --clear $(BPY53)
 	$(BPY53)/bin/python -m pip install --disable-pip-version-check -q -c constraints.txt $(PIP_FLAGS) \
-		bpy torch numpy safetensors opencv-contrib-python-headless zstandard tqdm pytest plyfile
+		bpy torch numpy safetensors opencv-contrib-python-headless av pillow zstandard tqdm pytest plyfile
 	touch $@
 
 test-bpy53: extension $(BPY53)/.ready

@@ -22,7 +22,7 @@ INTEGRATION = (
     "capture/readers/test_layouts.py",
     "capture/readers/test_mutated_captures.py",
     "capture/synchronization",
-    "capture/test_films.py",
+    "capture/test_media.py",
     "capture/test_quality.py",
     "frames/test_seed_store.py",
     "capture/test_seeds.py",

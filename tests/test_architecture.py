@@ -22,7 +22,7 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
-HEAVY = {"torch", "pycolmap", "matplotlib", "imageio_ffmpeg", "scipy", "av", "PIL"}
+HEAVY = {"torch", "pycolmap", "matplotlib", "av", "PIL", "scipy"}
 
 
 def is_for_types_only(node: ast.AST) -> bool:

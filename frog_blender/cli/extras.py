@@ -7,6 +7,8 @@ from ..engine.optional_imports import is_missing, not_loaded
 EXTRAS = {
     "torch": ("train",),
     "cv2": ("render", "train"),
+    "av": ("render", "train"),
+    "PIL": ("render", "train"),
     "zstandard": ("spz", "render", "train"),
     "pycolmap": ("calibrate",),
     "tqdm": ("render", "train"),
@@ -14,7 +16,6 @@ EXTRAS = {
     "flip_evaluator": ("chart",),
     "bpy": ("blender",),
     "pxr": ("usd",),
-    "fourdgs": ("4dgs",),
     "distributed": ("cluster",),
 }
 """The extras of ``pyproject.toml`` that install a module, the smallest first."""

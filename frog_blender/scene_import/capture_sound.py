@@ -12,17 +12,17 @@ import json
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import bpy
 import numpy as np
 
 from ..capture_files import file_of, named_file
-from ..engine.capture.ffmpeg import program
+from ..engine.capture import media
 from ..engine.errors import FrogError, brief
-from ..engine.source_media.film_sound import FilmSound, find_sound
 from ..engine.source_media.retimed_sound import heard_frames, retimed_sound
-from ..engine.source_media.sound import Samples, check_length, has_sound, read_sound, wav_of
+from ..engine.source_media.sound import FilmSound, Samples, check_length, find_sound, read_sound, wav_of
 from ..timeline import playback
 from ..timeline.frame_timing import frames_shown
 from ..timeline.retiming import curves, frame_rate, needs_evaluated_time, shown_curve, strip_curves
@@ -109,7 +109,7 @@ def _make(obj: bpy.types.Object, scene: bpy.types.Scene) -> MadeSound:
             f"{obj.name}: found nothing to hear in frames {scene.frame_start:,} to {scene.frame_end:,}, expected a "
             "range in which the capture plays."
         )
-    film = find_sound(header, named_file(obj), _has_sound)
+    film = find_sound(header, named_file(obj), has_sound)
     if film is None:
         raise FrogError(f"{obj.name}: found no film of its capture with sound, expected one.")
     read = _read(film, header.frame_count / header.frames_per_second)
@@ -202,9 +202,14 @@ def _stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
     return digest.hexdigest()
 
 
-def _has_sound(film: Path) -> bool:
-    if program() is not None:
-        return has_sound(film)
+def _has_pyav() -> bool:
+    return find_spec("av") is not None
+
+
+def has_sound(film: Path) -> bool:
+    """Whether a film has a track of sound: by PyAV where there is one, otherwise by Blender's own library."""
+    if _has_pyav():
+        return media.has_sound(film)
     import aud
 
     try:
@@ -214,10 +219,10 @@ def _has_sound(film: Path) -> bool:
 
 
 def _read(film: FilmSound, seconds: float) -> Samples:
-    """A film's sound from the capture's beginning on: by ffmpeg where there is one, otherwise by Blender's own library,
+    """A film's sound from the capture's beginning on: by PyAV where there is one, otherwise by Blender's own library,
     which does not know of a track that starts later than the images.
     """
-    if program() is not None:
+    if _has_pyav():
         return read_sound(film.path, film.start, seconds)
     import aud
 

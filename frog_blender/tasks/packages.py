@@ -15,7 +15,7 @@ def has_pycolmap_wheel(system: str = sys.platform, machine: str = platform.machi
 
 PYCOLMAP = "4.2.1"
 """Version of pycolmap that calibration was tested with; its interface changes from one to the next."""
-_READING = ("opencv-contrib-python-headless", "imageio-ffmpeg", "zstandard")
+_READING = ("opencv-contrib-python-headless", "av", "pillow", "zstandard")
 _CALIBRATION = (f"pycolmap=={PYCOLMAP}",) if has_pycolmap_wheel() else ()
 PACKAGES = ("torch", *_READING, *_CALIBRATION)
 """Packages that training, reading captures and calibrating need and Blender's Python lacks."""

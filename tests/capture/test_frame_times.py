@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from support.films import photograph
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
@@ -18,7 +19,6 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
 
 from .posed_images import OPENGL_AHEAD
-from .test_films import write_oriented
 
 
 def frames_of(times: list[float], lists: list[int] | None = None) -> tuple[list[int], list[float]]:
@@ -211,7 +211,7 @@ def test_listed_masks_that_are_missing_are_said(tmp_path: Path) -> None:
 
 def test_photographs_upside_down_are_said(tmp_path: Path) -> None:
     write(tmp_path, [], [posed("a.png", 0)])
-    write_oriented(tmp_path / "a.png", np.zeros((30, 40, 3), np.uint8), 3)
+    photograph(tmp_path / "a.png", np.zeros((30, 40, 3), np.uint8), turned=3)
     assert "a.png (of 1 cameras' images) is turned by 180 degrees" in open_capture(tmp_path).warnings[0]
 
 
@@ -225,7 +225,7 @@ def test_photographs_turned_by_exif_fit_their_calibration(
     stored[4:8, 28:32] = 255
     size = {"w": 40, "h": 30} if is_calibrated_as_stored else {"w": 30, "h": 40}
     write(tmp_path, [], [posed("a.png", 0)], **size, k1=0.0)
-    write_oriented(tmp_path / "a.png", stored, orientation)
+    photograph(tmp_path / "a.png", stored, turned=orientation)
     capture = open_capture(tmp_path)
     camera = capture.cameras[0]
     assert (camera.width, camera.height) == (30, 40)

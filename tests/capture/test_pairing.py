@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.films import copied, encode, high_dynamic_range, kept, number_of, numbered
+from support.films import INTERLACED, copied, encode, number_of, numbered
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
@@ -164,7 +164,7 @@ def test_frames_at_one_time_do_no_harm() -> None:
 
 @pytest.fixture(scope="module")
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return encode(tmp_path_factory.mktemp("film") / "film.mp4", numbered(60), "-g", 15)
+    return encode(tmp_path_factory.mktemp("film") / "film.mp4", numbered(60), key_every=15)
 
 
 def calibrated(folder: Path, *cameras: dict[str, Any]) -> Path:
@@ -186,7 +186,7 @@ def plain(name: str, **changes: Any) -> dict[str, Any]:
 def test_two_cameras_of_which_one_dropped_frames_show_the_same_times(film: Path, tmp_path: Path) -> None:
     there = [frame for frame in range(60) if frame not in (7, 8, 31)]
     (tmp_path / "a.mp4").write_bytes(film.read_bytes())
-    kept(film, tmp_path / "b.mp4", there)
+    encode(tmp_path / "b.mp4", [numbered(60)[frame] for frame in there], times=[frame / 30 for frame in there])
     capture = open_capture(calibrated(tmp_path, plain("a"), plain("b")))
     assert shows(capture, tmp_path / "cache", 0) == {frame: frame for frame in range(60)}
     assert shows(capture, tmp_path / "cache", 1) == {frame: frame for frame in there}
@@ -194,8 +194,8 @@ def test_two_cameras_of_which_one_dropped_frames_show_the_same_times(film: Path,
 
 
 def test_trimmed_films_show_what_a_player_shows(film: Path, tmp_path: Path) -> None:
-    copied(film, tmp_path / "a.mp4", "-ss", 0.7)
-    copied(film, tmp_path / "b.mp4", "-ss", 0.8)
+    copied(film, tmp_path / "a.mp4", start=0.7)
+    copied(film, tmp_path / "b.mp4", start=0.8)
     capture = open_capture(calibrated(tmp_path, plain("a"), plain("b")))
     assert shows(capture, tmp_path / "cache", 0) == {frame: frame + 21 for frame in range(36)}
     assert shows(capture, tmp_path / "cache", 1) == {frame: frame + 24 for frame in range(36)}
@@ -241,7 +241,7 @@ def test_clocks_and_films_that_make_no_sense_are_refused(
 @pytest.mark.parametrize("turn", [90, 270])
 def test_a_film_turned_after_its_calibration_turns_its_camera(film: Path, tmp_path: Path, turn: int) -> None:
     """Whatever lies at a world point lies at its pixel in the image that is shown."""
-    copied(film, tmp_path / "a.mp4", "-display_rotation", turn)
+    copied(film, tmp_path / "a.mp4", turn=turn)
     lens = [-0.1, 0.01, 0.02, -0.03, 0.005]
     (tmp_path / "plain").mkdir()
     (tmp_path / "plain" / "a.mp4").write_bytes(film.read_bytes())
@@ -279,15 +279,21 @@ def test_a_film_larger_than_its_calibration_is_no_crop(
 
 
 def test_a_film_upside_down_is_said(film: Path, tmp_path: Path) -> None:
-    copied(film, tmp_path / "a.mp4", "-display_rotation", 180)
+    copied(film, tmp_path / "a.mp4", turn=180)
     capture = open_capture(calibrated(tmp_path, plain("a")))
     assert "turned by 180 degrees, as its rotation flag says" in capture.warnings[0]
 
 
 def test_high_dynamic_range_is_said(tmp_path: Path) -> None:
-    high_dynamic_range(tmp_path / "a.mp4", numbered(3), "arib-std-b67")
+    encode(tmp_path / "a.mp4", numbered(3), transfer="hlg")
     capture = open_capture(calibrated(tmp_path, plain("a")))
     assert re.search(r"a\.mp4 is of high dynamic range \(HLG\) and is tone-mapped", capture.warnings[0])
+
+
+def test_interlaced_films_are_told(tmp_path: Path) -> None:
+    encode(tmp_path / "a.mp4", numbered(3), **INTERLACED)
+    capture = open_capture(calibrated(tmp_path, plain("a")))
+    assert re.search(r"a\.mp4 is interlaced: each image shows two times", capture.warnings[0])
 
 
 def test_skew_is_removed_like_distortion(film: Path, tmp_path: Path) -> None:

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 from support.builders import scene_file
-from support.films import ffmpeg
+from support.clicks import clicks, times_of_clicks
 
 from frog_blender.cli.main import main
+from frog_blender.engine.capture.media import read_sound_file
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import web_page
 from frog_blender.engine.interchange.take import SceneTake, Sound
@@ -26,6 +27,7 @@ from frog_blender.engine.interchange.web_page.page import SCRIPTS, write_page
 from frog_blender.engine.playback.frame_delta import column_of
 from frog_blender.engine.playback.player import ScenePlayer, select_gaussians
 from frog_blender.engine.scene.scene_file import write_scene
+from frog_blender.engine.source_media.sound import RATE, Samples, wav_of
 
 FOLDER = Path(web_page.__file__).parent
 FRAMES = range(7)
@@ -209,14 +211,13 @@ def test_splats_without_cameras_are_seen_from_afar(scene: ScenePlayer, tmp_path:
 
 def test_sound_is_part_of_the_page(scene: ScenePlayer, tmp_path: Path) -> None:
     """Of as much of it as the frames last."""
-    tone = ["-f", "lavfi", "-i", "sine=frequency=440:duration=2", tmp_path / "x.wav"]
-    ffmpeg(*tone)
+    (tmp_path / "x.wav").write_bytes(wav_of(clicks([0.6], 2.0)))
     export(scene, tmp_path / "x.html", sound=Sound(tmp_path / "x.wav", 0.5))
     text = (tmp_path / "x.html").read_text(encoding="utf-8")
     (found,) = re.findall(r'id="sound">data:audio/ogg;base64,([^<]+)<', text)
-    (tmp_path / "y.ogg").write_bytes(b64decode(found))
-    heard = ffmpeg("-i", tmp_path / "y.ogg", "-f", "s16le", "-ac", "1", "-ar", "48000", "-")
-    assert len(heard) / 2 / 48000 == pytest.approx(7 / scene.header.frames_per_second, abs=0.05)
+    heard = Samples(read_sound_file(b64decode(found), RATE, 2), RATE)
+    assert len(heard.values) / RATE == pytest.approx(7 / scene.header.frames_per_second, abs=0.05)
+    np.testing.assert_allclose(times_of_clicks(heard), [0.1], atol=0.01)
 
 
 def test_what_a_browser_cannot_hold_is_refused(

@@ -12,10 +12,9 @@ from typing import Any
 import pytest
 
 from frog_blender.cli.main import main
-from frog_blender.engine.capture.image_size import image_size
 from frog_blender.engine.capture.readers.checks import read_json
 from frog_blender.engine.capture.readers.qualisys import read_cameras
-from frog_blender.engine.capture.video import read_facts, read_image
+from frog_blender.engine.capture.video import image_size, read_facts, read_image
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.io.regular_file import regular_file

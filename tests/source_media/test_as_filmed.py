@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.films import copied, encode, high_dynamic_range, kept, number_of, numbered
+from support.films import copied, encode, number_of, numbered
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import decode
@@ -20,7 +20,7 @@ from .test_undistorted_clips import header_of
 
 @pytest.fixture
 def film(tmp_path: Path) -> Path:
-    return encode(tmp_path / "film.mp4", numbered(20), "-g", 5)
+    return encode(tmp_path / "film.mp4", numbered(20), key_every=5)
 
 
 def calibrated(folder: Path, **changes: dict[str, Any]) -> Path:
@@ -44,7 +44,8 @@ def n3dv(folder: Path) -> Path:
 def test_clips_of_films_that_lack_frames_show_each_image_at_its_time(film: Path, tmp_path: Path, layout: Any) -> None:
     folder = layout(tmp_path / "c")
     (folder / "a.mp4").write_bytes(film.read_bytes())
-    kept(film, folder / "b.mp4", [frame for frame in range(20) if frame not in (4, 5, 11)])
+    there = [frame for frame in range(20) if frame not in (4, 5, 11)]
+    encode(folder / "b.mp4", [numbered(20)[frame] for frame in there], times=[frame / 30 for frame in there])
     header, scene = header_of(open_capture(folder)), tmp_path / "x.frog"
     films = undistortion(header, scene, folder)
     assert films is not None
@@ -73,14 +74,14 @@ def test_a_late_clock_and_high_dynamic_range_need_clips(film: Path, tmp_path: Pa
     assert [number_of(image) for image in found] == [8, 5]
     bright = calibrated(tmp_path / "bright")
     for name in ("a", "b"):
-        high_dynamic_range(bright / f"{name}.mp4", numbered(4), "smpte2084")
+        encode(bright / f"{name}.mp4", numbered(4), transfer="pq")
     assert undistortion(header_of(open_capture(bright)), tmp_path / "bright.frog", bright) is not None
 
 
 def test_trimmed_films_need_no_clips(film: Path, tmp_path: Path) -> None:
     folder = calibrated(tmp_path / "c")
     for name in ("a", "b"):
-        copied(film, folder / f"{name}.mp4", "-ss", 0.2)
+        copied(film, folder / f"{name}.mp4", start=0.2)
     assert undistortion(header_of(open_capture(folder)), tmp_path / "x.frog", folder) is None
 
 

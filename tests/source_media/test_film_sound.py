@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.builders import scene_file
-from support.clicks import film_of_clicks, times_of_clicks
+from support.clicks import clicks, film_of_clicks, times_of_clicks
+from support.films import copied
 
-from frog_blender.engine.capture.ffmpeg import program
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.scene.header import SceneHeader
-from frog_blender.engine.source_media.film_sound import find_sound
-from frog_blender.engine.source_media.sound import read_sound
+from frog_blender.engine.source_media.sound import find_sound, read_sound, wav_of
 
-pytestmark = pytest.mark.skipif(program() is None, reason="needs ffmpeg")
 RATE, SECONDS, LATER = 10, 3.0, 0.5
 
 
@@ -26,8 +23,7 @@ RATE, SECONDS, LATER = 10, 3.0, 0.5
 def header(tmp_path: Path) -> SceneHeader:
     """Of two films, one of them silent, the other one, which has sound, begun half a second after it."""
     film_of_clicks(tmp_path / "b.mp4", [0.5], SECONDS, RATE)
-    command = [program(), "-v", "error", "-i", str(tmp_path / "b.mp4"), "-an", "-c", "copy", str(tmp_path / "a.mp4")]
-    subprocess.run(command, check=True)
+    copied(tmp_path / "b.mp4", tmp_path / "a.mp4", has_sound=False)
     matrix = [[40, 0, 16], [0, 40, 16], [0, 0, 1]]
     of_each = {"width": 32, "height": 32, "K": matrix, "R": np.eye(3).tolist(), "dist": []}
     cameras = [{"name": "a", "t": [0, 0, 1]}, {"name": "b", "t": [0.1, 0, 1], "offset": LATER}]
@@ -64,8 +60,7 @@ def test_a_film_is_heard_from_the_captures_first_frame_on(header, tmp_path):
 def test_clicks_are_where_their_images_are_in_films_that_begin_later(header, tmp_path, suffix):
     """As cameras write them that began to record before the film that was kept of it."""
     film = (tmp_path / "b.mp4").rename(tmp_path / "source.mp4_")
-    command = [program(), "-v", "error", "-f", "mp4", "-i", str(film), "-c", "copy", "-output_ts_offset", "0.7"]
-    subprocess.run([*command, str(tmp_path / f"b.{suffix}")], check=True)
+    copied(film, tmp_path / f"b.{suffix}", delay=0.7)
     found = find_sound(header, tmp_path / "x.frog")
     assert found is not None
     capture = open_capture(tmp_path)
@@ -84,13 +79,11 @@ def test_without_the_calibration_films_begin_with_the_capture(header, tmp_path):
 
 def test_a_file_beside_the_scene_is_heard_where_no_film_has_sound(header, tmp_path):
     beside = tmp_path / "b.mp4"
-    command = [program(), "-v", "error", "-i", str(beside), "-vn", str(tmp_path / "x.flac")]
-    subprocess.run(command, check=True)
+    (tmp_path / "x.wav").write_bytes(wav_of(clicks([0.5], SECONDS)))
     found = find_sound(header, tmp_path / "x.frog")
     assert found is not None and found.path == beside, "a film's own sound comes first"
     beside.unlink()
     found = find_sound(header, tmp_path / "x.frog")
-    assert found is not None and (found.path, found.start) == (tmp_path / "x.flac", 0.0)
-    (tmp_path / "x.flac").unlink()
+    assert found is not None and (found.path, found.start) == (tmp_path / "x.wav", 0.0)
     (tmp_path / "x.wav").write_bytes(b"no sound")
     assert find_sound(header, tmp_path / "x.frog") is None

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.clicks import clicks, film_of_clicks, samples_of, times_of_clicks
+from support.films import copied
 
-from frog_blender.engine.capture.ffmpeg import program
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.source_media.retimed_sound import frame_speeds, heard_frames, retimed_sound
 from frog_blender.engine.source_media.sound import RATE, Samples, check_length, read_sound, wav_of
@@ -84,29 +83,17 @@ def test_speeds_are_those_around_a_jump():
     assert np.isnan(frame_speeds(np.array([np.nan]))).all()
 
 
-@pytest.mark.skipif(program() is None, reason="needs ffmpeg")
 def test_films_are_read_from_their_first_image_on(tmp_path: Path):
     film = film_of_clicks(tmp_path / "a.mp4", [0.5, 1.25], 2.0, 30)
-    np.testing.assert_allclose(times_of_clicks(read_sound(film, 0.0, 2.0)), [0.5, 1.25], atol=0.002)
-    late = tmp_path / "late.mkv"
-    command = [program(), "-v", "error", "-i", str(film), "-itsoffset", "0.3", "-i", str(film)]
-    subprocess.run([*command, "-map", "0:v", "-map", "1:a", "-c", "copy", str(late)], check=True)
-    np.testing.assert_allclose(times_of_clicks(read_sound(late, 0.0, 2.0)), [0.8, 1.55], atol=0.002)
-    np.testing.assert_allclose(times_of_clicks(read_sound(late, 1.0, 2.0)), [0.55], atol=0.002)
-    early = read_sound(late, -0.5, 2.0)
-    np.testing.assert_allclose(times_of_clicks(early), [1.3], atol=0.002)
+    early = read_sound(film, -0.5, 2.0)
+    np.testing.assert_allclose(times_of_clicks(early), [1.0, 1.75], atol=0.002)
     assert len(early.values) == 2 * RATE
-    long = film_of_clicks(tmp_path / "long.mp4", [0.25 + time for time in range(60)], 60.0, 5)
-    subprocess.run([program(), "-v", "error", "-i", str(long), "-c", "copy", str(long.with_suffix(".mkv"))], check=True)
-    for each in (long, long.with_suffix(".mkv")):
-        for start in (9.0, 31.5, 57.0):
-            found = times_of_clicks(read_sound(each, start, 4.0))
-            wanted = [time + 0.25 - start for time in range(60) if 0 < time + 0.25 - start < 4]
-            np.testing.assert_allclose(found, wanted, atol=0.002)
-    assert not read_sound(long, 7200.0, 4.0).values.any(), "there is no more"
+    assert not read_sound(film, 7200.0, 4.0).values.any(), "there is no more"
     (tmp_path / "b.mp4").write_bytes(b"nothing")
-    with pytest.raises(FrogError, match=r"b\.mp4: its sound could not be read"):
+    with pytest.raises(FrogError, match=r"b\.mp4: found a file that cannot be decoded"):
         read_sound(tmp_path / "b.mp4", 0.0, 2.0)
+    with pytest.raises(FrogError, match="found no sound"):
+        read_sound(copied(film, tmp_path / "silent.mp4", has_sound=False), 0.0, 2.0)
     with pytest.raises(FrogError, match="expected at most"):
         check_length(film, 1e5)
     with pytest.raises(FrogError, match="expected at most"):

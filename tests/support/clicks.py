@@ -3,38 +3,36 @@
 from __future__ import annotations
 
 import io
-import subprocess
 import wave
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from frog_blender.engine.capture.ffmpeg import program
 from frog_blender.engine.source_media.sound import RATE, Samples, wav_of
 
 _LENGTH = 0.002  # seconds of a click
 _APART = 0.02  # seconds after which another one begins
 
 
-def clicks(times: Iterable[float], seconds: float) -> Samples:
+def clicks(times: Iterable[float], seconds: float, rate: int = RATE) -> Samples:
     """A stereo sound that clicks at times, in seconds."""
-    values = np.zeros((round(seconds * RATE), 2), np.int16)
+    values = np.zeros((round(seconds * rate), 2), np.int16)
     for time in times:
-        values[round(time * RATE) : round((time + _LENGTH) * RATE)] = 30_000
-    return Samples(values, RATE)
+        values[round(time * rate) : round((time + _LENGTH) * rate)] = 30_000
+    return Samples(values, rate)
 
 
 def film_of_clicks(path: Path, times: Iterable[float], seconds: float, rate: int) -> Path:
-    """A film that clicks; without ffmpeg a sound file of that name, which Blender's own library takes for the same."""
-    content, ffmpeg = wav_of(clicks(times, seconds)), program()
-    if ffmpeg is None:
-        path.write_bytes(content)
+    """A film that clicks; without PyAV a sound file of that name, which Blender's own library takes for the same."""
+    sound = clicks(times, seconds)
+    if find_spec("av") is None:
+        path.write_bytes(wav_of(sound))
         return path
-    command = [ffmpeg, "-v", "error", "-y", "-f", "lavfi", "-i", f"testsrc=size=32x32:rate={rate}:duration={seconds}"]
-    command += ["-f", "wav", "-i", "pipe:0", "-c:v", "mpeg4", "-c:a", "aac", str(path)]
-    subprocess.run(command, input=content, check=True)
-    return path
+    from support.films import encode, numbered
+
+    return encode(path, numbered(round(seconds * rate), 32, 32), rate=rate, sound=sound.values)
 
 
 def samples_of(content: bytes) -> Samples:

@@ -1,31 +1,136 @@
-"""Films that cameras and phones write and OpenCV does not: cut without encoding, turned, of varying rate, of HDR."""
+"""Films and photographs as cameras and phones write them: cut without encoding, turned, of varying rate, of HDR."""
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
-import imageio_ffmpeg
+import av
 import numpy as np
+from PIL import Image
 
-FFMPEG = imageio_ffmpeg.get_ffmpeg_exe()
-
-
-def ffmpeg(*arguments: object) -> bytes:
-    """What ffmpeg writes to its standard output; raises where it fails."""
-    return subprocess.run(
-        [FFMPEG, "-y", "-v", "error", *map(str, arguments)], capture_output=True, check=True, timeout=120
-    ).stdout
+_CLOCK = 15_360  # units of a second, of which a frame of every usual rate is a whole number
+TRANSFERS = {"hlg": 18, "pq": 16}  # ISO/IEC 23091-2
+INTERLACED = {"flags": "+ilme+ildct", "x264-params": "tff=1"}
+"""Options of an encoder whose images are two fields each."""
+_BT2020 = 9
 
 
-def encode(path: Path, images: Sequence[np.ndarray], *options: object, rate: float = 30) -> Path:
-    """A film of images (H, W, 3) uint8 RGB of even sides, in H.264."""
-    height, width = images[0].shape[:2]
-    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", rate, "-i", "-"]
-    command = [FFMPEG, "-y", "-v", "error", *raw, "-c:v", "libx264", "-crf", "8", "-pix_fmt", "yuv420p", *options, path]
-    content = b"".join(np.ascontiguousarray(image).tobytes() for image in images)
-    subprocess.run([str(part) for part in command], input=content, check=True, capture_output=True, timeout=120)
+def encode(
+    path: Path,
+    images: Sequence[np.ndarray],
+    *,
+    times: Sequence[float] = (),
+    rate: int = 30,
+    key_every: int = 30,
+    codec: str = "libx264",
+    transfer: str = "",
+    aspect: str = "1",
+    is_full_range: bool = False,
+    sound: np.ndarray | None = None,
+    sound_rate: int = 48_000,
+    tags: dict[str, str] | None = None,
+    **options: str,
+) -> Path:
+    """A film of images (H, W, 3) uint8 RGB of even sides.
+
+    Args:
+        times: of each image, seconds; by default ``rate`` a second.
+        transfer: "hlg" or "pq": ten bits, whose signal the images are, tagged as of BT.2020.
+        sound: (S, C) int16 of one or two channels.
+        aspect: width of a pixel over its height.
+        tags: of the file.
+        options: of the encoder, such as ``bf="2"``.
+    """
+    with av.open(str(path), "w") as container:
+        container.metadata.update(tags or {})
+        stream: Any = container.add_stream(codec, rate=rate, options={"crf": "8", **options})
+        stream.height, stream.width = images[0].shape[:2]
+        stream.pix_fmt = "yuv420p10le" if transfer else "yuv420p"
+        stream.gop_size = key_every
+        stream.codec_context.sample_aspect_ratio = Fraction(aspect)
+        unit = Fraction(1, _CLOCK if times else rate)
+        stream.codec_context.time_base = unit
+        space: dict[str, Any] = {"dst_color_range": "JPEG" if is_full_range else "MPEG"}
+        stream.codec_context.color_range = 2 if is_full_range else 1
+        if transfer:
+            stream.codec_context.color_trc = TRANSFERS[transfer]
+            stream.codec_context.color_primaries = stream.codec_context.colorspace = _BT2020
+            space["dst_colorspace"] = _BT2020
+        track: Any = None
+        if sound is not None:
+            layout = "mono" if sound.shape[1] == 1 else "stereo"
+            track = container.add_stream("aac", rate=sound_rate, layout=layout)
+        for index, image in enumerate(images):
+            given = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), "rgb24")
+            frame = given.reformat(format=stream.pix_fmt, **space)
+            frame.pts, frame.time_base = round((times[index] if times else index / rate) / unit), unit
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+        if sound is not None:
+            heard = av.AudioFrame.from_ndarray(np.ascontiguousarray(sound).reshape(1, -1), "s16", layout)
+            heard.sample_rate, heard.pts = sound_rate, 0
+            container.mux(track.encode(heard))
+            container.mux(track.encode(None))
+    return path
+
+
+def copied(
+    source: Path,
+    path: Path,
+    *,
+    start: float = 0.0,
+    delay: float = 0.0,
+    sound_delay: float = 0.0,
+    turn: int = 0,
+    has_sound: bool = True,
+    movflags: str = "",
+) -> Path:
+    """A film, not encoded again.
+
+    Args:
+        start: second from which on it is shown; what is before it, from a key frame on, is there and not shown.
+        delay, sound_delay: seconds by which all is shown later, and its sound besides.
+        turn: degrees against the clock by which it is shown turned.
+        movflags: FFmpeg's for MP4, such as "faststart" and "frag_keyframe+empty_moov".
+    """
+    options = {"movflags": movflags} if movflags else {}
+    with av.open(str(source)) as film, av.open(str(path), "w", options=options) as container:
+        container.metadata.update(film.metadata)
+        chosen = [*film.streams.video, *(film.streams.audio if has_sound else ())]
+        streams = {stream.index: container.add_stream_from_template(stream) for stream in chosen}
+        if turn:
+            streams[film.streams.video[0].index].set_display_rotation(turn)
+        if start:
+            film.seek(int(start * av.time_base))
+        for packet in film.demux(chosen):
+            later = delay - start + (sound_delay if packet.stream.type == "audio" else 0.0)
+            if packet.dts is None:
+                continue
+            shift = round(later / packet.time_base)
+            packet.pts, packet.dts = packet.pts + shift, packet.dts + shift
+            packet.stream = streams[packet.stream_index]
+            container.mux(packet)
+    return path
+
+
+def shown(path: Path) -> np.ndarray:
+    """(N, height, width, 3) uint8 RGB of the frames that FFmpeg shows, as they are stored."""
+    with av.open(str(path)) as film:
+        return np.stack([frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)])
+
+
+def photograph(path: Path, pixels: np.ndarray, **tags: object) -> Path:
+    """An image file of (H, W, 3) uint8 RGB with EXIF: ``turned``, ``make``, ``model``, ``focal_length``."""
+    exif = Image.Exif()
+    for name, tag in (("turned", 0x0112), ("make", 0x010F), ("model", 0x0110)):
+        if name in tags:
+            exif[tag] = tags[name]
+    if "focal_length" in tags:  # as 35 mm film would need it
+        exif.get_ifd(0x8769)[0xA405] = tags["focal_length"]
+    Image.fromarray(np.ascontiguousarray(pixels)).save(path, exif=exif)
     return path
 
 
@@ -46,30 +151,3 @@ def number_of(image: np.ndarray) -> int:
     height, width = image.shape[:2]
     row = image[height * 3 // 4, width // 16 :: width // 8].mean(axis=1)
     return sum(1 << bit for bit, value in enumerate(row[:8]) if value > 128)
-
-
-def high_dynamic_range(path: Path, images: Sequence[np.ndarray], transfer: str) -> Path:
-    """A film of 10 bits whose signal the images are, tagged as of BT.2020 and a transfer by ffmpeg's name."""
-    tags = f"color_trc={transfer}:color_primaries=bt2020:colorspace=bt2020nc"
-    filters = f"scale=out_color_matrix=bt2020:out_range=tv,format=yuv420p10le,setparams={tags}"
-    return encode(path, images, "-vf", filters, "-pix_fmt", "yuv420p10le", "-movflags", "write_colr")
-
-
-def copied(source: Path, path: Path, *options: object) -> Path:
-    """The film with options before its input, not encoded again."""
-    ffmpeg(*options, "-i", source, "-c", "copy", path)
-    return path
-
-
-def kept(source: Path, path: Path, frames: Sequence[int], *options: object) -> Path:
-    """Some frames of a film, each at its own time."""
-    chosen = "+".join(f"eq(n\\,{frame})" for frame in frames)
-    selecting = ["-vf", f"select='{chosen}'", "-fps_mode", "passthrough", "-c:v", "libx264", "-crf", "8"]
-    ffmpeg("-i", source, *selecting, "-pix_fmt", "yuv420p", *options, path)
-    return path
-
-
-def shown(path: Path, width: int, height: int) -> np.ndarray:
-    """(N, height, width, 3) uint8 RGB of the frames that ffmpeg shows."""
-    raw = ffmpeg("-i", path, "-fps_mode", "passthrough", "-f", "rawvideo", "-pix_fmt", "rgb24", "-")
-    return np.frombuffer(raw, np.uint8).reshape(-1, height, width, 3)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import sys
-from io import BytesIO
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -18,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import cv2
 import numpy as np
 from fuzzing.mutating import cut, flipped, torn
+from support.clicks import clicks
 from support.filmed_scene import rig
 from support.films import encode, numbered
 from support.layouts.rigs import opencv_frames
@@ -31,9 +31,7 @@ from frog_blender.engine.capture.calibration.report_lines import report_lines
 from frog_blender.engine.capture.calibration.stage_forms import fits
 from frog_blender.engine.capture.calibration.ways import read_points
 from frog_blender.engine.capture.calibration.work_folder import WorkFolder
-from frog_blender.engine.capture.image_header import has_alpha, size_in_header
-from frog_blender.engine.capture.movie_header import read_movie_header
-from frog_blender.engine.capture.orientation import orientation_in_header
+from frog_blender.engine.capture.media import read_film_header, read_photograph, read_sound
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import VideoFacts, read_facts, read_image
 from frog_blender.engine.errors import FrogError, printable
@@ -169,29 +167,29 @@ class Stages(Kind):
 
 
 class FilmHeaders(Kind):
-    """MP4 and Matroska, whose headers are read by parsers of our own, and then decoded."""
+    """MP4 and Matroska: what PyAV says of them, their sound, and then their images."""
 
     mutations = BYTES
 
     def __init__(self, folder: Path) -> None:
         self.path, self.whole = folder / "film.bin", []
-        for name, options in (("a.mp4", ["-g", "4"]), ("b.mov", ["-bf", "2"]), ("c.mkv", []), ("d.webm", [])):
-            codec = ["-c:v", "libvpx"] if name.endswith("webm") else []
-            film = encode(folder / name, numbered(9), *options, *codec)
-            self.whole.append(film.read_bytes())
+        sound = clicks([0.1], 0.3).values
+        for name in ("a.mp4", "b.mov", "c.mkv"):
+            self.whole.append(encode(folder / name, numbered(9), key_every=4, sound=sound).read_bytes())
+        self.whole.append(encode(folder / "d.webm", numbered(9), codec="libvpx").read_bytes())
 
     def use(self) -> bool:
-        header = read_movie_header(self.path)
-        if header is not None and header.timestamps is not None:
-            times = header.timestamps
-            assert len(times) and np.isfinite(times).all() and (np.diff(times) >= 0).all()
+        times = read_film_header(self.path, with_times=True).times
+        assert times is None or (len(times) and np.isfinite(times).all() and (np.diff(times) >= 0).all())
+        heard = read_sound(self.path, 16_000, 1, 0.0, 1.0)
+        assert heard is None or len(heard) <= 16_000
         facts = read_facts(self.path)
         assert facts.frame_count == len(facts.timestamps) and np.isfinite(facts.timestamps).all()
-        return header is not None
+        return True
 
 
 class StillHeaders(Kind):
-    """Images with EXIF, whose headers are read by parsers of our own, and then decoded."""
+    """Images with EXIF: what Pillow says of them, and then their pixels."""
 
     mutations = BYTES
 
@@ -206,10 +204,8 @@ class StillHeaders(Kind):
             self.whole.append(content)
 
     def use(self) -> bool:
-        content = self.path.read_bytes()
-        assert 1 <= orientation_in_header(BytesIO(content)) <= 8
-        size_in_header(BytesIO(content))
-        has_alpha(self.path)
+        said = read_photograph(self.path)
+        assert said is None or (1 <= said.orientation <= 8 and min(said.size) > 0)
         assert read_image(self.path).ndim == 3
         return True
 

@@ -6,28 +6,18 @@ A camera that was calibrated in images as they are stored is turned with them.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import BinaryIO
 
 import numpy as np
 
 from ..arrays import Float64s, ImageArray
 from .camera import Camera
 from .capture import Distortion
-from .exif import ORIENTATION, exif_tags
 from .lenses import FISHEYE, FOV
 
-UPRIGHT = 1
-"""EXIF's orientation of an image that is shown as it is stored."""
 # Quarter turns clockwise, after which those of _MIRRORED are mirrored left to right.
 _TURNS = {1: 0, 2: 0, 3: 2, 4: 2, 5: 1, 6: 1, 7: 3, 8: 3}
 _MIRRORED = frozenset({2, 4, 5, 7})
 _MAX_TURNED_COEFFICIENTS = 12  # beyond them OpenCV's model tilts the sensor
-
-
-def orientation_in_header(file: BinaryIO) -> int:
-    """EXIF's orientation (1 to 8) of an open JPEG, PNG or WebP; 1 where the file names none."""
-    value = exif_tags(file, [ORIENTATION]).get(ORIENTATION)
-    return value if isinstance(value, int) and value in _TURNS else UPRIGHT
 
 
 def is_mirrored(orientation: int) -> bool:

@@ -1,31 +1,21 @@
 """Films of high dynamic range (HLG and PQ, ITU-R BT.2100) to the display-referred sRGB of everything else.
 
-Which curve a film has is read from its header, else asked of ffmpeg where imageio-ffmpeg is installed. Light is
-measured in units of the reference white, 203 cd/m2 (ITU-R BT.2408), the wide gamut (BT.2020) is brought to sRGB's, and
-highlights are rolled off by Reinhard's extended operator (2002, equation 4), so that 1000 cd/m2 are white.
+Light is measured in units of the reference white, 203 cd/m2 (ITU-R BT.2408), the wide gamut (BT.2020) is brought to
+sRGB's, and highlights are rolled off by Reinhard's extended operator (2002, equation 4), so that 1000 cd/m2 are white.
 """
 
 from __future__ import annotations
-
-import re
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Float32s, ImageArray
 from ..srgb import linear_to_srgb
-from .ffmpeg import notes
-from .movie_header import MovieHeader
 
 NAMES = {"hlg": "HLG", "pq": "PQ"}
-"""Curves that are tone-mapped, by their names in ``MovieHeader.transfer``, as people know them."""
+"""Curves that are tone-mapped, by their names in ``FilmHeader.transfer``, as people know them."""
 _REFERENCE_WHITE, _PEAK = 203.0, 1000.0  # cd/m2
 _LEVELS = 4096  # of the tables
-# Codecs that have more than 8 bits, and say the curve in their own header where the file's does not.
-_DEEP_CODECS = frozenset({"hvc1", "hev1", "dvh1", "dvhe", "av01", "vp09", ""})
-_ASK_SECONDS = 20.0
-_STREAM_TRANSFERS = {"arib-std-b67": "hlg", "smpte2084": "pq"}
 
 # OpenCV takes every film's colours for BT.601's; they are those of BT.2020 with constant luminance off.
 _FROM_601 = np.array([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])
@@ -62,32 +52,6 @@ class ToneMapping:
         luminance, white = narrow @ _LUMINANCE, np.float32(_PEAK / _REFERENCE_WHITE)
         narrow *= ((1 + luminance / white**2) / (1 + luminance))[:, None]
         return self._display[_levels(np.sqrt(narrow))].reshape(image.shape)
-
-
-def tone_mapping(path: Path, header: MovieHeader | None) -> ToneMapping | None:
-    """What a film needs; None where it is of ordinary range."""
-    transfer = transfer_of(path, header)
-    return ToneMapping(transfer) if transfer else None
-
-
-def transfer_of(path: Path, header: MovieHeader | None) -> str:
-    """ "hlg", "pq", or "" for every other curve and where nothing says it.
-
-    Args:
-        header: of the file, None where it has none.
-    """
-    if header is not None and header.transfer is not None:
-        return header.transfer
-    if header is not None and header.codec not in _DEEP_CODECS:
-        return ""
-    return "" if header is None and path.suffix.lower() == ".avi" else _asked(path)
-
-
-def _asked(path: Path) -> str:
-    """What ffmpeg says; "" where it is not installed or does not answer."""
-    line = re.search(r"Stream #.*?Video:[^\r\n]*", notes(path, _ASK_SECONDS))
-    found = line and next((name for said, name in _STREAM_TRANSFERS.items() if said in line[0]), "")
-    return found or ""
 
 
 def _levels(values: Float32s) -> NDArray[np.uint16]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
+import struct
 import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +19,16 @@ from ..io.regular_file import regular_file
 from ..optional_imports import is_missing, not_loaded
 from ..preloading import open_extension
 from .camera import MAX_SIDE
-from .image_header import is_cut_png, size_in_header
-from .movie_header import read_movie_header
-from .orientation import orientation_in_header, oriented, turned
-from .tone_mapping import tone_mapping, transfer_of
+from .media import film_path, may_miss, read_film_header, read_photograph, truncated
+from .orientation import is_mirrored, oriented, quarter_turns, turned, turned_size
+from .tone_mapping import ToneMapping
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp")
-# Containers whose frame count is an estimate from the duration, not a number that was stored.
-_ESTIMATING_SUFFIXES = frozenset({".mkv", ".webm"})
 # Videos of fewer pixels than this are decoded once when opened, to count their frames for certain.
 _COUNT_BY_DECODING = 1e8
 _MAX_DECODED = 2**28  # pixels of an image: the largest cameras have half as many
+_PNG_START = b"\x89PNG\r\n\x1a\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +42,7 @@ class VideoFacts:
         timestamps: (frame_count,) float64 ascending seconds, from the file's start, at which they are shown.
         turn: degrees clockwise by which the stored frames are shown: 0, 90, 180 or 270.
         transfer: "hlg" or "pq" for a film of high dynamic range, which is tone-mapped; else "".
+        is_interlaced: its images are two fields each, of different times.
     """
 
     width: int
@@ -53,6 +52,7 @@ class VideoFacts:
     timestamps: Float64s
     turn: int = 0
     transfer: str = ""
+    is_interlaced: bool = False
 
 
 def load_opencv() -> Any:  # cv2 has no types that mypy follows
@@ -75,20 +75,11 @@ def load_opencv() -> Any:  # cv2 has no types that mypy follows
 
 
 def _open(path: Path) -> Any:  # a cv2.VideoCapture
-    regular_file(path, "a video")
-    if path.stat().st_size == 0:
-        raise found_instead(path, "an empty file", "a video")
-    # From the root, or FFmpeg takes what stands before a colon in a name for a protocol.
-    whole = os.path.abspath(path)
-    try:
-        whole.encode()
-    except UnicodeEncodeError as error:  # OpenCV would end the program
-        shown = whole.encode(errors="backslashreplace").decode()
-        raise found_instead(shown, "a name that is not UTF-8", "one that is: rename the file or its folder") from error
-    video = load_opencv().VideoCapture(whole)
+    cv2 = load_opencv()
+    video = cv2.VideoCapture(film_path(path))
     if not video.isOpened():
         raise found_instead(path, "a file that cannot be decoded", "a complete video (is it damaged or cut off?)")
-    video.set(load_opencv().CAP_PROP_ORIENTATION_AUTO, 0)  # some builds turn by themselves, others cannot
+    video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # some builds turn by themselves, others cannot
     return video
 
 
@@ -101,92 +92,56 @@ def _turns(video: Any) -> int:  # of a cv2.VideoCapture
     return round(angle / 90) % 4 if np.isfinite(angle) else 0
 
 
-def truncated(path: Path, decoded: int, expected: int) -> FrogError:
-    """The error for a video that has fewer frames than its header says."""
-    return FrogError(
-        f"{path}: {decoded} frames could be decoded, expected {expected}: "
-        "the video is cut off or damaged; copy it again or trim it."
-    )
-
-
-def _may_miss(frames: int) -> int:
-    """By how many frames headers may be wrong, because of edit lists and codecs that drop the last frame."""
-    return max(2, frames // 50)
-
-
 def read_facts(path: Path) -> VideoFacts:
-    """Facts about a video; the first frame is really decoded. Small videos are decoded whole, and those whose header
-    does not say which frames are shown.
+    """Facts about a video; the first frame is really decoded. Small videos are decoded whole, and those whose file has
+    no times.
 
     Raises:
         FrogError: if the file is missing, empty or cannot be decoded, or ends long before its header says.
     """
     cv2 = load_opencv()
+    header = read_film_header(path, with_times=True)
+    planned = header.times
     video = _open(path)
-    header = read_movie_header(path)
-    planned = None if header is None else header.timestamps
     try:
         with _as_frog_error(path, "a complete video"):
-            declared, rate = (video.get(key) for key in (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FPS))
+            rate = _usable(video.get(cv2.CAP_PROP_FPS))
             is_read, image = video.read()
             if not is_read:
                 raise found_instead(path, "a video of which no frame can be decoded", "a complete video")
             turns = _turns(video)
             height, width = turned(image, turns).shape[:2]
-            rate = _usable(rate)
-            count = int(declared) if np.isfinite(declared) and declared > 0 else 0
-            is_estimate = planned is None and (not count or header is not None or _estimates(path))
-            start = 0.0 if header is None else header.start
-            count = count if planned is None else len(planned)
-            if is_estimate or count * width * height < _COUNT_BY_DECODING:
+            if planned is None or len(planned) * width * height < _COUNT_BY_DECODING:
                 stamps = [video.get(cv2.CAP_PROP_POS_MSEC)]
                 while video.grab():
                     stamps.append(video.get(cv2.CAP_PROP_POS_MSEC))
-                if not is_estimate and len(stamps) < count - _may_miss(count):
-                    raise truncated(path, len(stamps), count)
-                times = _times(stamps, planned, start, rate)
+                times = _times(path, stamps, planned, rate)
             else:
-                times = np.arange(count) / rate if planned is None else planned
+                times = planned
     finally:
         video.release()
-    return VideoFacts(width, height, len(times), rate, times, 90 * turns, transfer_of(path, header))
-
-
-def frame_rate(path: Path) -> float:
-    """Frames a second of a video, the mean as the file says it; nothing is decoded.
-
-    Raises:
-        FrogError: if the file is missing, empty or no video.
-    """
-    video = _open(path)
-    try:
-        return _usable(video.get(load_opencv().CAP_PROP_FPS))
-    finally:
-        video.release()
+    return VideoFacts(width, height, len(times), rate, times, 90 * turns, header.transfer, header.is_interlaced)
 
 
 def _usable(rate: float) -> float:
     return float(rate) if np.isfinite(rate) and 0.1 <= rate <= 1000 else 30.0
 
 
-def _estimates(path: Path) -> bool:
-    return path.suffix.lower() in _ESTIMATING_SUFFIXES
-
-
-def _times(stamps: Sequence[float], planned: Float64s | None, start: float, rate: float) -> Float64s:
+def _times(path: Path, stamps: Sequence[float], planned: Float64s | None, rate: float) -> Float64s:
     """(N,) seconds of decoded frames.
 
     Args:
         stamps: milliseconds as OpenCV says them, which begin with 0.
-        planned: what the header says of all frames that are shown, seconds.
-        start: of the first of them, seconds.
+        planned: what the file says of all frames that are shown, seconds; None where it has no times.
     """
     if planned is not None and len(planned) == len(stamps):
         return planned
+    if planned is not None and len(stamps) < len(planned) - may_miss(len(planned)):
+        raise truncated(path, len(stamps), len(planned))
     times: Float64s = np.array(stamps) / 1000
     if not np.isfinite(times).all() or (np.diff(times) <= 0).any():  # some containers have no times
         times = np.arange(len(stamps)) / rate
-    times += start - times[0]
+    times += (0.0 if planned is None else planned[0]) - times[0]
     return times
 
 
@@ -201,10 +156,12 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
     """
     cv2 = load_opencv()
     wanted = list(indices)
+    transfer = read_film_header(path).transfer
+    toned = ToneMapping(transfer) if transfer else None
     video = _open(path)
     try:
         position, last = 0, None
-        turns, toned = _turns(video), tone_mapping(path, read_movie_header(path))
+        turns = _turns(video)
         with _as_frog_error(path, "a complete video"):
             for index in wanted:
                 while position < index and video.grab():
@@ -214,7 +171,7 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
                     position += 1
                     last = turned(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), turns)
                     last = last if toned is None else toned.apply(last)
-                elif last is None or wanted[-1] + 1 - position > _may_miss(wanted[-1] + 1) // 2:
+                elif last is None or wanted[-1] + 1 - position > may_miss(wanted[-1] + 1) // 2:
                     raise truncated(path, position, wanted[-1] + 1)
                 yield last
     finally:
@@ -268,7 +225,33 @@ def read_alpha(path: Path) -> ImageArray:
         return np.ascontiguousarray(image[..., 3])
 
 
-def check_image_size(path: Path, size: tuple[int, int]) -> None:
+def image_size(path: Path) -> tuple[int, int]:
+    """(width, height) as ``read_image`` decodes them; PNG, JPEG and WebP are not decoded for it.
+
+    Raises:
+        FrogError: if the file is missing or no image, or one too large to be decoded.
+    """
+    photograph = read_photograph(path)
+    if photograph is None:
+        height, width = read_image(path).shape[:2]
+        return width, height
+    _check_image_size(path, photograph.size)
+    return turned_size(photograph.size, quarter_turns(photograph.orientation))
+
+
+def image_turns(path: Path) -> int:
+    """Quarter turns clockwise by which ``read_image`` turns what the file stores; 0 where it also mirrors it.
+
+    Raises:
+        FrogError: if the file is missing or cannot be read.
+    """
+    photograph = read_photograph(path)
+    if photograph is None or is_mirrored(photograph.orientation):
+        return 0
+    return quarter_turns(photograph.orientation)
+
+
+def _check_image_size(path: Path, size: tuple[int, int]) -> None:
     """FrogError for an image size (width, height) that would exhaust the memory when decoded."""
     width, height = size
     if max(size) > MAX_SIDE or width * height > _MAX_DECODED:
@@ -286,13 +269,30 @@ def _decoded(path: Path, how: int) -> ImageArray:
         raise found_instead(path, f"a file that cannot be read ({error.strerror})", "an image") from error
     if not content:
         raise found_instead(path, "an empty file", "an image")
-    check_image_size(path, size_in_header(BytesIO(content)) or (1, 1))
-    if is_cut_png(content):
+    photograph = read_photograph(path, content)
+    if photograph is not None:
+        _check_image_size(path, photograph.size)
+    if _is_cut_png(content):
         raise found_instead(path, "a PNG that is cut off or damaged", "a whole one")
     image: ImageArray | None = load_opencv().imdecode(np.frombuffer(content, dtype=np.uint8), how)
     if image is None:
         raise found_instead(path, "a file that cannot be decoded", "an image")
-    return oriented(image, orientation_in_header(BytesIO(content)))
+    return image if photograph is None else oriented(image, photograph.orientation)
+
+
+def _is_cut_png(content: bytes) -> bool:
+    """Whether a PNG has a chunk that says it is longer than the file: OpenCV makes room for as much as it says."""
+    if not content.startswith(_PNG_START):
+        return False
+    begin = len(_PNG_START)
+    while begin + 8 <= len(content):
+        length, kind = struct.unpack_from(">I4s", content, begin)
+        if kind == b"IEND":
+            return False
+        begin += 12 + length  # with the sum that follows
+        if begin > len(content):
+            return True
+    return False
 
 
 @contextmanager

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.capture import Capture
-from ..capture.image_size import image_size
-from ..capture.video import read_gray
+from ..capture.video import image_size, read_gray
 from ..errors import found_instead
 from ..frames.store import FrameStore
 from ..io.numpy_files import read_npz

@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..capture.ffmpeg import whole_path
+import numpy as np
+from numpy.typing import NDArray
+
+from ..capture import media
+from ..errors import found_instead
 from ..scene.header import SceneHeader
-from ..source_media.film_sound import find_sound
 from ..source_media.retimed_sound import retimed_sound
-from ..source_media.sound import check_program, converted, read_sound, wav_of
+from ..source_media.sound import RATE, find_sound, read_sound, wav_of
 from .take import Sound
 
-_PATIENCE = 120.0  # seconds in which ffmpeg must write a sound
-_RATE, _QUALITY = 48_000, "96k"
+_CHANNELS, _BITS_A_SECOND = 2, 96_000
 
 
-def sound_of(header: SceneHeader, scene_file: Path, shown: Sequence[float | None], rate: float) -> Sound | None:
+def sound_of(
+    header: SceneHeader,
+    scene_file: Path,
+    shown: Sequence[float | None],
+    rate: float,
+    has_sound: Callable[[Path], bool] = media.has_sound,
+) -> Sound | None:
     """What is heard while frames of a capture are shown; None where no film with sound is found.
 
     It is the film's own sound if the frames follow each other as they were filmed, otherwise a retimed one.
@@ -24,11 +32,12 @@ def sound_of(header: SceneHeader, scene_file: Path, shown: Sequence[float | None
     Args:
         shown: the capture's frames, counted from 0; None where nothing is shown.
         rate: frames a second at which they are shown.
+        has_sound: tells whether a film has any.
 
     Raises:
-        FrogError: for a sound that cannot be read.
+        FrogError: for a sound that cannot be read, and where PyAV is missing and nothing else tells of sound.
     """
-    found = find_sound(header, scene_file)
+    found = find_sound(header, scene_file, has_sound)
     if found is None:
         return None
     count, own_rate = header.frame_count, header.frames_per_second
@@ -47,10 +56,15 @@ def _follow_each_other(shown: Sequence[float | None], count: int) -> bool:
 
 
 def encoded(sound: Sound, seconds: float) -> bytes:
-    """The sound as Opus in Ogg, stereo, so many seconds of it; FrogError where ffmpeg is missing or fails."""
-    check_program(sound.path, "writing")
-    # Of a pipe, which cannot be rewound, ffmpeg would lose what it reads before it seeks.
-    command = ["-i", "pipe:0"] if sound.content else ["-ss", f"{sound.start:.6f}", "-i", whole_path(sound.path)]
-    command += ["-t", f"{seconds:.6f}", "-vn", "-ac", "2", "-ar", str(_RATE)]
-    command += ["-c:a", "libopus", "-b:a", _QUALITY, "-fflags", "+bitexact", "-f", "ogg", "pipe:1"]
-    return converted(sound.path, command, patience=_PATIENCE, given=sound.content)
+    """The sound as Opus in Ogg, stereo, so many seconds of it at most.
+
+    Raises:
+        FrogError: if PyAV is missing, or the sound cannot be read.
+    """
+    if sound.content:
+        samples: NDArray[np.int16] | None = media.read_sound_file(sound.content, RATE, _CHANNELS)
+    else:
+        samples = media.read_sound(sound.path, RATE, _CHANNELS, sound.start, seconds)
+    if samples is None:
+        raise found_instead(sound.path, "no sound", "a film with sound")
+    return media.encoded_sound(samples[: round(seconds * RATE)], RATE, _BITS_A_SECOND)

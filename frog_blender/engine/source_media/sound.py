@@ -1,26 +1,27 @@
-"""The sound of a film as samples, and samples as the content of a WAV file."""
+"""A scene's sound: in a film of its capture or in a file beside it; as samples, and as the content of a WAV file."""
 
 from __future__ import annotations
 
 import io
-import re
-import subprocess
 import wave
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..arrays import Array
-from ..capture.ffmpeg import notes, program, whole_path
-from ..errors import FrogError, brief
+from ..capture import media
+from ..capture.readers import open_capture
+from ..errors import FrogError, found_instead
+from ..scene.header import SceneHeader
+from .clips import capture_folders, find_clips
 
 RATE = 48_000
-"""Samples a second of what is read by ffmpeg."""
+"""Samples a second of what is read."""
+SUFFIXES = (".ogg", ".opus", ".wav", ".flac", ".mp3", ".m4a")
+"""Endings of a file beside a scene, of the scene's name: ``take.ogg`` is what is heard with ``take.frog``."""
 _CHANNELS = 2
-_TRACK = re.compile(r"Stream #\d+:\d+.*: Audio: ")
-_PATIENCE = 300.0  # seconds for ffmpeg
-_MARGIN = 10.0  # seconds before what is read, in which ffmpeg finds its place
 _LONGEST = 3600.0  # seconds that are held in memory
 _FULL_SCALE = 32767
 
@@ -45,64 +46,64 @@ class Samples:
         return Samples(np.pad(found, ((min(before, count), after), (0, 0))), self.rate)
 
 
-def has_sound(path: Path) -> bool:
-    """Whether a film has a track of sound; False as well where there is no ffmpeg to tell."""
-    return bool(_TRACK.search(notes(path)))
+@dataclass(frozen=True)
+class FilmSound:
+    """A film that has sound, or a file of sound.
+
+    Attributes:
+        path: of the film.
+        start: its second that the capture's frame 0 shows; negative if it began to film later.
+    """
+
+    path: Path
+    start: float
+
+
+def find_sound(
+    header: SceneHeader, scene_file: Path, has_sound: Callable[[Path], bool] = media.has_sound
+) -> FilmSound | None:
+    """The first film of a capture that has sound, else the file of that name beside the scene; None for silence.
+
+    Raises:
+        FrogError: of ``has_sound``, where nothing can tell whether a film that is there has any.
+    """
+    for folder in capture_folders(header, scene_file):
+        clips = find_clips(header, folder)
+        for clip in clips.values():
+            if clip.kind == "VIDEO" and has_sound(clip.path):
+                return FilmSound(clip.path, _start_of(folder, clip.path))
+        if clips:
+            break
+    named = (scene_file.with_suffix(suffix) for suffix in SUFFIXES)
+    beside = next((path for path in named if path.is_file()), None)
+    return FilmSound(beside, 0.0) if beside is not None and has_sound(beside) else None
+
+
+def _start_of(folder: Path, film: Path) -> float:
+    """By an image of the film that the capture has; 0 where the capture cannot be read any more."""
+    try:
+        capture = open_capture(folder)
+        shot = next((shot for shot in capture.shots if shot.path == film), None)
+        times = media.read_film_header(film, with_times=True).times
+    except FrogError:
+        return 0.0
+    if shot is None or times is None or shot.index >= len(times):
+        return 0.0
+    return float(times[shot.index]) - (shot.frame + shot.offset) / capture.frames_per_second
 
 
 def read_sound(path: Path, start: float, seconds: float) -> Samples:
     """So many seconds of a film's sound from a second of it on, in stereo; silence before its begin and after its end.
 
     Raises:
-        FrogError: where ffmpeg is missing or fails, or for more than an hour of sound.
+        FrogError: where it cannot be read, or for more than an hour of sound.
     """
-    check_program(path, "reading")
     check_length(path, seconds)
-    first, last = (max(round(second * RATE), 0) for second in (start, start + seconds))
-    # Samples count from the film's time 0, as images do, with silence where the track starts later. ffmpeg lands
-    # somewhere before what it seeks, so that it looks for somewhat earlier sound, and times tell what is not needed.
-    steady = f"aresample={RATE}:async=1:first_pts={first},asetpts=N,atrim=end_sample={max(last - first, 1)}"
-    command = ["-copyts"]
-    if first > _MARGIN * RATE:
-        command += ["-noaccurate_seek", "-seek_timestamp", "1", "-ss", f"{first / RATE - _MARGIN:.6f}"]
-    command += ["-i", whole_path(path), "-vn", "-af", steady, "-ac", str(_CHANNELS), "-ar", str(RATE)]
-    command += ["-f", "s16le", "pipe:1"]
-    content = converted(path, command, patience=_PATIENCE, may_be_empty=True)
-    whole = len(content) // (2 * _CHANNELS) * (2 * _CHANNELS)
-    read = Samples(np.frombuffer(content[:whole], "<i2").reshape(-1, _CHANNELS), RATE)
-    return read.part(start - first / RATE, seconds)
-
-
-def check_program(path: Path, doing: str) -> None:
-    """FrogError where there is no ffmpeg for ``doing`` something with the sound of a file."""
-    if program() is None:
-        raise FrogError(f"{path}: {doing} its sound needs the Python package 'imageio-ffmpeg', found none.")
-
-
-def converted(
-    path: Path, arguments: list[str], *, patience: float, given: bytes = b"", may_be_empty: bool = False
-) -> bytes:
-    """What ffmpeg, which must be there, makes of the sound of a file.
-
-    Args:
-        path: of the file, in messages.
-        arguments: of ffmpeg, which ends with writing to a pipe.
-        patience: seconds.
-        given: what it reads from a pipe.
-
-    Raises:
-        FrogError: where it fails, or writes nothing that it should.
-    """
-    command = [program() or "", "-v", "error", "-nostdin", "-protocol_whitelist", "file,pipe", *arguments]
-    try:
-        done = subprocess.run(command, input=given or None, capture_output=True, timeout=patience, check=False)
-    except (OSError, subprocess.SubprocessError) as error:
-        raise FrogError(f"{path}: its sound could not be read ({brief(error)}).") from error
-    if done.returncode or not (done.stdout or may_be_empty):
-        why = "ffmpeg failed" if done.returncode else "ffmpeg wrote nothing"
-        reason = brief(done.stderr.decode(errors="replace")).rstrip(".") or why
-        raise FrogError(f"{path}: its sound could not be read ({reason}).")
-    return done.stdout
+    begin = max(start, 0.0)
+    values = media.read_sound(path, RATE, _CHANNELS, begin, max(start + seconds - begin, 0.0))
+    if values is None:
+        raise found_instead(path, "no sound", "a film with sound")
+    return Samples(values, RATE).part(start - begin, seconds)
 
 
 def check_length(what: Path | str, seconds: float) -> None:

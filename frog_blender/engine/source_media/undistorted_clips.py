@@ -12,7 +12,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,12 +23,12 @@ import numpy as np
 
 from ..capture.decoding import decode_shots
 from ..capture.frame_keys import decoding_key
+from ..capture.media import UPRIGHT, read_film_header, read_photograph
 from ..capture.readers import open_capture
-from ..capture.video import load_opencv, read_facts
+from ..capture.video import VIDEO_SUFFIXES, load_opencv, read_facts
 from ..errors import FrogError
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject
-from .as_filmed import are_plain_films, is_shown_as_filmed
 from .clips import Clip, camera_path, find_clips
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 _INDEX = "clips.json"
 _PARTIAL = ".partial-"
 _ABANDONED_AFTER = 86_400.0  # seconds after which no process writes its films any more
+_ROUNDING = 0.001  # seconds by which stamps may waver
 # Formats that know no distortion, of which many captures are: their plain films are not even opened.
 _NEVER_DISTORTED = frozenset({"n3dv"})
 
@@ -88,10 +89,10 @@ def undistortion(
         return None
     shown = find_clips(header, capture_folder)
     files = (clip.path for clip in shown.values())
-    if shown and header.capture_format in _NEVER_DISTORTED and are_plain_films(files):
+    if shown and header.capture_format in _NEVER_DISTORTED and _are_plain_films(files):
         return None
     capture = open_capture(capture_folder, pixel_offsets=header.pixel_offsets or None)
-    if shown and not any(capture.distortions) and is_shown_as_filmed(capture):
+    if shown and not any(capture.distortions) and _is_shown_as_filmed(capture):
         return None
     films = _films(header, capture, capture_folder)
     folder, seen = clips_folder(scene_file), _at_size(capture, header)
@@ -106,6 +107,35 @@ def undistortion(
     marks = {"scene": _decides(header), "made_from": key}
     steps = _reserved(folder, writing, _write(header, seen, films, folder, marks))
     return Undistortion(sum(map(len, films.values())), steps)
+
+
+def _is_shown_as_filmed(capture: Capture) -> bool:
+    """False where a film's images do not follow the capture's frames one by one, or are tone-mapped, or where images
+    are turned by their EXIF, which not every program obeys."""
+    films = {shot.path for shot in capture.shots if _is_video(shot.path)}
+    if any(shot.path in films and shot.index != shot.frame for shot in capture.shots):
+        return False
+    if any(read_film_header(film).transfer for film in films):
+        return False
+    photographs = map(read_photograph, {shot.path for shot in capture.shots} - films)
+    return all(photograph is None or photograph.orientation == UPRIGHT for photograph in photographs)
+
+
+def _are_plain_films(files: Iterable[Path]) -> bool:
+    """True for films of one constant rate that start together and are of ordinary range. Images are none."""
+    starts = []
+    for film in filter(_is_video, files):
+        header = read_film_header(film, with_times=True)
+        if header.times is None or header.transfer:
+            return False
+        if len(header.times) > 2 and np.ptp(np.diff(header.times)) > _ROUNDING:
+            return False
+        starts.append(header.times[0])
+    return not starts or float(np.ptp(starts)) <= _ROUNDING
+
+
+def _is_video(path: Path) -> bool:
+    return path.suffix.lower() in VIDEO_SUFFIXES
 
 
 def _reserved(folder: Path, writing: set[Path], steps: Generator[int, None, None]) -> Generator[int, None, None]:

@@ -8,7 +8,7 @@ import pytest
 from support.damaged_inputs import counted
 
 pytest.importorskip("resource")
-pytest.importorskip("imageio_ffmpeg")
+pytest.importorskip("av")
 
 SMALL = {"boards": 200, "plain boards": 100, "clicked points": 200, "reports": 200, "clocks": 40, "stages": 300}
 SMALL |= {"films": 40, "stills": 100}

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from support.filmed_scene import FRAMES, NAMES, image, moving, rig, still
+from support.films import photograph
 from support.layouts.colmap import POINTS, write_model
 from support.layouts.files import write_films, write_frames, write_image
 
@@ -19,7 +20,6 @@ from frog_blender.engine.capture.lenses import WIDEST
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 
-from ..test_films import write_oriented
 from .reading import assert_same_cameras, assert_same_images, opened
 
 BINARY_OR_TEXT = pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
@@ -155,7 +155,7 @@ FISHEYE = {
 def test_images_that_exif_turns_upside_down_are_named(tmp_path: Path) -> None:
     write_model(tmp_path / "sparse" / "0", ["cam00.png"], rig()[:1])
     (tmp_path / "images").mkdir()
-    write_oriented(tmp_path / "images" / "cam00.png", still("cam00", 0), 3)
+    photograph(tmp_path / "images" / "cam00.png", still("cam00", 0), turned=3)
     assert any("cam00.png (of 1 such) is turned by 180 degrees" in each for each in open_capture(tmp_path).warnings)
 
 
@@ -223,7 +223,7 @@ def test_photographs_that_exif_turns_keep_their_poses(tmp_path: Path, model: str
         return np.array([lens.cam_from_img(pixel)[:2] for pixel in pixels])
 
     (tmp_path / "c" / "images").mkdir(parents=True)
-    write_oriented(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, rays), orientation)
+    photograph(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, rays), turned=orientation)
     write_model(tmp_path / "c" / "sparse" / "0", ["cam01.png"], [camera], [(model, values)])
     capture = opened(tmp_path / "c", "colmap")
     assert (capture.cameras[0].width, capture.cameras[0].height) == (48, 64)

@@ -1,18 +1,15 @@
-"""Sound: lags of noise like speech, clocks that drift, and films without sound or without ffmpeg."""
+"""Sound: lags of noise like speech, clocks that drift, and films without sound."""
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.films import copied, encode
 
-from frog_blender.engine.capture import ffmpeg
 from frog_blender.engine.capture.synchronization import audio
 from frog_blender.engine.capture.synchronization.recordings import open_recording
-
-from .moving_scene import write_film
 
 RATE = audio.RATE
 
@@ -69,38 +66,17 @@ def test_different_sounds_have_no_lag() -> None:
     assert audio.audio_lag((0, 1), (speech(8, 1), speech(8, 2))) is None
 
 
-def with_sound(path: Path, sound: np.ndarray, folder: Path, delay: float = 0.0) -> Path:
-    program = ffmpeg.program()
-    assert program is not None
-    raw = folder / "sound.f32"
-    raw.write_bytes(sound.astype("<f4").tobytes())
-    encoded, made = folder / "sound.m4a", folder / f"{path.stem}_{delay}.mp4"
-    start = [program, "-y", "-v", "error"]
-    subprocess.run([*start, "-f", "f32le", "-ar", str(RATE), "-ac", "1", "-i", str(raw), str(encoded)], check=True)
-    both = ["-i", str(path), "-itsoffset", str(delay), "-i", str(encoded), "-map", "0:v", "-map", "1:a", "-c", "copy"]
-    subprocess.run([*start, *both, str(made)], check=True)
-    return made
-
-
 def test_sound_is_read_from_the_films_own_zero(tmp_path: Path) -> None:
-    pytest.importorskip("imageio_ffmpeg")
-    silent = write_film(tmp_path / "a.mp4", lambda frame: np.full((48, 64, 3), 5 * frame, np.uint8), 40, 10.0)
-    assert audio.read_audio(open_recording("a", silent)) is None
-    sound = speech(3)
-    on_time = audio.read_audio(open_recording("a", with_sound(silent, sound, tmp_path)))
-    assert on_time is not None
-    late = audio.read_audio(open_recording("a", with_sound(silent, sound, tmp_path, delay=0.5)))
-    assert late is not None
-    for heard, delay in ((on_time, 0.0), (late, 0.5)):
+    images, sound = [np.full((48, 64, 3), 5 * frame, np.uint8) for frame in range(40)], speech(3)
+    assert audio.read_audio(open_recording("a", encode(tmp_path / "a.mp4", images, rate=10))) is None
+    samples = (32_767 * sound).astype(np.int16)[:, None]
+    film = encode(tmp_path / "b.mp4", images, rate=10, sound=samples, sound_rate=RATE)
+    late = copied(film, tmp_path / "c.mp4", sound_delay=0.5)
+    for path, delay in ((film, 0.0), (late, 0.5)):
+        heard = audio.read_audio(open_recording("a", path))
+        assert heard is not None
         found = audio.audio_lag((0, 1), (heard, sound))
         assert found is not None
         assert abs(found.lag - delay) < 0.03  # the encoder's own delay
-    assert audio.read_audio(open_recording("a", with_sound(silent, 0 * sound, tmp_path))) is None
-
-
-def test_without_ffmpeg_there_is_no_sound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    film = open_recording("a", write_film(tmp_path / "a.mp4", lambda frame: np.zeros((48, 64, 3), np.uint8), 5, 10.0))
-    monkeypatch.setattr(audio, "program", lambda: None)
-    assert audio.read_audio(film) is None
-    monkeypatch.setattr(ffmpeg, "program", lambda: None)
-    assert ffmpeg.notes(film.path) == ""
+    muted = encode(tmp_path / "d.mp4", images, rate=10, sound=0 * samples, sound_rate=RATE)
+    assert audio.read_audio(open_recording("a", muted)) is None

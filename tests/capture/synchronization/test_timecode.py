@@ -1,4 +1,4 @@
-"""What a film's notes say about when it was taken."""
+"""What a film's tags say about when it was taken."""
 
 from __future__ import annotations
 
@@ -6,25 +6,18 @@ import pytest
 
 from frog_blender.engine.capture.synchronization.timecode import Note, read_note, window
 
-_NOTES = """  Metadata:
-    creation_time   : 2024-05-06T07:08:09.000000Z
-  Stream #0:2(eng): Data: none (tmcd / 0x64636D74)
-    Metadata:
-      timecode        : {code}
-"""
-
 
 def test_a_timecode_is_preferred_to_a_creation_time() -> None:
-    note = read_note(_NOTES.format(code="01:02:03:12"), 24.0)
-    assert note == Note(3723.5, True)
-    assert read_note(_NOTES.format(code="01:02:03;15"), 30.0) == Note(3723.5, True)
-    created = read_note(_NOTES.format(code="none"), 24.0)
+    tags = {"creation_time": "2024-05-06T07:08:09.000000Z"}
+    assert read_note(tags | {"timecode": "01:02:03:12"}, 24.0) == Note(3723.5, True)
+    assert read_note(tags | {"timecode": "01:02:03;15"}, 30.0) == Note(3723.5, True)
+    created = read_note(tags, 24.0)
     assert created is not None and not created.is_timecode
 
 
-@pytest.mark.parametrize("text", ["", "creation_time : 1904-01-01T00:00:00Z", "creation_time : 2024-15-06T07:08:09Z"])
-def test_notes_that_say_nothing(text: str) -> None:
-    assert read_note(text, 30.0) is None
+@pytest.mark.parametrize("created", ["", "1904-01-01T00:00:00Z", "2024-15-06T07:08:09Z"])
+def test_tags_that_say_nothing(created: str) -> None:
+    assert read_note({"timecode": "1:2", "creation_time": created}, 30.0) is None
 
 
 def test_a_window_is_about_the_difference() -> None:

@@ -6,16 +6,12 @@ Videos say it in their tags, images in EXIF.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ...errors import found_instead
-from ...io.regular_file import regular_file
-from ..exif import FOCAL_LENGTH_35MM, MAKE, MODEL, exif_tags
-from ..ffmpeg import notes
+from ..media import film_tags, read_photograph
 from ..readers.footage import images_in
 
-_TAG = re.compile(r"^\s*([\w.:\-]+)\s*:\s*(.+?)\s*$", re.MULTILINE)
 _KNOWN = {
     "com.apple.quicktime.make": "make",
     "com.apple.quicktime.model": "model",
@@ -26,7 +22,6 @@ _KNOWN = {
     "model": "model",
     "firmware": "firmware",  # GoPro's begins with its model: HD9.01.01.60.00
 }
-_EXIF = (MAKE, MODEL, FOCAL_LENGTH_35MM)
 _FIRMWARE_MODEL = re.compile(r"[A-Z]+\d+")
 
 
@@ -37,27 +32,23 @@ def kind_of(path: Path) -> str:
         FrogError: if the first frame cannot be read.
     """
     if not path.is_dir():
-        return kind_by(notes(path))
+        return kind_by(film_tags(path))
     footage = images_in(path)
     return "" if footage is None else kind_in_image(footage.files[0])
 
 
 def kind_in_image(path: Path) -> str:
     """The same by an image's EXIF; FrogError if the file cannot be read."""
-    try:
-        with regular_file(path, "an image").open("rb") as file:
-            said = exif_tags(file, _EXIF)
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "an image") from error
-    return ", ".join(str(said[tag]) for tag in _EXIF if said.get(tag))
+    photograph = read_photograph(path)
+    return "" if photograph is None else ", ".join(photograph.camera)
 
 
-def kind_by(said: str) -> str:
-    """The same by ffmpeg's notes on a film."""
+def kind_by(tags: Mapping[str, str]) -> str:
+    """The same by a film's tags."""
     found: dict[str, str] = {}
-    for tag, value in _TAG.findall(said):
-        name = _KNOWN.get(tag.lower())
-        if name is not None:
+    for tag, value in tags.items():
+        name = _KNOWN.get(tag)
+        if name is not None and value:
             found.setdefault(name, value)
     firmware = _FIRMWARE_MODEL.match(found.pop("firmware", ""))
     if firmware is not None:

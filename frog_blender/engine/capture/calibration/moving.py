@@ -14,9 +14,8 @@ from ...errors import FrogError, brief
 from ...io.atomic_files import write_atomically
 from ...io.child_process import REQUEST, Progress
 from ...io.plain_values import JsonObject
-from ..image_size import image_size
 from ..readers.frame_times import frame_times
-from ..video import find_images, find_videos
+from ..video import find_images, find_videos, image_size
 from .camera_kinds import numbered
 from .child_process import run
 from .films import Film

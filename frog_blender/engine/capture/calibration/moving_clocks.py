@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from itertools import combinations
 
 from ...io.child_process import Progress, Stopped
-from ..ffmpeg import notes
+from ..media import film_tags
 from ..synchronization.audio import audio_lag, read_audio
 from ..synchronization.recordings import open_recording
 from ..synchronization.report import reported
@@ -54,7 +54,7 @@ def _by_timecode(films: Sequence[Film]) -> FoundClocks | None:
     """By the timecodes that all films state; None where one does not."""
     starts = []
     for film in films:
-        note = read_note(notes(film.path), film.facts.frames_per_second)
+        note = read_note(film_tags(film.path), film.facts.frames_per_second)
         if note is None or not note.is_timecode:
             return None
         starts.append(note.seconds - float(film.stamps[0]))

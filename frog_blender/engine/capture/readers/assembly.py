@@ -9,7 +9,7 @@ from pathlib import Path
 from ...arrays import Float64s
 from ..camera import Camera
 from ..capture import Capture, Distortion
-from ..image_size import image_size, image_turns
+from ..video import image_size, image_turns
 from .checks import check_images
 from .footage import Calibrated, Footage, at_times, fitted, on_common_frames
 

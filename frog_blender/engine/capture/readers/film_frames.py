@@ -9,8 +9,7 @@ import numpy as np
 
 from ...arrays import ImageArray
 from ...errors import found_instead
-from ..image_size import image_size
-from ..video import VideoFacts, decode, read_facts, read_image
+from ..video import VideoFacts, decode, image_size, read_facts, read_image
 from .footage import Footage, images_in
 
 _RATE = 30.0  # images a second, of which a folder says nothing

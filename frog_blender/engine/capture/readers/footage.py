@@ -15,9 +15,8 @@ from pathlib import Path
 from ...errors import found_instead
 from ..camera import Camera
 from ..capture import Distortion, Shot
-from ..image_size import image_size, image_turns
 from ..orientation import turned_camera
-from ..video import composed, find_images, find_videos, read_facts
+from ..video import composed, find_images, find_videos, image_size, image_turns, read_facts
 from .checks import check_images
 from .frame_times import frame_times
 from .geometry import is_transposed, same_proportions

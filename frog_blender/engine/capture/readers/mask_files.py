@@ -18,10 +18,9 @@ from pathlib import Path
 
 from ...errors import FrogError, found_instead
 from ..capture import Capture, Shot
-from ..image_header import has_alpha
-from ..image_size import image_size
 from ..masking import EVERY_MASK, MaskSettings, MaskSource, chroma_key
-from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, composed, read_facts
+from ..media import read_photograph
+from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, composed, image_size, read_facts
 from .checks import check_images
 
 SUBJECT, IGNORED = "masks", "ignore"
@@ -57,7 +56,8 @@ def with_masks(capture: Capture, settings: MaskSettings = EVERY_MASK) -> Capture
     for index, shot in enumerate(shots):
         if shot.mask is None and shot.path.suffix.lower() not in VIDEO_SUFFIXES:
             if shot.path not in transparent:
-                transparent[shot.path] = has_alpha(shot.path)
+                photograph = read_photograph(shot.path)
+                transparent[shot.path] = photograph is not None and photograph.has_alpha
             if transparent[shot.path]:
                 shots[index] = replace(shot, mask=MaskSource(shot.path, is_alpha=True))
     _check_sizes(capture, shots)

@@ -207,6 +207,11 @@ def _looks(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> list[str]:
         films = [video for video, fact in zip(videos, facts, strict=True) if fact.transfer == transfer]
         if films:
             warnings.append(f"{films[0].parent}: {_some(films)} is of high dynamic range ({name}) and is tone-mapped.")
+    if films := [video for video, fact in zip(videos, facts, strict=True) if fact.is_interlaced]:
+        warnings.append(
+            f"{films[0].parent}: {_some(films)} is interlaced: each image shows two times, a line of one and a line of "
+            "the other. Deinterlace it first (ffmpeg's filter bwdif)."
+        )
     return warnings
 
 

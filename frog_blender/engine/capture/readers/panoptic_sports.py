@@ -20,7 +20,7 @@ from ...errors import FrogError, found_instead
 from ...io.numpy_files import read_npz
 from ..camera import Camera
 from ..capture import MAX_IMAGES, Capture, Shot
-from ..image_size import image_size, image_turns
+from ..video import image_size, image_turns
 from .assembly import with_points
 from .checks import MAX_COORDINATE, check_images, frame_span, number, pinhole, read_json, rigid, rotation, size
 from .footage import fitted

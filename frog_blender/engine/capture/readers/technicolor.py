@@ -21,8 +21,7 @@ from ...errors import FrogError, found_instead
 from ...io.regular_file import regular_file
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
-from ..image_header import PNG_HEADER, png_size
-from ..video import check_image_size
+from ..video import image_size
 from .checks import check_length, frame_span, numbers
 from .geometry import distortion, intrinsics, pose, same_proportions
 
@@ -66,8 +65,7 @@ def read(path: Path, frames: range | None = None) -> Capture:
     distortions: list[Distortion | None] = []
     for index in used:
         own = [file for (camera, _), file in sorted(files.items()) if camera == index]
-        # A file that is cut off before its size is replaced or left out below.
-        example = next((file for file in own if file.stat().st_size >= PNG_HEADER), own[0])
+        example = next((file for file in own if _is_whole(file)), own[0])  # others are replaced or left out below
         camera, lens_distortion = _camera(f"cam{index:02d}", rows[index], path / _PARAMETERS)
         cameras.append(camera.resized(*_image_size(example)))
         distortions.append(lens_distortion)
@@ -161,14 +159,9 @@ def _camera(name: str, row: Float64s, path: Path) -> tuple[Camera, Distortion | 
 
 
 def _image_size(image: Path) -> tuple[int, int]:
-    """(width, height) from a PNG's header, checked against the proportions of the calibration."""
-    with regular_file(image, "an image").open("rb") as file:
-        size = png_size(file.read(PNG_HEADER))
-    if size is None:
-        raise found_instead(image, "a file that is not a PNG", "an image")
-    check_image_size(image, size)
-    width, height = size
-    if not height or not same_proportions(size, _CALIBRATED):
+    """(width, height) of an image, checked against the proportions of the calibration."""
+    width, height = size = image_size(image)
+    if not same_proportions(size, _CALIBRATED):
         expected = f"the proportions of {_CALIBRATED[0]} x {_CALIBRATED[1]}"
         raise found_instead(image, f"an image of {width} x {height} pixels", expected)
     return width, height

@@ -18,11 +18,10 @@ import numpy as np
 from ...errors import FrogError, brief, found_instead
 from ..camera import Camera
 from ..capture import Capture, Distortion, Shot
-from ..image_size import image_size, image_turns
 from ..lenses import FISHEYE
 from ..masking import MaskSource
 from ..orientation import turned_camera, turned_size
-from ..video import with_ending
+from ..video import image_size, image_turns, with_ending
 from .checks import number, read_json, rigid, rotation, size
 from .frame_times import frame_times, times_by_name
 from .geometry import distortion, intrinsics, is_transposed, pose, same_proportions, through_lens

@@ -1,16 +1,15 @@
 """Sound: the lag by GCC-PHAT at 16 kHz. Right to about a frame, for sound travels 3 ms a metre.
 
-Without imageio-ffmpeg, or a track of sound in the film, this source is absent.
+Without a track of sound in the film that can be read, this source is absent.
 """
 
 from __future__ import annotations
 
-import subprocess
-
 import numpy as np
 
 from ...arrays import Float32s, Float64s
-from ..ffmpeg import program, whole_path
+from ...errors import FrogError
+from ..media import read_sound
 from .lines import fit_line
 from .pair import Curve, PairLag, maxima
 from .recordings import Recording
@@ -18,6 +17,7 @@ from .recordings import Recording
 RATE = 16_000  # samples a second
 _BAND = (100.0, 6000.0)  # Hz: below it rumbles, above it AAC has nothing
 _LONGEST = 600.0  # seconds that are read
+_FULL_SCALE = 32768
 _SEGMENT = 10.0  # seconds of the second film that are looked for in the first: a drifting clock smears longer ones
 _MOST_SEGMENTS = 24
 _QUIET = 1e-4  # root mean square of full scale: a muted track
@@ -25,29 +25,21 @@ _TRAVEL = 0.010  # seconds: sound from a few metres farther away
 _LEAST_PEAK = 8.0  # standard deviations: noise of a minute reaches 5.5
 _SURE_PEAK = 20.0
 _SHOWN = 0.5  # seconds to either side of the peak that the curve keeps
-_PATIENCE = 300.0  # seconds for ffmpeg
 
 
 def read_audio(film: Recording) -> Float32s | None:
-    """(S,) mono samples at RATE from the film's time 0, in [-1, 1]; None without ffmpeg, a track, or any sound."""
-    ffmpeg = program()
-    if ffmpeg is None or film.path.is_dir():
+    """(S,) mono samples at RATE from the film's time 0, in [-1, 1]; None without a track that can be read, or any
+    sound."""
+    if film.path.is_dir():
         return None
-    # Filled with silence where the track starts after the images: samples count from the film's time 0. Without
-    # -copyts, ffmpeg would count from the start of the streams that it reads.
-    steady = "aresample=async=1:first_pts=0"
-    command = [ffmpeg, "-v", "error", "-nostdin", "-protocol_whitelist", "file,pipe", "-copyts"]
-    command += ["-i", whole_path(film.path)]
-    command += ["-t", str(_LONGEST), "-vn", "-af", steady, "-ac", "1", "-ar", str(RATE), "-f", "f32le", "pipe:1"]
     try:
-        done = subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False)
-    except (OSError, subprocess.SubprocessError):
+        read = read_sound(film.path, RATE, 1, 0.0, _LONGEST)
+    except FrogError:
         return None
-    samples = np.frombuffer(done.stdout[: 4 * (len(done.stdout) // 4)], dtype="<f4").astype(np.float32)
-    samples = np.nan_to_num(samples, nan=0.0, posinf=0.0, neginf=0.0)
-    if len(samples) < RATE // 4 or float(np.sqrt(np.mean(samples.astype(np.float64) ** 2))) < _QUIET:
+    if read is None or len(read) < RATE // 4:
         return None
-    return samples
+    samples = read[:, 0].astype(np.float32) / np.float32(_FULL_SCALE)
+    return samples if float(np.sqrt(np.mean(samples.astype(np.float64) ** 2))) >= _QUIET else None
 
 
 def audio_lag(pair: tuple[int, int], sounds: tuple[Float32s, Float32s]) -> PairLag | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..camera import Camera
 from ..capture import Distortion
-from ..ffmpeg import notes
+from ..media import film_tags
 from .audio import audio_lag, read_audio
 from .curves import camera_curve, runner_up
 from .energy import energy_lag
@@ -99,7 +99,7 @@ def _start(films: Sequence[Recording], looks: Sequence[Look], work: Work) -> lis
     for number, film in enumerate(films):
         work.part(0.0, 0.5).step(f"Listening to {film.name}", number, len(films))
         sounds.append(read_audio(film))
-    starts = [read_note(notes(film.path), 1 / film.interval) for film in films]
+    starts = [read_note(film_tags(film.path), 1 / film.interval) for film in films]
     found = []
     for first in range(len(films)):
         work.part(0.5, 1.0).step("Comparing sound and motion", first, len(films))

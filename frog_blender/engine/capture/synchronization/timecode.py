@@ -7,11 +7,12 @@ some phones, and the time of export on all computers.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
-_TIMECODE = re.compile(r"^\s*timecode\s*:\s*(\d\d):(\d\d):(\d\d)[:;.](\d\d)\s*$", re.MULTILINE)
-_CREATED = re.compile(r"^\s*creation_time\s*:\s*(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?)Z?\s*$", re.MULTILINE)
+_TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)[:;.](\d\d)")
+_CREATED = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?)Z?")
 _TIMECODE_SLACK, _CREATED_SLACK = 1.0, 3.0  # seconds
 _DAY = 86_400.0
 
@@ -24,13 +25,13 @@ class Note:
     is_timecode: bool
 
 
-def read_note(said: str, frames_per_second: float) -> Note | None:
-    """The start that ffmpeg's notes on a film tell (see ffmpeg.notes); None if they tell none."""
-    if found := _TIMECODE.search(said):
+def read_note(tags: Mapping[str, str], frames_per_second: float) -> Note | None:
+    """The start that a film's tags tell; None if they tell none."""
+    if found := _TIMECODE.fullmatch(tags.get("timecode", "")):
         hours, minutes, seconds, frames = (int(part) for part in found.groups())
         whole = 3600 * hours + 60 * minutes + seconds
         return Note(whole + frames / max(frames_per_second, 1.0), True)
-    if found := _CREATED.search(said):
+    if found := _CREATED.fullmatch(tags.get("creation_time", "")):
         try:
             created = datetime.fromisoformat(found[1] + "+00:00")
         except ValueError:

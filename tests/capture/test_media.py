@@ -1,0 +1,278 @@
+"""What films and photographs say of themselves, and how they are shown: which frames, when, and which way up."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support.clicks import clicks, times_of_clicks
+from support.films import INTERLACED, copied, encode, number_of, numbered, photograph, shown
+
+from frog_blender.engine.capture import media, video
+from frog_blender.engine.capture.media import Photograph, has_sound, read_film_header, read_photograph
+from frog_blender.engine.capture.tone_mapping import ToneMapping
+from frog_blender.engine.capture.video import decode, image_size, image_turns, read_facts, read_gray, read_image
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.source_media.sound import Samples
+from frog_blender.engine.srgb import srgb_to_linear
+
+NOISE = np.random.default_rng(0).integers(0, 255, (31, 47, 3), np.uint8)
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ninety frames, a key frame every second."""
+    return encode(tmp_path_factory.mktemp("film") / "film.mp4", numbered(90))
+
+
+# Films ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("is_large", [False, True])
+@pytest.mark.parametrize(("start", "first", "delay"), [(0.7, 21, 0.0), (0.75, 23, 1 / 60)])
+def test_a_film_cut_without_encoding_shows_what_its_edit_list_shows(
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, start: float, first: int, delay: float, is_large: bool
+) -> None:
+    """Large films are not decoded to count their frames."""
+    monkeypatch.setattr(video, "_COUNT_BY_DECODING", 0 if is_large else 1e8)
+    cut = copied(film, tmp_path / "cut.mp4", start=start)
+    facts = read_facts(cut)
+    assert facts.frame_count == len(shown(cut)) == 90 - first
+    np.testing.assert_allclose(facts.timestamps, delay + np.arange(90 - first) / 30, atol=1e-6)
+    images = list(decode(cut, [0, facts.frame_count - 1]))
+    assert [number_of(image) for image in images] == [first, 89]
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mov", "mkv"])
+def test_times_are_those_of_the_file(film: Path, tmp_path: Path, ending: str) -> None:
+    """A late start, and frames that were dropped."""
+    late = copied(film, tmp_path / f"late.{ending}", delay=0.5)
+    np.testing.assert_allclose(read_facts(late).timestamps, 0.5 + np.arange(90) / 30, atol=0.001)
+    there = [frame for frame in range(60) if frame not in (7, 8, 40)]
+    times = [frame / 30 for frame in there]
+    dropped = encode(tmp_path / f"dropped.{ending}", [numbered(60)[frame] for frame in there], times=times)
+    np.testing.assert_allclose(read_facts(dropped).timestamps, times, atol=1e-3)
+
+
+@pytest.mark.parametrize(("ending", "codec"), [("mp4", "libx264"), ("avi", "mpeg4"), ("webm", "libvpx")])
+def test_films_without_a_table_of_frames_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, codec: str
+) -> None:
+    monkeypatch.setattr(video, "_COUNT_BY_DECODING", 0)
+    whole = encode(tmp_path / f"whole.{ending}", numbered(50), codec=codec)
+    path = copied(whole, tmp_path / "a.mp4", movflags="frag_keyframe+empty_moov") if ending == "mp4" else whole
+    times = read_facts(path).timestamps
+    np.testing.assert_allclose(times - times[0], np.arange(50) / 30, atol=1e-3)
+
+
+@pytest.mark.parametrize("is_large", [False, True])
+def test_a_film_that_is_cut_off_is_refused(
+    film: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_large: bool
+) -> None:
+    monkeypatch.setattr(video, "_COUNT_BY_DECODING", 0 if is_large else 1e8)
+    for flags, found in (("", "a file that cannot be decoded"), ("faststart", "frames could be decoded, expected 90")):
+        content = copied(film, tmp_path / "whole.mp4", movflags=flags).read_bytes()
+        (tmp_path / "cut.mp4").write_bytes(content[: len(content) * 2 // 3])
+        with pytest.raises(FrogError, match=rf"cut\.mp4: .*{found}"):
+            read_facts(tmp_path / "cut.mp4")
+
+
+@pytest.mark.parametrize("turn", [90, 180, 270])
+def test_a_rotation_flag_is_obeyed(film: Path, tmp_path: Path, turn: int) -> None:
+    flagged = copied(film, tmp_path / "turned.mp4", turn=turn)
+    facts = read_facts(flagged)
+    assert (facts.width, facts.height) == ((48, 64) if turn % 180 else (64, 48))
+    assert facts.turn == 360 - turn  # FFmpeg counts against the clock
+    expected = np.rot90(shown(flagged)[3], turn // 90)
+    assert np.abs(next(decode(flagged, [3])).astype(int) - expected).mean() < 2
+
+
+def test_what_else_a_film_says(film: Path, tmp_path: Path) -> None:
+    plain = read_film_header(film)
+    assert (plain.transfer, plain.is_interlaced, plain.pixel_aspect, plain.times) == ("", False, 1.0, None)
+    assert not has_sound(film)
+    tags = {"timecode": "01:02:03:12", "creation_time": "2024-05-06T07:08:09Z", "Make": "Son\x1by" + 300 * "-"}
+    sound = clicks([0.1], 0.3).values
+    odd = encode(tmp_path / "odd.mkv", numbered(9), tags=tags, sound=sound, aspect="4/3", **INTERLACED)
+    said = read_film_header(odd)
+    assert said.is_interlaced and said.pixel_aspect == pytest.approx(4 / 3) and has_sound(odd)
+    assert said.tags["timecode"] == "01:02:03:12" and said.tags["creation_time"].startswith("2024-05-06T07:08:09")
+    assert said.tags["make"].startswith("Son\\x1by") and len(said.tags["make"]) <= 200
+    (tmp_path / "text.mp4").write_bytes(b"text")
+    assert not has_sound(tmp_path / "text.mp4")
+    (tmp_path / "list.mp4").write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{film}\n#EXT-X-ENDLIST\n")
+    with pytest.raises(FrogError, match=r"list\.mp4: found a file that cannot be decoded"):
+        read_film_header(tmp_path / "list.mp4")
+
+
+def test_without_pyav_or_pillow_it_is_told_what_is_missing(film: Path, tmp_path: Path, without: object) -> None:
+    for read in (read_facts, has_sound, read_film_header):
+        with pytest.raises(FrogError, match="need PyAV: pip install av"):
+            read(film)
+    with pytest.raises(FrogError, match="need Pillow: pip install pillow"):
+        read_photograph(tmp_path / "a.png")
+
+
+@pytest.fixture
+def without(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("av", "PIL"):
+        monkeypatch.setitem(__import__("sys").modules, name, None)
+
+
+@pytest.mark.parametrize("is_full", [False, True])
+def test_the_whole_range_of_brightness_is_shown_as_players_do(tmp_path: Path, is_full: bool) -> None:
+    film = encode(tmp_path / "ramp.mp4", [ramp()] * 2, is_full_range=is_full)
+    np.testing.assert_allclose(next(decode(film, [1])).astype(int), shown(film)[1], atol=4)
+
+
+def ramp() -> np.ndarray:
+    return np.repeat(np.linspace(0, 255, 64).astype(np.uint8)[None, :, None], 48, axis=0).repeat(3, axis=2)
+
+
+@pytest.mark.parametrize(("transfer", "white"), [("hlg", 0.75), ("pq", 0.58)])
+@pytest.mark.parametrize("ending", ["mp4", "mkv"])
+def test_a_film_of_high_dynamic_range_is_tone_mapped(tmp_path: Path, transfer: str, white: float, ending: str) -> None:
+    """Greys keep their order and stay grey; the reference white, 203 cd/m2 of a signal, comes out bright."""
+    film = encode(tmp_path / f"hdr.{ending}", [ramp()] * 3, transfer=transfer)
+    assert read_facts(film).transfer == transfer
+    row = next(decode(film, [1]))[24].astype(int)
+    assert np.ptp(row, axis=1).max() <= 14  # OpenCV's own greys are up to 3 of 255 off
+    assert (np.diff(row.mean(axis=1)) >= -2).all()
+    assert row[0].max() < 10
+    assert 0.68 < row[round(63 * white)].mean() / 255 < 0.82
+    assert row[-1].min() > 245
+
+
+def test_tone_mapping_keeps_the_hue_of_colours_inside_the_narrow_gamut() -> None:
+    """A colour of sRGB's gamut, in BT.2020's primaries and PQ, as OpenCV decodes it."""
+    linear = np.array([0.30, 0.10, 0.05])  # of the reference white
+    to_wide = np.array([[0.627404, 0.329283, 0.043313], [0.069097, 0.919540, 0.011362], [0.016391, 0.088013, 0.895595]])
+    light = (to_wide @ linear) * 203 / 10000
+    power = light**0.1593017578125
+    signal = ((0.8359375 + 18.8515625 * power) / (1 + 18.6875 * power)) ** 78.84375
+    luma = signal @ [0.2627, 0.6780, 0.0593]
+    blue, red = (signal[2] - luma) / 1.8814, (signal[0] - luma) / 1.4746
+    decoded = luma + np.array([1.402 * red, -0.344136 * blue - 0.714136 * red, 1.772 * blue])
+    image = np.full((2, 2, 3), np.round(decoded * 255), np.uint8)
+    found = srgb_to_linear(ToneMapping("pq").apply(image)[0, 0] / 255)
+    np.testing.assert_allclose(found / found[0], linear / linear[0], atol=0.05)
+
+
+def test_ordinary_films_are_decoded_as_ever(film: Path) -> None:
+    reader = cv2.VideoCapture(str(film))
+    plain = [cv2.cvtColor(reader.read()[1], cv2.COLOR_BGR2RGB) for _ in range(5)]
+    np.testing.assert_array_equal(list(decode(film, range(5))), plain)
+
+
+@pytest.mark.parametrize("rate", [16_000, 44_100])
+def test_sound_is_in_step_with_the_images_from_any_second_on(tmp_path: Path, rate: int) -> None:
+    """Of tracks of 44.1 kHz, of films that start late, far into them, and whose track starts later."""
+    times = np.arange(30) + 0.25
+    sound = clicks(times, 30.0, 44_100).values
+    film = encode(tmp_path / "a.mp4", numbered(150), rate=5, sound=sound, sound_rate=44_100)
+    late = copied(film, tmp_path / "late.mkv", delay=0.5, sound_delay=0.3)
+    for path, delay in ((film, 0.0), (late, 0.8)):
+        for start in (0.0, 0.9, 21.3):
+            heard = media.read_sound(path, rate, 2, start, 5.0)
+            assert heard is not None and heard.shape == (5 * rate, 2)
+            expected = times + delay - start
+            within = expected[(expected > 0) & (expected < 5)]
+            np.testing.assert_allclose(times_of_clicks(Samples(heard, rate)), within, atol=0.003)
+
+
+# Photographs ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ending", [".png", ".jpg", ".bmp", ".tif", ".webp"])
+def test_a_size_is_that_of_the_decoded_image(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"a{ending}"
+    cv2.imwrite(str(path), NOISE)
+    assert image_size(path) == (47, 31) == read_image(path).shape[1::-1]
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("ending", [".jpg", ".png", ".webp"])
+def test_exif_turns_an_image_once(tmp_path: Path, ending: str, orientation: int) -> None:
+    image = np.zeros((48, 64, 3), np.uint8)
+    image[:12, :32], image[36:, :8] = 250, 120
+    file = photograph(tmp_path / f"a{ending}", image, turned=orientation)
+    upright = photograph(tmp_path / "b.jpg", image, turned=orientation)
+    expected = cv2.cvtColor(cv2.imread(str(upright), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)  # which obeys JPEG's
+    found = read_image(file)
+    assert found.shape == expected.shape and image_size(file) == found.shape[1::-1]
+    assert np.abs(found.astype(int) - expected).mean() < 3
+    assert np.abs(read_gray(file).astype(int) - expected[..., 0]).mean() < 3
+    assert image_turns(file) == {3: 2, 6: 1, 8: 3}.get(orientation, 0)
+
+
+def test_what_else_a_photograph_says(tmp_path: Path) -> None:
+    said = read_photograph(photograph(tmp_path / "a.jpg", NOISE, make="Sony\x07 ", model="ILCE-7M3", focal_length=35))
+    assert said == Photograph((47, 31), camera=("Sony", "ILCE-7M3", "35"))
+    plain = read_photograph(photograph(tmp_path / "b.png", NOISE, turned=9, make=" \x07 ", focal_length=0))
+    assert plain == Photograph((47, 31))
+    for ending, channels in ((".png", 4), (".webp", 4), (".png", 3), (".jpg", 3)):
+        path = tmp_path / f"c{ending}"
+        cv2.imwrite(str(path), np.dstack([NOISE, NOISE[..., :1]])[..., :channels])
+        found = read_photograph(path)
+        assert found is not None and found.has_alpha == (channels == 4)
+
+
+def test_exif_that_is_cut_short_or_lies_ends_in_no_error(tmp_path: Path) -> None:
+    path = photograph(tmp_path / "a.jpg", NOISE, turned=6, make="Canon", model="EOS R5", focal_length=24)
+    whole = path.read_bytes()
+    begin = whole.index(b"Exif\0\0")
+    for place in range(begin, begin + 140, 3):
+        for damage in (b"\xff\xff\xff\xff", b"\0\0\0\0", b"\x7f\0\0\1"):
+            path.write_bytes(whole[:place] + damage + whole[place + 4 :])
+            said = read_photograph(path) or Photograph((47, 31))  # None: Pillow opens it no more
+            assert said.size == (47, 31) and 1 <= said.orientation <= 8 and len(", ".join(said.camera)) < 500
+
+
+def test_what_is_no_image_is_refused(tmp_path: Path) -> None:
+    png, jpeg = (cv2.imencode(ending, NOISE)[1].tobytes() for ending in (".png", ".jpg"))
+    for content in (b"", b"text", png[:20], jpeg[:2], jpeg[:9], jpeg[:2] + b"\xff\xe0\0\0" + bytes(9)):
+        (tmp_path / "a.png").write_bytes(content)
+        with pytest.raises(FrogError, match=r"a\.png: found"):
+            image_size(tmp_path / "a.png")
+    with pytest.raises(FrogError, match="no file"):
+        image_size(tmp_path / "none.png")
+
+
+@pytest.mark.parametrize("size", [(2**31 - 1, 2**31 - 1), (60_000, 60_000), (65_537, 1)])
+def test_an_image_that_claims_too_much_is_never_decoded(tmp_path: Path, size: tuple[int, int]) -> None:
+    png = bytearray(cv2.imencode(".png", NOISE)[1].tobytes())
+    png[16:24] = struct.pack(">II", *size)
+    png[29:33] = struct.pack(">I", zlib.crc32(png[12:29]))
+    path = tmp_path / "a.png"
+    path.write_bytes(png)
+    for read in (image_size, read_image, read_gray):
+        with pytest.raises(FrogError, match=r"a\.png: found an image (of 65537 x 1 pixels|that is too large)"):
+            read(path)
+
+
+def test_what_opencv_itself_refuses_is_a_sentence(tmp_path: Path) -> None:
+    """A bitmap's header is not looked at before: OpenCV raises an error of its own for so many pixels."""
+    bitmap = bytearray(cv2.imencode(".bmp", NOISE)[1].tobytes())
+    bitmap[18:26] = struct.pack("<ii", 50_000, 50_000)
+    path = tmp_path / "a.bmp"
+    path.write_bytes(bitmap)
+    for read in (image_size, read_image, read_gray):
+        with pytest.raises(FrogError, match="cannot be decoded") as caught:
+            read(path)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("length", [0x7FFFFFFF, 10_000])
+def test_a_chunk_that_claims_more_than_the_file_is_never_given_room(tmp_path: Path, length: int) -> None:
+    """OpenCV would take gigabytes."""
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), np.full((40, 56, 3), 90, np.uint8))
+    whole = path.read_bytes()
+    read_image(path)
+    path.write_bytes(whole[:33] + length.to_bytes(4, "big") + whole[37:])
+    with pytest.raises(FrogError, match=r"a\.png: found a PNG that is cut off or damaged"):
+        read_image(path)
