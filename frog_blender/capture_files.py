@@ -3,8 +3,8 @@
 Add-ons cannot register files with Blender. But Blender makes the paths of volumes relative and absolute, rewrites them
 when a .blend is saved elsewhere, appended or made local, reports and finds missing ones, and packs and unpacks them,
 whatever they contain. So a capture refers to its file by a volume that is never drawn (``Object.frog.source``), and
-``Object.frog.filepath`` reads and writes that volume's path. A capture of an earlier version has no volume until its
-.blend is opened or saved.
+``Object.frog.filepath`` reads and writes that volume's path. A capture whose path is too
+long for a volume has none.
 """
 
 from __future__ import annotations

@@ -163,5 +163,5 @@ def _heads(scene: ScenePlayer) -> list[str]:
     model = next((each.model for each in segments if each.model), scene.header.model)
     if not scene.num_dynamic or scene.header.method not in ("frog", "ed3dgs"):
         return []
-    names = ["means", "log_scales", "quaternions", "opacity_logits", *(["sh"] if model.get("deformed_sh") else [])]
-    return [name for name in names if name not in model.get("silent_heads", ())]
+    opacities = ["opacity_logits"] if model.get("deformed_opacity") else []
+    return ["means", "log_scales", "quaternions", *opacities, *(["sh"] if model.get("deformed_sh") else [])]

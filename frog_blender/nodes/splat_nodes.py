@@ -19,7 +19,7 @@ import bpy
 from ..engine.spherical_harmonics import SH_DC
 from .node_builder import Builder, new_geometry_group, new_material
 
-_GROUP = "FRoG Gaussians as Near Points"  # older files hold groups without LIMIT, LOW and HIGH
+_GROUP = "FRoG Gaussians as Near Points"
 _NOTHING = "FRoG Nothing"
 _MATERIAL = "FRoG Gaussians"
 _RADIUS = 3.0  # standard deviations that a point's sphere reaches

@@ -181,7 +181,7 @@ def synchronize_again(obj: bpy.types.Object) -> None:
         if background is None or animation is None or camera.data.library is not None:
             continue
         numbers = camera.data.get(_MARK)
-        if not hasattr(numbers, "to_list"):  # of an earlier version
+        if numbers is None:  # somebody else put the clip there
             continue
         for curve in animation.drivers:
             if any(variable.targets[0].data_path in TIMING for variable in curve.driver.variables):

@@ -97,7 +97,7 @@ def cameras_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
 
 
 def holders_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    """What stands between a capture's root and its cameras. Files of earlier versions have nothing there."""
+    """What stands between a capture's root and its cameras."""
     if obj.parent is None:
         return []
     return [child for child in root_of(obj).children if HOLDS_CAMERAS in child]

@@ -153,7 +153,7 @@ def switch_to(partial: Path, folder: Path) -> Path:
     before = installed(folder)
     numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
     if not has_package(folder):
-        shutil.rmtree(folder, ignore_errors=True)  # left by an earlier version
+        shutil.rmtree(folder, ignore_errors=True)  # what is there is no package
     target = next(path for path in itertools.chain([folder], numbered) if not os.path.lexists(path))
     partial.rename(target)
     pointer = folder.parent / f"{folder.name}{_POINTER}"

@@ -1,6 +1,6 @@
 """Choices of a training that the panel shows in words, where the settings hold a number that stands for "the default".
 
-They are kept in that number alone: presets, older files and scripts mean what they meant.
+They are kept in that number alone, which presets and scripts set.
 """
 
 # Blender reads properties from annotations, which to a type checker or a linter are not types.

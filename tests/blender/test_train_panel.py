@@ -89,7 +89,7 @@ def test_a_running_training(drawn):
 
 def test_an_ended_training(drawn, tmp_path):
     path = tmp_path / ("a long name " * 8).strip() / "x.frog"
-    capacity = {"gaussians": 300, "dynamic": 40, "heads": ["means"], "sh_degree": 1, "reductions": []}
+    capacity = {"gaussians": 300, "dynamic": 40, "sh_degree": 1, "reductions": []}
     ended = training.Ended("")
     path.parent.mkdir()
     path.write_bytes(bytes(1_100_000))

@@ -97,7 +97,7 @@ def test_every_shape_of_the_network(settings: FrogSettings, head_width: int, fus
 def test_heads_that_say_nothing(fusion: str, head_width: int, silent: list[str] | None) -> None:
     """Their layers are left out forward (None: of all heads); backward they may learn to speak."""
     model = model_of(replace(SETTINGS, head_width=head_width, deformed_sh=4, fusion=fusion))
-    for name in model.heads if silent is None else silent:
+    for name in model.deformation.sizes if silent is None else silent:
         model.deformation.output_weight.data[model.output_rows(name)] = 0
     assert_equal_to_plain(model)
 

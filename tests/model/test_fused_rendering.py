@@ -87,11 +87,10 @@ def test_an_exposure() -> None:
     assert_same(model_of(SETTINGS), view(exposure=(0.7, 1.3, 1.1)))
 
 
-def test_silent_heads_stay_silent() -> None:
-    model = model_of(SETTINGS)
-    model.prune_head("quaternions")
+def test_opacities_that_do_not_deform_stay_as_they_are() -> None:
+    model = model_of(replace(SETTINGS, deformed_opacity=False))
     assert_same(model, view())
-    rows = model.output_rows("quaternions")
+    rows = model.output_rows("opacity_logits")
     grad = model.deformation.output_weight.grad
     assert grad is not None and not grad[rows].any() and bool(grad.any())
 

@@ -15,9 +15,8 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene import quantization
 from frog_blender.engine.scene.blocks import BLOCK
-from frog_blender.engine.scene.header import FORMAT_VERSION
 from frog_blender.engine.scene.quantization import BITS, pack, unpack
-from frog_blender.engine.scene.scene_file import read_scene, write_scene
+from frog_blender.engine.scene.scene_file import write_scene
 
 QUANTISED = [name for name, bits in BITS.items() if bits > 1]
 
@@ -111,20 +110,6 @@ def test_a_packed_scene_looks_the_same_with_far_gaussians(tmp_path: Path) -> Non
         images[kind] = draw(scene.at_frame(3), scene.header.cameras[0]).rgb
     assert np.abs(images["packed"] - images["plain"]).max() < 0.06
     assert np.abs(images["together"] - images["plain"]).max() > 0.2, "the test's own scene shows nothing"
-
-
-def test_files_of_version_4_are_read_and_ours_says_its_number(tmp_path: Path) -> None:
-    """Packed with all numbers in their blocks."""
-    scene, astray = with_far_rows()
-    old = replace(scene, header=replace(scene.header, format_version=4))
-    write_scene(tmp_path / "old.frog", old, compact=True)
-    assert b'"apart"' not in (tmp_path / "old.frog").read_bytes().replace(b"\\", b"")
-    read = read_scene(tmp_path / "old.frog")
-    assert read.header.format_version == 4
-    np.testing.assert_allclose(read.arrays["means"], scene.arrays["means"], atol=1e-3)
-    write_scene(tmp_path / "new.frog", astray, compact=True)
-    assert b'"apart"' in (tmp_path / "new.frog").read_bytes().replace(b"\\", b"")
-    assert read_scene(tmp_path / "new.frog").header.format_version == 5 < FORMAT_VERSION
 
 
 def one_apart() -> tuple[np.ndarray, dict]:

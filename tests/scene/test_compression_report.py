@@ -15,24 +15,21 @@ def reduced(*values: object) -> dict[str, Any]:
 CAPACITY: dict[str, Any] = {
     "gaussians": 20_704,
     "dynamic": 5_927,
-    "heads": ["means", "sh"],
     "sh_degree": 1,
     "reductions": [
         reduced("put to rest", 0.85, 20_704, 5_927, 0.0213, 1.24, 1_890_000),
         reduced("woken", 0.93, 5_927, 6_000, None, -0.2, -9),
         reduced("SH degree", 0.85, 1, 0, -0.01, 0.0, 0),
-        reduced("head means", 0.85, 5, 4, 0.001, 0.0, 0),
     ],
 }
 
 
 def test_the_report_in_words() -> None:
-    assert summary(CAPACITY) == "20,704 Gaussians, 5,927 of them dynamic; heads: means, sh; SH degree 1"
-    freeze, unfreeze, degree, head = lines(CAPACITY)
+    assert summary(CAPACITY) == "20,704 Gaussians, 5,927 of them dynamic; SH degree 1"
+    freeze, unfreeze, degree = lines(CAPACITY)
     expected = "at 85 %, freeze: 20,704 -> 5,927 dynamic Gaussians; saves 1.89 MB, 1.2 ms a frame; costs 0.021 dB"
     assert freeze == expected
     assert unfreeze == "at 93 %, unfreeze: 5,927 -> 6,000 dynamic Gaussians"
-    assert head == "at 85 %, prune head means: 5 -> 4 heads; costs 0.001 dB"
     assert degree == "at 85 %, reduce SH degree: 1 -> 0; costs 0.000 dB"
-    assert "heads: none" in summary({**CAPACITY, "heads": []}) and lines({}) == []
+    assert lines({}) == []
     assert reduction_line(CAPACITY["reductions"][0]) == freeze

@@ -83,20 +83,6 @@ def test_even_random_numbers_take_a_third_of_their_bytes() -> None:
     assert len(scene_bytes(scene, compact=True)) < 0.33 * len(scene_bytes(scene))
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
-def test_files_of_earlier_versions_are_read(tmp_path: Path, version: int) -> None:
-    scene = scene_file()
-    old = json.loads(scene.header.to_json())
-    if version == 1:
-        del old["capacity"]
-    old["format_version"] = version
-    (tmp_path / "x.frog").write_bytes(save(scene.arrays, metadata={"frog": json.dumps(old)}))
-    read = read_scene(tmp_path / "x.frog")
-    assert read.header.format_version == version and read.header.capacity == {}
-    for name, array in scene.arrays.items():
-        np.testing.assert_array_equal(read.arrays[name], array)
-
-
 def with_packing(path: Path, change: dict | str) -> None:
     """Writes a packed scene whose description of ``means`` is changed, or all of which is the text."""
     write_scene(path, scene_file(), compact=True)

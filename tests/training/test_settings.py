@@ -70,17 +70,13 @@ def test_a_recipe_comes_back_from_a_file(name: str) -> None:
         check_all(method_named(method).adapt(RECIPES[name]))
 
 
-def test_what_an_older_file_does_not_say_is_as_by_default() -> None:
+def test_every_setting_has_to_be_in_a_file() -> None:
     stored = settings_json(RECIPES["draft"])
+    with pytest.raises(FrogError, match="no setting 'speed'"):
+        stored_recipe({**stored, "speed": 1})
     del stored["split_scale"]
-    assert stored_recipe(stored) == RECIPES["draft"]
-
-
-def test_a_setting_that_is_gone_must_not_matter() -> None:
-    stored = settings_json(RECIPES["draft"])
-    assert stored_recipe({**stored, "frame_choice": "even", "camera_clearance": 0.0}) == RECIPES["draft"]
-    with pytest.raises(FrogError, match="no setting 'frame_choice'"):
-        stored_recipe({**stored, "frame_choice": "loss"})
+    with pytest.raises(FrogError, match="lacks split_scale"):
+        stored_recipe(stored)
 
 
 @pytest.mark.parametrize("stored", [None, [], "draft", 5, {"speed": 1}, {"steps\n": 1}, {"opacity_ramp": [[0], [1]]}])

@@ -95,7 +95,7 @@ def _distortion_key(distortion: Distortion | None) -> list[float] | dict[str, ob
 
 
 def has_changed(sources: object) -> bool:
-    """Whether a source file of a store has changed. Indices of older versions list no files."""
+    """Whether a source file of a store has changed."""
     if not isinstance(sources, dict):
         return True
     try:

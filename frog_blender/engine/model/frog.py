@@ -38,7 +38,6 @@ class FrogSettings:
         opacity_reduction, opacity_sharpness: see model.opacity.
         fusion: of the coarse and the fine temporal embedding, see model.fusion.
         modulation: see model.deformation.
-        silent_heads: heads whose output is zero, in files of earlier versions.
         deformed_opacity: False leaves opacities as they are at every time (and there is nothing to reduce).
         motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
             capture's units).
@@ -61,7 +60,6 @@ class FrogSettings:
     fusion: str = "product"
     deformed_opacity: bool = True
     modulation: bool = False
-    silent_heads: tuple[str, ...] = ()
 
 
 _ATTENTION_WIDTH = 16
@@ -92,11 +90,8 @@ class Frog(SceneModel):
                 torch.empty(_ATTENTION_WIDTH, settings.temporal_size, device="cpu").uniform_(-bound, bound)
             )
             self.attention_query = nn.Parameter(torch.empty(_ATTENTION_WIDTH, device="cpu").uniform_(-bound, bound))
-        self._pruned_heads: set[str] = set()
-        for parameter in (self.deformation.output_weight, self.deformation.output_bias):
-            parameter.register_hook(self._without_pruned)
-        for name in settings.silent_heads if settings.deformed_opacity else (*settings.silent_heads, "opacity_logits"):
-            self.prune_head(name)
+        if not settings.deformed_opacity:
+            self._silence_opacity()
 
     def fine_rows(self, schedule_state: ScheduleState) -> int:
         """Rows of the fine embedding as its schedule stands."""
@@ -110,12 +105,18 @@ class Frog(SceneModel):
         return slice(first, first + self.deformation.sizes[name])
 
     @torch.no_grad()
-    def prune_head(self, name: str) -> None:
-        """Sets a head's output to zero and keeps it there: no gradient reaches its weights any more."""
-        rows = self.output_rows(name)
-        self._pruned_heads.add(name)
-        self.deformation.output_weight[rows] = 0
-        self.deformation.output_bias[rows] = 0
+    def _silence_opacity(self) -> None:
+        """Sets the opacities' outputs to zero and keeps them there: no gradient reaches their weights."""
+        rows = self.output_rows("opacity_logits")
+
+        def without_opacity(gradient: torch.Tensor) -> torch.Tensor:
+            gradient = gradient.clone()
+            gradient[rows] = 0
+            return gradient
+
+        for parameter in (self.deformation.output_weight, self.deformation.output_bias):
+            parameter[rows] = 0
+            parameter.register_hook(without_opacity)
 
     def set_width(self, arrays: dict[str, torch.Tensor]) -> None:
         """Gives the first layer of a field that ``can_narrow`` other units.
@@ -127,20 +128,9 @@ class Frog(SceneModel):
         """
         for name, values in arrays.items():
             setattr(self.deformation, name, nn.Parameter(values))
-        self.deformation.output_weight.register_hook(self._without_pruned)
+        if not self.settings.deformed_opacity:
+            self._silence_opacity()
         self.settings = replace(self.settings, hidden_width=len(self.deformation.bias))
-
-    def _without_pruned(self, gradient: torch.Tensor) -> torch.Tensor:
-        if self._pruned_heads:
-            gradient = gradient.clone()
-            for name in self._pruned_heads:
-                gradient[self.output_rows(name)] = 0
-        return gradient
-
-    @property
-    def heads(self) -> list[str]:
-        """What the network changes."""
-        return [name for name in self.deformation.sizes if name not in self._pruned_heads]
 
     @property
     def opacity_form(self) -> str:
@@ -188,10 +178,10 @@ class Frog(SceneModel):
             return super().draw(time, camera, background, options, schedule_state, sh_count, pose=pose)
         shape = self.field_shape(schedule_state, sh_count or self.canonical.sh.shape[1])
         arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, schedule_state))
-        pruned = [self.output_rows(name) for name in self._pruned_heads]
+        silent = None if self.settings.deformed_opacity else self.output_rows("opacity_logits")
         by_attribute = self.deformation.by_attribute
         return render_fused(
-            shape, arrays, camera, background, options, pose=pose, pruned_rows=pruned, by_attribute=by_attribute
+            shape, arrays, camera, background, options, pose=pose, silent_rows=silent, by_attribute=by_attribute
         )
 
     @property
@@ -267,7 +257,6 @@ class Frog(SceneModel):
             fine_rows=self.fine_rows(schedule_state),
             opacity_share=schedule_state.opacity,
             opacity_reduction=self.opacity_form,
-            silent_heads=tuple(sorted(self._pruned_heads)),
         )
         return asdict(settings)
 

@@ -28,7 +28,7 @@ class FusedRenderResult(RenderResult):
         arrays: what was drawn, by name: parameters, and ``temporal`` with the gradients' way to the table.
         pose: the camera's, to receive its gradient, or None.
         field, drawing: for the backward pass.
-        pruned_rows: rows of the network's outputs that no gradient passes.
+        silent_rows: rows of the network's outputs that no gradient passes; None where there are none.
         versions: of arrays and Gaussians, when they were drawn.
     """
 
@@ -36,7 +36,7 @@ class FusedRenderResult(RenderResult):
     pose: torch.Tensor | None
     field: FieldPass
     drawing: RasterPass
-    pruned_rows: list[slice]
+    silent_rows: slice | None
     versions: list[int]
 
     def backward(self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None = None) -> None:
@@ -50,9 +50,9 @@ class FusedRenderResult(RenderResult):
         if self.pose is not None:
             self.pose.grad = by_gaussians.pop("pose")
         gradients = self.field.backward(by_gaussians)
-        for name in ("output_weight", "output_bias"):
-            for rows in self.pruned_rows:
-                gradients[name][rows] = 0
+        if self.silent_rows is not None:
+            for name in ("output_weight", "output_bias"):
+                gradients[name][self.silent_rows] = 0
         self.arrays["temporal"].backward(gradients.pop("temporal"))
         for name, gradient in gradients.items():
             parameter = self.arrays[name]
@@ -67,7 +67,7 @@ def render_fused(
     options: RasterizeOptions,
     *,
     pose: torch.Tensor | None,
-    pruned_rows: list[slice],
+    silent_rows: slice | None,
     by_attribute: Callable[[torch.Tensor], dict[str, torch.Tensor]],
 ) -> FusedRenderResult:
     """An image whose colours, alpha and Gaussians are without gradients of their own.
@@ -75,7 +75,7 @@ def render_fused(
     Args:
         shape, arrays: see ``forward_field``; parameters but for ``temporal``.
         camera, background, options, pose: see ``rasterizer.rasterize``; without ``options.absolute``.
-        pruned_rows: see FusedRenderResult.
+        silent_rows: see FusedRenderResult.
         by_attribute: see DeformationField.
     """
     if pose is not None:
@@ -86,7 +86,7 @@ def render_fused(
     image = exposed(drawing.image(rgb, alpha, screen), camera)
     versions = _versions(arrays, gaussians)
     return FusedRenderResult(
-        image, gaussians, by_attribute(changes), arrays, pose, field, drawing, pruned_rows, versions
+        image, gaussians, by_attribute(changes), arrays, pose, field, drawing, silent_rows, versions
     )
 
 

@@ -15,12 +15,6 @@ class StepKind(StrEnum):
     UNFREEZE = "woken"
     SH_DEGREE = "SH degree"
     NETWORK_WIDTH = "network width"
-    # Heads of the network: of scenes and checkpoints of earlier versions alone.
-    HEAD_MEANS = "head means"
-    HEAD_LOG_SCALES = "head log_scales"
-    HEAD_QUATERNIONS = "head quaternions"
-    HEAD_OPACITIES = "head opacity_logits"
-    HEAD_SH = "head sh"
     ONLY_FADE = "only fade"
     KEEP_SHAPE = "keep their shape"
     VISIBILITY = "unseen left out"
@@ -29,12 +23,12 @@ class StepKind(StrEnum):
     @property
     def label(self) -> str:
         """What was done, in a word or two."""
-        return _LABELS[self][0] if self in _LABELS else f"prune {self.value}"
+        return _LABELS[self][0]
 
     @property
     def unit(self) -> str:
         """What the numbers before and after count; empty for a degree."""
-        return _LABELS[self][1] if self in _LABELS else "heads"
+        return _LABELS[self][1]
 
 
 _LABELS = {
@@ -54,11 +48,8 @@ _KNOWN = {kind.value: kind for kind in StepKind}
 
 def summary(capacity: JsonMapping) -> str:
     """One line: what is left."""
-    heads = ", ".join(capacity.get("heads", ())) or "none"
-    return (
-        f"{capacity['gaussians']:,} Gaussians, {capacity['dynamic']:,} of them dynamic; "
-        f"heads: {heads}; SH degree {capacity['sh_degree']}"
-    )
+    gaussians, dynamic = capacity["gaussians"], capacity["dynamic"]
+    return f"{gaussians:,} Gaussians, {dynamic:,} of them dynamic; SH degree {capacity['sh_degree']:d}"
 
 
 def lines(capacity: JsonMapping) -> list[str]:

@@ -29,10 +29,7 @@ from ..io.plain_values import (
 from .compression_report import readable_report
 from .segments import frames_of, segments_of
 
-FORMAT_VERSION = 6
-"""1 had every array as it is; 2 may have them packed; 3 may have lifetimes; 4 may have some that only fade; 5 may have
-numbers that are packed apart from their block; 6 may have segments."""
-_ONE_PIECE = 5  # the version of scenes without segments
+FORMAT_VERSION = 1
 SHAPE_DYNAMIC = "reshaped"
 """The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
 shape. All of them where it is missing."""
@@ -45,10 +42,8 @@ MOST_STANDING = 4096
 """Of those, where they are no moving camera's: each becomes an object in Blender."""
 _LONGEST_NAME, _LONGEST_PATH = 1024, 32_768  # characters
 _FASTEST = 1e6  # frames a second
-_LATER = ("capacity", "world", "masks")  # fields that the first versions did not have, or that plain scenes leave out
-
-
-_OBJECTS = ("cameras", "world", "masks")  # fields that write themselves
+_OPTIONAL = ("world", "masks")  # fields that plain scenes leave out
+_OBJECTS = ("cameras", *_OPTIONAL)  # fields that write themselves
 
 
 @dataclass(frozen=True)
@@ -89,7 +84,6 @@ class SceneHeader:
     metrics: JsonMapping = field(default_factory=dict)
     steps: int = 0
     train_seconds: float = 0.0
-    format_version: int = _ONE_PIECE
     capacity: JsonMapping = field(default_factory=dict)
     world: World = FILES_OWN
     masks: MaskSettings = EVERY_MASK
@@ -115,7 +109,8 @@ class SceneHeader:
         return camera_name in self.test_cameras or frame in self.test_frames
 
     def to_json(self) -> str:
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in _OBJECTS}
+        values: JsonObject = {"format_version": FORMAT_VERSION}
+        values |= {name: getattr(self, name) for name in self.__dataclass_fields__ if name not in _OBJECTS}
         values = {name: dict(value) if isinstance(value, MappingProxyType) else value for name, value in values.items()}
         world = {} if self.world.is_plain else {"world": self.world.to_json()}
         masks = {} if self.masks == EVERY_MASK else {"masks": {"use": self.masks.use, "key": self.masks.key}}
@@ -125,12 +120,12 @@ class SceneHeader:
     def from_json(cls, content: str) -> SceneHeader:
         """Raises UnfitValue for a header that nobody could play, draw or import."""
         data = entries(plain_json(content, "a header"), "a header")
-        missing = [name for name in cls.__dataclass_fields__ if name not in data and name not in _LATER]
+        version = whole(data.get("format_version"), "format_version", 0, 2**31)
+        if version != FORMAT_VERSION:
+            raise UnfitValue(f"format version {version}", f"version {FORMAT_VERSION}")
+        missing = [name for name in cls.__dataclass_fields__ if name not in data and name not in _OPTIONAL]
         if missing:
             raise UnfitValue(f"a header without {', '.join(missing)}", "all that a scene needs")
-        version = whole(data["format_version"], "format version", 1, 2**31)
-        if version > FORMAT_VERSION:
-            raise UnfitValue(f"format version {version}", f"at most {FORMAT_VERSION}; a newer frog_blender reads it")
         method = text(data["method"], "the method", _LONGEST_NAME)
         if method not in (*METHODS, SEQUENCE):
             raise UnfitValue(f"the method {method!r}", f"one of {', '.join(METHODS)}")
@@ -149,8 +144,7 @@ class SceneHeader:
             metrics=finite_entries(data["metrics"], "metrics"),
             steps=whole(data["steps"], "steps", 0, 2**62),
             train_seconds=number(data["train_seconds"], "train_seconds", 0, 1e15),
-            format_version=version,
-            capacity=readable_report(data.get("capacity", {})),
+            capacity=readable_report(data["capacity"]),
             world=World.from_json(data["world"]) if "world" in data else FILES_OWN,
             masks=_masks(data["masks"]) if "masks" in data else EVERY_MASK,
         )
@@ -174,8 +168,6 @@ def _masks(value: object) -> MaskSettings:
 def _model(value: object) -> JsonObject:
     """What is asked of a model by others than those who play it; these check what they need."""
     model = finite_entries(value, "model")
-    for name in items(model.get("silent_heads", []), "silent_heads", 64):
-        text(name, "a silent head", _LONGEST_NAME)
     whole(model.get(SHAPE_DYNAMIC, 0), SHAPE_DYNAMIC, 0, 2**31)
     return model
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import Array, Bools, SceneArrays
 from ..errors import FrogError
 from ..field.names import CANONICAL
-from .header import FORMAT_VERSION, SceneHeader
+from .header import SceneHeader
 from .morton_order import morton_order
 from .scene_file import SceneFile
 from .segments import SEGMENTS, Segment, network_prefix
@@ -62,7 +62,7 @@ def join(header: SceneHeader, shared: SceneArrays, parts: Sequence[TrainedSegmen
         own = {name: each for name, each in piece.arrays.items() if name.startswith("network.")}
         arrays |= {name.replace("network.", network_prefix(number), 1): each for name, each in own.items()}
     model = {SEGMENTS: [piece.segment.to_json() for piece in pieces]}
-    return SceneFile(replace(header, model=model, format_version=FORMAT_VERSION), arrays)
+    return SceneFile(replace(header, model=model), arrays)
 
 
 @dataclass(frozen=True)

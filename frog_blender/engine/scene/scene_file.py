@@ -93,7 +93,7 @@ def packed_arrays(arrays: SceneArrays) -> dict[str, Packed]:
 
 
 def read_scene(path: str | Path) -> SceneFile:
-    """FrogError in one sentence when it is missing, truncated, of another kind or of a newer version.
+    """FrogError in one sentence when it is missing, truncated, of another kind or of another version.
 
     Arrays that no scene of its method has are passed over.
     """

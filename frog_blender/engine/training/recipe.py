@@ -325,31 +325,14 @@ RECIPES = {
     ),
 }
 
-_FORMER = {"frame_choice": "even", "camera_clearance": 0.0}
-"""Settings of earlier versions, and the value that trainings have had ever since."""
-
-BEFORE = {
-    "views_per_step": 1,
-    "appearance_views": 0.0,
-    "alpha_weight": 0.0,
-    "sides_sh_degree": 0,
-    "sides_alpha_weight": 0.0,
-    "size_weight": 0.0,
-    "size_limit": 0.0,
-    "size_limit_from": 1.0,
-    "square_weight": 0.0,
-    "moment_seeds": False,
-}
-"""Settings that earlier versions did not have, and the value that their trainings go on with."""
-
 
 def stored_recipe(values: object) -> Recipe:
-    """The recipe that ``settings_json`` made plain values of; FrogError for other values. What an older file does not
-    say is as by default; a setting that is gone must have the value that trainings have had ever since."""
+    """The recipe that ``settings_json`` made plain values of; FrogError for other values, and for missing ones."""
     if not isinstance(values, dict):
         raise FrogError(f"A recipe is {brief(repr(values))}, expected its settings by name.")
-    kept = {key: value for key, value in values.items() if _FORMER.get(key, ...) != value}
-    return _changed(Recipe(), BEFORE | kept)
+    if missing := kinds_of(Recipe).keys() - values.keys():
+        raise FrogError(f"A recipe lacks {', '.join(sorted(missing))}, expected all of its settings.")
+    return _changed(Recipe(), values)
 
 
 def recipe(name: str, /, **overrides: Any) -> Recipe:

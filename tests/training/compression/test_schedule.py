@@ -16,7 +16,6 @@ from support.training_steps import compression, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.scene.compression_report import StepKind
 from frog_blender.engine.training.compression import context as context_module
 from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.context import CompressionContext, Proposal
@@ -123,20 +122,6 @@ def test_measuring_leaves_no_gradient_behind(make_trainer: Make) -> None:
         assert (motion.contribution > 0).any()
         assert all(parameter.grad is None for parameter in trainer.model.parameters())
         trainer.gaussians.reindex(torch.arange(trainer.model.canonical.num_dynamic), 0)
-
-
-def test_a_pruned_head_stays_pruned(make_trainer: Make) -> None:
-    trainer = make_trainer(60)
-    model = trainer.model
-    assert model.heads == ["means", "log_scales", "quaternions", "opacity_logits", "sh"]
-    rows = model.output_rows("log_scales")
-    assert rows == slice(3, 6)
-    model.prune_head("log_scales")
-    train(trainer)
-    assert model.heads == ["means", "quaternions", "opacity_logits", "sh"]
-    assert not model.deformation.output_weight[rows].any() and not model.deformation.output_bias[rows].any()
-    assert model.deformation.output_weight[:3].abs().sum() > 0
-    assert model.stored_settings(trainer.schedule_state())["silent_heads"] == ("log_scales",)
 
 
 def hold(pass_: Callable[..., Iterable[Proposal]], context: CompressionContext, *about: object) -> None:
@@ -271,21 +256,6 @@ def test_a_share_of_those_that_move_may_be_forced(halfway: Make) -> None:
     found = measured(trainer)
     freeze(compression(trainer), replace(found.motion, score=found.motion.score + 50.0), found.state)
     assert trainer.model.canonical.num_dynamic == int(0.1 * trainer.count)
-
-
-def test_a_checkpoint_with_a_pruned_head_is_resumed(make_trainer: Make, tmp_path: Path) -> None:
-    """Earlier versions pruned heads, and logged it."""
-    trainer = make_trainer(40, capacity="auto")
-    trainer.model.prune_head("sh")
-    train(trainer, until=10)
-    compression(trainer).add_step(StepKind.HEAD_SH, 5, 4, 0.0)
-    save_checkpoint(tmp_path / "c", trainer)
-    other = make_trainer(40, capacity="auto")
-    load_checkpoint(tmp_path / "c", other)
-    assert "means" in other.model.heads and "sh" not in other.model.heads
-    assert compression(other).record.log == compression(trainer).record.log
-    train(other)
-    assert not other.model.deformation.output_weight[other.model.output_rows("sh")].any()
 
 
 def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> None:

@@ -11,7 +11,6 @@ from support import synthetic_capture as film
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.training.optimize.gaussian_size import add_size_gradient, limit_sizes
-from frog_blender.engine.training.recipe import BEFORE, RECIPES, stored_recipe
 
 
 def canonical_field() -> CanonicalField:
@@ -56,8 +55,3 @@ def test_what_lies_in_a_camera_keeps_a_size(tmp_path: Path) -> None:
     limit_sizes(canonical, capture, 0.1, 0.5)
     sizes = canonical.log_scales.detach()[0].exp()
     assert (sizes > 0).all() and (sizes <= 0.05 + 1e-6).all()
-
-
-def test_trainings_of_earlier_versions_and_the_papers_have_no_limit() -> None:
-    assert stored_recipe({}).size_limit == BEFORE["size_limit"] == 0 < RECIPES["standard"].size_limit
-    assert all(RECIPES[name].size_limit == 0 for name in ("paper", "hypernerf", "technicolor"))

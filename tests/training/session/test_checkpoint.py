@@ -136,7 +136,8 @@ VALUES: list[tuple[str, Any]] = [
     *[("rate_factor", value) for value in (0, -1, 1e9, float("nan"), "x", None)],
     *[("step_count", value) for value in (-1, float("inf"), None)],
     *[("progress", -0.5), ("seconds", float("nan")), ("burst_shot", 10_000), ("loss", float("inf"))],
-    *[("heads", 3), ("parsimony", {"seed": 2**62, "reductions": []}), ("parsimony", {"seed": 0, "reductions": [{}]})],
+    *[("version", 0), ("version", 12), ("version", None)],
+    *[("parsimony", {"seed": 2**62, "reductions": []}), ("parsimony", {"seed": 0, "reductions": [{}]})],
     ("parsimony", {"seed": 0, "reductions": [{"what": "pruned", "progress": "x", "before": 1, "after": 1}]}),
 ]
 

@@ -20,7 +20,6 @@ IMAGE = np.random.default_rng(0).integers(0, 256, (9, 16, 3), np.uint8)
 REPORT = {
     "gaussians": 500,
     "dynamic": 40,
-    "heads": ["means"],
     "sh_degree": 2,
     "reductions": [{"what": "pruned", "before": 900, "after": 500, "progress": 0.5, "loss": None, "bytes": 12}],
 }

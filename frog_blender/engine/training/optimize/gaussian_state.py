@@ -155,7 +155,7 @@ class GaussianState:
     def state(self) -> tuple[Tensors, Values]:
         """See Stateful."""
         tensors = {f"model.{name}": value for name, value in self.model.state_dict().items()}
-        values = {"heads": heads_of(self.model), "rate_factor": self.optimizer.rate_factor}
+        values = {"rate_factor": self.optimizer.rate_factor}
         tensors |= self.fixed.state() if self.fixed is not None else {}
         return tensors | self.optimizer.state_arrays(), values
 
@@ -172,9 +172,6 @@ class GaussianState:
         model.zero_grad(set_to_none=True)
         self.optimizer = SceneOptimizer(model, self._recipe, self._scene_scale)
         self.optimizer.resume(tensors, float(values["rate_factor"]))
-        if isinstance(model, Frog):  # trainings of earlier versions pruned heads
-            for name in set(heads_of(model)) - set(values["heads"]):
-                model.prune_head(name)
 
     def _checked(self, tensors: Tensors) -> Tensors:
         """The canonical attributes on the device; ValueError unless there is a row for every Gaussian."""
@@ -188,11 +185,6 @@ class GaussianState:
         shapes = {"sh": (count, coefficients, 3), "embeddings": (num_dynamic, self.canonical.embeddings.shape[1])}
         shapes |= {"means": (count, 3), "log_scales": (count, 3), "quaternions": (count, 4), "opacity_logits": (count,)}
         return {name: expect(name, found[name], shapes[name]).to(self.device) for name in ATTRIBUTES}
-
-
-def heads_of(model: SceneModel) -> list[str]:
-    """Names of what a model's network changes; none where nothing is dynamic."""
-    return model.heads if isinstance(model, Frog) and model.canonical.num_dynamic else []
 
 
 def _set_width(tensors: Tensors, model: Frog, most: int) -> None:

@@ -21,10 +21,9 @@ from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
 from ..optimize.hooks import Training
 from ..optimize.peers import Peers, shared
-from ..recipe import BEFORE
 
 _KEY = "frog-checkpoint"
-_VERSION = 12
+_VERSION = 1
 _WHAT = "a training checkpoint"
 _MAY_DIFFER = ("name", "steps", "steps_per_moment", "views_per_step")  # in a recipe
 
@@ -111,7 +110,7 @@ def _differences(values: JsonObject, training: Training) -> str:
     stored = values.get("recipe")
     if not isinstance(stored, dict):
         return "the recipe"
-    stored, own = BEFORE | stored, expected["recipe"]
+    own = expected["recipe"]
     if differing := [key for key in own if key not in _MAY_DIFFER and stored.get(key) != own[key]]:
         return brief(", ".join(differing))
     return "" if all(values.get(key) == expected[key] for key in ("shots", "cameras")) else "the capture"

@@ -45,7 +45,7 @@ def line_of(event: Event) -> str | None:
 def event_of(line: bytes) -> Event | None:
     """The event that a line tells; None for an unknown kind, a damaged line and whatever else a program may print.
 
-    Fields that are not known are skipped, and those that an earlier version lacks have their defaults.
+    Fields that are not known are skipped: the other computer may have another version.
     """
     try:
         found = entries(plain_json(line.decode("utf-8"), "an event"), "an event")

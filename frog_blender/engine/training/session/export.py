@@ -28,7 +28,7 @@ from ..compression.context import CompressionContext, CompressionStep
 from ..compression.finalize import playback_steps, played_by, reorder_for_playback
 from ..compression.schedule import compression_of
 from ..compression.static_attributes import freeze_attributes
-from ..optimize.gaussian_state import GaussianState, heads_of
+from ..optimize.gaussian_state import GaussianState
 from .session import Session
 
 EVALUATED_SHOTS = 30
@@ -249,7 +249,6 @@ def compression_report(session: Session, steps: list[CompressionStep]) -> JsonOb
     return {
         "gaussians": trainer.count,
         "dynamic": trainer.gaussians.num_dynamic,
-        "heads": heads_of(trainer.model),
         "sh_degree": int(canonical.sh.shape[1] ** 0.5) - 1,
         "reductions": [step.to_json() for step in steps],
     }

@@ -155,9 +155,6 @@ RESUMED_SETTINGS: dict[str, Kind] = {
 }
 """Fields of a job that a resume takes over besides its recipe, and what a checkpoint may say of each."""
 
-_LATER_SETTINGS = {"masks": "auto", "key": None}
-"""Of these, those that checkpoints of earlier versions do not have, and what they stand for there."""
-
 
 def restored_settings(stored: JsonMapping) -> dict[str, Any]:
     """The fields in ``RESUMED_SETTINGS`` of a job, checked; ``Any`` because fields have types of their own.
@@ -166,7 +163,7 @@ def restored_settings(stored: JsonMapping) -> dict[str, Any]:
         KeyError: one is missing.
         FrogError: one is not what it may be.
     """
-    kept = {name: ({**_LATER_SETTINGS, **stored})[name] for name in RESUMED_SETTINGS}
+    kept = {name: stored[name] for name in RESUMED_SETTINGS}
     for name, value in kept.items():
         check(name, value, RESUMED_SETTINGS[name])
     if kept["pixel_offsets"]:
