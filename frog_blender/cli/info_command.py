@@ -16,17 +16,15 @@ from ..engine.capture.quality.check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
 from ..engine.frames.store import is_decoded
-from ..engine.io.plain_values import JsonMapping
 from ..engine.playback.player import ScenePlayer
 from ..engine.scene import compression_report
-from ..engine.scene.segments import segments_of
 from ..engine.training.recipe import recipe
 from ..engine.training.session.job import usual_scale
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 from .arguments import add_mask_arguments, add_offset_argument, offsets_of
 from .printing import say
 
-_SHOWN = 12  # names of held-out cameras, segments
+_SHOWN = 12  # names of held-out cameras
 
 
 def add_info_parser(commands: Any) -> None:
@@ -131,7 +129,6 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
         "method": header.method,
         "gaussians": scene.count,
         "dynamic": scene.num_dynamic,
-        "segments": _segments(header.model),
         "heads": _heads(scene),
         "sh_degree": scene.sh_degree,
         "bytes": path.stat().st_size,
@@ -147,20 +144,9 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
     }
 
 
-def _segments(model: JsonMapping) -> list[str]:
-    """A line for each of the first segments."""
-    segments = segments_of(model)
-    lines = []
-    for segment in segments[:_SHOWN]:
-        frames = f"{segment.first} to {segment.first + segment.frames - 1}"
-        lines.append(f"frames {frames}: {segment.deformed} Gaussians that move, {segment.still} that do not")
-    return [*lines, *([f"... ({len(segments)} in all)"] if len(segments) > _SHOWN else [])]
-
-
 def _heads(scene: ScenePlayer) -> list[str]:
     """The attributes that a scene's deformation network changes; none for other methods and for static scenes."""
-    segments = segments_of(scene.header.model)
-    model = next((each.model for each in segments if each.model), scene.header.model)
+    model = scene.header.model
     if not scene.num_dynamic or scene.header.method not in ("frog", "ed3dgs"):
         return []
     opacities = ["opacity_logits"] if model.get("deformed_opacity") else []

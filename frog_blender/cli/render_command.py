@@ -147,13 +147,13 @@ def frame_renderer(scene: SceneFile, device: str) -> FrameRenderer:
 
     played = ScenePlayer(scene)
     if device != "cpu":
-        from ..engine.model.torch_segments import torch_player
+        from ..engine.model.torch_player import TorchScenePlayer
         from ..engine.training.optimize.device import choose_device
 
         chosen, warning = choose_device(device)
         if warning:
             print(f"warning: {warning}", file=sys.stderr)
         if chosen.type != "cpu" and played.num_dynamic:  # a static scene has no deformation to compute
-            on_device = torch_player(scene, chosen)
+            on_device = TorchScenePlayer(scene, chosen)
             return lambda frame, camera: to_uint8(on_device.render_image(frame, camera))
     return cpu_renderer(played)

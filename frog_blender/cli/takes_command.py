@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import queue
+import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.capture.readers import detect
 from ..engine.errors import FrogError, found_instead
+from ..engine.training.session import events
 from ..engine.training.session.output_paths import checkpoint_path, training_progress
 from .cluster import opened_cluster
 from .printing import complain, say
@@ -17,6 +22,7 @@ from .stopping import stopping
 from .streams import printing_may_fail
 
 if TYPE_CHECKING:
+    from ..engine.distributed.cluster import Cluster
     from ..engine.training.session.job import TrainingJob
 
 JobOf = Callable[[Path, Path], "TrainingJob"]
@@ -101,15 +107,36 @@ def _train(name: str, job: TrainingJob, asked: Callable[[], bool]) -> bool:
         return False
 
 
-def _on_cluster(cluster: Any, jobs: Mapping[str, TrainingJob], asked: Callable[[], bool]) -> list[str]:
-    """Gives takes to the workers of a cluster; the names of those that finished."""
-    from .cluster_trainings import train_on_cluster
+def _on_cluster(cluster: Cluster, jobs: Mapping[str, TrainingJob], asked: Callable[[], bool]) -> list[str]:
+    """Gives takes to the workers of a cluster and follows them in one line; the names of those that finished."""
+    from tqdm import tqdm
 
-    threads = cluster.threads()
-    ended = train_on_cluster(
-        cluster, {name: task_of(job, threads) for name, job in jobs.items()}, train_take, asked, "takes"
-    )
-    return [name for name, each in ended.items() if each.answer]
+    heard, threads = queue.Queue[tuple[str, Any]](), cluster.threads()
+    for name, job in jobs.items():
+        cluster.start(name, train_take, task_of(job, threads), partial(_put, heard, name), partial(_put, heard, name))
+    shares, ended = dict.fromkeys(jobs, 0.0), dict[str, Any]()
+    layout = "{desc} |{bar}| {n:.2f}/{total} takes"
+    with tqdm(desc="Training", total=len(jobs), file=sys.stderr, bar_format=layout) as line:
+        while len(ended) < len(jobs):
+            if asked():
+                cluster.stop()
+            with suppress(queue.Empty):  # Windows' Ctrl-C waits for an endless get
+                name, message = heard.get(timeout=0.5)
+                if isinstance(message, float):
+                    shares[name] = message
+                else:
+                    ended[name] = message
+                    shares[name] = 1.0 if message.answer else shares[name]
+                    if message.error is not None:
+                        line.clear()
+                        complain(f"{name}: {message.error}")
+                line.n = sum(shares.values())
+                line.refresh()
+    return [name for name, end in ended.items() if end.answer]
+
+
+def _put(heard: queue.Queue[tuple[str, Any]], name: str, message: Any) -> None:
+    heard.put((name, message))
 
 
 def task_of(job: TrainingJob, threads: int) -> dict[str, Any]:
@@ -131,10 +158,14 @@ def train_take(task: Mapping[str, Any], tell: Callable[[float], None], cancelled
     from ..engine.training.session.job import TrainingJob
     from ..engine.training.session.run import run_training
     from ..experiments.machine import limited_threads
-    from .cluster_trainings import tell_shares
 
     output = Path(task["output"])
     fields = {"device": task["device"], "save_seconds": task["save_seconds"], "overwrite": task["overwrite"]}
     job = replace(TrainingJob.of_settings(task["settings"], output), **fields)
     with limited_threads(task["threads"]):
-        return tell_shares(run_training(_going_on(job, job.overwrite), cancelled), tell)
+        for event in run_training(_going_on(job, job.overwrite), cancelled):
+            if isinstance(event, events.Progress):
+                tell(event.step / max(event.steps, 1))
+            elif isinstance(event, events.Finished):
+                return True
+    return False

@@ -76,13 +76,6 @@ def add_train_parser(commands: Any) -> None:
         "with (others are ignored, and it says so); only --steps, --seconds and --max-bytes may be set anew",
     )
     train.add_argument(
-        "--segments",
-        type=positive(int),
-        metavar="FRAMES",
-        help="train a long take in segments of about so many frames, which share what does not move; --steps are each"
-        " segment's, and those of a training of the whole take before them",
-    )
-    train.add_argument(
         "--takes",
         action="store_true",
         help="train every capture in the folder CAPTURE, each to a scene of its name in the folder --out; what is"
@@ -119,15 +112,8 @@ def _train(options: argparse.Namespace) -> int:
         return _train_takes(options)
     if not (options.overwrite or options.resume):
         check_unused(options.out, _WAYS)  # before torch is loaded
-    if options.segments:
-        from .segments_command import train_segments
-
-        _check_several(options, "--segments")
-        return train_segments(options, _job(options))
     if options.scheduler:
-        raise FrogError(
-            "--scheduler gives segments or takes to workers: expected --segments FRAMES or --takes with it."
-        )
+        raise FrogError("--scheduler gives takes to workers: expected --takes with it.")
     if started_by_torchrun():
         if options.events:
             raise FrogError("--events tells of a training by one process, and torchrun has started this one.")
@@ -150,19 +136,12 @@ def _train(options: argparse.Namespace) -> int:
     return 0 if finished else 1
 
 
-def _check_several(options: argparse.Namespace, what: str) -> None:
-    """FrogError for what one training is for, where there are several."""
-    if options.events or started_by_torchrun():
-        found = "--events" if options.events else "torchrun"
-        raise FrogError(f"{what}: found {found}, which one training is for: expected neither that nor torchrun.")
-
-
 def _train_takes(options: argparse.Namespace) -> int:
     from .takes_command import train_takes
 
-    if options.segments:
-        raise FrogError("--takes trains each take as one: expected no --segments with it.")
-    _check_several(options, "--takes")
+    if options.events or started_by_torchrun():
+        found = "--events" if options.events else "torchrun"
+        raise FrogError(f"--takes: found {found}, which one training is for: expected neither that nor torchrun.")
 
     def job_of(capture: Path, output: Path) -> TrainingJob:
         return _job(argparse.Namespace(**{**vars(options), "capture": capture, "out": output}))

@@ -5,12 +5,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support import segmented
 from support.small_scenes import rig_of_three, write_scene
 from support.users_scene import views
 
 from frog_blender import point_cloud
-from frog_blender.engine.scene.scene_file import write_scene as write_scene_file
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback
 from frog_blender.timeline.retiming import repeated
@@ -48,16 +46,6 @@ def test_frames_in_random_order(empty, capture, static_rig):
         assert_shows(capture, engine_at(static_rig, frame + subframe))
         moved.append(point_cloud.read(capture)["position"][0])
     assert np.ptp(moved, axis=0).max() > 1e-3, "the test's own scene does not move"
-
-
-def test_a_scene_of_segments(empty, tmp_path):
-    path = tmp_path / "joined.frog"
-    write_scene_file(path, segmented.joined(), compact=True)
-    bpy.ops.import_scene.frog(filepath=str(path))
-    capture = active_capture(bpy.context)
-    for frame in (5, 0, 13, 4, 10, 6):
-        empty.frame_set(frame + 1)
-        assert_shows(capture, engine_at(path, frame))
 
 
 def test_start_frame_shifts_the_capture(empty, capture, static_rig):

@@ -160,16 +160,3 @@ def test_a_segment_keeps_the_offsets(n3dv: Path) -> None:
     capture = open_capture(n3dv)
     late = replace(capture, shots=tuple(replace(shot, offset=0.25) for shot in capture.shots))
     assert {shot.offset for shot in late.segment(1, 3).shots} == {0.25}
-
-
-def test_a_thinned_capture_has_some_of_the_frames_at_their_times(n3dv: Path) -> None:
-    capture = open_capture(n3dv).with_holdout(2)  # 1 and 3 of 0 to 4
-    late = replace(capture, shots=tuple(replace(shot, offset=0.2) for shot in capture.shots if shot.frame < 4))
-    thin = late.thinned(3)
-    assert (thin.frame_count, thin.test_frames) == (3, frozenset())
-    assert [(shot.frame, shot.index) for shot in thin.shots if shot.camera == 1] == [(0, 0), (1, 2)]
-    for shot in thin.shots:
-        (same,) = (each for each in late.shots if (each.path, each.index) == (shot.path, shot.index))
-        assert thin.time_of(shot) == pytest.approx(late.time_of(same))
-    assert capture.thinned(4).test_frames == {1, 2} and capture.thinned(5) is capture
-    assert thin.frames_per_second == pytest.approx(capture.frames_per_second / 2)

@@ -329,22 +329,6 @@ class Capture:
         frames = frozenset(frame - first for frame in self.test_frames if first <= frame < first + count)
         return replace(kept, frame_count=count, test_frames=frames)
 
-    def thinned(self, most: int) -> Capture:
-        """At most so many of the frames, evenly spread from the first to the last, as a capture whose frames count from
-        0; itself where it has no more."""
-        if self.frame_count <= most:
-            return self
-        chosen = np.linspace(0, self.frame_count - 1, most).round().astype(int).tolist()
-        place, pace = {frame: number for number, frame in enumerate(chosen)}, (most - 1) / (self.frame_count - 1)
-        inside = (shot for shot in self.shots if shot.frame in place)
-        counted = [replace(shot, frame=place[shot.frame], offset=shot.offset * pace) for shot in inside]
-        return replace(
-            self._with_shots(with_a_time(counted, most)),
-            frame_count=most,
-            frames_per_second=self.frames_per_second * pace,
-            test_frames=frozenset(place[frame] for frame in self.test_frames if frame in place),
-        )
-
     def _with_shots(self, shots: Iterable[Shot]) -> Capture:
         """The capture with these shots (their cameras as numbered here) and only the cameras that have one."""
         shots = tuple(shots)

@@ -59,7 +59,7 @@ def _checked_arrays(arrays: SceneArrays, model: JsonMapping, temporal: TemporalE
         "network.output_weight": (outputs, networks * (heads or hidden)),
         "network.output_bias": (outputs,),
     }
-    if model.get("modulation", False):  # scenes of the first versions have no such setting
+    if model.get("modulation", False):
         if embedding > temporal.size:
             raise ValueError(f"embeddings of {embedding} are modulated by {temporal.size} numbers")
         shapes["network.modulation_weight"] = (networks * hidden, embedding)
@@ -185,11 +185,6 @@ class DeformationPlayer:
         self._deform(self._field, time, result, result | addresses)
         result.pop("was_visible", None)
         return GaussianArrays(**result)
-
-    def fill(self, time: float, result: SceneArrays) -> None:
-        """Writes the dynamic Gaussians at a time in [0, 1] into the first rows of ``result``, contiguous arrays by the
-        attributes of GaussianArrays that are canonical where nothing was written yet; ``sh`` where colours deform."""
-        self._deform(self._field, time, {"sh": self._still["sh"]} | result)
 
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
         """Columns of the dynamic Gaussians at a time in [0, 1]: the same bits as in ``at``."""

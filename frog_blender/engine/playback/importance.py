@@ -15,7 +15,6 @@ from ..gaussians import NumpyGaussians
 from ..native.binding import Frame
 from ..native.options import RasterizeOptions
 from ..scene.header import SceneHeader
-from ..scene.segments import segments_of
 from .player import ScenePlayer
 
 _MAX_VIEWS = 8  # images at most: a second for 200,000 Gaussians
@@ -27,7 +26,7 @@ _MOST_TRAINING_VIEWS = 240  # images that are looked for something that is seen 
 def ranking(scene: ScenePlayer) -> Array:
     """(N,) every Gaussian's index, the most important first; the same for the same scene on any day."""
     score = np.zeros(scene.count)
-    for camera, frame in _ranked_views(scene.header):
+    for camera, frame in sampled_views(scene.header, _MAX_VIEWS):
         gaussians = scene.at_frame(frame)
         largest = np.sort(gaussians.scales, axis=1)[:, 1:].astype(np.float64)
         seen = _visible_weights(gaussians, camera) if camera is not None else 1.0
@@ -68,16 +67,6 @@ def camera_weights(scene: ScenePlayer, most_views: int = 192) -> Array:
             weights = _visible_weights(scene.at_frame(frame), camera)
             found[camera.name] = np.maximum(found.get(camera.name, 0), weights)
     return np.array(list(found.values()), np.float32).reshape(len(found), scene.count)
-
-
-def _ranked_views(header: SceneHeader) -> list[tuple[Camera | None, int]]:
-    """Some views spread over cameras and times, and one of each segment that they miss."""
-    views = sampled_views(header, _MAX_VIEWS)
-    for number, segment in enumerate(segments_of(header.model)):
-        if not any(segment.first <= frame < segment.first + segment.frames for _, frame in views):
-            camera = header.cameras[number % len(header.cameras)] if header.cameras else None
-            views.append((camera, segment.first + segment.frames // 2))
-    return views
 
 
 def most_important(order: Array, count: int) -> Array:

@@ -23,13 +23,11 @@ from ..io.plain_values import JsonMapping
 from ..scene.frame_rows import KEEPS_IDENTITY
 from ..scene.header import SHAPE_DYNAMIC, SceneHeader
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
-from ..scene.segments import SEGMENTS, segments_of, selected
 from .baselines import BASELINES
 from .buffer_pool import BufferPool
 from .canonical import canonical_gaussians, normalize
 from .deformation import DeformationPlayer
 from .frame_delta import FrameDelta, column_names, column_of, column_view, column_width, extract_columns
-from .segments import SegmentedPlayer, field_player
 from .sequence import PlayableSequence
 from .visibility import VisibilityMask
 
@@ -51,13 +49,12 @@ class Deformation(Protocol):
 
 
 PLAYABLE: dict[str, Callable[[SceneArrays, JsonMapping], Deformation]] = {
-    **dict.fromkeys(FIELD_METHODS, field_player),
+    **dict.fromkeys(FIELD_METHODS, DeformationPlayer),
     **BASELINES,
 }
 """What plays each method that moves Gaussians. A file with nothing but CANONICAL is static, whatever its method."""
 
-_BY_COLUMN = DeformationPlayer | SegmentedPlayer | PlayableSequence
-
+_BY_COLUMN = DeformationPlayer | PlayableSequence
 
 TIMES_KEPT = 4
 """Times a scene remembers: a render asks for the same one for every view layer, playback for its neighbours."""
@@ -94,10 +91,6 @@ def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
     if OPACITY_TRACKS in arrays and not len(arrays[OPACITY_TRACKS]):
         del arrays[OPACITY_TRACKS]
     moving = len(arrays.get("embeddings", ())) + len(arrays.get(OPACITY_TRACKS, ()))
-    if SEGMENTS in header.model:
-        segments = selected(segments_of(header.model), kept)
-        header = replace(header, model={**header.model, SEGMENTS: [segment.to_json() for segment in segments]})
-        moving += sum(segment.still for segment in segments)
     if "embeddings" in arrays and not moving:
         arrays = {name: arrays[name] for name in CANONICAL}
         header = replace(header, model={})

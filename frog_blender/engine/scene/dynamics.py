@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from .header import SHAPE_DYNAMIC
 from .scene_file import OPACITY_TRACKS, SceneFile
-from .segments import segments_of
 
 
 class Dynamics(IntFlag):
     """What changes over time. Gaussians lie in a file by descending flags, so that each kind is one range of rows.
 
     Attributes:
-        OPACITY: by the network, or, where nothing else changes, by a track or with a segment.
+        OPACITY: by the network, or, where nothing else changes, by a track.
         POSITION: by the network, and colour with it.
         SHAPE: rotation and scale, by the network.
     """
@@ -36,7 +35,6 @@ ALL_CHANGES = KEEPS_SHAPE | Dynamics.SHAPE
 def dynamics_of(scene: SceneFile) -> NDArray[np.uint8]:
     """(N,) the flags of each Gaussian of a scene of FRoG's, descending."""
     count, deformed, fading = (len(scene.arrays.get(name, ())) for name in ("means", "embeddings", OPACITY_TRACKS))
-    fading += sum(segment.still for segment in segments_of(scene.header.model))
     turning = scene.header.model.get(SHAPE_DYNAMIC, deformed)
     kinds = np.array([ALL_CHANGES, KEEPS_SHAPE, ONLY_FADES, STATIC], np.uint8)
     return np.repeat(kinds, [turning, deformed - turning, fading, count - deformed - fading])

@@ -12,7 +12,7 @@ from ..capture.camera_motion import cameras_move
 from ..capture.masking import EVERY_MASK, MaskSettings
 from ..capture.world import FILES_OWN, World
 from ..errors import brief
-from ..field.names import FIELD_METHODS, METHODS, SEQUENCE
+from ..field.names import METHODS, SEQUENCE
 from ..io.plain_values import (
     JsonMapping,
     JsonObject,
@@ -27,7 +27,6 @@ from ..io.plain_values import (
     whole,
 )
 from .compression_report import readable_report
-from .segments import frames_of, segments_of
 
 FORMAT_VERSION = 1
 SHAPE_DYNAMIC = "reshaped"
@@ -150,10 +149,6 @@ class SceneHeader:
         )
         if len(header.cameras) > MOST_STANDING and not header.is_moving:
             raise UnfitValue(f"{len(header.cameras)} cameras that do not move", f"at most {MOST_STANDING}")
-        segments = segments_of(header.model)
-        if segments and (method not in FIELD_METHODS or frames_of(segments) != header.frame_count):
-            found = f"segments of {frames_of(segments)} frames in a scene of {header.frame_count} by {method}"
-            raise UnfitValue(found, f"as many frames, by {' or '.join(FIELD_METHODS)}")
         return header
 
 

@@ -92,7 +92,7 @@ def _remove(context: CompressionContext, num_excess: Callable[[], int], saved: C
     psnr = context.evaluator().now
     while number > 0:
         measured = context.measure(context.sample_views(generator, settings.num_budget_views), generator)
-        removed = gaussians.without_fixed(measured.energy.argsort())[:number]
+        removed = measured.energy.argsort()[:number]
         if not len(removed):
             break
         gaussians.keep(mask_excluding(removed, gaussians.count).nonzero().squeeze(1))

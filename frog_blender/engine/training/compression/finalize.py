@@ -23,7 +23,6 @@ from ...scene.header import SHAPE_DYNAMIC
 from ...scene.morton_order import morton_order_by_range
 from ...scene.quantization import unpack
 from ...scene.scene_file import VISIBILITY, SceneFile, packed_arrays
-from ...scene.segments import SEGMENTS
 from .context import CompressionContext, CompressionStep
 from .settings import DEFAULT
 
@@ -52,8 +51,7 @@ def reorder_for_playback(
 
 def in_groups(scene: SceneFile) -> bool:
     """Whether playback deforms Gaussians of the scene in groups (see playback.visibility), and it is FRoG's."""
-    header = scene.header
-    moves = len(scene.arrays.get("embeddings", ())) and SEGMENTS not in header.model
+    moves, header = len(scene.arrays.get("embeddings", ())), scene.header
     return bool(moves and header.method == "frog" and not header.model["head_width"])
 
 

@@ -34,14 +34,11 @@ def prune(context: CompressionContext, evaluator: ValidationEvaluator, measured:
     count, recipe = gaussians.count, training.recipe
     forced = count - recipe.kept_at_most
     order = (measured.energy if forced > 0 and recipe.kept_gaussians else measured.contribution).argsort()
-    order = gaussians.without_fixed(order)
-    if not len(order):
-        return
     yield replace(
         _pruning(context, evaluator, order),
         allowed=settings.max_prune_loss,
         expected=evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]]),
-        forced=min(forced, len(order)),
+        forced=forced,
     )
 
 
@@ -58,8 +55,6 @@ def prune_unmissed(
     shots = spread(capture.train_indices, settings.num_weight_views)
     faint = peak_weights(context.gaussians_at, capture, shots) < settings.unmissed_weight
     faint &= measured.energy < evaluator.energy_of(settings.max_unmissed_loss)
-    if gaussians.fixed is not None:
-        faint &= ~gaussians.fixed.mask
     drawn = context.gaussians_at(0.5)
     hidden = drawn.opacities * drawn.scales.sort(1).values[:, 1:].prod(1)
     loss = measured.energy / hidden.clamp(min=torch.finfo(hidden.dtype).tiny)
@@ -100,8 +95,6 @@ def reduce_sh_degree(context: CompressionContext, evaluator: ValidationEvaluator
     """The highest degrees of spherical harmonics, one after the other, within one tolerance for all together."""
     training, gaussians = context.training, context.training.gaussians
     allowed = context.settings.max_sh_loss
-    if gaussians.fixed is not None:  # whose colours stay
-        return
 
     def degree() -> int:
         return math.isqrt(gaussians.canonical.sh.shape[1]) - 1

@@ -83,7 +83,7 @@ class DensificationStrategy(Statistics):
 
     def __init__(self, gaussians: GaussianState, recipe: Recipe, scene_scale: float) -> None:
         self.recipe = recipe
-        self._gaussians, self._canonical, self._scene_scale = gaussians, gaussians.canonical, scene_scale
+        self._canonical, self._scene_scale = gaussians.canonical, scene_scale
         for name, first in COLLECTED.items():
             setattr(self, name, torch.full((gaussians.count,), first, device=gaussians.device))
         gaussians.register(self)
@@ -110,8 +110,6 @@ class DensificationStrategy(Statistics):
         """Indices of at most ``count`` Gaussians, of all or ``among`` (N,), that may be replaced: those of the least
         blending weights, all below the recipe's ``replaced_below``."""
         weights = self.peak_weight if among is None else torch.where(among, self.peak_weight, torch.inf)
-        if self._gaussians.fixed is not None:
-            weights = weights.masked_fill(self._gaussians.fixed.mask, torch.inf)
         least = weights.topk(min(max(count, 0), len(weights)), largest=False)
         return least.indices[least.values < self.recipe.replaced_below]
 
@@ -122,10 +120,8 @@ class DensificationStrategy(Statistics):
         # What is seen at one time only is nearly transparent in the canonical field, and must stay.
         keep = self.peak_opacity > recipe.prune_opacity
         keep |= ~keep.any()  # never everything
-        if gaussians.fixed is not None:
-            keep |= gaussians.fixed.mask
         gradient = self.gradient_sum / self.seen.clamp(min=1)
-        candidates = gaussians.without_fixed(((gradient > recipe.densify_threshold) & keep).nonzero().squeeze(1))
+        candidates = ((gradient > recipe.densify_threshold) & keep).nonzero().squeeze(1)
         wanted = min(recipe.num_new(count, recipe.densify_growth, _GROWTH_WHILE_FEW), len(candidates))
         chosen = candidates[gradient[candidates].topk(wanted).indices]
         room = max(limit - int(keep.sum()), 0)

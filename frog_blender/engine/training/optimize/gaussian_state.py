@@ -13,7 +13,6 @@ from ...model.deformation import UNITS
 from ...model.frog import Frog
 from ...model.interface import SceneModel
 from ..recipe import Recipe
-from .fixed_gaussians import FixedGaussians
 from .optimizer import SceneOptimizer
 from .stateful import Tensors, Values, expect
 
@@ -57,7 +56,6 @@ class GaussianState:
     Attributes:
         model: the same.
         optimizer: of all the model's parameters.
-        fixed: Gaussians that stay as they are; None where all may change.
     """
 
     def __init__(self, model: SceneModel, recipe: Recipe, scene_scale: float) -> None:
@@ -65,7 +63,6 @@ class GaussianState:
         self._recipe, self._scene_scale = recipe, scene_scale
         self.optimizer = SceneOptimizer(model, recipe, scene_scale)
         self._followers: list[RowFollower] = []
-        self.fixed: FixedGaussians | None = None
 
     @property
     def canonical(self) -> CanonicalField:
@@ -108,26 +105,9 @@ class GaussianState:
         fresh = dynamic >= before
         dynamic = torch.where(fresh, before - 1 + fresh.cumsum(0), dynamic)
         self.optimizer.reindex(indices, dynamic, new or {})
-        if self.fixed is not None:
-            self.fixed.reindex(indices)
         change = Reindexing(indices, dynamic, count, before, self.canonical, resample)
         for follower in self._followers:
             follower.reindex(change)
-
-    def add_fixed(self, values: Tensors) -> None:
-        """Adds static Gaussians, (F, ...) by attribute but embeddings, that stay as they are; once in a training."""
-        count, added = self.count, len(values["means"])
-        self.reindex(torch.arange(count + added, device=self.device), self.num_dynamic, values)
-        self.fixed = FixedGaussians(self.canonical, values)
-
-    def restore_fixed(self) -> None:
-        """Takes back what a step did to those that stay as they are."""
-        if self.fixed is not None:
-            self.fixed.restore()
-
-    def without_fixed(self, indices: torch.Tensor) -> torch.Tensor:
-        """Those of some Gaussians that may change, in their order."""
-        return indices if self.fixed is None else indices[~self.fixed.mask[indices]]
 
     def keep(self, indices: torch.Tensor) -> None:
         """Removes all but some Gaussians (indices, ascending)."""
@@ -156,7 +136,6 @@ class GaussianState:
         """See Stateful."""
         tensors = {f"model.{name}": value for name, value in self.model.state_dict().items()}
         values = {"rate_factor": self.optimizer.rate_factor}
-        tensors |= self.fixed.state() if self.fixed is not None else {}
         return tensors | self.optimizer.state_arrays(), values
 
     def load_state(self, tensors: Tensors, values: Values) -> None:
@@ -166,8 +145,6 @@ class GaussianState:
             setattr(model.canonical, name, nn.Parameter(attribute))
         if isinstance(model, Frog):
             _set_width(tensors, model, self._recipe.hidden_width)
-        if self.fixed is not None:
-            self.fixed.load_state(tensors)
         model.load_state_dict({name[6:]: value for name, value in tensors.items() if name.startswith("model.")})
         model.zero_grad(set_to_none=True)
         self.optimizer = SceneOptimizer(model, self._recipe, self._scene_scale)

@@ -51,8 +51,6 @@ class HullPruning(Hook):
         if not self._due.due(before, now) or not self._hull.frames:
             return
         keep = self.inside(training, strict=now >= _STRICT_FROM)
-        if training.gaussians.fixed is not None:
-            keep |= training.gaussians.fixed.mask
         if keep.any() and not keep.all():
             training.gaussians.keep(keep.nonzero().squeeze(1))
 

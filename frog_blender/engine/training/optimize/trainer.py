@@ -326,7 +326,6 @@ class Trainer(TrainingImages):
         if self.recipe.size_weight:
             add_size_gradient(self.gaussians.canonical, self.recipe.size_weight, self.scene_scale)
         self.optimizer.step()
-        self.gaussians.restore_fixed()
         for view, found in zip(views, passes, strict=True):
             if self.poses and found.pose is not None:
                 self.poses.observe(view.index, found.pose, progress)
@@ -385,7 +384,6 @@ class Trainer(TrainingImages):
             self._grow(before, now, shot)
         if self.recipe.size_limit and self._limit_sizes.due(before, now):
             limit_sizes(self.gaussians.canonical, self.capture, self.recipe.size_limit, _NEAREST * self.scene_scale)
-            self.gaussians.restore_fixed()
         for hook in list(self.hooks):
             hook.after_step(self, before, now)
         self._exclude_validation()

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...arrays import SceneArrays
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.masking import MaskSettings
@@ -50,11 +49,9 @@ class TrainingJob:
         lossless: write every number as it is; otherwise numbers are quantized where that is not visible.
         max_bytes: upper limit of the file's size; only with the recipe's capacity "auto".
         device: "auto", "cpu" or "cuda", see ``choose_device``; a resume may choose another.
-        opened: the capture itself, where it is not what ``open_capture`` makes of the folder (a segment, a protocol's
-            own split).
+        opened: the capture itself, where it is not what ``open_capture`` makes of the folder (a protocol's own
+            split).
         seeds: the seed points, where they are known; None finds them in the images.
-        shared: canonical arrays of static Gaussians that are drawn with and stay as they are, see
-            ``shared_gaussians``; None for none.
         event_seconds: between progress events, at least.
         evaluated_shots: images that each evaluation during the training looks at, at most.
         save_seconds: between checkpoints: the most that a killed training loses.
@@ -85,7 +82,6 @@ class TrainingJob:
     max_bytes: int | None = None
     opened: Capture | None = None
     seeds: Seeds | None = None
-    shared: SceneArrays | None = None
     event_seconds: float = 0.5
     evaluated_shots: int = 6
     save_seconds: float = 180.0

@@ -80,11 +80,7 @@ class Recovery(Hook):
         training.limit_gaussians(limit)
         gaussians = training.gaussians
         if gaussians.count > limit:
-            opacities, kept = gaussians.canonical.opacity_logits.detach(), limit
-            if gaussians.fixed is not None:
-                opacities = opacities.masked_fill(gaussians.fixed.mask, torch.inf)
-                kept = max(limit, len(gaussians.fixed))
-            gaussians.keep(opacities.topk(kept).indices.sort().values)
+            gaussians.keep(gaussians.canonical.opacity_logits.detach().topk(limit).indices.sort().values)
         gc.collect()
         if gaussians.device.type == "cuda":
             torch.cuda.empty_cache()

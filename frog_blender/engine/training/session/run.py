@@ -40,7 +40,6 @@ from .output_lock import lock_output
 from .output_paths import check_unused, checkpoint_path
 from .resume import restore_job
 from .session import Session
-from .shared_gaussians import SharedGaussians, unexplained
 from .time_estimate import PhaseClock, Workload
 
 
@@ -170,8 +169,7 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
 def hooks_of(job: TrainingJob, capture: Capture, store: FrameStore) -> list[Hook]:
     """What a training does besides its steps."""
     compression = compression_hooks(job.recipe, job.method, capture, job.seed, job.compression)
-    shared = [SharedGaussians(job.shared)] if job.shared is not None else []
-    return [*shared, *compression, *hull_hooks(capture, store)]
+    return [*compression, *hull_hooks(capture, store)]
 
 
 def seeds_of(
@@ -189,7 +187,7 @@ def seeds_of(
         return job.seeds
     limit = min(job.recipe.seed_gaussians, room_for_subject(capture, store, job.recipe.max_gaussians))
     recipe = fit_to(method_named(job.method).adapt(job.recipe), capture)
-    seeds = stored_seeds(
+    return stored_seeds(
         capture,
         store,
         count_limit=limit,
@@ -198,7 +196,6 @@ def seeds_of(
         num_moments=recipe.moments_for(capture.frame_count, len(capture.train_shots)),
         progress=report,
     )
-    return seeds if job.shared is None else unexplained(seeds, capture, store, job.shared)
 
 
 def _check_output(output: Path) -> None:
