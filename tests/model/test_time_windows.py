@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.model.deformation import UNITS
 from frog_blender.engine.model.frog import Frog, FrogSettings
 from frog_blender.engine.model.interface import ScheduleState
 from frog_blender.engine.model.time_windows import COLUMNS, can_open, has_windows, keep_apart, open_windows
@@ -93,19 +92,6 @@ def test_learning_leaves_the_windows_apart() -> None:
     assert not field.output_weight[others, 0].any() and float(field.output_weight[~others, 0]) != rise
     hidden = field.hidden(model.temporal_embedding(0.3), embeddings)
     assert not hidden[:30, 0].any() and hidden[30:, 0].any()
-
-
-def test_a_network_that_is_narrowed_keeps_its_windows() -> None:
-    model = model_of(0)
-    open_windows(model, torch.linspace(0, 1, COUNT))
-    before = opacities(model)
-    units = torch.tensor([0, 3, 4, 9])
-    model.set_width(
-        {name: array.detach().index_select(UNITS[name], units) for name, array in model.deformation.unit_arrays.items()}
-    )
-    keep_apart(model)
-    assert has_windows(model)
-    torch.testing.assert_close(opacities(model), before)
 
 
 def test_nobody_with_a_time_changes_nothing() -> None:

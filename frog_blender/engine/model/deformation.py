@@ -16,9 +16,6 @@ from torch import nn
 
 from ..field.output_layout import output_sizes
 
-UNITS = {"embedding_weight": 0, "temporal_weight": 0, "bias": 0, "modulation_weight": 0, "output_weight": 1}
-"""The dimension along which the first layer's units lie in each array of a network that can be narrowed."""
-
 
 def _uniform(bound: float, *shape: int) -> nn.Parameter:
     """On the CPU, whose generator draws the same numbers wherever the model goes afterwards."""
@@ -67,16 +64,6 @@ class DeformationField(nn.Module):
         # Zero outputs: training starts from the undeformed scene.
         self.output_weight = nn.Parameter(torch.zeros(outputs, networks * (head_width or hidden_width), device="cpu"))
         self.output_bias = nn.Parameter(torch.zeros(outputs, device="cpu"))
-
-    @property
-    def can_narrow(self) -> bool:
-        """True where the outputs read the one first layer."""
-        return self.networks == 1 and not self.head_width
-
-    @property
-    def unit_arrays(self) -> dict[str, nn.Parameter]:
-        """The arrays of ``UNITS`` that this network has."""
-        return {name: getattr(self, name) for name in UNITS if hasattr(self, name)}
 
     def hidden(self, temporal: torch.Tensor, embeddings: torch.Tensor) -> torch.Tensor:
         """(N, networks * hidden) the first layer's units."""

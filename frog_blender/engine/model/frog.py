@@ -118,20 +118,6 @@ class Frog(SceneModel):
             parameter[rows] = 0
             parameter.register_hook(without_opacity)
 
-    def set_width(self, arrays: dict[str, torch.Tensor]) -> None:
-        """Gives the first layer of a field that ``can_narrow`` other units.
-
-        Whoever holds the old parameters, as an optimiser does, has to follow.
-
-        Args:
-            arrays: the field's, by the names in ``deformation.UNITS``, of any one number of units.
-        """
-        for name, values in arrays.items():
-            setattr(self.deformation, name, nn.Parameter(values))
-        if not self.settings.deformed_opacity:
-            self._silence_opacity()
-        self.settings = replace(self.settings, hidden_width=len(self.deformation.bias))
-
     @property
     def opacity_form(self) -> str:
         """The opacity reduction; none where opacities do not deform."""

@@ -32,7 +32,8 @@ def can_open(model: Frog) -> bool:
         settings.modulation
         and settings.deformed_opacity
         and settings.embedding_size > COLUMNS
-        and model.deformation.can_narrow
+        and model.deformation.networks == 1
+        and not settings.head_width
     )
 
 

@@ -14,7 +14,6 @@ class StepKind(StrEnum):
     FREEZE = "put to rest"
     UNFREEZE = "woken"
     SH_DEGREE = "SH degree"
-    NETWORK_WIDTH = "network width"
     ONLY_FADE = "only fade"
     KEEP_SHAPE = "keep their shape"
     VISIBILITY = "unseen left out"
@@ -36,7 +35,6 @@ _LABELS = {
     StepKind.FREEZE: ("freeze", "dynamic Gaussians"),
     StepKind.UNFREEZE: ("unfreeze", "dynamic Gaussians"),
     StepKind.SH_DEGREE: ("reduce SH degree", ""),
-    StepKind.NETWORK_WIDTH: ("narrow the network", "hidden units"),
     StepKind.ONLY_FADE: ("freeze all but opacity", "deformed Gaussians"),
     StepKind.KEEP_SHAPE: ("freeze shape", "Gaussians of dynamic shape"),
     StepKind.VISIBILITY: ("skip invisible groups", "Gaussians deformed a frame"),

@@ -104,8 +104,7 @@ def test_a_budget_that_one_gaussian_meets_is_met(make_trainer: Make) -> None:
 
 def test_a_budget_that_was_too_small_can_be_raised(filmed: Path, tmp_path: Path, lively: Callable) -> None:
     """A doubtful one is named before the training, which is not lost when it proves too small."""
-    nothing = {"max_width_loss": -100.0, "max_final_freeze_loss": -100.0}  # all of it stays
-    settings = CompressionSettings(**nothing, max_prune_loss=-100.0, max_freeze_loss=-100.0)
+    settings = CompressionSettings(max_final_freeze_loss=-100.0, max_prune_loss=-100.0, max_freeze_loss=-100.0)
     task = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(30, capacity="auto"), compression=settings)
     with pytest.raises(FrogError, match="expected at least") as refused:
         list(run_training(replace(task, max_bytes=100)))

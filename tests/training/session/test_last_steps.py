@@ -33,7 +33,7 @@ ERRORS = [
     MemoryError(),
 ]
 AT_THE_END = [
-    *((schedule, name) for name in ("freeze_motion", "prune_hidden_units")),
+    *((schedule, name) for name in ("prune_unmissed", "freeze_motion")),
     (CompressionContext, "mean_dynamic_state"),
     *((export, name) for name in ("freeze_attributes", "reorder_for_playback", "playback_steps")),
     *((loop, name) for name in ("fit_budget", "draw_report_image")),
@@ -101,7 +101,7 @@ def test_whatever_fails_at_the_end_costs_no_scene(
 
 
 def test_what_a_failed_milestone_did_is_undone(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The last thing that it does fails, after hidden units were pruned."""
+    """It fails after half of the Gaussians were pruned."""
     before: dict[str, torch.Tensor] = {}
 
     class Watched(Trainer):
@@ -111,14 +111,12 @@ def test_what_a_failed_milestone_did_is_undone(task: TrainingJob, monkeypatch: p
 
     def fails(context: CompressionContext, *_: Any) -> list[Proposal]:
         gaussians = context.training.gaussians
-        width = gaussians.model.settings.hidden_width
-        gaussians.optimizer.keep_units(gaussians.model, torch.arange(width // 2))
+        gaussians.keep(torch.arange(gaussians.count // 2, device=gaussians.device))
         raise RuntimeError("too late")
 
-    monkeypatch.setattr(schedule, "prune_hidden_units", fails)
+    monkeypatch.setattr(schedule, "prune_unmissed", fails)
     list(run_training(replace(task, lossless=True), trainer_type=Watched))
     scene = read_scene(task.output)
-    assert scene.header.model["hidden_width"] == task.recipe.hidden_width
     for name, value in before.items():
         name = name.removeprefix("canonical.").replace("deformation.", "network.")
         np.testing.assert_array_equal(scene.arrays[name], value.numpy())

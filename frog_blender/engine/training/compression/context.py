@@ -24,9 +24,6 @@ from .sensitivity import MOTION_ARRAYS, Motion, SampledView, Sensitivity, mean_s
 from .settings import DEFAULT, CompressionSettings
 from .validation import ValidationEvaluator, largest_count_within, validation_shots
 
-Change = Callable[[str, torch.Tensor], torch.Tensor]
-"""What stands in place of a model's tensor, by its name."""
-
 
 @dataclass(frozen=True)
 class CompressionStep:
@@ -204,15 +201,6 @@ class CompressionContext:
             return (played or self.gaussians_at)(capture.time_of(capture.shots[shot]))
 
         return ValidationEvaluator(capture, self.training.store, self.record.evaluated, gaussians_of)
-
-    def psnr_with(self, change: Change) -> float:
-        """On the validation images, with ``change(name, value)`` in place of the model's tensors."""
-        model = self.training.gaussians.model
-        kept = {name: value.clone() for name, value in model.state_dict().items()}
-        model.load_state_dict({name: change(name, value) for name, value in kept.items()})
-        changed = self.evaluator().now
-        model.load_state_dict(kept)
-        return changed
 
     def compress(self, evaluator: ValidationEvaluator, proposals: Iterable[Proposal]) -> None:
         """Takes as much of each proposal as the validation images allow, or as is forced, and logs it."""

@@ -1,8 +1,8 @@
-"""Model no more than a scene needs: with ``capacity="auto"`` a training prunes, freezes and shrinks at milestones.
+"""Model no more than a scene needs: with ``capacity="auto"`` a training prunes and freezes at milestones.
 
 A few training images are not learned from for a while: they are for validation. Each milestone measures what every
 Gaussian adds to images and how much of its motion can be seen, and takes as much as the validation images allow:
-Gaussians while steps can make up for them, motion and hidden units mostly at the end.
+Gaussians while steps can make up for them, motion mostly at the end.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from ..optimize.hooks import Hook, Training
 from ..optimize.stateful import Tensors, Values
 from ..recipe import Recipe
 from .context import CompressionContext, CompressionRecord
-from .network_pruning import prune_hidden_units
 from .passes import freeze_motion, freeze_static_regions, prune, prune_unmissed, reduce_sh_degree
 from .settings import DEFAULT, CompressionSettings, Milestone
 from .static_regions import is_static_capture
@@ -118,12 +117,9 @@ class CompressionSchedule(Hook):
         measured = context.measure(views, generator)
         self.record.motion = self.record.motion or measured.motion
         context.compress(evaluator, prune_unmissed(context, evaluator, measured))
-        if not context.num_dynamic:
-            return
-        if not _freezes_before_the_end(context):
+        if context.num_dynamic and not _freezes_before_the_end(context):
             self.record.mean_state = context.mean_dynamic_state(views)
             context.compress(evaluator, freeze_motion(context, evaluator, self.settings.max_final_freeze_loss))
-        context.compress(evaluator, prune_hidden_units(context, evaluator, views, generator))
 
 
 def _freezes_before_the_end(context: CompressionContext) -> bool:

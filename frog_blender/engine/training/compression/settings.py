@@ -20,8 +20,7 @@ class CompressionSettings:
 
     Attributes:
         max_freeze_loss, max_final_freeze_loss: for freezing motion: where steps make up for it, and at the end.
-        max_prune_loss, max_sh_loss, max_width_loss: for pruning Gaussians, reducing the SH degree and pruning hidden
-            units.
+        max_prune_loss, max_sh_loss: for pruning Gaussians and reducing the SH degree.
         max_unmissed_loss, unmissed_weight: at the end, for pruning what has no larger blending weight than that in any
             training image.
         max_fade_loss, max_shape_loss: for Gaussians that only fade, and for those that keep their shape.
@@ -34,7 +33,6 @@ class CompressionSettings:
         num_sensitivity_views, num_budget_views: views that sensitivity is measured on, without and with a budget: where
             Gaussians have to be weighed, few times and sides must be missed.
         num_weight_views: training images that blending weights are looked for in.
-        num_unit_views, num_unit_gaussians: for hidden units, and dynamic Gaussians in each view.
         num_training_views: training images that stand in for validation images, where there are none.
         min_fading, min_rigid: shares of the dynamic Gaussians below which another kind of Gaussian is not worth it.
         max_track_frames: opacity tracks of more frames take more bytes than embeddings.
@@ -48,7 +46,6 @@ class CompressionSettings:
     max_final_freeze_loss: float = 0.02
     max_prune_loss: float = 0.03
     max_sh_loss: float = 0.03
-    max_width_loss: float = 0.01
     max_unmissed_loss: float = 0.01
     max_fade_loss: float = 0.03
     max_shape_loss: float = 0.015
@@ -62,8 +59,6 @@ class CompressionSettings:
     num_sensitivity_views: int = 24
     num_budget_views: int = 72
     num_weight_views: int = 120
-    num_unit_views: int = 12
-    num_unit_gaussians: int = 2048
     num_training_views: int = 8
     min_fading: float = 0.1
     min_rigid: float = 0.25

@@ -9,8 +9,6 @@ import torch
 from torch import nn
 
 from ...model.canonical import ATTRIBUTES, CanonicalField
-from ...model.deformation import UNITS
-from ...model.frog import Frog
 from ...model.interface import SceneModel
 from ..recipe import Recipe
 from .optimizer import SceneOptimizer
@@ -143,8 +141,6 @@ class GaussianState:
         model = self.model
         for name, attribute in self._checked(tensors).items():
             setattr(model.canonical, name, nn.Parameter(attribute))
-        if isinstance(model, Frog):
-            _set_width(tensors, model, self._recipe.hidden_width)
         model.load_state_dict({name[6:]: value for name, value in tensors.items() if name.startswith("model.")})
         model.zero_grad(set_to_none=True)
         self.optimizer = SceneOptimizer(model, self._recipe, self._scene_scale)
@@ -162,22 +158,6 @@ class GaussianState:
         shapes = {"sh": (count, coefficients, 3), "embeddings": (num_dynamic, self.canonical.embeddings.shape[1])}
         shapes |= {"means": (count, 3), "log_scales": (count, 3), "quaternions": (count, 4), "opacity_logits": (count,)}
         return {name: expect(name, found[name], shapes[name]).to(self.device) for name in ATTRIBUTES}
-
-
-def _set_width(tensors: Tensors, model: Frog, most: int) -> None:
-    """Gives the model's first layer as many units as there are in ``tensors``: hidden units may have been pruned.
-    ValueError for more than ``most``."""
-    field = model.deformation
-    width = len(tensors["model.deformation.bias"])
-    if width == len(field.bias) or not field.can_narrow:
-        return
-    if not 1 <= width <= most:
-        raise ValueError(f"{width} hidden units")
-    arrays = {}
-    for name, old in field.unit_arrays.items():
-        shape = [width if at == UNITS[name] else size for at, size in enumerate(old.shape)]
-        arrays[name] = expect(name, tensors[f"model.deformation.{name}"], tuple(shape)).to(old.device)
-    model.set_width(arrays)
 
 
 def _filled(places: torch.Tensor, arrivals: torch.Tensor) -> torch.Tensor:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 import torch
 from torch import nn
 
 from ...model.canonical import ATTRIBUTES
-from ...model.deformation import UNITS
 from ...model.frog import Frog
 from ...model.interface import SceneModel
 from ...model.time_windows import has_windows, keep_apart
@@ -89,14 +87,6 @@ class SceneOptimizer:
         old = self._canonical.sh
         parameter = self._canonical.sh = nn.Parameter(old.detach()[:, :count].contiguous())
         self._exchange(old, parameter, lambda moment: moment[:, :count].contiguous())
-
-    def keep_units(self, model: Frog, units: torch.Tensor) -> None:
-        """Keeps the units ``units`` (indices, ascending) of the deformation field's first layer."""
-        field = model.deformation
-        old = field.unit_arrays
-        model.set_width({name: array.detach().index_select(UNITS[name], units) for name, array in old.items()})
-        for name, array in old.items():
-            self._exchange(array, getattr(field, name), partial(torch.index_select, dim=UNITS[name], index=units))
 
     def _replace(self, name: str, kept: torch.Tensor, new: torch.Tensor | None) -> None:
         """An attribute becomes the rows ``kept`` of its own with the ``new`` ones after them, whose moments are zero.
