@@ -20,7 +20,6 @@ import numpy as np
 
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
-from frog_blender.engine.scene.header import SHAPE_DYNAMIC
 from frog_blender.engine.scene.morton_order import morton_order_by_range
 from frog_blender.engine.scene.quantization import BITS, pack, unpack
 from frog_blender.engine.scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
@@ -36,11 +35,7 @@ def main() -> None:
     options = parser.parse_args()
     for path in options.scenes:
         scene = read_scene(path)
-        if (
-            not scene.header.cameras
-            or {VISIBILITY, OPACITY_TRACKS} & scene.arrays.keys()
-            or SHAPE_DYNAMIC in scene.header.model
-        ):
+        if not scene.header.cameras or {VISIBILITY, OPACITY_TRACKS} & scene.arrays.keys():
             parser.error(f"{path}: expected a scene with cameras, of a training with --capacity fixed")
         for share in options.shares:
             found = [measured(strayed(scene, share, seed)) for seed in range(options.seeds if share else 1)]

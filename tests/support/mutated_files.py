@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 from fuzzing.mutating import cut, flipped, in_the_header, lying, torn
 from support.builders import plain_camera
-from support.played_scenes import spared
+from support.played_scenes import fading
 from support.synthetic_capture import FRAMES, HEIGHT, WIDTH, seeds, write_capture
 
 from frog_blender.engine.capture.readers import open_capture
@@ -157,7 +157,7 @@ class Bakes(Kind):
 
     def __init__(self, folder: Path) -> None:
         self.path, self._source = folder / "x.frogbake", folder / "x.frog"
-        write_scene(self._source, spared())
+        write_scene(self._source, fading())
         self._scene = ScenePlayer.load(self._source)
         list(write_bake(self.path, self._source, self._scene, [0.0, 0.5, 1.0]))
         self.whole = [self.path.read_bytes()]

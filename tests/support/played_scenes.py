@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from support.builders import ATTRIBUTES, scene_file
@@ -50,16 +49,15 @@ def flickering(count: int = 300, **model: object) -> SceneFile:
     return SceneFile(scene.header, arrays)
 
 
-def spared(num_shape_dynamic: int = 50, fleeting: bool = False, **model: object) -> SceneFile:
-    """200 Gaussians: 120 deformed, the first ``num_shape_dynamic`` in their shape too, 40 that only fade, 40 static.
+def fading(fleeting: bool = False, **model: object) -> SceneFile:
+    """200 Gaussians: 120 deformed, 40 that only fade, 40 static.
 
     Args:
         fleeting: those that are deformed are transparent at most times.
     """
     plain = flickering(200, moving=120, **model) if fleeting else scene_file(200, moving=120, modulation=True, **model)
     tracks = np.random.default_rng(0).integers(0, 256, (40, plain.header.frame_count)).astype(np.uint8)
-    header = replace(plain.header, model=plain.header.model | {"reshaped": num_shape_dynamic})
-    return SceneFile(header, plain.arrays | {"fades": tracks})
+    return SceneFile(plain.header, plain.arrays | {"fades": tracks})
 
 
 def without_lifetimes(scene: SceneFile) -> SceneFile:

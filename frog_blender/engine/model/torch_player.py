@@ -19,7 +19,6 @@ from ..field.names import FIELD_METHODS
 from ..field.opacity_tracks import OpacityTracks
 from ..gaussians import TorchGaussians
 from ..rasterizer import rasterize
-from ..scene.header import SHAPE_DYNAMIC
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile
 from .canonical import ATTRIBUTES, CanonicalField
 from .frog import Frog, FrogSettings
@@ -52,7 +51,6 @@ class TorchScenePlayer:
             raise FrogError(f"Found a scene of the method {scene.header.method!r}, expected FRoG or E-D3DGS on a GPU.")
         self.header = scene.header
         self.model = model_of(scene).to(device)
-        self._reshaped = int(scene.header.model.get(SHAPE_DYNAMIC, self.model.canonical.num_dynamic))
         self._fades = OpacityTracks(scene.arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in scene.arrays else None
         if half is None and torch.device(device).type != "cpu":
             half = half_error(self.model) <= HALF_TOLERANCE
@@ -68,16 +66,11 @@ class TorchScenePlayer:
     def at(self, time: float) -> TorchGaussians:
         """Gaussians at a time in [0, 1] (clamped), activated; quaternions of any length."""
         time = min(max(float(time), 0.0), 1.0)
-        gaussians, canonical = _gaussians(self.model, time), self.model.canonical
-        still = slice(self._reshaped, canonical.num_dynamic)
-        gaussians.quaternions[still], gaussians.scales[still] = (
-            canonical.quaternions[still],
-            canonical.log_scales[still].exp(),
-        )
+        gaussians = _gaussians(self.model, time)
         if self._fades:
             opacities = np.empty(len(self._fades), np.float32)
             self._fades.at(time, opacities)
-            gaussians.opacities[canonical.num_dynamic :][: len(opacities)] = torch.from_numpy(opacities)
+            gaussians.opacities[self.model.canonical.num_dynamic :][: len(opacities)] = torch.from_numpy(opacities)
         return gaussians
 
     @torch.inference_mode()
@@ -116,8 +109,7 @@ def model_of(scene: SceneFile) -> Frog:
         for name, value in values.items()
     }
     try:
-        settings = {name: value for name, value in scene.header.model.items() if name != SHAPE_DYNAMIC}
-        model = Frog(CanonicalField(values), FrogSettings(**settings))
+        model = Frog(CanonicalField(values), FrogSettings(**scene.header.model))
         model.load_state_dict(state)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise FrogError(f"The scene cannot be played by torch ({str(error).splitlines()[0]}); use the CPU.") from error

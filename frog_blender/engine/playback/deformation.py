@@ -22,7 +22,6 @@ from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..native.deformation import FieldShape, PlaybackField
 from ..native.structs import Buffer
-from ..scene.header import SHAPE_DYNAMIC
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY
 from .buffer_pool import BufferPool
 from .canonical import canonical_gaussians
@@ -31,7 +30,6 @@ from .simd_layout import num_groups, pack_lanes, transpose_weights
 from .temporal import TemporalEmbedding, checked
 from .visibility import VisibilityMask
 
-_SHAPE = ("quaternions", "scales")
 _CANONICAL = ("means", "log_scales", "quaternions", "opacity_logits")
 
 
@@ -82,18 +80,6 @@ def _shape(model: JsonMapping, sh_count: int, networks: int) -> FieldShape:
     return FieldShape(head_width, sh_count, deformed, form, sharpness, share, unit, networks)
 
 
-def _reshaped(model: JsonMapping, deformed: int) -> int:
-    """ValueError for a number that cannot be, or with heads, which have no groups that could keep their shape."""
-    num_shape_dynamic = model.get(SHAPE_DYNAMIC, deformed)
-    if (
-        type(num_shape_dynamic) is not int
-        or not 0 <= num_shape_dynamic <= deformed
-        or (model["head_width"] and SHAPE_DYNAMIC in model)
-    ):
-        raise ValueError(f"{num_shape_dynamic!r} of its {deformed} deformed Gaussians turn and grow")
-    return num_shape_dynamic
-
-
 def _changing(arrays: SceneArrays, deformed: int) -> frozenset[str]:
     """The columns that some output of the network reaches."""
     reached = arrays["output_weight"].any(axis=1) | (arrays["output_bias"] != 0)
@@ -110,7 +96,7 @@ class DeformationPlayer:
     Attributes:
         num_dynamic: Gaussians that change in time, which come first.
         deformed: those of them that the network moves, which come first; the others have opacity tracks.
-        changing: the columns (see frame_delta) that change in time. A pruned head changes none.
+        changing: the columns (see frame_delta) that change in time. An output of zeros changes none.
         visibility: when groups of deformed Gaussians are visible; None where the file does not say.
     """
 
@@ -122,7 +108,6 @@ class DeformationPlayer:
             self.deformed = len(a["embeddings"])
             self.visibility = VisibilityMask(arrays[VISIBILITY], self.deformed) if VISIBILITY in arrays else None
             self._tracks = OpacityTracks(arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in arrays else None
-            self._reshaped = _reshaped(model, self.deformed)
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."
@@ -131,8 +116,6 @@ class DeformationPlayer:
         self.num_dynamic = self.deformed + (len(self._tracks) if self._tracks else 0)
         colors = self._shape.sh_deformed
         self.changing = _changing(a, colors) if self.deformed else frozenset()
-        if not self._reshaped:
-            self.changing -= set(_SHAPE)
         if self.visibility or self._tracks:
             self.changing |= {"base"}  # in which opacities are
         self._still = vars(canonical_gaussians(a))
@@ -147,8 +130,7 @@ class DeformationPlayer:
             a = {"means": a["means"], "groups": pack_lanes(a, kept), **transpose_weights(a)}
         # Of frames, which have all colours, and of parts, which have those that deform.
         self._field, self._part_field = (
-            PlaybackField(shape, a, kept, self._reshaped)
-            for shape in (self._shape, replace(self._shape, sh_active=colors))
+            PlaybackField(shape, a, kept) for shape in (self._shape, replace(self._shape, sh_active=colors))
         )
 
     def temporal(self, time: float) -> Array:
@@ -191,10 +173,9 @@ class DeformationPlayer:
         count, colors = self.num_dynamic, self._shape.sh_deformed
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (colors, 3)}
         moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
-        for name, values in moved.items():  # constant shapes, and Gaussians with opacity tracks
-            first = self._reshaped if name in _SHAPE else self.deformed
-            still = self._still[name][first:count]
-            values[first:] = still[:, :colors] if name == "sh" else still
+        for name, values in moved.items():  # Gaussians with opacity tracks
+            still = self._still[name][self.deformed : count]
+            values[self.deformed :] = still[:, :colors] if name == "sh" else still
         self._deform(self._part_field, time, moved)
         if not colors:
             moved["sh"] = self._still["sh"][:count]

@@ -21,7 +21,7 @@ from ..field.names import CANONICAL, FIELD_METHODS
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..scene.frame_rows import KEEPS_IDENTITY
-from ..scene.header import SHAPE_DYNAMIC, SceneHeader
+from ..scene.header import SceneHeader
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
 from .baselines import BASELINES
 from .buffer_pool import BufferPool
@@ -85,9 +85,6 @@ def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
     for name, rows in row_ranges(scene.arrays).items():
         own = kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start
         arrays[name] = np.take(arrays[name], own, axis=0)  # rows in one piece, which indexing does not see
-    if SHAPE_DYNAMIC in header.model:
-        num_shape_dynamic = int((kept < header.model[SHAPE_DYNAMIC]).sum())
-        header = replace(header, model={**header.model, SHAPE_DYNAMIC: num_shape_dynamic})
     if OPACITY_TRACKS in arrays and not len(arrays[OPACITY_TRACKS]):
         del arrays[OPACITY_TRACKS]
     moving = len(arrays.get("embeddings", ())) + len(arrays.get(OPACITY_TRACKS, ()))

@@ -15,7 +15,6 @@ class StepKind(StrEnum):
     UNFREEZE = "woken"
     SH_DEGREE = "SH degree"
     ONLY_FADE = "only fade"
-    KEEP_SHAPE = "keep their shape"
     VISIBILITY = "unseen left out"
     PACK = "packed"
 
@@ -36,7 +35,6 @@ _LABELS = {
     StepKind.UNFREEZE: ("unfreeze", "dynamic Gaussians"),
     StepKind.SH_DEGREE: ("reduce SH degree", ""),
     StepKind.ONLY_FADE: ("freeze all but opacity", "deformed Gaussians"),
-    StepKind.KEEP_SHAPE: ("freeze shape", "Gaussians of dynamic shape"),
     StepKind.VISIBILITY: ("skip invisible groups", "Gaussians deformed a frame"),
     StepKind.PACK: ("quantize", "bytes"),
 }

@@ -29,9 +29,6 @@ from ..io.plain_values import (
 from .compression_report import readable_report
 
 FORMAT_VERSION = 1
-SHAPE_DYNAMIC = "reshaped"
-"""The model setting that says how many of those that are deformed, the first, turn and grow; the others keep their
-shape. All of them where it is missing."""
 
 MAX_FRAMES = 1_048_574
 """Of a capture: where Blender's timeline ends, ten hours of film."""
@@ -132,7 +129,7 @@ class SceneHeader:
         header = cls(
             method=method,
             recipe=finite_entries(data["recipe"], "recipe"),
-            model=_model(data["model"]),
+            model=finite_entries(data["model"], "model"),
             **_filmed(data),
             frames_per_second=number(data["frames_per_second"], "frames_per_second", 1e-6, _FASTEST),
             background=(red, green, blue),
@@ -158,13 +155,6 @@ def _masks(value: object) -> MaskSettings:
     if not isinstance(found["use"], bool):
         raise UnfitValue(f"use of masks = {brief(found['use'])}", "true or false")
     return MaskSettings(found["use"], key)
-
-
-def _model(value: object) -> JsonObject:
-    """What is asked of a model by others than those who play it; these check what they need."""
-    model = finite_entries(value, "model")
-    whole(model.get(SHAPE_DYNAMIC, 0), SHAPE_DYNAMIC, 0, 2**31)
-    return model
 
 
 def _filmed(data: JsonObject) -> JsonObject:

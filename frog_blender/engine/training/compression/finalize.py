@@ -5,24 +5,20 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...field.names import CANONICAL
 from ...gaussians import TorchGaussians
 from ...playback.deformation import DeformationPlayer
 from ...playback.player import ScenePlayer, row_ranges
 from ...playback.visibility import mean_deformed_share, pack_group_bits, sort_by_visibility, visible_intervals
 from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind
-from ...scene.dynamics import ALL_CHANGES, KEEPS_SHAPE, Dynamics, dynamics_of, kind_bounds
-from ...scene.header import SHAPE_DYNAMIC
 from ...scene.morton_order import morton_order_by_range
 from ...scene.quantization import unpack
-from ...scene.scene_file import VISIBILITY, SceneFile, packed_arrays
+from ...scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, packed_arrays
 from .context import CompressionContext, CompressionStep
 from .settings import DEFAULT
 
@@ -37,14 +33,14 @@ def reorder_for_playback(
     When training is ``finished``, dynamic Gaussians that are visible at the same times come together, where that spares
     playback some of them; the array ``lifetimes`` says when (see playback.visibility).
     """
-    dynamics = dynamics_of(scene)
-    near = in_order(scene, morton_order_by_range(scene.arrays["means"], *kind_bounds(dynamics)))
+    count, deformed, fading = (len(scene.arrays.get(name, ())) for name in ("means", "embeddings", OPACITY_TRACKS))
+    bounds = sorted({deformed, deformed + fading} - {0, count})
+    near = in_order(scene, morton_order_by_range(scene.arrays["means"], *bounds))
     if not finished or not has_transients(near, max_visible):
         return near
-    lives, turning = _lives(near), int((dynamics == ALL_CHANGES).sum())
-    parts = sort_by_visibility(lives[:, :turning]), turning + sort_by_visibility(lives[:, turning:])
-    order = np.concatenate(parts)
-    found = in_order(near, np.concatenate([order, np.arange(len(order), len(near.arrays["means"]))]))
+    lives = _lives(near)
+    order = sort_by_visibility(lives)
+    found = in_order(near, np.concatenate([order, np.arange(len(order), count)]))
     lives = lives[:, order] | _lives(as_packed(found))  # whose opacities differ a little
     return SceneFile(scene.header, found.arrays | {VISIBILITY: pack_group_bits(lives)})
 
@@ -98,27 +94,10 @@ def _lives(scene: SceneFile) -> NDArray[np.bool_]:
 
 
 def in_order(scene: SceneFile, order: NDArray[np.int64]) -> SceneFile:
-    """Its Gaussians in ``order``, in which each kind of them (see scene.dynamics) stays in its place."""
+    """Its Gaussians in ``order``, in which deformed, fading and static ones stay in their places."""
     rows = row_ranges(scene.arrays)
     arrays = {n: array[order[rows[n]] - rows[n].start] if n in rows else array for n, array in scene.arrays.items()}
     return SceneFile(scene.header, arrays)
-
-
-def with_dynamics(scene: SceneFile, dynamics: NDArray[np.uint8]) -> SceneFile:
-    """The scene with less that changes, in the order that the flags ask for.
-
-    Args:
-        dynamics: (N,) flags. Of the Gaussians that were deformed, those that only fade are the first with opacity
-            tracks, in the order of theirs.
-    """
-    order, header = np.argsort(-dynamics.astype(int), kind="stable"), scene.header
-    arrays = {name: array[order] if name in CANONICAL else array for name, array in scene.arrays.items()}
-    deformed = order[(dynamics & Dynamics.POSITION)[order] > 0]
-    arrays["embeddings"] = arrays["embeddings"][deformed]
-    if (dynamics == KEEPS_SHAPE).any():
-        turning = int((dynamics == ALL_CHANGES).sum())
-        header = replace(header, model={**header.model, SHAPE_DYNAMIC: turning})
-    return SceneFile(header, arrays)
 
 
 def num_bytes(scene: SceneFile) -> int:

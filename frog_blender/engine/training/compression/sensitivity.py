@@ -23,11 +23,11 @@ from ..optimize.mattes import Mattes
 PIXELS_OF_A_CHANGE = 64.0
 """A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth
 of the range changes about as much as a whole Gaussian by a hundredth of it."""
-MOTION_ARRAYS = ("score", "rest_energy", "fade_energy", "shape_energy")
+MOTION_ARRAYS = ("score", "rest_energy", "fade_energy")
 """Attributes of ``Motion``, as checkpoints name them."""
 _ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
-STATE, SHAPE = ("means", "quaternions", "scales", "sh"), ("quaternions", "scales")
-"""Attributes but opacity, and those that a Gaussian's shape is."""
+STATE = ("means", "quaternions", "scales", "sh")
+"""Attributes but opacity."""
 FAINT = 1e-4
 """Least opacity where states are weighted by it: Gaussians that are never seen have a state, too."""
 
@@ -65,14 +65,12 @@ class Motion:
             colour and opacity, each times their blending weight in the view where that is most.
         rest_energy: (M,) the mean over the views of the sum of squares over pixels and channels by which an image
             would change, to first order, if this Gaussian alone were in its mean state.
-        fade_energy, shape_energy: (M,) the same, if it were as in the mean over the times at which it is seen: all but
-            its opacity, or its SHAPE alone.
+        fade_energy: (M,) the same, if all but its opacity were as in the mean over the times at which it is seen.
     """
 
     score: torch.Tensor
     rest_energy: torch.Tensor
     fade_energy: torch.Tensor
-    shape_energy: torch.Tensor
 
     def select(self, rows: torch.Tensor) -> Motion:
         """Of some of the Gaussians (indices, or a mask) alone."""
@@ -138,7 +136,7 @@ def measure(
     """
     ranges = {name: _Range() for name in _ATTRIBUTES}
     seen, total = {name: _Range() for name in STATE}, _Range()
-    contribution, energy, rest_energy, fade_energy, shape_energy, weight, reach = (_Range() for _ in range(7))
+    contribution, energy, rest_energy, fade_energy, weight, reach = (_Range() for _ in range(6))
     with torch.no_grad():
         for view in views:
             gaussians = gaussians_at(view.time)
@@ -163,11 +161,10 @@ def measure(
         energy.add(change.square())
         rest_energy.add(_squares(gaussians, slopes, mean))
         fade_energy.add(_squares(gaussians, slopes, mean_seen))
-        shape_energy.add(_squares(gaussians, slopes, {name: mean_seen[name] for name in SHAPE}))
         weight.add(image.max_weights[:num_dynamic])
         reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:num_dynamic])
     score = _score(ranges, weight.largest, reach.largest)
-    motion = Motion(score, rest_energy.mean, fade_energy.mean, shape_energy.mean)
+    motion = Motion(score, rest_energy.mean, fade_energy.mean)
     return Sensitivity(motion, contribution.largest, energy.mean, canonical_state(mean))
 
 

@@ -23,7 +23,7 @@ class CompressionSettings:
         max_prune_loss, max_sh_loss: for pruning Gaussians and reducing the SH degree.
         max_unmissed_loss, unmissed_weight: at the end, for pruning what has no larger blending weight than that in any
             training image.
-        max_fade_loss, max_shape_loss: for Gaussians that only fade, and for those that keep their shape.
+        max_fade_loss: for Gaussians that only fade.
         max_packing_loss: above which a file is not packed.
         freeze_score, freeze_all_score: score (see ``Motion``) below which motion may be frozen; and below which all may
             be, if no score is above.
@@ -34,7 +34,7 @@ class CompressionSettings:
             Gaussians have to be weighed, few times and sides must be missed.
         num_weight_views: training images that blending weights are looked for in.
         num_training_views: training images that stand in for validation images, where there are none.
-        min_fading, min_rigid: shares of the dynamic Gaussians below which another kind of Gaussian is not worth it.
+        min_fading: share of the dynamic Gaussians below which such a kind is not worth it.
         max_track_frames: opacity tracks of more frames take more bytes than embeddings.
         num_mean_frames: frames that a mean state is taken over, at most.
         max_visible: share of the groups of dynamic Gaussians, above which lifetimes save nothing.
@@ -48,7 +48,6 @@ class CompressionSettings:
     max_sh_loss: float = 0.03
     max_unmissed_loss: float = 0.01
     max_fade_loss: float = 0.03
-    max_shape_loss: float = 0.015
     max_packing_loss: float = 0.05
     unmissed_weight: float = 0.1
     freeze_score: float = 4.0
@@ -61,7 +60,6 @@ class CompressionSettings:
     num_weight_views: int = 120
     num_training_views: int = 8
     min_fading: float = 0.1
-    min_rigid: float = 0.25
     max_track_frames: int = 256
     num_mean_frames: int = 32
     max_visible: float = 0.9

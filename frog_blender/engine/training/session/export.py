@@ -25,9 +25,9 @@ from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
 from ..compression.context import CompressionContext, CompressionStep
+from ..compression.fading import freeze_all_but_opacity
 from ..compression.finalize import playback_steps, played_by, reorder_for_playback
 from ..compression.schedule import compression_of
-from ..compression.static_attributes import freeze_attributes
 from ..optimize.gaussian_state import GaussianState
 from .session import Session
 
@@ -177,7 +177,8 @@ def _compact(session: Session, compression: CompressionContext, metrics: Metrics
     trainer, budget = session.trainer, session.job.max_bytes
     scene, steps = _scene(session, metrics), list[CompressionStep]()
     if trainer.finished and not budget:  # which the scene fits as it is
-        scene, steps = freeze_attributes(compression, scene)
+        scene, step = freeze_all_but_opacity(compression, scene)
+        steps += [step] if step else []
     scene = reorder_for_playback(scene, trainer.finished, compression.settings.max_visible)
     if steps and "psnr" in metrics:  # measured again, of what is written
         psnr, _ = trainer.evaluate(EVALUATED_SHOTS, played_by(ScenePlayer(scene), trainer.device))

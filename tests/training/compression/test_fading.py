@@ -1,4 +1,4 @@
-"""What need not change of those that move is found at the end of a training, and costs what it may."""
+"""Gaussians that need no more than their opacity are found at the end of a training, and cost what they may."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.compression_report import reduction_line
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
-from frog_blender.engine.training.compression import static_attributes
+from frog_blender.engine.training.compression import fading
 from frog_blender.engine.training.compression.context import CompressionContext
+from frog_blender.engine.training.compression.fading import freeze_all_but_opacity, seen_state, with_tracks
 from frog_blender.engine.training.compression.finalize import played_by
 from frog_blender.engine.training.compression.sensitivity import Motion
 from frog_blender.engine.training.compression.settings import CompressionSettings
-from frog_blender.engine.training.compression.static_attributes import freeze_attributes, seen_state
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.export import build_scene
 from frog_blender.engine.training.session.job import TrainingJob
@@ -51,10 +51,9 @@ def psnr(trainer: Trainer, scene: SceneFile) -> float:
     return compression(trainer).evaluator(played=played_by(ScenePlayer(scene), trainer.device)).now
 
 
-def allowing(fading: float, shape: float, **settings: float) -> CompressionSettings:
+def allowing(loss: float, **settings: float) -> CompressionSettings:
     """However few it is for, and in scenes of which nothing comes and goes."""
-    always = {"min_fading": 0.0, "min_rigid": 0.0, "max_visible": 2.0}
-    return CompressionSettings(max_fade_loss=fading, max_shape_loss=shape, **{**always, **settings})
+    return CompressionSettings(max_fade_loss=loss, **{"min_fading": 0.0, "max_visible": 2.0, **settings})
 
 
 def context_of(trainer: Trainer, settings: CompressionSettings) -> CompressionContext:
@@ -68,37 +67,41 @@ def having_measured(context: CompressionContext, motion: Motion | None) -> Compr
     return replace(context, record=record)
 
 
-@pytest.mark.parametrize(("fading", "shape"), [(0.05, 0.05), (1e9, 0.05), (-1.0, 1e9)])
-def test_it_costs_what_is_said_and_no_more_than_allowed(finished: Trainer, fading: float, shape: float) -> None:
+@pytest.mark.parametrize("allowed", [0.05, 1e9])
+def test_it_costs_what_is_said_and_no_more_than_allowed(finished: Trainer, allowed: float) -> None:
     before = scene_of(finished)
-    found, reductions = freeze_attributes(context_of(finished, allowing(fading, shape)), before)
+    found, step = freeze_all_but_opacity(context_of(finished, allowing(allowed)), before)
     playable, whole = ScenePlayer(found), ScenePlayer(before)
     assert (playable.count, playable.num_dynamic) == (whole.count, whole.num_dynamic)
-    lost = 0.0
-    for reduction in reductions:
-        assert reduction.loss is not None
-        assert reduction.loss <= {"only fade": fading, "keep their shape": shape}[reduction.what]
-        assert 0 <= reduction.after < reduction.before <= whole.num_dynamic
-        assert "Gaussians" in reduction_line(vars(reduction))
-        lost += reduction.loss
-    assert reductions and psnr(finished, before) - psnr(finished, found) == pytest.approx(lost, abs=0.02)
-    if fading > 1:
+    assert step is not None and step.what == "only fade" and step.loss is not None and step.loss <= allowed
+    assert 0 <= step.after < step.before <= whole.num_dynamic and "Gaussians" in reduction_line(vars(step))
+    assert psnr(finished, before) - psnr(finished, found) == pytest.approx(step.loss, abs=0.02)
+    if allowed > 1:
         assert len(found.arrays["embeddings"]) == 0 and len(found.arrays["fades"]) == whole.num_dynamic
         assert playable.changing == ("base",)
-    if fading < 0:
-        assert found.header.model["reshaped"] == 0 and {"scales", "quaternions"}.isdisjoint(playable.changing)
 
 
 def test_what_must_change_most_goes_on_changing(finished: Trainer) -> None:
     """Energies decide: with others' energies it would cost more."""
-    context, before = context_of(finished, allowing(0.05, 0.0)), scene_of(finished)
+    context, before = context_of(finished, allowing(0.05)), scene_of(finished)
     motion = context.record.motion
     assert motion
-    _, (right, *_) = freeze_attributes(context, before)
+    _, right = freeze_all_but_opacity(context, before)
     reversed_ = replace(motion, fade_energy=1 / motion.fade_energy.clamp(1e-12))
-    _, wrong = freeze_attributes(having_measured(context, reversed_), before)
-    faded = [each.before - each.after for each in wrong if each.what == "only fade"]
-    assert right.what == "only fade" and right.before - right.after > max([*faded, 0])
+    _, wrong = freeze_all_but_opacity(having_measured(context, reversed_), before)
+    assert right is not None and right.before - right.after > (wrong.before - wrong.after if wrong else 0)
+
+
+def test_others_stay_in_front_of_those_with_tracks() -> None:
+    scene, chosen = scene_file(10, moving=8), np.array([0, 6])
+    tracks = np.array([100, 200], np.uint8)[:, None].repeat(scene.header.frame_count, axis=1)
+    found = with_tracks(scene, chosen, tracks)
+    others = [1, 2, 3, 4, 5, 7]
+    np.testing.assert_array_equal(found.arrays["means"], scene.arrays["means"][[*others, 0, 6, 8, 9]])
+    np.testing.assert_array_equal(found.arrays["embeddings"], scene.arrays["embeddings"][others])
+    before, after = ScenePlayer(scene).at(0.3), ScenePlayer(found).at(0.3)
+    np.testing.assert_allclose(after.means[:6], before.means[others], atol=1e-6)
+    np.testing.assert_allclose(after.opacities[6:8], [100 / 255, 200 / 255], atol=1e-3)
 
 
 @pytest.mark.parametrize("what", ["nothing known", "heads", "long", "never gone", "few", "larger"])
@@ -117,9 +120,9 @@ def test_where_it_is_not_worth_it_the_scene_stays(
     elif what == "few":
         settings = {"min_fading": 1.1}
     else:
-        monkeypatch.setattr(static_attributes, "pack", lambda name, array: Bytes(len(array) + 2 * (name == "fades")))
-    context = having_measured(context_of(finished, allowing(0.5, -1.0, **settings)), motion)
-    assert freeze_attributes(context, before) == (before, [])
+        monkeypatch.setattr(fading, "pack", lambda name, array: Bytes(len(array) + 2 * (name == "fades")))
+    context = having_measured(context_of(finished, allowing(0.5, **settings)), motion)
+    assert freeze_all_but_opacity(context, before) == (before, None)
 
 
 class Bytes:
@@ -147,13 +150,13 @@ def test_the_state_is_that_at_which_they_are_seen() -> None:
 
 
 def test_a_training_writes_them_and_says_so(filmed: Path, tmp_path: Path, lively: Callable) -> None:
-    settings, recipe = allowing(0.05, 0.05), lively(STEPS, capacity="auto")
+    settings, recipe = allowing(0.05), lively(STEPS, capacity="auto")
     task = TrainingJob(filmed, tmp_path / "x.frog", recipe=recipe, compression=settings)
     done = list(run_training(task))[-1]
     scene = read_scene(task.output)
-    assert "fades" in scene.arrays and "reshaped" in scene.header.model
+    assert "fades" in scene.arrays
     whats = [each["what"] for each in done.capacity["reductions"]]
-    assert whats[-4:-1] == ["only fade", "keep their shape", "packed"] and whats[-1] == "unseen left out"
+    assert whats[-3:] == ["only fade", "packed", "unseen left out"]
     assert done.capacity["dynamic"] == ScenePlayer(scene).num_dynamic == scene.header.capacity["dynamic"]
     packed = next(each for each in done.capacity["reductions"] if each["what"] == "packed")
     assert abs(packed["loss"]) < 0.05  # what others cost is not counted again
@@ -171,8 +174,8 @@ def test_the_same_scene_from_a_checkpoint(finished: Trainer, make_trainer: Make,
     save_checkpoint(tmp_path / "c", finished)
     other = make_trainer(STEPS, capacity="auto")
     load_checkpoint(tmp_path / "c", other)
-    contexts = [context_of(each, allowing(0.05, 0.05)) for each in (finished, other)]
-    mine, again = (freeze_attributes(each, scene_of(each.training))[0] for each in contexts)
+    contexts = [context_of(each, allowing(0.05)) for each in (finished, other)]
+    mine, again = (freeze_all_but_opacity(each, scene_of(each.training))[0] for each in contexts)
     assert mine.header.model == again.header.model
     for name, array in mine.arrays.items():
         assert np.array_equal(array, again.arrays[name]), name
