@@ -111,7 +111,6 @@ TRAINING = (
             "train_panel",
             "training_choices",
             "training_settings",
-            "training_time",
         )
     ),
 )

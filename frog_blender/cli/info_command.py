@@ -15,7 +15,6 @@ from ..engine.capture.masks_found import mask_lines
 from ..engine.capture.quality.check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
-from ..engine.frames.store import is_decoded
 from ..engine.playback.player import ScenePlayer
 from ..engine.scene import compression_report
 from ..engine.training.recipe import recipe
@@ -115,12 +114,8 @@ def _training_times(capture: Capture) -> list[str]:
     """How long the recipes for any computer would take, a line each."""
     device = likely_device("auto")
     scale = usual_scale(capture.cameras)
-    prepared = is_decoded(capture.scaled(scale))
-    lines = []
-    for name in ("draft", "standard"):
-        work = Workload.of(capture, recipe(name), scale=scale)
-        lines.append(f"{name}: {estimate(work, device, prepared=prepared)}")
-    return lines
+    works = {name: Workload.of(capture, recipe(name), scale=scale) for name in ("draft", "standard")}
+    return [f"{name}: {estimate(work, device)}" for name, work in works.items()]
 
 
 def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:

@@ -7,12 +7,13 @@ from typing import Any
 
 import bpy
 
+from ..engine.capture.capture import Capture
 from ..scene_import.capture_objects import plays
 from ..scene_import.scene_setup import is_set_up, start_cube
 from ..tasks import training
 from ..tasks.training_request import can_resume, can_train_longer
 from ..tasks.training_state import TrainingState
-from . import presets, preview_image, remote_settings, torch_environment, training_choices, training_time
+from . import presets, preview_image, remote_settings, torch_environment, training_choices
 from .sidebar_panel import SidebarPanel, split
 from .text import duration, wrapped_label
 
@@ -118,11 +119,22 @@ def _left_out(settings: Any) -> str:
     return ", ".join(sorted(capture.test_cameras)) or ("some frames" if capture.test_frames else "nothing")
 
 
+def _expected_time(settings: Any, capture: Capture) -> str:
+    """How long the training will take, as far as that is known. Neither decodes nor imports torch."""
+    from ..engine.training.recipe import recipe
+    from ..engine.training.session.job import usual_scale
+    from ..engine.training.session.time_estimate import Workload, estimate, likely_device
+
+    scale = settings.image_scale or usual_scale(capture.cameras)
+    work = Workload.of(capture, recipe(settings.recipe), settings.steps or None, scale)
+    return f"{estimate(work, likely_device(settings.device), 60.0 * settings.minutes or None)}."
+
+
 def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Context) -> None:
     """Draws the estimated duration and the buttons that start a training."""
     capture = training_choices.known_capture(settings)
     if capture is not None and settings.device != remote_settings.REMOTE:
-        wrapped_label(layout, training_time.expected(settings, capture), context, icon="TIME")
+        wrapped_label(layout, _expected_time(settings, capture), context, icon="TIME")
     needed = remote_settings.needed(settings)
     if needed:
         wrapped_label(layout, needed, context, icon="ERROR")

@@ -58,14 +58,19 @@ def test_a_capture_is_described_and_its_training_timed(empty, drawn, capture):
 
 def test_estimates_follow_what_finished_trainings_took(empty, drawn, capture):
     from frog_blender.engine.training.recipe import recipe
-    from frog_blender.engine.training.session.time_estimate import Workload, about, remember
+    from frog_blender.engine.training.session.job import TrainingJob
+    from frog_blender.engine.training.session.time_estimate import Workload, remembering
 
     empty.frog.capture_folder, empty.frog.device = str(capture), "cpu"
     opened = capture_summary.known(bpy.path.abspath(empty.frog.capture_folder)).capture
     work = Workload.of(opened, recipe("standard"))
-    remember(work, "cpu", {phase: 7 * seconds for phase, seconds in work.seconds.items()})
-    expected = about(7 * sum(work.seconds.values()))
-    assert f"About {expected} on this processor, as earlier trainings went." in drawn()
+    stream = (
+        events.Started("frog", work.steps, 4, 6, 300, "cpu", round(work.pixels), work.images),
+        events.Finished("x.frog", work.steps, 5.0, None, 300, {}, {"training": 7 * work.seconds}),
+    )
+    list(remembering(iter(stream), TrainingJob(capture, capture / "x.frog")))
+    said = drawn()
+    assert "About " in said and "on this processor, as earlier trainings went." in said
 
 
 def test_a_running_training(drawn):

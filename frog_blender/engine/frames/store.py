@@ -20,11 +20,11 @@ from ..arrays import ImageArray
 from ..capture.camera import MAX_PIXELS, MAX_SIDE
 from ..capture.capture import Capture
 from ..capture.decoding import decode_masked
-from ..capture.frame_keys import bytes_of, decoding_key, decoding_order, has_changed, key_of, shapes_of, sources_of
+from ..capture.frame_keys import bytes_of, decoding_order, has_changed, key_of, shapes_of, sources_of
 from ..capture.sharing import lock_exclusively, open_shared
 from ..errors import FrogError, found_instead
 from ..io.cache_folder import default_cache_folder
-from .building import DAMAGED, altered, build, is_whole, opened_files, remove_stale
+from .building import DAMAGED, altered, build, opened_files, remove_stale
 from .files import ALPHA, IGNORED, FrameFiles, masks_of
 from .image_coding import Region, halved_image
 from .limit import INDEX, remove_store, size_of
@@ -253,14 +253,6 @@ def _check_sizes(capture: Capture) -> None:
             found = f"images of {camera.width} x {camera.height} pixels of {camera.name}"
             expected = f"at most {MAX_SIDE:,} a side and {MAX_PIXELS:,} in all; choose a smaller image scale"
             raise found_instead(capture.path, found, expected)
-
-
-def is_decoded(capture: Capture) -> bool:
-    """True when the default cache folder has the frames of a capture whose cameras have the frames' sizes."""
-    try:
-        return is_whole(default_cache_folder() / decoding_key(capture), capture)
-    except FrogError:  # a file of the capture is missing
-        return False
 
 
 def _opened(capture: Capture, folder: Path) -> FrameStore | None:

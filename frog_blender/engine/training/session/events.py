@@ -120,7 +120,7 @@ class Finished:
     capacity: JsonObject = field(default_factory=dict)
     """See SceneHeader."""
     phases: dict[str, float] = field(default_factory=dict)
-    """Seconds by the clock, without pauses, of time_estimate.PHASES."""
+    """Seconds by the clock, without pauses, of decoding, seeding, training and finishing."""
 
 
 @dataclass(frozen=True)

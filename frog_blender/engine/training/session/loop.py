@@ -220,7 +220,6 @@ def _time_left(session: Session) -> TimeLeft:
     trainer = session.trainer
     own = replace(trainer.recipe, views_per_step=-(-trainer.recipe.views_per_step // session.peers.size))
     work = Workload.of(session.capture, own, trainer.limits.steps)
-    work = replace(work, even=trainer.limits.seconds is not None)
     return TimeLeft(work, trainer.device.type, trainer.progress, session.clock.now)
 
 

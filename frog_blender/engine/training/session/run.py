@@ -39,8 +39,8 @@ from .loop import train
 from .output_lock import lock_output
 from .output_paths import check_unused, checkpoint_path
 from .resume import restore_job
-from .session import Session
-from .time_estimate import PhaseClock, Workload
+from .session import PhaseClock, Session
+from .time_estimate import Workload
 
 
 def prepare_capture(
