@@ -64,6 +64,19 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others(
     assert first["generator"] != other["generator"]
 
 
+@pytest.mark.parametrize("method", ["frog", "hexplane"])
+def test_torchs_own_random_numbers_are_neither_used_nor_changed(
+    make_trainer: Callable[..., Trainer], bits: Callable[[Trainer], dict[str, bytes]], method: str
+) -> None:
+    found = []
+    for state in (1, 2):
+        torch.manual_seed(state)
+        before = torch.get_rng_state()
+        found.append(bits(train(make_trainer(12, method))))
+        assert torch.equal(torch.get_rng_state(), before)
+    assert found[0] == found[1]
+
+
 def test_number_of_threads_does_not_change_the_training(
     make_trainer: Callable[..., Trainer], bits: Callable[[Trainer], dict[str, bytes]]
 ) -> None:

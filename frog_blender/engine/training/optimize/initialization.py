@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -38,10 +41,22 @@ def doubt_of_scale(scene_scale: float) -> str | None:
     )
 
 
+@contextmanager
+def own_random_numbers(seed: int) -> Iterator[None]:
+    """What torch's layers draw inside, from the CPU's generator, is the same for the same seed; whoever else uses that
+    generator, as another add-on in Blender's process, finds it as it was."""
+    before = torch.get_rng_state()
+    torch.default_generator.manual_seed(seed)
+    try:
+        yield
+    finally:
+        torch.set_rng_state(before)
+
+
 def first_model(
     capture: Capture, seeds: Seeds, recipe: Recipe, method: str, scene_scale: float, device: torch.device
 ) -> SceneModel:
-    """The model before its first step, on ``device``; its random numbers are torch's own of the CPU on any device."""
+    """The model before its first step, on ``device``; its random numbers are those of torch's generator of the CPU, on any device."""
     points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
     sh_count = (recipe.sh_degree + 1) ** 2
     frames = seeds.frames if recipe.moments_for(capture.frame_count, len(capture.train_shots)) else None

@@ -35,7 +35,7 @@ from .gaussian_order import sort_by_morton_code
 from .gaussian_size import add_size_gradient, limit_sizes
 from .gaussian_state import GaussianState
 from .hooks import Hook
-from .initialization import first_model, scale_of
+from .initialization import first_model, own_random_numbers, scale_of
 from .losses import matte_loss
 from .mattes import Mattes, Truth, behind_ignored
 from .optimizer import SceneOptimizer
@@ -105,10 +105,10 @@ class Trainer(TrainingImages):
         self.peers, self._views_per_step = peers, max(recipe.views_per_step, peers.size)
         self.rig, self.store, self.device = CameraRig(capture), store, torch.device(device)
         self.method, self.limits = method, limits
-        torch.manual_seed(seed)
         self.generator = torch.Generator().manual_seed(seed)
         self.scene_scale = scale_of(capture, seeds.points)
-        model = first_model(capture, seeds, recipe, method, self.scene_scale, self.device)
+        with own_random_numbers(seed):
+            model = first_model(capture, seeds, recipe, method, self.scene_scale, self.device)
         self.gaussians = GaussianState(model, recipe, self.scene_scale)
         self.density = DensificationStrategy(self.gaussians, recipe, self.scene_scale)
         self.smoothness = EmbeddingSmoothness(self.gaussians, recipe, self.generator)
