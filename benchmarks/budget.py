@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from frog_blender.engine.evaluation.evaluate_file import evaluate_file
+from frog_blender.engine.evaluation.evaluate import evaluate_file
 from frog_blender.engine.playback.player import select_gaussians
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.compression.budget import with_budget

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.video import load_opencv
-from frog_blender.engine.evaluation.evaluate_file import open_training_capture
+from frog_blender.engine.evaluation.evaluate import open_training_capture
 from frog_blender.engine.evaluation.metrics import psnr_of
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.gaussians import NumpyGaussians

@@ -30,8 +30,7 @@ from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import MaskSettings
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import load_opencv
-from frog_blender.engine.evaluation.as_trained import as_trained
-from frog_blender.engine.evaluation.evaluate import held_out_shots
+from frog_blender.engine.evaluation.evaluate import as_trained, held_out_shots
 from frog_blender.engine.evaluation.metrics import psnr_of
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer

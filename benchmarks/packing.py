@@ -20,8 +20,7 @@ import numpy as np
 
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
-from frog_blender.engine.scene.morton_order import morton_order_by_range
-from frog_blender.engine.scene.quantization import BITS, pack, unpack
+from frog_blender.engine.scene.quantization import BITS, morton_order_by_range, pack, unpack
 from frog_blender.engine.scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
 
 DIM = -5.0  # logit of an opacity that can just be seen

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.evaluation.evaluate_file import evaluate_file
+from frog_blender.engine.evaluation.evaluate import evaluate_file
 from frog_blender.engine.native import binding
 from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.events import Event, Finished, Started

@@ -15,8 +15,7 @@ import numpy as np
 from ..engine.arrays import Float64s
 from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError
-from ..engine.evaluation.evaluate import held_out_shots
-from ..engine.evaluation.evaluate_file import evaluate_file, open_training_capture
+from ..engine.evaluation.evaluate import evaluate_file, held_out_shots, open_training_capture
 from ..engine.evaluation.metrics import psnr, ssim
 from ..engine.frames.store import FrameStore
 from ..engine.io.atomic_files import write_atomically

@@ -23,7 +23,7 @@ def add_eval_parser(commands: Any) -> None:
 
 
 def _eval(options: argparse.Namespace) -> int:
-    from ..engine.evaluation.evaluate_file import evaluate_file
+    from ..engine.evaluation.evaluate import evaluate_file
     from .progress import bar
 
     with bar("Evaluating") as report:

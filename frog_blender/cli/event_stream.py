@@ -10,7 +10,7 @@ from contextlib import suppress
 from ..engine.io.child_process import bounded_lines
 from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
-from ..engine.training.session.event_lines import line_of
+from ..engine.training.session.events import line_of
 
 _LONGEST_WORD = 4096
 _STANDARD_INPUT = 0

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def train_together(options: argparse.Namespace, make_job: Callable[[], TrainingJob]) -> int:
     """Trains with the other processes; returns the exit status. Rank 0 alone tells of the training."""
     with printing_may_fail(), stopping() as asked:
-        from ..engine.training.optimize.peers import PeerLost
+        from ..engine.training.optimize.view_pass import PeerLost
         from ..engine.training.session.processes import joined
         from ..engine.training.session.run import run_training
         from .progress import show

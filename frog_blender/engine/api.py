@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any
 from .capture.camera import Camera
 from .capture.capture import Capture
 from .capture.readers import open_capture as read_capture
-from .evaluation.as_trained import as_trained
-from .evaluation.evaluate import Figures
+from .evaluation.evaluate import Figures, as_trained, open_training_capture
 from .evaluation.evaluate import evaluate as evaluate_images
-from .evaluation.evaluate_file import open_training_capture
 from .frames.store import FrameStore
 from .notices import say
 from .playback.player import ScenePlayer

@@ -12,8 +12,7 @@ from ..engine.errors import FrogError
 from ..engine.io.child_process import ChildProcess, Stopped
 from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
-from ..engine.training.session.event_lines import event_of
-from ..engine.training.session.events import Event
+from ..engine.training.session.events import Event, event_of
 from .remote_command import RemoteCommand
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from .. import addon_state
-from ..engine.playback.frame_cache import FrameCache, Key
+from ..engine.playback.frame_delta import FrameCache, Key
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,7 +9,7 @@ import bpy
 
 from .. import addon_state
 from ..engine.errors import FrogError
-from ..engine.playback.frame_cache import Key
+from ..engine.playback.frame_delta import Key
 from . import playback, playback_cache
 from .playback_cache import SceneTime
 from .retiming import raw_frame, stretched

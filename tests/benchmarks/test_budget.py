@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from support.builders import REPOSITORY, run_python, scene_file
 
+from frog_blender.engine.playback.groups import pack_group_bits
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.playback.visibility import pack_group_bits
 from frog_blender.engine.scene.scene_file import VISIBILITY, SceneFile, write_scene
 
 CUT = f"""

@@ -27,7 +27,7 @@ def capture(empty, static_rig):
 
 def assert_same(path, gaussians):
     """A .ply holds these Gaussians, to 1e-6."""
-    from frog_blender.engine.playback.canonical import canonical_gaussians
+    from frog_blender.engine.playback.frame_delta import canonical_gaussians
 
     found = canonical_gaussians(read_splats(path).arrays)
     for name in ("means", "scales", "opacities", "sh"):

@@ -18,7 +18,7 @@ from frog_blender.cli.main import _parser
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.cancel_token import CancelToken
-from frog_blender.engine.training.session.event_lines import line_of
+from frog_blender.engine.training.session.events import line_of
 from frog_blender.tasks.remote_command import RemoteCommand, options_of
 from frog_blender.tasks.remote_training import RemoteTraining
 from frog_blender.tasks.training_request import TrainingRequest

@@ -99,7 +99,7 @@ def test_a_still_scene_before_a_moving_camera(empty, static_rig, tmp_path):
 
 
 def test_what_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
-    """It is not where its way leads then (see playback.visibility)."""
+    """It is not where its way leads then (see playback.groups)."""
     from frog_blender.engine.gaussians import GaussianArrays
 
     camera = rig_of_three()[0]

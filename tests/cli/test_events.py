@@ -15,7 +15,7 @@ from support.builders import REPOSITORY
 from frog_blender.cli.main import main
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.session import events
-from frog_blender.engine.training.session.event_lines import event_of
+from frog_blender.engine.training.session.events import event_of
 from frog_blender.engine.training.session.output_paths import checkpoint_path
 
 TRAIN = [sys.executable, "-m", "frog_blender.cli", "train"]

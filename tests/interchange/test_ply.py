@@ -13,7 +13,7 @@ from support.builders import ATTRIBUTES, plain_camera, random_gaussians
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.interchange.ply import read_splats, splat_bytes, write_splats
-from frog_blender.engine.playback.canonical import canonical_gaussians
+from frog_blender.engine.playback.frame_delta import canonical_gaussians
 
 STANDARD = [*"xyz", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
 END = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]

@@ -11,7 +11,7 @@ from support.builders import ATTRIBUTES, plain_camera, random_gaussians
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.ply import read_splats, splat_bytes
-from frog_blender.engine.playback.canonical import canonical_gaussians
+from frog_blender.engine.playback.frame_delta import canonical_gaussians
 
 COUNT = 200
 NAMES = {"<f2": "ushort", ">f2": "ushort", "<i2": "short", "<u2": "uint16"}

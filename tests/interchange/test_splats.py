@@ -13,7 +13,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.imports import free_scene_path
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.interchange.splats import export_frames, import_splats
-from frog_blender.engine.playback.canonical import canonical_gaussians
+from frog_blender.engine.playback.frame_delta import canonical_gaussians
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.transform import Y_DOWN, transform

@@ -8,8 +8,12 @@ from support.builders import plain_camera
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.rasterizer import rasterize
-from frog_blender.engine.training.optimize.nearest_neighbours import nearest, spacings
-from frog_blender.engine.training.optimize.smoothness import add_embedding_smoothness, neighbour_weights
+from frog_blender.engine.training.optimize.neighbours import (
+    add_embedding_smoothness,
+    nearest,
+    neighbour_weights,
+    spacings,
+)
 from frog_blender.engine.training.recipe import RECIPES
 
 

@@ -16,7 +16,7 @@ from support.random_models import model_of
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.field.names import FUSIONS
 from frog_blender.engine.model.frog import Frog, FrogSettings
-from frog_blender.engine.model.fused_rendering import FusedRenderResult
+from frog_blender.engine.model.fused import FusedRenderResult
 from frog_blender.engine.model.interface import RenderResult, SceneModel, ScheduleState
 from frog_blender.engine.rasterizer import Image, RasterizeOptions, backend_named
 

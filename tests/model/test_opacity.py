@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from frog_blender.engine.field.names import FORMS
-from frog_blender.engine.model.opacity import reduction_factor
+from frog_blender.engine.model.deformation import reduction_factor
 
 CHANGES = torch.linspace(-3, 3, 601)
 

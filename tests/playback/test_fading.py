@@ -13,7 +13,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.field.opacity_tracks import OpacityTracks, quantize_opacities
 from frog_blender.engine.model.torch_player import TorchScenePlayer
 from frog_blender.engine.native.deformation import FieldShape
-from frog_blender.engine.playback.canonical import canonical_gaussians
+from frog_blender.engine.playback.frame_delta import canonical_gaussians
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene, write_scene
 from frog_blender.engine.training.compression.finalize import as_packed, reorder_for_playback

@@ -9,8 +9,7 @@ import pytest
 from support.builders import scene_file
 from support.played_scenes import assert_same_bits, in_four_threads
 
-from frog_blender.engine.playback.frame_cache import FrameCache
-from frog_blender.engine.playback.frame_delta import FrameDelta
+from frog_blender.engine.playback.frame_delta import FrameCache, FrameDelta
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
 

@@ -8,7 +8,7 @@ from support.deformation_fields import field_arrays, in_groups, output_arrays
 
 from frog_blender.engine.native import binding
 from frog_blender.engine.native.deformation import FieldShape, PlaybackField, deform
-from frog_blender.engine.playback.simd_layout import GROUP_SIZE, pack_lanes
+from frog_blender.engine.playback.groups import GROUP_SIZE, pack_lanes
 
 
 def play(

@@ -9,8 +9,7 @@ from support.builders import scene_file
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.field import temporal_table
 from frog_blender.engine.field.names import FUSIONS
-from frog_blender.engine.playback.deformation import DeformationPlayer
-from frog_blender.engine.playback.temporal import TemporalEmbedding, fuse
+from frog_blender.engine.playback.deformation import DeformationPlayer, TemporalEmbedding, fuse
 
 COARSE, FINE = np.array([1.0, -2.0, 0.5]), np.array([3.0, 0.5, -4.0])
 

@@ -10,7 +10,7 @@ from support.builders import ATTRIBUTES, scene_file
 from support.played_scenes import in_four_threads
 
 from frog_blender.engine.gaussians import NumpyGaussians
-from frog_blender.engine.playback.buffer_pool import BufferPool
+from frog_blender.engine.playback.frame_delta import BufferPool
 from frog_blender.engine.playback.player import TIMES_KEPT, ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
 

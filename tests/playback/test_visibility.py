@@ -9,15 +9,15 @@ from support.deformation_fields import field_arrays, in_groups, output_arrays
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.native.deformation import FieldShape, PlaybackField, deform
-from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.playback.simd_layout import GROUP_SIZE
-from frog_blender.engine.playback.visibility import (
+from frog_blender.engine.playback.groups import (
+    GROUP_SIZE,
     VisibilityMask,
     mean_deformed_share,
     pack_group_bits,
     sort_by_visibility,
     visible_intervals,
 )
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
 
 

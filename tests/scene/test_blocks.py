@@ -14,8 +14,7 @@ from support.builders import scene_file
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene import quantization
-from frog_blender.engine.scene.blocks import BLOCK
-from frog_blender.engine.scene.quantization import BITS, pack, unpack
+from frog_blender.engine.scene.quantization import BITS, BLOCK, pack, unpack
 from frog_blender.engine.scene.scene_file import write_scene
 
 QUANTISED = [name for name, bits in BITS.items() if bits > 1]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.builders import steps_between
 
-from frog_blender.engine.scene.morton_order import morton_order, morton_order_by_range
+from frog_blender.engine.scene.quantization import morton_order, morton_order_by_range
 
 
 def test_neighbours_come_together() -> None:

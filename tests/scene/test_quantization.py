@@ -18,8 +18,7 @@ from support.builders import scene_file
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.scene.blocks import BLOCK
-from frog_blender.engine.scene.quantization import BITS, pack, unpack, unpack_scene
+from frog_blender.engine.scene.quantization import BITS, BLOCK, pack, unpack, unpack_scene
 from frog_blender.engine.scene.scene_file import read_scene, scene_bytes, write_scene
 
 

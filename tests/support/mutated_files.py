@@ -313,8 +313,7 @@ class Checkpoints(Kind):
 
     def use(self) -> bool:
         from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
-        from frog_blender.engine.training.session.checkpoint import load_checkpoint
-        from frog_blender.engine.training.session.resume import restore_job
+        from frog_blender.engine.training.session.checkpoint import load_checkpoint, restore_job
 
         job, _ = restore_job(self._job)
         trainer = self._trainer(job)

@@ -40,7 +40,7 @@ class Camera:
         intrinsics: (3, 3) float64 matrix K, pixels.
         world_to_camera: (4, 4) float64, rigid; ``x_camera = world_to_camera @ x_world``, world units.
         exposure: positive factors for red, green and blue by which its images are brighter than the scene,
-            display-referred (see training.optimize.exposure_compensation).
+            display-referred (see training.optimize.camera_refinement).
     """
 
     name: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array
-from ..scene.morton_order import morton_order
+from ..scene.quantization import morton_order
 
 _FIRST_LEVEL = 4  # of 16 boxes, with which every point begins
 _POINTS_AT_ONCE, _MOST_PAIRS = 8192, 1 << 21  # of points and boxes

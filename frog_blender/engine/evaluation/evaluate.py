@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,13 +10,46 @@ from typing import Any
 import numpy as np
 
 from ..capture.capture import Capture, Shot
+from ..capture.readers import open_capture
 from ..errors import FrogError
 from ..frames.store import FrameStore
 from ..notices import say
 from ..playback.player import ScenePlayer
 from ..playback.render import draw
+from ..scene.header import SceneHeader
 from .masks import Mask, load_masks, moving_mask
 from .metrics import Image, Metric, gradient_energy, psnr_of, ssim
+from .perceptual import perceptual_metrics
+
+
+def as_trained(header: SceneHeader, capture: Capture) -> Capture:
+    """The capture at the image size that a scene was trained on, with the scene's own cameras.
+
+    Args:
+        capture: opened with ``header.pixel_offsets``, at its own size.
+
+    Raises:
+        FrogError: when it is another capture than the scene's.
+    """
+    sized = capture.scaled(header.scale)
+    for found, expected in _facts(sized, header):
+        if found != expected:
+            raise FrogError(f"{capture.path}: found {found}, expected {expected} as the scene was trained on.")
+    return sized.with_cameras(header.cameras)
+
+
+def _facts(capture: Capture, header: SceneHeader) -> Iterator[tuple[str, str]]:
+    """What both must have in common: of the capture, and of the scene."""
+    yield (
+        f"{len(capture.cameras)} cameras and {capture.frame_count} frames",
+        f"{len(header.cameras)} cameras and {header.frame_count} frames",
+    )
+    for camera, own in zip(capture.cameras, header.cameras, strict=True):
+        yield (
+            f"camera {camera.name} of {camera.width} x {camera.height} pixels",
+            f"camera {own.name} of {own.width} x {own.height} pixels",
+        )
+
 
 Figures = dict[str, Any]
 """Metrics by name, as JSON has them: numbers, None, names, and such dictionaries by camera (hence the Any)."""
@@ -190,3 +223,51 @@ def _figures(parts: Sequence[_Sums]) -> Figures:
         "sharpness_moving": sum(p.sharpness for p in parts) / true_sharpness if true_sharpness else None,
         "frames": frames,
     }
+
+
+def evaluate_file(
+    scene_path: Path,
+    capture_path: Path,
+    *,
+    split: str = "auto",
+    mask_file: Path | None = None,
+    perceptual: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Figures:
+    """Metrics of a scene file on the capture it was trained on; see ``evaluate``.
+
+    Args:
+        perceptual: "flip" and "lpips" as well. Where one cannot be computed it is None, and "missing" says why by name.
+
+    Raises:
+        FrogError: if a file cannot be read, or the capture is another one than that of the training.
+    """
+    scene = ScenePlayer.load(scene_path)
+    capture = open_training_capture(scene, capture_path)
+    metrics: dict[str, Metric] = {}
+    missing: Figures = {}
+    if perceptual:
+        metrics, reasons = perceptual_metrics()
+        missing = {**dict.fromkeys(reasons), "missing": reasons}
+    figures = evaluate(
+        scene,
+        capture,
+        FrameStore.open(capture),
+        split=split,
+        mask_file=mask_file,
+        file_bytes=scene_path.stat().st_size,
+        more_metrics=metrics,
+        progress=progress,
+    )
+    return {**figures, **missing}
+
+
+def open_training_capture(scene: ScenePlayer, capture_path: Path) -> Capture:
+    """The capture as the training of a scene saw it: the same image size, pixel offsets and refined poses.
+
+    Raises:
+        FrogError: if it cannot be read, or has other cameras or frames than the scene.
+    """
+    header = scene.header
+    capture = open_capture(capture_path, pixel_offsets=header.pixel_offsets or None, masks=header.masks)
+    return as_trained(header, capture)

@@ -17,7 +17,7 @@ changes add up. The paper does not write out its attention; here a small layer s
 the scores weighs them."""
 
 FORMS = ("paper", "unit", "off")
-"""Of the opacity reduction, see ``model.opacity.reduction_factor``."""
+"""Of the opacity reduction, see ``model.deformation.reduction_factor``."""
 
 WINDOW_COLUMNS = 8
 """Columns of the embeddings that are kept for the times at which Gaussians are seen, see ``model.time_windows``."""

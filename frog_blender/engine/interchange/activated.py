@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays import Array, Bools
 from ..errors import found_instead
 from ..gaussians import GaussianArrays, NumpyGaussians
-from ..playback.canonical import normalize
+from ..playback.frame_delta import normalize
 
 _LARGEST = 1e18  # its square is a float32 still
 _LARGEST_SIZE = 1e12  # the rasterizer draws none of more

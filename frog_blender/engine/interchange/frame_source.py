@@ -27,7 +27,7 @@ from ..io.tensor_files import LONGEST_HEADER
 from ..playback.frame_delta import column_names, column_of
 from ..scene.frame_rows import RowLayout, write_frames
 from ..scene.header import MAX_FRAMES, SceneHeader
-from ..scene.morton_order import morton_order
+from ..scene.quantization import morton_order
 from ..scene.scene_file import SceneFile, packed_metadata, write_scene
 
 _MOST_SHOTS = LONGEST_HEADER // 12  # of all cameras; in the header each is up to nine characters

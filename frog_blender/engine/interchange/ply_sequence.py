@@ -16,7 +16,7 @@ from ..capture.camera import Camera
 from ..errors import FrogError, brief, found_instead
 from ..gaussians import NumpyGaussians
 from ..io.regular_file import regular_file
-from ..playback.canonical import canonical_gaussians
+from ..playback.frame_delta import canonical_gaussians
 from ..scene.header import MAX_FRAMES
 from .ply import promises_order, read_splats, splats_in
 

@@ -14,7 +14,7 @@ from ..field.names import CANONICAL
 from ..gaussians import NumpyGaussians
 from ..playback.render_files import PlayedFrames
 from ..playback.transform import transform
-from ..scene.morton_order import morton_order
+from ..scene.quantization import morton_order
 from ..scene.scene_file import SceneFile, write_scene
 from .frame_source import Imported, check_ending, imported_header
 from .gltf import write_glb

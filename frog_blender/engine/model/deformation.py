@@ -7,6 +7,9 @@ With modulation, which no paper of this family has, the embedding's weights foll
 (W_e + W_m diag(t - 1)) e, so that a unit sees products of temporal and Gaussian embedding beside their sum. With the
 sum alone, a Gaussian that learns its motion at one time is disturbed at the others. It costs one matrix of weights a
 frame and nothing a Gaussian.
+
+Before it stands the fusion of coarse and fine temporal embedding, behind it the aggressive opacity reduction, opacity =
+sigmoid(logit + d) * factor(k d) (FRoG, sections of these names).
 """
 
 from __future__ import annotations
@@ -103,3 +106,49 @@ class DeformationField(nn.Module):
             for name, part, weight in zip(self.sizes, second, output_weight.split(sizes), strict=True):
                 changes[name] = changes[name] + part @ weight.T
         return changes
+
+
+def fuse(
+    form: str, coarse: torch.Tensor, fine: torch.Tensor, attention: tuple[torch.Tensor, torch.Tensor] | None = None
+) -> torch.Tensor:
+    """(networks, fused size) what the networks are given at a time.
+
+    Args:
+        form: one of field.names.FUSIONS.
+        coarse, fine: (T,) embeddings of the time.
+        attention: weight (A, T) and query (A,): the score of t is query . tanh(weight t).
+    """
+    if form == "dual":
+        return torch.stack([coarse, fine])
+    if form == "product":
+        fused = coarse * fine
+    elif form == "add":
+        fused = coarse + fine
+    elif form == "concat":
+        fused = torch.cat([coarse, fine])
+    elif form == "attention":
+        assert attention is not None
+        weight, query = attention
+        both = torch.stack([coarse, fine])
+        fused = torch.softmax(torch.tanh(both @ weight.T) @ query, dim=0) @ both
+    else:
+        fused = coarse if form == "coarse" else fine
+    return fused[None]
+
+
+def reduction_factor(d_opacity: torch.Tensor, form: str, sharpness: float, share: float = 1.0) -> torch.Tensor:
+    """(N,) factor in (0, 1] on the deformed opacity.
+
+    Args:
+        d_opacity: (N,) change of the opacity logit.
+        form: "paper" is the formula as printed, sigmoid(k d), which is one half where nothing changes; "unit" is
+            min(1, 2 sigmoid(k d)), one where nothing changes; "off" is one.
+        sharpness: the paper's k.
+        share: 0 to 1, how far the factor is ramped in: 1 + share (factor - 1).
+    """
+    if form == "off" or share == 0.0:
+        return torch.ones_like(d_opacity)
+    factor = torch.sigmoid(sharpness * d_opacity)
+    if form == "unit":
+        factor = (2 * factor).clamp(max=1.0)
+    return factor if share == 1.0 else 1 + share * (factor - 1)

@@ -18,12 +18,9 @@ from ..io.plain_values import JsonObject
 from ..native.deformation import FieldShape
 from ..rasterizer import GaussianArrays, RasterizeOptions
 from .canonical import CanonicalField
-from .deformation import DeformationField
-from .fused import deform_fused, field_arrays
-from .fused_rendering import render_fused
-from .fusion import fuse
+from .deformation import DeformationField, fuse, reduction_factor
+from .fused import deform_fused, field_arrays, render_fused
 from .interface import FINISHED, RenderResult, SceneModel, ScheduleState
-from .opacity import reduction_factor
 
 
 @dataclass(frozen=True)
@@ -35,8 +32,8 @@ class FrogSettings:
         temporal_size, embedding_size: lengths of t and e.
         hidden_width, head_width: see DeformationField.
         deformed_sh: SH coefficients that deform.
-        opacity_reduction, opacity_sharpness: see model.opacity.
-        fusion: of the coarse and the fine temporal embedding, see model.fusion.
+        opacity_reduction, opacity_sharpness: see model.deformation.
+        fusion: of the coarse and the fine temporal embedding, see model.deformation.fuse.
         modulation: see model.deformation.
         deformed_opacity: False leaves opacities as they are at every time (and there is nothing to reduce).
         motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the

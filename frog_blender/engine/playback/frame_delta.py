@@ -1,18 +1,89 @@
-"""The part of a frame that changes in time: the changing columns of the dynamic Gaussians.
+"""The part of a frame that changes in time, memory for frames, and a bounded cache of them.
 
 A frame's columns are ``means`` (N, 3), ``quaternions`` (N, 4), ``scales`` (N, 3), ``base`` (N, 4: the first SH
 coefficient and the opacity) and ``sh_1`` ... (N, 3) of each further coefficient, float32 and contiguous.
+
+Memory is used again once nobody holds any of it: fresh memory costs a page fault for every few kilobytes, and colours
+that do not deform need to be written only once.
 """
 
 from __future__ import annotations
 
+import threading
+import weakref
+from collections import OrderedDict, deque
 from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
-from ..gaussians import NumpyGaussians
+from ..arrays import Array, SceneArrays
+from ..gaussians import GaussianArrays, NumpyGaussians
+
+
+class BufferPool:
+    """Hands out the same memory again, each time when the last array of the time before is gone.
+
+    Args:
+        first: float32 arrays of a frame by name, as they are in new memory. A user writes the same parts of them in
+            every frame, or keeps among them what was written last.
+        kept: blocks of memory that may lie unused; of more, the oldest is freed.
+    """
+
+    def __init__(self, first: dict[str, Array], kept: int = 6) -> None:
+        self._first, self._size = first, 0
+        self._layout: list[tuple[str, tuple[int, ...], int]] = []  # name, shape, first byte
+        for name, array in first.items():
+            self._layout.append((name, array.shape, self._size))
+            self._size += 4 * array.size
+        # Without a lock: a block is given back in whatever thread drops its last array, even one that is in here.
+        self._free: deque[bytearray] = deque(maxlen=kept)
+
+    def __len__(self) -> int:
+        """Blocks of memory that lie unused."""
+        return len(self._free)
+
+    def take(self) -> dict[str, Array]:
+        """Arrays of one frame, with the values of an earlier frame or of ``first``."""
+        return self.acquire()[0]
+
+    def acquire(self) -> tuple[dict[str, Array], dict[str, int]]:
+        """The same, and their addresses, which are cheaper to know here than to look up of each array."""
+        try:
+            return self._lease(self._free.pop())
+        except IndexError:
+            arrays, addresses = self._lease(bytearray(self._size + 1))  # never empty, which numpy refuses
+        for name, values in self._first.items():
+            arrays[name][...] = values
+        return arrays, addresses
+
+    def _lease(self, block: bytearray) -> tuple[dict[str, Array], dict[str, int]]:
+        # Every array of the block, and every view of one, holds this object: numpy's views refer to the array whose
+        # memory is no array's. When it dies the block is free.
+        whole = np.frombuffer(block, np.uint8)
+        weakref.finalize(whole, self._free.append, block).atexit = False
+        arrays: dict[str, Array] = {}
+        addresses, first = dict[str, int](), whole.__array_interface__["data"][0]
+        for name, shape, start in self._layout:
+            arrays[name] = np.ndarray(shape, np.float32, whole, start)
+            addresses[name] = first + start
+        return arrays, addresses
+
+
+def canonical_gaussians(arrays: SceneArrays) -> NumpyGaussians:
+    """The canonical field of a scene file's arrays, activated, with unit quaternions."""
+    opacities = 1 / (1 + np.exp(-np.clip(arrays["opacity_logits"], -80, 80)))
+    scales = np.exp(np.clip(arrays["log_scales"], -80, 80))  # as the native library does
+    return GaussianArrays(
+        arrays["means"], normalize(arrays["quaternions"]), scales, opacities.astype(np.float32), arrays["sh"]
+    )
+
+
+def normalize(quaternions: Array) -> Array:
+    """(N, 4) of length one."""
+    result: Array = quaternions / np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)
+    return result
+
 
 WIDTHS = {"means": 3, "quaternions": 4, "scales": 3, "base": 4}
 
@@ -74,3 +145,72 @@ def _coefficient(sh: Array, k: int) -> Array:
 def extract_columns(gaussians: NumpyGaussians, names: Collection[str], count: int | None = None) -> FrameDelta:
     """Those columns of the first ``count`` Gaussians."""
     return FrameDelta({name: column_of(gaussians, name, count) for name in names})
+
+
+Key = tuple[str, float]
+"""A scene's token and a time."""
+
+
+class FrameCache:
+    """Safe to use from any thread.
+
+    Args:
+        limit: bytes that all frames together may take.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._parts: OrderedDict[Key, FrameDelta] = OrderedDict()
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    @property
+    def limit(self) -> int:
+        """Bytes; a lower one takes effect at once."""
+        return self._limit
+
+    @limit.setter
+    def limit(self, limit: int) -> None:
+        with self._lock:
+            self._limit = limit
+            self._make_room(0)
+
+    @property
+    def bytes(self) -> int:
+        """Bytes that the frames take."""
+        return self._bytes
+
+    def __len__(self) -> int:
+        """Frames that are kept."""
+        return len(self._parts)
+
+    def __contains__(self, key: Key) -> bool:
+        return key in self._parts
+
+    def find(self, key: Key) -> FrameDelta | None:
+        """What is kept of a time, which becomes the most recently used; None if there is nothing."""
+        with self._lock:
+            part = self._parts.get(key)
+            if part is not None:
+                self._parts.move_to_end(key)
+            return part
+
+    def keep(self, key: Key, part: FrameDelta) -> None:
+        """Keeps a frame, dropping others for it; one that is larger than the limit is not kept."""
+        with self._lock:
+            self._bytes -= self._parts.pop(key).bytes if key in self._parts else 0
+            if not 0 < part.bytes <= self._limit:
+                return  # a static scene has nothing to keep
+            self._make_room(part.bytes)
+            self._parts[key] = part
+            self._bytes += part.bytes
+
+    def forget(self, token: str | None = None) -> None:
+        """Drops the frames of a scene, of all scenes for None."""
+        with self._lock:
+            for key in [key for key in self._parts if token is None or key[0] == token]:
+                self._bytes -= self._parts.pop(key).bytes
+
+    def _make_room(self, wanted: int) -> None:
+        while self._parts and self._bytes + wanted > self._limit:
+            self._bytes -= self._parts.popitem(last=False)[1].bytes

@@ -24,12 +24,20 @@ from ..scene.frame_rows import KEEPS_IDENTITY
 from ..scene.header import SceneHeader
 from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
 from .baselines import BASELINES
-from .buffer_pool import BufferPool
-from .canonical import canonical_gaussians, normalize
 from .deformation import DeformationPlayer
-from .frame_delta import FrameDelta, column_names, column_of, column_view, column_width, extract_columns
+from .frame_delta import (
+    BufferPool,
+    FrameDelta,
+    canonical_gaussians,
+    column_names,
+    column_of,
+    column_view,
+    column_width,
+    extract_columns,
+    normalize,
+)
+from .groups import VisibilityMask
 from .sequence import PlayableSequence
-from .visibility import VisibilityMask
 
 
 class Deformation(Protocol):

@@ -15,8 +15,7 @@ from ..arrays import Array, SceneArrays
 from ..capture.time import time_to_frame
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..scene.frame_rows import FrameRows
-from .canonical import canonical_gaussians, normalize
-from .frame_delta import FrameDelta
+from .frame_delta import FrameDelta, canonical_gaussians, normalize
 
 _LARGEST = 1e18  # its square is a float32 still
 

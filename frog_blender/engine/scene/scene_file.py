@@ -2,7 +2,7 @@
 
 Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
 ``embeddings`` of those that are deformed, which come first, ``temporal_table`` and ``network.*``, and where that saves
-time at playback VISIBILITY (see playback.visibility) and, for those that come next, OPACITY_TRACKS. The
+time at playback VISIBILITY (see playback.groups) and, for those that come next, OPACITY_TRACKS. The
 header holds what playback and evaluation need besides.
 """
 
@@ -28,7 +28,7 @@ from .header import SceneHeader
 from .quantization import Packed, pack, unpack_scene
 
 VISIBILITY = "lifetimes"
-"""Name of the array of bits that say when groups of Gaussians are visible (playback.visibility)."""
+"""Name of the array of bits that say when groups of Gaussians are visible (playback.groups)."""
 OPACITY_TRACKS = "fades"
 """Name of the array (F, frames) of opacities of transient Gaussians (field.opacity_tracks)."""
 _HEADER_KEY = "frog"

@@ -64,10 +64,10 @@ class Recipe:
         cool_down: fraction of training, the last, over which all rates go down to nothing as well, linearly: steps as
             large as they were leave the scene a few tenths of a dB beside where they lead.
         pose_reach, pose_from: how far a training camera's pose may go in a training, as a share of its image's width,
-            and the fraction of training at which it begins (see optimize.pose_refinement); the papers take poses as
+            and the fraction of training at which it begins (see optimize.camera_refinement); the papers take poses as
             they are.
         exposure_from: fraction of training from which on training cameras' exposures are compared (see
-            optimize.exposure_compensation); 1 for never, as in the papers.
+            optimize.camera_refinement); 1 for never, as in the papers.
         square_weight: of the mean squared difference beside the mean absolute one; none where ``views.fit_to`` fixes
             appearance.
         dssim_weight: of (1 - SSIM) / 2, for ``dssim_burst`` of every ``dssim_period`` steps after ``dssim_from``
@@ -78,14 +78,14 @@ class Recipe:
         size_weight: of the Gaussians' mean standard deviation, over the scene's scale, where ``appearance_views``
             applies; elsewhere ``views.fit_to`` makes it 0.
         size_limit, size_limit_from: largest standard deviation of a Gaussian, as a share of its distance to the nearest
-            training camera, and the fraction of training from which on it holds (see optimize.gaussian_size); 0 for
+            training camera, and the fraction of training from which on it holds (see optimize.gaussian_state); 0 for
             none, as in the papers.
         smoothness_weight, smoothness_neighbours, smoothness_falloff: embedding smoothness; the falloff (the paper's
             lambda_w) multiplies squared distances in units of the median nearest-neighbour distance.
-        half_size_until: fraction of training in which images have half their size (see optimize.half_resolution).
+        half_size_until: fraction of training in which images have half their size (see optimize.mattes).
         region_share, region_size, region_emphasis: probability that a step draws only a rectangle where the errors
             are, the rectangle's sides over the image's, and how much more its pixels weigh than a whole image's:
-            with 0 a pixel weighs the same in every step, with 1 a step weighs the same (see optimize.crop_sampler).
+            with 0 a pixel weighs the same in every step, with 1 a step weighs the same (see optimize.schedule).
         densify_from, densify_until, densify_every: fractions.
         densify_threshold: mean screen gradient (in half image widths, as in 3DGS) above which a Gaussian splits.
         densify_growth: share of new Gaussians a round at most, see ``num_new``.

@@ -20,10 +20,9 @@ from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.compression_report import reduction_line
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
-from frog_blender.engine.training.compression import fading
+from frog_blender.engine.training.compression import finalize
 from frog_blender.engine.training.compression.context import CompressionContext
-from frog_blender.engine.training.compression.fading import freeze_all_but_opacity, seen_state, with_tracks
-from frog_blender.engine.training.compression.finalize import played_by
+from frog_blender.engine.training.compression.finalize import freeze_all_but_opacity, played_by, seen_state, with_tracks
 from frog_blender.engine.training.compression.sensitivity import Motion
 from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Trainer
@@ -120,7 +119,7 @@ def test_where_it_is_not_worth_it_the_scene_stays(
     elif what == "few":
         settings = {"min_fading": 1.1}
     else:
-        monkeypatch.setattr(fading, "pack", lambda name, array: Bytes(len(array) + 2 * (name == "fades")))
+        monkeypatch.setattr(finalize, "pack", lambda name, array: Bytes(len(array) + 2 * (name == "fades")))
     context = having_measured(context_of(finished, allowing(0.5, **settings)), motion)
     assert freeze_all_but_opacity(context, before) == (before, None)
 

@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from support.training_steps import compression, train
 
-from frog_blender.engine.training.compression.report_image import draw_report_image
-from frog_blender.engine.training.optimize.gaussian_order import freeze_motion
+from frog_blender.engine.training.optimize.gaussian_state import freeze_motion
 from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session.pictures import draw_report_image
 
 
 def test_the_image_tells_dynamic_from_static(make_trainer: Callable[..., Trainer]) -> None:

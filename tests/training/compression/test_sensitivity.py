@@ -14,6 +14,7 @@ from support import synthetic_capture as film
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.time import frame_to_time
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.training.compression.passes import change_of_pixels, temporal_variance
 from frog_blender.engine.training.compression.sensitivity import (
     PIXELS_OF_A_CHANGE,
     SampledView,
@@ -22,7 +23,6 @@ from frog_blender.engine.training.compression.sensitivity import (
     sample_views,
     view_gradients,
 )
-from frog_blender.engine.training.compression.static_regions import change_of_pixels, temporal_variance
 
 STATIC = len(film.gaussians_at(0)) - 12  # the wall; the ball's Gaussians come after it
 

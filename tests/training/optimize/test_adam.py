@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from frog_blender.engine.native import binding
-from frog_blender.engine.training.optimize.adam import NativeAdam, adam_on
+from frog_blender.engine.training.optimize.optimizer import NativeAdam, adam_on
 
 # One number, nothing at all, several pieces of a thread's work with a rest, several dimensions.
 SHAPES = [(1,), (0, 3), (20_001,), (300, 4, 3), (2, 2)]
@@ -128,7 +128,7 @@ def test_it_loads_no_compiler() -> None:
     """Which takes seconds, and crashes some Blenders (with Triton's LLVM)."""
     code = (
         "import sys, torch\n"
-        "from frog_blender.engine.training.optimize.adam import adam_on\n"
+        "from frog_blender.engine.training.optimize.optimizer import adam_on\n"
         "parameter = torch.nn.Parameter(torch.ones(3))\n"
         "parameter.grad = torch.ones(3)\n"
         "adam_on(torch.device('cpu'), [{'params': [parameter], 'lr': 0.1}]).step()\n"
@@ -145,7 +145,7 @@ def test_in_blender_the_compiler_goes_without_triton_and_others_do_not(tmp_path:
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
         "import bpy, torch\n"
-        "from frog_blender.engine.training.optimize.adam import adam_on\n"
+        "from frog_blender.engine.training.optimize.optimizer import adam_on\n"
         "adam_on(torch.device('cuda'), [{'params': [torch.nn.Parameter(torch.ones(3))]}])\n"
         "assert 'torch._dynamo' in sys.modules and 'triton' not in sys.modules\n"
         "import triton\n"

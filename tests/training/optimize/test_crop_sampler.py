@@ -15,9 +15,9 @@ from support.training_steps import train
 
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training.optimize import losses
-from frog_blender.engine.training.optimize.crop_sampler import CELL, CropSampler
 from frog_blender.engine.training.optimize.device import image_on
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
+from frog_blender.engine.training.optimize.schedule import CELL, CropSampler
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 

@@ -24,18 +24,18 @@ from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.model import interface as interface_module
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.compression import report_image, sensitivity, validation
+from frog_blender.engine.training.compression import sensitivity, validation
 from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
-from frog_blender.engine.training.optimize import losses, nearest_neighbours, training_images
+from frog_blender.engine.training.optimize import losses, neighbours, training_images
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
 from frog_blender.engine.training.optimize import trainer as trainer_module
+from frog_blender.engine.training.optimize.camera_refinement import ExposureCompensation
 from frog_blender.engine.training.optimize.device import choose_device, image_on, try_rasterizer
-from frog_blender.engine.training.optimize.exposure_compensation import ExposureCompensation
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
 from frog_blender.engine.training.optimize.running_loss import RunningLoss, TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session import events, pictures
 from frog_blender.engine.training.session import run as training_run
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.job import TrainingJob
@@ -77,10 +77,10 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
         with machine.uncounted():  # the CUDA rasterizer waits once, whatever is drawn
             return rasterize(*arguments, **{**keywords, "backend": "reference"})
 
-    for module in (training_images, interface_module, sensitivity, validation, report_image):
+    for module in (training_images, interface_module, sensitivity, validation, pictures):
         monkeypatch.setattr(module, "rasterize", slowly)
     monkeypatch.setattr(losses, "photometric_loss", photometric_loss_on_any_device)
-    monkeypatch.setattr(nearest_neighbours, "by_tree", nearest_neighbours.by_distances)
+    monkeypatch.setattr(neighbours, "by_tree", neighbours.by_distances)
     adam = import_module("torch.optim.adam")  # its list of devices that have fused kernels
     monkeypatch.setattr(adam, "_device_dtype_check_for_fused", lambda *_, **__: None)
     monkeypatch.setattr(optimizer_module, "adam_on", lambda device, groups: Adam(groups, eps=1e-15, fused=True))
@@ -162,8 +162,8 @@ def test_compression_is_the_same_elsewhere(machine: Machine, make: Make) -> None
     assert all(isinstance(value, Remote) for value in state(there).values())
     assert numbers(there) == numbers(here)
     np.testing.assert_array_equal(compression(there).record.removed, compression(here).record.removed)
-    image = report_image.draw_report_image(compression(there), 8)
-    np.testing.assert_array_equal(image, report_image.draw_report_image(compression(here), 8))
+    image = pictures.draw_report_image(compression(there), 8)
+    np.testing.assert_array_equal(image, pictures.draw_report_image(compression(here), 8))
     assert not machine.homeless
 
 

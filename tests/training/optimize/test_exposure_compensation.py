@@ -17,8 +17,8 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
-from frog_blender.engine.training.optimize import exposure_compensation
-from frog_blender.engine.training.optimize.exposure_compensation import ExposureCompensation
+from frog_blender.engine.training.optimize import camera_refinement
+from frog_blender.engine.training.optimize.camera_refinement import ExposureCompensation
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.session.checkpoint import restore, state_of
@@ -70,7 +70,7 @@ def test_what_matches_say_is_there_before_the_first_step(
     make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said = {1: np.array([0.5, 0.5, 0.4]), 2: np.array([1.5, 1.0, 1.0]), 3: np.array([100.0, 1.0, 1.0])}
-    monkeypatch.setattr(exposure_compensation, "matched_exposures", lambda capture, store: said)
+    monkeypatch.setattr(camera_refinement, "matched_exposures", lambda capture, store: said)
     found = found_by(make_trainer(20))
     assert found["cam00"] == NEUTRAL
     np.testing.assert_allclose(found["cam01"], said[1])

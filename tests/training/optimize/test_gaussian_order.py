@@ -9,7 +9,7 @@ import torch
 from support.builders import steps_between
 from support.training_steps import train
 
-from frog_blender.engine.training.optimize.gaussian_order import freeze_motion, sort_by_morton_code
+from frog_blender.engine.training.optimize.gaussian_state import freeze_motion, sort_by_morton_code
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("quick_seeds")

@@ -10,7 +10,7 @@ from support import synthetic_capture as film
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.training.optimize.gaussian_size import add_size_gradient, limit_sizes
+from frog_blender.engine.training.optimize.gaussian_state import add_size_gradient, limit_sizes
 
 
 def canonical_field() -> CanonicalField:

@@ -11,8 +11,7 @@ from support.training_steps import compression, train
 
 from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.budget import keep_within
-from frog_blender.engine.training.optimize.gaussian_order import freeze_motion, sort_by_morton_code
-from frog_blender.engine.training.optimize.gaussian_state import Reindexing
+from frog_blender.engine.training.optimize.gaussian_state import Reindexing, freeze_motion, sort_by_morton_code
 from frog_blender.engine.training.optimize.hooks import Hook, Training
 from frog_blender.engine.training.optimize.stateful import Tensors, Values
 from frog_blender.engine.training.optimize.trainer import Trainer

@@ -16,7 +16,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.image_coding import halved_image
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.rasterizer import RasterizeOptions
-from frog_blender.engine.training.optimize.half_resolution import (
+from frog_blender.engine.training.optimize.mattes import (
     halved,
     halved_capture,
     is_halved,

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.training.optimize.exposure_compensation import ExposureCompensation
-from frog_blender.engine.training.optimize.learnable_cameras import learnable_cameras
-from frog_blender.engine.training.optimize.pose_refinement import PoseRefinement
+from frog_blender.engine.training.optimize.camera_refinement import (
+    ExposureCompensation,
+    PoseRefinement,
+    learnable_cameras,
+)
 from frog_blender.engine.training.recipe import Recipe
 
 

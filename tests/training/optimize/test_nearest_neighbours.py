@@ -8,7 +8,7 @@ import pytest
 import torch
 from support.builders import run_python
 
-from frog_blender.engine.training.optimize.nearest_neighbours import by_distances, nearest, spacings
+from frog_blender.engine.training.optimize.neighbours import by_distances, nearest, spacings
 
 
 @pytest.mark.parametrize(("unit", "offset"), [(1.0, 0.0), (1.0, 500.0), (1000.0, 0.0), (1e-3, 0.0)])
@@ -61,7 +61,7 @@ def test_many_points_leave_no_holes_in_memory() -> None:
     """Results between buffers that came and went made the heap grow by gigabytes."""
     code = """
 import torch
-from frog_blender.engine.training.optimize.nearest_neighbours import nearest
+from frog_blender.engine.training.optimize.neighbours import nearest
 def peak():
     return int(next(line for line in open("/proc/self/status") if line.startswith("VmHWM")).split()[1]) / 1024
 points = torch.rand(12_000, 3)

@@ -11,8 +11,8 @@ import pytest
 import torch
 from support import shared_training
 
-from frog_blender.engine.training.optimize.peers import ALONE, agreed, shared
 from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.optimize.view_pass import ALONE, agreed, shared
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.run import run_training
 

@@ -14,13 +14,12 @@ from support.training_steps import train
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.evaluation.evaluate_file import open_training_capture
+from frog_blender.engine.evaluation.evaluate import open_training_capture
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.optimize import pose_refinement
-from frog_blender.engine.training.optimize.camera_rig import CameraRig
-from frog_blender.engine.training.optimize.pose_refinement import PoseRefinement
+from frog_blender.engine.training.optimize import camera_refinement
+from frog_blender.engine.training.optimize.camera_refinement import CameraRig, PoseRefinement
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.session import events
@@ -142,14 +141,14 @@ def test_a_finished_training_that_is_extended_goes_on_downhill(
     restore(longer, state_of(done))
     poses = longer.poses
     assert longer.progress == 0.5 and poses is not None and (poses.moved[:, 1] <= 0.5).all()
-    uphill, largest, bare = [], [], pose_refinement.without_common
+    uphill, largest, bare = [], [], camera_refinement.without_common
 
     def watched(changes: np.ndarray, centers: np.ndarray) -> np.ndarray:
         uphill.append((changes * poses.moments[0, longer.capture.train_cameras]).max())
         largest.append(np.abs(changes[:, :3]).max())
         return bare(changes, centers)
 
-    monkeypatch.setattr(pose_refinement, "without_common", watched)
+    monkeypatch.setattr(camera_refinement, "without_common", watched)
     train(longer)
     assert len(uphill) > 5 and max(uphill) <= 0 and max(largest) > 1e-5
 

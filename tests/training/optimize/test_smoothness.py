@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from frog_blender.engine.training.optimize.smoothness import NeighbourGraph
+from frog_blender.engine.training.optimize.neighbours import NeighbourGraph
 from frog_blender.engine.training.recipe import RECIPES
 
 

@@ -17,7 +17,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.model.interface import ScheduleState
 from frog_blender.engine.rasterizer import RasterizeOptions
-from frog_blender.engine.training.optimize import losses, smoothness
+from frog_blender.engine.training.optimize import losses, neighbours
 from frog_blender.engine.training.optimize.densification import DensificationStrategy
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
@@ -166,7 +166,7 @@ def test_a_short_training_passes_through_every_schedule(
         return call
 
     trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5, trainer_type=Watched)
-    for module, name in ((losses, "native_ssim"), (smoothness, "add_embedding_smoothness")):
+    for module, name in ((losses, "native_ssim"), (neighbours, "add_embedding_smoothness")):
         monkeypatch.setattr(module, name, counted(name, getattr(module, name)))
     density_round = DensificationStrategy.round
 
@@ -238,7 +238,7 @@ def test_what_the_recipe_switches_off_does_not_happen(
         def inject_anchors(self, progress: float, shot: int) -> None:
             never()
 
-    for module, name in ((losses, "native_ssim"), (smoothness, "add_embedding_smoothness")):
+    for module, name in ((losses, "native_ssim"), (neighbours, "add_embedding_smoothness")):
         monkeypatch.setattr(module, name, never)
     switched_off = {"sampling": "off", "dssim_weight": 0.0, "smoothness_weight": 0.0}
     train(make_trainer(60, trainer_type=Without, **switched_off))

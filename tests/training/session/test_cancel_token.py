@@ -23,7 +23,7 @@ from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.checkpoint import checkpoint_settings
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
-from frog_blender.engine.training.session.preview import preview_shot
+from frog_blender.engine.training.session.pictures import preview_shot
 from frog_blender.engine.training.session.run import run_training
 
 STEPS, PAUSED_AT = 40, 15

@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 import pytest
 
-from frog_blender.engine.training.session.disk_reserve import DiskReserve, allocate
+from frog_blender.engine.training.session.fallback_save import DiskReserve, allocate
 
 SIZE = 3 << 20
 

@@ -14,7 +14,7 @@ import pytest
 
 from frog_blender.engine.io.child_process import LONGEST_LINE
 from frog_blender.engine.training.session import events
-from frog_blender.engine.training.session.event_lines import event_of, line_of
+from frog_blender.engine.training.session.events import event_of, line_of
 
 IMAGE = np.random.default_rng(0).integers(0, 256, (9, 16, 3), np.uint8)
 REPORT = {

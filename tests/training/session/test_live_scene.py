@@ -10,7 +10,7 @@ import pytest
 
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.recipe import Recipe
-from frog_blender.engine.training.session import events, snapshots
+from frog_blender.engine.training.session import events, pictures
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.live_scene import LiveScene, Rest
 from frog_blender.engine.training.session.run import run_training
@@ -86,7 +86,7 @@ def job(filmed: Path, tmp_path: Path, recipe: Recipe, live: LiveScene) -> Traini
 @pytest.fixture
 def without_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     """A snapshot before every step."""
-    monkeypatch.setattr(snapshots, "Rest", lambda: Rest(shortest=0.0, share=1.0, clocks=(lambda: 0.0,)))
+    monkeypatch.setattr(pictures, "Rest", lambda: Rest(shortest=0.0, share=1.0, clocks=(lambda: 0.0,)))
 
 
 def test_a_training_is_seen_while_it_learns(
@@ -95,7 +95,7 @@ def test_a_training_is_seen_while_it_learns(
     taken: list[ScenePlayer] = []
     means: list[np.ndarray] = []
     arrays: list[tuple[Session, ScenePlayer]] = []
-    made = snapshots.snapshot
+    made = pictures.snapshot
 
     class Looking(LiveScene):
         """Whoever shows it takes each snapshot before the next step."""
@@ -112,7 +112,7 @@ def test_a_training_is_seen_while_it_learns(
         arrays.append((session, player))
         return player
 
-    monkeypatch.setattr(snapshots, "snapshot", watched)
+    monkeypatch.setattr(pictures, "snapshot", watched)
     for event in run_training(job(filmed, tmp_path, lively(12), Looking())):
         assert not isinstance(event, events.WarningEvent), event
     assert len(taken) >= 2
@@ -130,7 +130,7 @@ def test_nobody_looks_and_nothing_is_made(
     filmed: Path, tmp_path: Path, lively: Callable[..., Recipe], monkeypatch: pytest.MonkeyPatch, without_rest: None
 ) -> None:
     made: list[Session] = []
-    monkeypatch.setattr(snapshots, "snapshot", made.append)
+    monkeypatch.setattr(pictures, "snapshot", made.append)
     list(run_training(job(filmed, tmp_path, lively(12), LiveScene(is_wanted=False))))
     assert not made
 
@@ -141,7 +141,7 @@ def test_a_snapshot_that_fails_is_told_once_and_the_training_goes_on(
     def fail(_session: Session) -> ScenePlayer:
         raise MemoryError("no room")
 
-    monkeypatch.setattr(snapshots, "snapshot", fail)
+    monkeypatch.setattr(pictures, "snapshot", fail)
     said = list(run_training(job(filmed, tmp_path, lively(12), LiveScene())))
     warnings = [event.message for event in said if isinstance(event, events.WarningEvent)]
     assert sum("cannot be shown while it runs" in each for each in warnings) == 1

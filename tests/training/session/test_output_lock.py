@@ -15,13 +15,13 @@ from support.builders import REPOSITORY
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session.job import TrainingJob
-from frog_blender.engine.training.session.output_lock import lock_output
+from frog_blender.engine.training.session.output_paths import lock_output
 from frog_blender.engine.training.session.run import run_training
 
 HOLD = """
 import sys
 from pathlib import Path
-from frog_blender.engine.training.session.output_lock import lock_output
+from frog_blender.engine.training.session.output_paths import lock_output
 with lock_output(Path(sys.argv[1])):
     print("claimed", flush=True)
     sys.stdin.read()

@@ -16,11 +16,10 @@ from support import synthetic_capture as film
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.tensor_files import read_tensors
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.session import events, resume
-from frog_blender.engine.training.session.checkpoint import write_checkpoint
+from frog_blender.engine.training.session import checkpoint, events
+from frog_blender.engine.training.session.checkpoint import restore_job, write_checkpoint
 from frog_blender.engine.training.session.job import RESUMED_SETTINGS, TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path, is_of_another
-from frog_blender.engine.training.session.resume import restore_job
 from frog_blender.engine.training.session.run import run_training
 
 
@@ -126,7 +125,7 @@ def test_no_computer_is_called_that_a_checkpoint_names(
     task: TrainingJob, share: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looked_at: list[str] = []
-    monkeypatch.setattr(resume, "detect", lambda path: looked_at.append(str(path)))
+    monkeypatch.setattr(checkpoint, "detect", lambda path: looked_at.append(str(path)))
     rewritten(task, capture=share)
     with monkeypatch.context() as watched:
         watched.setattr("os.path.exists", lambda path: looked_at.append(str(path)) or False)

@@ -10,7 +10,7 @@ from ...errors import FrogError
 from ...scene.compression_report import StepKind
 from ...scene.quantization import BITS
 from ..methods import method_named
-from ..optimize.gaussian_order import mask_excluding
+from ..optimize.gaussian_state import mask_excluding
 from ..recipe import Recipe
 from .context import CompressionContext
 

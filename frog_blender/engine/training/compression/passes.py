@@ -1,27 +1,161 @@
-"""Compression passes: prune, reduce the SH degree, freeze.
+"""Compression passes: prune, reduce the SH degree, freeze what the images show at rest.
 
 A pass yields proposals. ``CompressionContext.compress`` applies each only as far as the validation loss stays within
 its tolerance, or as a budget requires, and logs what it saved. A pass goes on from what was taken.
+
+Static image regions of static cameras are found by the temporal variance of 8x8 cells.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
+from ...capture.camera import Camera
+from ...capture.capture import Capture
 from ...capture.seeding.views import spread
+from ...frames.store import FrameStore
+from ...gaussians import TorchGaussians
+from ...rasterizer import rasterize
 from ...scene.compression_report import StepKind
-from ..optimize import gaussian_order
-from ..optimize.gaussian_order import mask_excluding
+from ...spherical_harmonics import SH_DC
+from ..optimize import gaussian_state
+from ..optimize.gaussian_state import mask_excluding
 from ..optimize.stateful import Tensors
 from .context import CompressionContext, Proposal
-from .sensitivity import Sensitivity, in_state, peak_weights
-from .static_regions import change_of_pixels, temporal_variance
+from .sensitivity import SampledView, Sensitivity, in_state, peak_weights
 from .validation import ValidationEvaluator
+
+_CELL = 8  # pixels a side: a cell's mean is nearly free of noise, and of a film's compression
+_COMPARED = 12, 240  # images: of each camera, and of all together, at least
+_LEAST_CHANGE = 3 / 255
+NOISE_FACTOR = 2.0  # times what the typical cell changes by, where that is noise
+_MEASURED = 16, 240  # images that variance is measured on: of each camera, and of all together, at least
+_SAMPLED = 2  # every second pixel a side is enough
+QUIET_QUANTILE = 0.25  # of the cells have no more noise than all have
+
+
+def is_static_capture(capture: Capture, store: FrameStore) -> bool:
+    """True when no part of the training images changes over time, or all show one moment; False where that cannot be
+    told, because no camera stands still."""
+    if len({shot.frame for shot in capture.train_shots}) == 1:
+        return True
+    least, most = _COMPARED
+    by_camera = _spread(capture, least, most)
+    return bool(by_camera) and not any(_changes(store, shots) for shots in by_camera.values())
+
+
+def temporal_variance(capture: Capture, store: FrameStore) -> dict[int, NDArray[np.float32]]:
+    """How much the training images of each static camera change over time; empty where none has several.
+
+    Returns:
+        (rows, columns) float32 by camera, of the display range squared: of cells' means over time, or, where that is
+        more, the mean over a cell of its pixels', less the noise of the whole image. The first finds uniform surfaces,
+        the second what is finer than a cell.
+    """
+    least, most = _MEASURED
+    return {camera: _variance(store, shots) for camera, shots in _spread(capture, least, most).items()}
+
+
+def change_of_pixels(
+    gaussians_at: Callable[[float], TorchGaussians],
+    capture: Capture,
+    views: Sequence[SampledView],
+    variance: dict[int, NDArray[np.float32]],
+) -> torch.Tensor:
+    """(N,) the mean temporal variance of the pixels that each Gaussian colours in ``views``, weighted by blending
+    weight; infinite where it colours none.
+    """
+    sums = torch.zeros((), device="cpu")
+    for view in views:
+        camera, gaussians = capture.cameras[view.camera], gaussians_at(view.time)
+        of_pixels = _resized(variance[view.camera], (camera.width, camera.height))
+        sums = sums + sums_of_pixels(gaussians, camera, of_pixels, capture.background)
+    return torch.where(sums[:, 1] >= 1, sums[:, 0] / sums[:, 1], torch.inf)
+
+
+def sums_of_pixels(
+    gaussians: TorchGaussians,
+    camera: Camera,
+    of_pixels: NDArray[np.float32],
+    background: tuple[float, float, float],
+) -> torch.Tensor:
+    """(N, 3) the sum over a camera's pixels of numbers (H, W), each times the Gaussian's blending weight there; the sum
+    of the weights; and zeros.
+
+    A Gaussian's red is in the image's red by its blending weights: the backward pass sums what it is given in their
+    proportion. It is given the numbers in red and ones in green, which counts the weights.
+    """
+    grey = torch.zeros_like(gaussians.sh[:, :1]).requires_grad_()  # no colour is clamped
+    image = rasterize(replace(gaussians, sh=grey), camera, background).rgb
+    given = torch.from_numpy(of_pixels).to(image.device)
+    image.backward(torch.stack([given, torch.ones_like(given), torch.zeros_like(given)], dim=2))
+    assert grey.grad is not None
+    return grey.grad[:, 0] / SH_DC
+
+
+def _resized(variance: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+    """Each pixel of an image of ``size`` (width, height) with its cell's."""
+    import cv2
+
+    return np.asarray(cv2.resize(variance, size, interpolation=cv2.INTER_NEAREST))
+
+
+def _variance(store: FrameStore, shots: list[int]) -> NDArray[np.float32]:
+    """(rows, columns) of ``temporal_variance``."""
+    images = [store.image(index)[::_SAMPLED, ::_SAMPLED] for index in shots]
+    cell = _CELL // _SAMPLED
+    total, squares = (np.zeros(images[0].shape, np.int64) for _ in range(2))
+    for image in images:
+        total += image
+        squares += image.astype(np.uint16) ** 2
+    of_each = (squares - total**2 / len(shots)) / len(shots)
+    of_pixels = _cells(of_each / 255, cell).mean(2)
+    of_means = np.var([_cells(image, cell) for image in images], axis=0).mean(2)
+    noise = NOISE_FACTOR * float(np.quantile(of_pixels, QUIET_QUANTILE))
+    variance = np.maximum(np.maximum(of_means - noise / cell**2, of_pixels - noise), 0)
+    return np.asarray(variance, dtype=np.float32)
+
+
+def _spread(capture: Capture, least: int, most: int) -> dict[int, list[int]]:
+    """Training shots of each camera that has several, over the whole film: ``least`` of each and ``most`` of all
+    together, at least, as far as there are as many. Those of one camera lie between those of another. None where
+    cameras move."""
+    by_camera: dict[int, list[int]] = {}
+    for index in capture.train_indices:
+        by_camera.setdefault(capture.shots[index].camera, []).append(index)
+    several = {camera: shots for camera, shots in sorted(by_camera.items()) if len(shots) > 1}
+    spread = {}
+    for number, (camera, shots) in enumerate(several.items()):
+        count, shift = min(max(least, most // len(several)), len(shots)), number / len(several)
+        places = {min(int((k + shift) * len(shots) / count), len(shots) - 1) for k in range(count)}
+        spread[camera] = [shots[place] for place in sorted(places)]
+    return spread
+
+
+def _changes(store: FrameStore, shots: list[int]) -> bool:
+    """Whether a camera's images change."""
+    least = greatest = _cells(store.image(shots[0]))
+    for index in shots[1:]:
+        cells = _cells(store.image(index))
+        least, greatest = np.minimum(least, cells), np.maximum(greatest, cells)
+    spread = greatest - least
+    typical = float(np.median(spread))  # noise, unless most of the image moves
+    return typical > _LEAST_CHANGE or bool(spread.max() > max(_LEAST_CHANGE, NOISE_FACTOR * typical))
+
+
+def _cells(pixels: NDArray[np.float32 | np.uint8], cell: int = _CELL) -> NDArray[np.float32]:
+    """(rows, columns, 3) means in [0, 1] of whole cells of (H, W, 3) in [0, 255]; an image smaller than one is one."""
+    import cv2
+
+    height, width = pixels.shape[:2]
+    size = max(1, width // cell), max(1, height // cell)
+    return np.asarray(cv2.resize(pixels.astype(np.float32) / 255, size, interpolation=cv2.INTER_AREA))
 
 
 def prune(context: CompressionContext, evaluator: ValidationEvaluator, measured: Sensitivity) -> Iterator[Proposal]:
@@ -181,7 +315,7 @@ def _freezing(
 
     return Proposal(
         StepKind.FREEZE,
-        lambda number: gaussian_order.freeze_motion(gaussians, order[:number].sort().values, state),
+        lambda number: gaussian_state.freeze_motion(gaussians, order[:number].sort().values, state),
         lambda: gaussians.num_dynamic,
         loss,
         lambda: context.gaussians_at(0.5),

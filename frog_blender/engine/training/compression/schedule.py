@@ -16,9 +16,8 @@ from ..optimize.hooks import Hook, Training
 from ..optimize.stateful import Tensors, Values
 from ..recipe import Recipe
 from .context import CompressionContext, CompressionRecord
-from .passes import freeze_motion, freeze_static_regions, prune, prune_unmissed, reduce_sh_degree
+from .passes import freeze_motion, freeze_static_regions, is_static_capture, prune, prune_unmissed, reduce_sh_degree
 from .settings import DEFAULT, CompressionSettings, Milestone
-from .static_regions import is_static_capture
 
 
 class CompressionFailed(Exception):

@@ -19,10 +19,9 @@ from ...model.interface import RenderResult
 from ...rasterizer import Image
 from .densification import DensificationStrategy
 from .device import image_on
-from .gaussian_order import calmest_embedding, mask_excluding
-from .gaussian_state import GaussianState
+from .gaussian_state import GaussianState, calmest_embedding, mask_excluding
 from .mattes import Truth
-from .nearest_neighbours import nearest, spacings
+from .neighbours import nearest, spacings
 
 _WHILE_FEW = 0.01  # anchors of half the limit of Gaussians, a round
 _PATCH = 7  # pixels: single bright pixels are noise

@@ -1,15 +1,24 @@
-"""The Gaussians of a training: the one owner of everything that has a row for each of them."""
+"""The Gaussians of a training: the one owner of what has a row for each, their order, and how large they may be.
+
+An image says how wide a Gaussian is, not how deep: what reaches behind an edge that no training image looks behind
+shows as a fringe from the next side (the size regularization of 3DGS-MCMC, Kheradmand 2024, keeps it small). And what
+is so large that it wraps the cameras backs all walls with one colour, which is a fog from anywhere else.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
 import torch
 from torch import nn
 
+from ...capture.capture import Capture
 from ...model.canonical import ATTRIBUTES, CanonicalField
+from ...model.frog import total_deformation
 from ...model.interface import SceneModel
+from ...scene.quantization import morton_order_by_range
 from ..recipe import Recipe
 from .optimizer import SceneOptimizer
 from .stateful import Tensors, Values, expect
@@ -166,3 +175,71 @@ def _filled(places: torch.Tensor, arrivals: torch.Tensor) -> torch.Tensor:
     free = (places < 0).nonzero().squeeze(1)[: len(arrivals)]
     places = places.index_copy(0, free, arrivals[: len(free)])
     return torch.cat([places[places >= 0], arrivals[len(free) :]])
+
+
+def mask_excluding(indices: torch.Tensor, count: int) -> torch.Tensor:
+    """(count,) true but for ``indices``."""
+    keep = torch.ones(count, dtype=torch.bool, device=indices.device)
+    keep[indices] = False
+    return keep
+
+
+def sort_by_morton_code(gaussians: GaussianState) -> None:
+    """Makes steps faster, those on crops most: what they draw lies together (docs/experiments)."""
+    order = morton_order_by_range(gaussians.canonical.means.detach().cpu().numpy(), gaussians.num_dynamic)
+    gaussians.reindex(torch.from_numpy(order).to(gaussians.device), gaussians.num_dynamic, resample=False)
+
+
+def freeze_motion(gaussians: GaussianState, indices: torch.Tensor, state: Tensors) -> None:
+    """Makes dynamic Gaussians static.
+
+    Args:
+        indices: of dynamic ones, ascending.
+        state: how all dynamic ones look from now on, see ``Sensitivity.state``.
+    """
+    for name, values in state.items():
+        parameter = getattr(gaussians.canonical, name).data
+        if name == "sh":  # degrees that have not begun, or were cut
+            count = min(parameter.shape[1], values.shape[1])
+            parameter, values = parameter[:, :count], values[:, :count]
+        parameter[indices] = values[indices]
+    dynamic = mask_excluding(indices, gaussians.num_dynamic).nonzero().squeeze(1)
+    static = torch.arange(gaussians.num_dynamic, gaussians.count, device=indices.device)
+    gaussians.reindex(torch.cat([dynamic, indices, static]), len(dynamic))
+
+
+def calmest_embedding(gaussians: GaussianState, changes: Tensors) -> torch.Tensor:
+    """(E,) of the Gaussian that ``changes`` (see ``SceneModel.deform``) deform least; zeros where none is dynamic."""
+    embeddings = gaussians.canonical.embeddings.detach()
+    if not len(embeddings):
+        return embeddings.new_zeros(embeddings.shape[1])
+    return embeddings[int(total_deformation(changes).argmin())]
+
+
+@torch.no_grad()
+def add_size_gradient(canonical: CanonicalField, weight: float, unit: float) -> None:
+    """Adds to the log scales' gradient that of ``weight`` times the mean standard deviation over all Gaussians and
+    axes; nothing where a step has seen none of them.
+
+    Args:
+        unit: world units, which the standard deviations are divided by.
+    """
+    log_scales = canonical.log_scales
+    if log_scales.grad is not None and log_scales.numel():
+        log_scales.grad.add_(log_scales.exp(), alpha=weight / (unit * log_scales.numel()))
+
+
+@torch.no_grad()
+def limit_sizes(canonical: CanonicalField, capture: Capture, share: float, nearest: float) -> None:
+    """Shrinks what has a standard deviation of more than ``share`` of its distance to the nearest training camera.
+
+    Args:
+        nearest: world units, which every distance is taken for at least.
+    """
+    means, log_scales = canonical.means, canonical.log_scales
+    distances = torch.full((len(means),), torch.inf, dtype=means.dtype, device=means.device)
+    places = np.array([capture.cameras[index].center for index in capture.train_cameras], np.float32)
+    for center in torch.from_numpy(places).to(means.device, non_blocking=True):
+        torch.minimum(distances, (means - center).norm(dim=1), out=distances)
+    most = (share * distances.clamp(min=nearest)).log()[:, None]
+    log_scales.copy_(torch.minimum(log_scales, most))

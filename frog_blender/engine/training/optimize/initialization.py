@@ -19,7 +19,7 @@ from ...model.time_windows import open_windows
 from ...rasterizer import RasterizeOptions
 from ..methods import ModelInit, method_named
 from ..recipe import Recipe
-from .nearest_neighbours import spacings
+from .neighbours import spacings
 
 
 def scale_of(capture: Capture, points: NDArray[np.float32]) -> float:
@@ -56,7 +56,7 @@ def own_random_numbers(seed: int) -> Iterator[None]:
 def first_model(
     capture: Capture, seeds: Seeds, recipe: Recipe, method: str, scene_scale: float, device: torch.device
 ) -> SceneModel:
-    """The model before its first step, on ``device``; its random numbers are those of torch's generator of the CPU, on any device."""
+    """The model before its first step, on ``device``; its random numbers are of the CPU's generator, on any device."""
     points, colors = (torch.from_numpy(array).to(device) for array in (seeds.points, seeds.colors))
     sh_count = (recipe.sh_degree + 1) ** 2
     frames = seeds.frames if recipe.moments_for(capture.frame_count, len(capture.train_shots)) else None

@@ -1,4 +1,8 @@
-"""What is due when, and which image comes next."""
+"""What is due when, which image comes next, and which part of it is drawn.
+
+Most steps draw only a rectangle of an image, sampled where the errors are. The static part of an image is learned long
+before the moving part, yet costs most of every step. A step on a crop costs little more than its share of the pixels.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +10,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
+from ...capture.camera import Camera
 from ...capture.capture import Capture
+from ...native.binding import CELL
+from .device import OnItsWay
+from .stateful import Tensors, Values, expect
 
 _ROUNDING = 1e-9  # of a computed fraction of the training: no training has as many steps
 
@@ -68,3 +77,78 @@ class ViewSampler:
         frame are excluded."""
         there = self._by_frame.get(self._capture.shots[shot].frame, self._shots)
         return there[int(torch.randint(len(there), (1,), generator=generator))]
+
+
+_MEMORY = 0.7  # of the old estimate, when a cell is observed again
+LEAST_SIDE = 48  # pixels
+_MOST = 1e12  # mean squared error that is believed of a checkpoint: their sum has to be a number
+
+
+class CropSampler:
+    """Running mean squared error of every camera in cells of CELL x CELL pixels, and rectangles drawn from it.
+
+    Args:
+        cameras: of the capture; images may differ in size.
+        share: probability that a step draws a crop, in [0, 1].
+        size: sides of the crop over those of the image, in (0, 1].
+        least: pixels a side, at least.
+
+    Attributes:
+        errors: (rows, columns) float32 by camera, infinite where nothing was drawn yet. ``synchronize`` first.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], share: float, size: float, least: int = LEAST_SIDE) -> None:
+        self._cameras, self._share, self._size, self._least = cameras, share, size, least
+        sizes = [(-(-c.height // CELL), -(-c.width // CELL)) for c in cameras]
+        self.errors = [np.full(size, np.inf, np.float32) for size in sizes]
+        self._arriving: tuple[int, tuple[int, int, int, int], OnItsWay] | None = None
+
+    def pick(self, camera: int, generator: torch.Generator) -> tuple[int, int, int, int] | None:
+        """(left, top, width, height) in pixels, or None for the whole image. Its centre falls into a cell with the
+        probability of that cell's share of the squared error."""
+        if self._share == 0.0 or float(torch.rand(1, generator=generator)) >= self._share:
+            return None
+        self.synchronize()
+        errors = self.errors[camera]
+        if not np.isfinite(errors).all():  # not drawn whole yet
+            return None
+        weights = torch.from_numpy(errors.ravel() + 1e-12)
+        cell = int(torch.multinomial(weights, 1, generator=generator))
+        row, column = divmod(cell, errors.shape[1])
+        left, width = self._interval(column, self._cameras[camera].width)
+        top, height = self._interval(row, self._cameras[camera].height)
+        return left, top, width, height
+
+    def _interval(self, cell: int, length: int) -> tuple[int, int]:
+        """Start and length in pixels, whole cells around ``cell`` (the image's last cell may be cut)."""
+        cells = -(-length // CELL)
+        wanted = min(cells, max(self._least // CELL, round(cells * self._size)))
+        first = min(max(cell - wanted // 2, 0), cells - wanted)
+        return first * CELL, min(length, (first + wanted) * CELL) - first * CELL
+
+    def observe(self, camera: int, region: tuple[int, int, int, int], cells: torch.Tensor) -> None:
+        """Adds what a step drew: mean squared errors (rows, columns) of the region's cells."""
+        self.synchronize()  # what came before has long arrived; this is fetched by the next step without waiting
+        self._arriving = camera, region, OnItsWay(cells)
+
+    def synchronize(self) -> None:
+        """Adds what is still on its way."""
+        if self._arriving is None:
+            return
+        camera, (left, top, _, _), cells = self._arriving
+        self._arriving = None
+        new, row, column = cells.here().numpy(), top // CELL, left // CELL
+        known = self.errors[camera][row : row + new.shape[0], column : column + new.shape[1]]
+        known[...] = np.where(np.isfinite(known), _MEMORY * known + (1 - _MEMORY) * new, new)
+
+    def state(self) -> tuple[Tensors, Values]:
+        """See Stateful."""
+        return {f"regions.{camera}": torch.from_numpy(errors) for camera, errors in enumerate(self.errors)}, {}
+
+    def load_state(self, tensors: Tensors, values: Values) -> None:
+        """See Stateful; what is on its way is forgotten."""
+        found = [expect("errors", tensors[f"regions.{i}"], own.shape) for i, own in enumerate(self.errors)]
+        self.errors = [errors.numpy() for errors in found]
+        if not all(((found >= 0) & ((found < _MOST) | np.isinf(found))).all() for found in self.errors):
+            raise ValueError("errors below zero, or larger than any")
+        self._arriving = None

@@ -25,28 +25,22 @@ from ...scene.scene_file import settings_json
 from ..methods import method_named
 from ..recipe import Recipe
 from ..views import fit_to
-from .camera_rig import CameraRig
+from .camera_refinement import CameraRig, ExposureCompensation, PoseRefinement
 from .canonical_sampling import inject_anchors
-from .crop_sampler import CropSampler
 from .densification import DensificationStrategy, Statistics
 from .device import torch_threads
-from .exposure_compensation import ExposureCompensation
-from .gaussian_order import sort_by_morton_code
-from .gaussian_size import add_size_gradient, limit_sizes
-from .gaussian_state import GaussianState
+from .gaussian_state import GaussianState, add_size_gradient, limit_sizes, sort_by_morton_code
 from .hooks import Hook
 from .initialization import first_model, own_random_numbers, scale_of
 from .losses import matte_loss
 from .mattes import Mattes, Truth, behind_ignored
+from .neighbours import SMOOTHED_EVERY, EmbeddingSmoothness
 from .optimizer import SceneOptimizer
-from .peers import ALONE, PeerLost, Peers
-from .pose_refinement import PoseRefinement
 from .running_loss import RunningLoss, TrainingDiverged
-from .schedule import Every, ViewSampler
-from .smoothness import SMOOTHED_EVERY, EmbeddingSmoothness
+from .schedule import CropSampler, Every, ViewSampler
 from .stateful import Stateful, Tensors, Values
 from .training_images import TrainingImages
-from .view_pass import StepSum, View, ViewPass
+from .view_pass import ALONE, PeerLost, Peers, StepSum, View, ViewPass
 from .working_time import worked_since
 
 _SORTED_EVERY = 0.1  # of the training, while it grows

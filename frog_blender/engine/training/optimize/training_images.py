@@ -16,10 +16,9 @@ from ...gaussians import TorchGaussians
 from ...model.interface import RenderResult, SceneModel, ScheduleState
 from ...rasterizer import RasterizeOptions, rasterize
 from ..recipe import Recipe
-from .camera_rig import CameraRig
+from .camera_refinement import CameraRig
 from .gaussian_state import GaussianState
-from .half_resolution import halved, is_halved
-from .mattes import Color, Mattes, Truth
+from .mattes import Color, Mattes, Truth, halved, is_halved
 from .schedule import ramp
 from .stateful import Tensors
 

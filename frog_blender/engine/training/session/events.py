@@ -1,13 +1,26 @@
-"""Events of a training, with plain values alone: safe to pass between threads, and to any front end."""
+"""What a training tells while it runs, and the same as lines of JSON for a front end in another process. No torch.
+
+Events have plain values alone: safe to pass between threads, and to any front end. A line may come from another
+computer, so nothing in it is believed: kinds, sizes and ranges are checked when it is read, and what is no event is
+skipped.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import base64
+import json
+import math
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...io.plain_values import JsonObject
+from ...io.child_process import LONGEST_LINE
+from ...io.plain_values import JsonObject, UnfitValue, entries, items, number, plain_json, text, whole
+from ...scene.compression_report import readable_report
 
 
 @dataclass(frozen=True)
@@ -145,3 +158,158 @@ Event = (
     | Finished
     | Cancelled
 )
+
+
+_LONGEST_PLAIN = 2**18  # bytes of a line without an image
+_LARGEST_SIDE = 1024  # pixels of an image; larger ones are sent with fewer
+_LONGEST_TEXT = 4096
+_MOST = 2**53  # of what is counted: every JSON reader keeps such numbers exactly
+_MOST_PHASES = 16
+_MOST_REDUCTIONS = 1024
+
+Check = Callable[[object, str], Any]
+"""Takes a JSON value and its name, and returns the field; UnfitValue for what cannot be one."""
+
+
+def line_of(event: Event) -> str | None:
+    """An event as one line without its end; None for one that would be too long to be read."""
+    kind = _KIND_OF[type(event)]
+    values = {each.name: _plain(getattr(event, each.name)) for each in fields(event)}
+    line = json.dumps({"event": kind, **values}, allow_nan=False)
+    return line if len(line) < _longest(kind) else None
+
+
+def event_of(line: bytes) -> Event | None:
+    """The event that a line tells; None for an unknown kind, a damaged line and whatever else a program may print.
+
+    Fields that are not known are skipped: the other computer may have another version.
+    """
+    try:
+        found = entries(plain_json(line.decode("utf-8"), "an event"), "an event")
+        kind = found.get("event")
+        if type(kind) is not str or kind not in _KINDS or len(line) > _longest(kind):
+            return None
+        create, checks = _KINDS[kind]
+        return create(**{name: check(found[name], name) for name, check in checks.items() if name in found})
+    except (ValueError, TypeError):  # a TypeError where fields are missing
+        return None
+
+
+def _longest(kind: str) -> int:
+    return LONGEST_LINE if "image" in _KINDS[kind][1] else _LONGEST_PLAIN
+
+
+def _plain(value: object) -> object:
+    """A field as JSON takes it; None for a number that is not finite."""
+    if isinstance(value, np.ndarray):
+        return _packed(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _packed(image: NDArray[np.uint8]) -> dict[str, object]:
+    """An image with at most _LARGEST_SIDE pixels a side. No PNG: who reads it may have nothing that opens one."""
+    step = -(-max(image.shape[:2]) // _LARGEST_SIDE)
+    smaller = np.ascontiguousarray(image[::step, ::step])
+    deflated = base64.b64encode(zlib.compress(smaller.tobytes())).decode("ascii")
+    return {"height": smaller.shape[0], "width": smaller.shape[1], "rgb": deflated}
+
+
+def _image(value: object, what: str) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8; no more is inflated than its size says."""
+    found = entries(value, what)
+    height, width = (whole(found.get(name), name, 1, _LARGEST_SIDE) for name in ("height", "width"))
+    size, packed = 3 * height * width, found.get("rgb")
+    if type(packed) is not str:
+        raise UnfitValue(f"{what} without pixels", "some")
+    try:
+        pixels = zlib.decompressobj().decompress(base64.b64decode(packed, validate=True), size + 1)
+    except zlib.error as error:
+        raise UnfitValue(f"{what} that is damaged ({error})", "a whole one") from error
+    if len(pixels) != size:
+        raise UnfitValue(f"{what} of another size", f"{size} bytes")
+    return np.frombuffer(pixels, np.uint8).reshape(height, width, 3)
+
+
+def _text(value: object, what: str) -> str:
+    return text(value, what, _LONGEST_TEXT)
+
+
+def _count(value: object, what: str) -> int:
+    return whole(value, what, 0, _MOST)
+
+
+def _seconds(value: object, what: str) -> float:
+    return number(value, what, 0.0, 1e12)
+
+
+def _number(value: object, what: str) -> float:
+    return number(value, what, -1e12, 1e12)
+
+
+def _or_none(check: Check) -> Check:
+    return lambda value, what: None if value is None else check(value, what)
+
+
+def _phases(value: object, what: str) -> dict[str, float]:
+    found = entries(value, what)
+    items(list(found), what, _MOST_PHASES)
+    return {_text(name, what): _seconds(seconds, what) for name, seconds in found.items()}
+
+
+def _report(value: object, what: str) -> dict[str, Any]:
+    report = readable_report(value)
+    items(report.get("reductions", []), "reductions", _MOST_REDUCTIONS)
+    return report
+
+
+_KINDS: Mapping[str, tuple[Callable[..., Event], Mapping[str, Check]]] = {
+    "stage": (Stage, {"name": _text, "done": _count, "total": _count}),
+    "started": (
+        Started,
+        {
+            "method": _text,
+            "steps": _or_none(_count),
+            "cameras": _count,
+            "frames": _count,
+            "gaussians": _count,
+            "device": _text,
+            "pixels": _count,
+            "images": _count,
+        },
+    ),
+    "progress": (
+        Progress,
+        {
+            "step": _count,
+            "steps": _count,
+            "seconds": _seconds,
+            "seconds_left": _seconds,
+            "loss": _number,
+            "gaussians": _count,
+            "num_dynamic": _count,
+        },
+    ),
+    "reduced": (Reduced, {"step": _count, "message": _text}),
+    "evaluated": (Evaluated, {"step": _count, "psnr": _number, "split": _text, "seconds": _seconds}),
+    "preview": (Preview, {"step": _count, "image": _image}),
+    "compression_preview": (CompressionPreview, {"path": _text, "image": _image}),
+    "warning": (WarningEvent, {"message": _text}),
+    "saved": (Saved, {"path": _text}),
+    "finished": (
+        Finished,
+        {
+            "path": _text,
+            "steps": _count,
+            "seconds": _seconds,
+            "psnr": _or_none(_number),
+            "gaussians": _count,
+            "capacity": _report,
+            "phases": _phases,
+        },
+    ),
+    "cancelled": (Cancelled, {"step": _count, "path": _or_none(_text)}),
+}
+"""By the word in a line: the event, and how each of its fields is read."""
+_KIND_OF: Mapping[object, str] = {create: kind for kind, (create, _) in _KINDS.items()}

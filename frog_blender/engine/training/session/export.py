@@ -25,8 +25,7 @@ from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
 from ..compression.context import CompressionContext, CompressionStep
-from ..compression.fading import freeze_all_but_opacity
-from ..compression.finalize import playback_steps, played_by, reorder_for_playback
+from ..compression.finalize import freeze_all_but_opacity, playback_steps, played_by, reorder_for_playback
 from ..compression.schedule import compression_of
 from ..optimize.gaussian_state import GaussianState
 from .session import Session

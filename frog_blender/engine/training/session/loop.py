@@ -16,10 +16,9 @@ from ...io.atomic_files import write_atomically
 from ...scene.compression_report import reduction_line
 from ...scene.header import SceneHeader
 from ..compression.context import CompressionContext
-from ..compression.report_image import draw_report_image
 from ..compression.schedule import CompressionFailed, compression_of
-from ..optimize.peers import PeerLost, agreed
 from ..optimize.running_loss import TrainingDiverged
+from ..optimize.view_pass import PeerLost, agreed
 from . import events
 from .checkpoint import restore, share_state
 from .events import Event
@@ -33,10 +32,9 @@ from .export import (
 )
 from .fallback_save import Checkpoints, SpareSpace, save_with_fallback
 from .output_paths import beside, checkpoint_path
-from .preview import Previews, preview_shot
+from .pictures import Previews, Snapshots, draw_report_image, preview_shot
 from .recovery import Recovery
 from .session import Session
-from .snapshots import Snapshots
 from .time_estimate import TimeLeft, Workload
 
 _EVALUATIONS = 10  # over a training

@@ -22,7 +22,7 @@ from torch import distributed
 
 from ...errors import FrogError, reason
 from ...native.binding import set_thread_count
-from ..optimize.peers import PeerLost
+from ..optimize.view_pass import PeerLost
 from .torchrun import number
 
 _BEAT = 2.0  # seconds between two heartbeats

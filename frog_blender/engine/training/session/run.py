@@ -5,10 +5,16 @@ from __future__ import annotations
 from .. import passive_threads  # noqa: F401
 
 # isort: split
+
+
 import os
-from collections.abc import Callable, Iterator
+import queue
+import threading
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 from ...capture.capture import Capture
 from ...capture.masking import EVERY_MASK, MaskSettings
@@ -25,22 +31,65 @@ from ..optimize.device import choose_device
 from ..optimize.hooks import Hook
 from ..optimize.hull_pruning import hull_hooks, room_for_subject
 from ..optimize.initialization import doubt_of_scale
-from ..optimize.peers import ALONE, Peers, shared
 from ..optimize.trainer import Limits, Trainer, TrainerFactory
+from ..optimize.view_pass import ALONE, Peers, shared
 from ..views import fit_to
 from . import events
-from .background_work import in_background
 from .cancel_token import CancelToken
-from .checkpoint import load_checkpoint, share_state
-from .events import Event
+from .checkpoint import load_checkpoint, restore_job, share_state
+from .events import Event, Stage
 from .export import check_budget, check_readable
 from .job import TrainingJob, usual_scale
 from .loop import train
-from .output_lock import lock_output
-from .output_paths import check_unused, checkpoint_path
-from .resume import restore_job
+from .output_paths import check_unused, checkpoint_path, lock_output
 from .session import PhaseClock, Session
 from .time_estimate import Workload
+
+Result = TypeVar("Result")
+_MAX_WAIT = 10.0  # seconds for abandoned work to end
+
+
+class _Abandoned(Exception):
+    """Ends the work at its next report."""
+
+
+def in_background(
+    name: str, work: Callable[[Callable[[int, int], None]], Result], cancelled: Callable[[], bool]
+) -> Generator[Event, None, Result | None]:
+    """Runs ``work(report)`` in a thread, yields its reports as Stage events and returns its result; None if cancelled.
+
+    Raises:
+        Exception: what ``work`` raised, unless it was cancelled.
+    """
+    reports: queue.Queue[tuple[int, int]] = queue.Queue()
+    abandoned, outcome = threading.Event(), Future[Result]()
+
+    def report(done: int, total: int) -> None:
+        if abandoned.is_set() or cancelled():
+            raise _Abandoned
+        reports.put((done, total))
+
+    def run() -> None:
+        try:
+            outcome.set_result(work(report))
+        except BaseException as error:
+            outcome.set_exception(error)
+
+    worker = threading.Thread(target=run, name=f"frog: {name}", daemon=True)
+    worker.start()
+    try:
+        while worker.is_alive() or not reports.empty():
+            try:
+                done, total = reports.get(timeout=0.1)
+            except queue.Empty:
+                continue
+            while not reports.empty():  # only the newest matters
+                done, total = reports.get_nowait()
+            yield Stage(name, done, total)
+    finally:  # nothing half-made is left when the caller stops listening
+        abandoned.set()
+        worker.join(_MAX_WAIT)
+    return None if cancelled() else outcome.result()
 
 
 def prepare_capture(

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...capture.capture import Capture
-from ..optimize.peers import Peers
 from ..optimize.trainer import Trainer
+from ..optimize.view_pass import Peers
 from .cancel_token import CancelToken
 from .job import TrainingJob
 
