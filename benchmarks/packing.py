@@ -21,7 +21,7 @@ import numpy as np
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
 from frog_blender.engine.scene.quantization import BITS, morton_order_by_range, pack, unpack
-from frog_blender.engine.scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
+from frog_blender.engine.scene.scene_file import VISIBILITY, SceneFile, read_scene
 
 DIM = -5.0  # logit of an opacity that can just be seen
 
@@ -34,7 +34,7 @@ def main() -> None:
     options = parser.parse_args()
     for path in options.scenes:
         scene = read_scene(path)
-        if not scene.header.cameras or {VISIBILITY, OPACITY_TRACKS} & scene.arrays.keys():
+        if not scene.header.cameras or VISIBILITY in scene.arrays:
             parser.error(f"{path}: expected a scene with cameras, of a training with --capacity fixed")
         for share in options.shares:
             found = [measured(strayed(scene, share, seed)) for seed in range(options.seeds if share else 1)]

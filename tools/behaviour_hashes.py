@@ -365,7 +365,7 @@ def _isolate(folder: Path) -> None:
 
 
 def _file_runs() -> list[Run]:
-    """Scenes of the tests: no training as short as these finds Gaussians that only fade, or come and go."""
+    """Scenes of the tests: no training as short as these finds Gaussians that come and go."""
     files = sorted((ROOT / "tests" / "fixtures" / "scenes").glob("*.frog"))
     return [Run(f"file-{path.stem}", "", quick=True, plays=True, blender=True, scene=path) for path in files]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.builders import ATTRIBUTES, plain_camera, scene_file
-from support.played_scenes import TIMES, fading, flickering
+from support.played_scenes import TIMES, flickering
 
 from frog_blender.engine.editing.crops import Crop
 from frog_blender.engine.editing.edited_scene import EditedScene, edited
@@ -86,7 +86,6 @@ SCENES = {
     "partly": lambda: scene_file(200, moving=70, sh_count=9, deformed_sh=4),
     "static colours": lambda: scene_file(120, moving=50, sh_count=16, deformed_sh=0),
     "flickering": flickering,
-    "fading": fading,
 }
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from support.builders import odd_camera, scene_file
-from support.played_scenes import fading
 
 from frog_blender.engine.field.names import CANONICAL
 from frog_blender.engine.scene.scene_file import SceneFile, scene_bytes
@@ -25,7 +24,6 @@ def kinds() -> dict[str, SceneFile]:
         "modulated": scene_file(modulation=True, fusion="attention"),
         "ed3dgs": _as("ed3dgs", scene_file(fusion="dual")),
         "lifetimes": SceneFile(plain.header, plain.arrays | mask),
-        "fades": fading(),
         "static": _still(plain),
         "imported": _imported(_still(plain)),
         "moving camera": _moving_camera(plain),

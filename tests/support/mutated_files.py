@@ -27,8 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from fuzzing.mutating import cut, flipped, in_the_header, lying, torn
-from support.builders import plain_camera
-from support.played_scenes import fading
+from support.builders import plain_camera, scene_file
 from support.synthetic_capture import FRAMES, HEIGHT, WIDTH, seeds, write_capture
 
 from frog_blender.engine.capture.readers import open_capture
@@ -157,7 +156,7 @@ class Bakes(Kind):
 
     def __init__(self, folder: Path) -> None:
         self.path, self._source = folder / "x.frogbake", folder / "x.frog"
-        write_scene(self._source, fading())
+        write_scene(self._source, scene_file(200, moving=120))
         self._scene = ScenePlayer.load(self._source)
         list(write_bake(self.path, self._source, self._scene, [0.0, 0.5, 1.0]))
         self.whole = [self.path.read_bytes()]

@@ -49,16 +49,5 @@ def flickering(count: int = 300, **model: object) -> SceneFile:
     return SceneFile(scene.header, arrays)
 
 
-def fading(fleeting: bool = False, **model: object) -> SceneFile:
-    """200 Gaussians: 120 deformed, 40 that only fade, 40 static.
-
-    Args:
-        fleeting: those that are deformed are transparent at most times.
-    """
-    plain = flickering(200, moving=120, **model) if fleeting else scene_file(200, moving=120, modulation=True, **model)
-    tracks = np.random.default_rng(0).integers(0, 256, (40, plain.header.frame_count)).astype(np.uint8)
-    return SceneFile(plain.header, plain.arrays | {"fades": tracks})
-
-
 def without_lifetimes(scene: SceneFile) -> SceneFile:
     return SceneFile(scene.header, {name: array for name, array in scene.arrays.items() if name != "lifetimes"})

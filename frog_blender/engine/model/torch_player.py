@@ -16,10 +16,9 @@ from ..capture.camera import Camera
 from ..capture.time import frame_to_time
 from ..errors import FrogError
 from ..field.names import FIELD_METHODS
-from ..field.opacity_tracks import OpacityTracks
 from ..gaussians import TorchGaussians
 from ..rasterizer import rasterize
-from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile
+from ..scene.scene_file import VISIBILITY, SceneFile
 from .canonical import ATTRIBUTES, CanonicalField
 from .frog import Frog, FrogSettings
 from .interface import ScheduleState
@@ -51,7 +50,6 @@ class TorchScenePlayer:
             raise FrogError(f"Found a scene of the method {scene.header.method!r}, expected FRoG or E-D3DGS on a GPU.")
         self.header = scene.header
         self.model = model_of(scene).to(device)
-        self._fades = OpacityTracks(scene.arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in scene.arrays else None
         if half is None and torch.device(device).type != "cpu":
             half = half_error(self.model) <= HALF_TOLERANCE
         self.half = bool(half)
@@ -66,12 +64,7 @@ class TorchScenePlayer:
     def at(self, time: float) -> TorchGaussians:
         """Gaussians at a time in [0, 1] (clamped), activated; quaternions of any length."""
         time = min(max(float(time), 0.0), 1.0)
-        gaussians = _gaussians(self.model, time)
-        if self._fades:
-            opacities = np.empty(len(self._fades), np.float32)
-            self._fades.at(time, opacities)
-            gaussians.opacities[self.model.canonical.num_dynamic :][: len(opacities)] = torch.from_numpy(opacities)
-        return gaussians
+        return _gaussians(self.model, time)
 
     @torch.inference_mode()
     def render_image(self, frame: float, camera: Camera) -> Array:
@@ -102,7 +95,7 @@ def _gaussians(model: Frog, time: float) -> TorchGaussians:
 
 def model_of(scene: SceneFile) -> Frog:
     """The model as training had it, on the CPU and without gradients; FrogError when the file does not hold one."""
-    learned = {name: array for name, array in scene.arrays.items() if name not in (OPACITY_TRACKS, VISIBILITY)}
+    learned = {name: array for name, array in scene.arrays.items() if name != VISIBILITY}
     values = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in learned.items()}
     state = {
         f"canonical.{name}" if name in ATTRIBUTES else name.replace("network.", "deformation."): value

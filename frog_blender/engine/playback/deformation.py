@@ -2,7 +2,7 @@
 
 What does not depend on time is computed once: without modulation the first layer's product with the Gaussians'
 embeddings; static Gaussians and colours that do not deform are written once into the frames' memory. Groups that are
-invisible at a time are not deformed, and Gaussians with opacity tracks never are.
+invisible at a time are not deformed.
 """
 
 from __future__ import annotations
@@ -16,14 +16,13 @@ from ..arrays import Array, SceneArrays
 from ..errors import FrogError, brief
 from ..field.first_layer import first_layer
 from ..field.names import FORMS, FUSIONS, fused_size, network_count
-from ..field.opacity_tracks import OpacityTracks
 from ..field.output_layout import column_outputs, num_heads, num_outputs
 from ..field.temporal_table import resampled
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..native.deformation import FieldShape, PlaybackField
 from ..native.structs import Buffer
-from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY
+from ..scene.scene_file import VISIBILITY
 from .frame_delta import BufferPool, FrameDelta, canonical_gaussians, extract_columns
 from .groups import VisibilityMask, num_groups, pack_lanes, transpose_weights
 
@@ -128,18 +127,17 @@ def _checked_arrays(arrays: SceneArrays, model: JsonMapping, temporal: TemporalE
     KeyError or ValueError unless every array is what the settings say: the library only sees addresses.
     """
     count, networks, embedding = len(arrays["means"]), temporal.networks, int(model["embedding_size"])
-    deformed, fading = len(arrays["embeddings"]), len(arrays.get(OPACITY_TRACKS, ()))
-    if deformed + fading > count:
-        raise ValueError(f"{deformed + fading} of its {count} Gaussians move")
+    deformed = len(arrays["embeddings"])
+    if deformed > count:
+        raise ValueError(f"{deformed} of its {count} Gaussians move")
     hidden, heads, colors = (int(model[name]) for name in ("hidden_width", "head_width", "deformed_sh"))
     outputs = num_outputs(colors)
     if not 0 <= colors <= arrays["sh"].shape[1]:
         raise ValueError("it deforms more colours than there are")
     shapes = {name: (count, *size) for name, size in zip(_CANONICAL, ((3,), (3,), (4,), ()), strict=True)}
     shapes |= {"sh": (count, arrays["sh"].shape[1], 3)}
-    if deformed or not fading:  # of a part of a scene all may only fade
-        shapes |= {"embeddings": (deformed, embedding)}
     shapes |= {
+        "embeddings": (deformed, embedding),
         "network.embedding_weight": (networks * hidden, embedding),
         "network.temporal_weight": (networks * hidden, temporal.size),
         "network.bias": (networks * hidden,),
@@ -154,7 +152,7 @@ def _checked_arrays(arrays: SceneArrays, model: JsonMapping, temporal: TemporalE
         width = networks * heads * num_heads(colors)
         shapes |= {"network.head_weight": (width, hidden), "network.head_bias": (width,)}
     result = {name.removeprefix("network."): checked(arrays, name, shape) for name, shape in shapes.items()}
-    return {"embeddings": np.empty((0, embedding), np.float32)} | result
+    return result
 
 
 def _shape(model: JsonMapping, sh_count: int, networks: int) -> FieldShape:
@@ -183,8 +181,7 @@ class DeformationPlayer:
         model: the scene header's model settings.
 
     Attributes:
-        num_dynamic: Gaussians that change in time, which come first.
-        deformed: those of them that the network moves, which come first; the others have opacity tracks.
+        num_dynamic: Gaussians that the network moves, which come first.
         changing: the columns (see frame_delta) that change in time. An output of zeros changes none.
         visibility: when groups of deformed Gaussians are visible; None where the file does not say.
     """
@@ -194,25 +191,23 @@ class DeformationPlayer:
             self._temporal = TemporalEmbedding(arrays, model)
             a = _checked_arrays(arrays, model, self._temporal)
             self._shape = _shape(model, a["sh"].shape[1], self._temporal.networks)
-            self.deformed = len(a["embeddings"])
-            self.visibility = VisibilityMask(arrays[VISIBILITY], self.deformed) if VISIBILITY in arrays else None
-            self._tracks = OpacityTracks(arrays[OPACITY_TRACKS]) if OPACITY_TRACKS in arrays else None
+            self.num_dynamic = len(a["embeddings"])
+            self.visibility = VisibilityMask(arrays[VISIBILITY], self.num_dynamic) if VISIBILITY in arrays else None
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, OverflowError) as error:
             raise FrogError(
                 f"The scene's deformation network cannot be used ({brief(error)}); train it again."
             ) from error
         a["shared"] = a.pop("bias")
-        self.num_dynamic = self.deformed + (len(self._tracks) if self._tracks else 0)
         colors = self._shape.sh_deformed
-        self.changing = _changing(a, colors) if self.deformed else frozenset()
-        if self.visibility or self._tracks:
+        self.changing = _changing(a, colors) if self.num_dynamic else frozenset()
+        if self.visibility:
             self.changing |= {"base"}  # in which opacities are
         self._still = vars(canonical_gaussians(a))
-        was_visible = {"was_visible": np.ones(num_groups(self.deformed), np.float32)} if self.visibility else {}
+        was_visible = {"was_visible": np.ones(num_groups(self.num_dynamic), np.float32)} if self.visibility else {}
         self._memory = BufferPool({k: v for k, v in self._still.items() if k != "sh" or colors} | was_visible)
         for name in _CANONICAL:
-            a[name] = a[name][: self.deformed]
-        a["sh"] = np.ascontiguousarray(a["sh"][: self.deformed, :colors])  # the others are in the frames' memory
+            a[name] = a[name][: self.num_dynamic]
+        a["sh"] = np.ascontiguousarray(a["sh"][: self.num_dynamic, :colors])  # the others are in the frames' memory
         kept = "modulation_weight" not in a  # the first layer's product with the embeddings is the same at all times
         self._first_layer = a["shared"], a["embedding_weight"], a["temporal_weight"], a.get("modulation_weight")
         if not self._shape.head_width:  # heads are nearly all of the arithmetic: how Gaussians lie matters little
@@ -243,11 +238,9 @@ class DeformationPlayer:
         addresses: Mapping[str, Buffer | int] | None = None,
     ) -> None:
         """Fills the dynamic Gaussians of ``result``; ``addresses`` are those of its arrays, if known."""
-        if self.deformed:
+        if self.num_dynamic:
             active = self.visibility.at(time) if self.visibility else None
             field.deform(self._time_inputs(time), addresses or result, active)
-        if self._tracks:
-            self._tracks.at(time, result["opacities"][self.deformed : self.num_dynamic])
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; the arrays are not to be changed."""
@@ -262,9 +255,6 @@ class DeformationPlayer:
         count, colors = self.num_dynamic, self._shape.sh_deformed
         sizes = {"means": (3,), "quaternions": (4,), "scales": (3,), "opacities": (), "sh": (colors, 3)}
         moved = {name: np.empty((count, *size), np.float32) for name, size in sizes.items()}
-        for name, values in moved.items():  # Gaussians with opacity tracks
-            still = self._still[name][self.deformed : count]
-            values[self.deformed :] = still[:, :colors] if name == "sh" else still
         self._deform(self._part_field, time, moved)
         if not colors:
             moved["sh"] = self._still["sh"][:count]

@@ -22,7 +22,7 @@ from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..scene.frame_rows import KEEPS_IDENTITY
 from ..scene.header import SceneHeader
-from ..scene.scene_file import OPACITY_TRACKS, VISIBILITY, SceneFile, read_scene
+from ..scene.scene_file import VISIBILITY, SceneFile, read_scene
 from .baselines import BASELINES
 from .deformation import DeformationPlayer
 from .frame_delta import (
@@ -69,14 +69,11 @@ TIMES_KEPT = 4
 
 
 def row_ranges(arrays: SceneArrays) -> dict[str, range]:
-    """The Gaussians that each array with a row a Gaussian has: all, the deformed ones, which come first, or those with
-    opacity tracks, which come next."""
+    """The Gaussians that each array with a row a Gaussian has: all, or the deformed ones, which come first."""
     deformed, everyone = len(arrays.get("embeddings", ())), range(len(arrays["means"]))
     rows = dict.fromkeys(CANONICAL & arrays.keys(), everyone)
     if "embeddings" in arrays:
         rows["embeddings"] = range(deformed)
-    if OPACITY_TRACKS in arrays:
-        rows[OPACITY_TRACKS] = range(deformed, deformed + len(arrays[OPACITY_TRACKS]))
     return rows
 
 
@@ -93,10 +90,7 @@ def select_gaussians(scene: SceneFile, kept: Array) -> SceneFile:
     for name, rows in row_ranges(scene.arrays).items():
         own = kept[(kept >= rows.start) & (kept < rows.stop)] - rows.start
         arrays[name] = np.take(arrays[name], own, axis=0)  # rows in one piece, which indexing does not see
-    if OPACITY_TRACKS in arrays and not len(arrays[OPACITY_TRACKS]):
-        del arrays[OPACITY_TRACKS]
-    moving = len(arrays.get("embeddings", ())) + len(arrays.get(OPACITY_TRACKS, ()))
-    if "embeddings" in arrays and not moving:
+    if "embeddings" in arrays and not len(arrays["embeddings"]):
         arrays = {name: arrays[name] for name in CANONICAL}
         header = replace(header, model={})
     return SceneFile(header, arrays, None if scene.rows is None else scene.rows.subset(kept))

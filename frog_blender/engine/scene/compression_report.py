@@ -14,7 +14,6 @@ class StepKind(StrEnum):
     FREEZE = "put to rest"
     UNFREEZE = "woken"
     SH_DEGREE = "SH degree"
-    ONLY_FADE = "only fade"
     VISIBILITY = "unseen left out"
     PACK = "packed"
 
@@ -34,7 +33,6 @@ _LABELS = {
     StepKind.FREEZE: ("freeze", "dynamic Gaussians"),
     StepKind.UNFREEZE: ("unfreeze", "dynamic Gaussians"),
     StepKind.SH_DEGREE: ("reduce SH degree", ""),
-    StepKind.ONLY_FADE: ("freeze all but opacity", "deformed Gaussians"),
     StepKind.VISIBILITY: ("skip invisible groups", "Gaussians deformed a frame"),
     StepKind.PACK: ("quantize", "bytes"),
 }

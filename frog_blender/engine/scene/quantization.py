@@ -186,7 +186,6 @@ BITS = {
     "sh": 8,
     "embeddings": 8,
     "lifetimes": 1,
-    "fades": 1,
 }
 """Of a number of each Gaussian's attributes; what is not here is stored in half precision, and bytes as they are.
 

@@ -2,8 +2,7 @@
 
 Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
 ``embeddings`` of those that are deformed, which come first, ``temporal_table`` and ``network.*``, and where that saves
-time at playback VISIBILITY (see playback.groups) and, for those that come next, OPACITY_TRACKS. The
-header holds what playback and evaluation need besides.
+time at playback VISIBILITY (see playback.groups). The header holds what playback and evaluation need besides.
 """
 
 from __future__ import annotations
@@ -29,11 +28,9 @@ from .quantization import Packed, pack, unpack_scene
 
 VISIBILITY = "lifetimes"
 """Name of the array of bits that say when groups of Gaussians are visible (playback.groups)."""
-OPACITY_TRACKS = "fades"
-"""Name of the array (F, frames) of opacities of transient Gaussians (field.opacity_tracks)."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
-_FROG = {"embeddings", "temporal_table", "attention_weight", "attention_query", VISIBILITY, OPACITY_TRACKS}
+_FROG = {"embeddings", "temporal_table", "attention_weight", "attention_query", VISIBILITY}
 _OF_METHOD = {**dict.fromkeys(FIELD_METHODS, _FROG), "curves": {"embeddings"}}
 _NETWORK = re.compile(r"network\.[a-z0-9_.]{1,80}")
 
@@ -135,7 +132,7 @@ def _is_known(name: str, method: str = "frog") -> bool:
 def _check_arrays(arrays: SceneArrays) -> None:
     """UnfitValue for types and shapes that playback does not rely on."""
     for name, array in arrays.items():
-        expected = np.uint8 if name in (VISIBILITY, OPACITY_TRACKS) else np.float32
+        expected = np.uint8 if name == VISIBILITY else np.float32
         if array.dtype != expected:
             raise UnfitValue(f"{name} of type {array.dtype}", f"{expected.__name__}")
     count = (arrays["means"].shape or (0,))[0] if "means" in arrays else 0

@@ -245,7 +245,7 @@ def test_those_are_frozen_first_that_images_miss_least(
     score = torch.full((count,), 50.0 if forced else 3.0)
     places = trainer.model.canonical.means.detach().clone()
     kept = places[energy.argsort()[-int(0.1 * count) :].sort().values]
-    freeze(compression(trainer), Motion(score, energy, energy), state)
+    freeze(compression(trainer), Motion(score, energy), state)
     moving = trainer.model.canonical.num_dynamic
     assert moving == int(0.1 * count)
     torch.testing.assert_close(trainer.model.canonical.means.detach()[:moving], kept)

@@ -126,7 +126,7 @@ DAMAGE: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
     *[("exposures", change) for change in (cut, broken, negative)],
     *[("exposures.sums", change) for change in (cut, whole, broken)],
     *[("removed", change) for change in (whole, lambda array: array.reshape(-1))],
-    *[(f"motion.{part}", change) for part in ("score", "fade_energy") for change in (cut, whole)],
+    *[(f"motion.{part}", change) for part in ("score", "rest_energy") for change in (cut, whole)],
     *[("neighbourhood.anchors", change) for change in (cut, whole, negative, lambda array: array + 10_000)],
     *[("neighbourhood.neighbours", change) for change in (cut, negative, lambda array: array + 10_000)],
     *[("neighbourhood.weights", change) for change in (cut, whole)],
@@ -146,7 +146,7 @@ VALUES: list[tuple[str, Any]] = [
 def trained(make_trainer: Make) -> Trainer:
     trainer = train(make_trainer(40, capacity="auto"), until=37)
     moving = trainer.model.canonical.num_dynamic
-    compression(trainer).record.motion = Motion(*torch.rand(3, moving))  # as where none is static before the end
+    compression(trainer).record.motion = Motion(*torch.rand(2, moving))  # as where none is static before the end
     return trainer
 
 

@@ -23,13 +23,9 @@ from ..optimize.mattes import Mattes
 PIXELS_OF_A_CHANGE = 64.0
 """A change of the whole display range counts as motion by so many pixels: one pixel of motion across an edge of a fifth
 of the range changes about as much as a whole Gaussian by a hundredth of it."""
-MOTION_ARRAYS = ("score", "rest_energy", "fade_energy")
+MOTION_ARRAYS = ("score", "rest_energy")
 """Attributes of ``Motion``, as checkpoints name them."""
 _ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
-STATE = ("means", "quaternions", "scales", "sh")
-"""Attributes but opacity."""
-FAINT = 1e-4
-"""Least opacity where states are weighted by it: Gaussians that are never seen have a state, too."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +61,10 @@ class Motion:
             colour and opacity, each times their blending weight in the view where that is most.
         rest_energy: (M,) the mean over the views of the sum of squares over pixels and channels by which an image
             would change, to first order, if this Gaussian alone were in its mean state.
-        fade_energy: (M,) the same, if all but its opacity were as in the mean over the times at which it is seen.
     """
 
     score: torch.Tensor
     rest_energy: torch.Tensor
-    fade_energy: torch.Tensor
 
     def select(self, rows: torch.Tensor) -> Motion:
         """Of some of the Gaussians (indices, or a mask) alone."""
@@ -135,19 +129,13 @@ def measure(
         mattes: where images have masks: what is ignored shows nothing, and views have backgrounds of their own.
     """
     ranges = {name: _Range() for name in _ATTRIBUTES}
-    seen, total = {name: _Range() for name in STATE}, _Range()
-    contribution, energy, rest_energy, fade_energy, weight, reach = (_Range() for _ in range(6))
+    contribution, energy, rest_energy, weight, reach = (_Range() for _ in range(5))
     with torch.no_grad():
         for view in views:
             gaussians = gaussians_at(view.time)
             for name, values in ranges.items():
                 values.add(getattr(gaussians, name)[:num_dynamic])
-            opacity = gaussians.opacities[:num_dynamic].clamp(min=FAINT).square()
-            total.add(opacity)
-            for name, values in seen.items():
-                values.add(_scale_rows(opacity, getattr(gaussians, name)[:num_dynamic]))
     mean = {name: values.mean for name, values in ranges.items()}
-    mean_seen = {name: _scale_rows(1 / total.mean, values.mean) for name, values in seen.items()}
     for number, view in enumerate(views):
         camera = capture.cameras[view.camera]
         with torch.no_grad():
@@ -160,11 +148,10 @@ def measure(
         contribution.add(change)
         energy.add(change.square())
         rest_energy.add(_squares(gaussians, slopes, mean))
-        fade_energy.add(_squares(gaussians, slopes, mean_seen))
         weight.add(image.max_weights[:num_dynamic])
         reach.add((image.max_weights * _pixels_per_unit(gaussians, image, camera))[:num_dynamic])
     score = _score(ranges, weight.largest, reach.largest)
-    motion = Motion(score, rest_energy.mean, fade_energy.mean)
+    motion = Motion(score, rest_energy.mean)
     return Sensitivity(motion, contribution.largest, energy.mean, canonical_state(mean))
 
 
@@ -238,11 +225,6 @@ def in_state(gaussians: TorchGaussians, chosen: torch.Tensor, state: dict[str, t
         mask = chosen.view(-1, *[1] * (now.dim() - 1))
         changed[name] = torch.cat([torch.where(mask, values[:count], now[:count]), now[count:]])
     return replace(gaussians, **changed)
-
-
-def _scale_rows(factors: torch.Tensor, values: torch.Tensor) -> torch.Tensor:
-    """(M, ...) values times one factor (M,) for each row."""
-    return values * factors.view(-1, *[1] * (values.dim() - 1))
 
 
 def view_gradients(

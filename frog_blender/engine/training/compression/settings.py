@@ -23,7 +23,6 @@ class CompressionSettings:
         max_prune_loss, max_sh_loss: for pruning Gaussians and reducing the SH degree.
         max_unmissed_loss, unmissed_weight: at the end, for pruning what has no larger blending weight than that in any
             training image.
-        max_fade_loss: for Gaussians that only fade.
         max_packing_loss: above which a file is not packed.
         freeze_score, freeze_all_score: score (see ``Motion``) below which motion may be frozen; and below which all may
             be, if no score is above.
@@ -34,9 +33,6 @@ class CompressionSettings:
             Gaussians have to be weighed, few times and sides must be missed.
         num_weight_views: training images that blending weights are looked for in.
         num_training_views: training images that stand in for validation images, where there are none.
-        min_fading: share of the dynamic Gaussians below which such a kind is not worth it.
-        max_track_frames: opacity tracks of more frames take more bytes than embeddings.
-        num_mean_frames: frames that a mean state is taken over, at most.
         max_visible: share of the groups of dynamic Gaussians, above which lifetimes save nothing.
         validate_from, prune_at: fractions of the training between which validation images are not learned from: long
             enough that they lose what held-out images lose, and no longer, since what is static then cannot learn them.
@@ -47,7 +43,6 @@ class CompressionSettings:
     max_prune_loss: float = 0.03
     max_sh_loss: float = 0.03
     max_unmissed_loss: float = 0.01
-    max_fade_loss: float = 0.03
     max_packing_loss: float = 0.05
     unmissed_weight: float = 0.1
     freeze_score: float = 4.0
@@ -59,9 +54,6 @@ class CompressionSettings:
     num_budget_views: int = 72
     num_weight_views: int = 120
     num_training_views: int = 8
-    min_fading: float = 0.1
-    max_track_frames: int = 256
-    num_mean_frames: int = 32
     max_visible: float = 0.9
     validate_from: float = 0.75
     prune_at: float = 0.8

@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -20,12 +19,12 @@ from ...field.names import CANONICAL
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ...model.canonical import ATTRIBUTES
-from ...playback.player import ScenePlayer, row_ranges
+from ...playback.player import row_ranges
 from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
 from ..compression.context import CompressionContext, CompressionStep
-from ..compression.finalize import freeze_all_but_opacity, playback_steps, played_by, reorder_for_playback
+from ..compression.finalize import playback_steps, reorder_for_playback
 from ..compression.schedule import compression_of
 from ..optimize.gaussian_state import GaussianState
 from .session import Session
@@ -174,28 +173,16 @@ def _plain(session: Session, metrics: Metrics) -> BuiltScene:
 
 def _compact(session: Session, compression: CompressionContext, metrics: Metrics) -> BuiltScene:
     trainer, budget = session.trainer, session.job.max_bytes
-    scene, steps = _scene(session, metrics), list[CompressionStep]()
-    if trainer.finished and not budget:  # which the scene fits as it is
-        scene, step = freeze_all_but_opacity(compression, scene)
-        steps += [step] if step else []
-    scene = reorder_for_playback(scene, trainer.finished, compression.settings.max_visible)
-    if steps and "psnr" in metrics:  # measured again, of what is written
-        psnr, _ = trainer.evaluate(EVALUATED_SHOTS, played_by(ScenePlayer(scene), trainer.device))
-        scene = _with_header(scene, metrics={**metrics, "psnr": psnr})
+    scene = reorder_for_playback(_scene(session, metrics), trainer.finished, compression.settings.max_visible)
     content = scene_bytes(scene, compact=True)
     if not trainer.finished:
         return BuiltScene(scene, content)
-    lost = sum(step.loss or 0.0 for step in steps)
-    packing, transients = playback_steps(compression, scene, len(content), lost)
+    packing, transients = playback_steps(compression, scene, len(content))
     compact = packing.loss is None or packing.loss <= compression.settings.max_packing_loss or bool(budget)
-    steps += [step for step in (packing if compact else None, transients) if step]
-    scene = _with_header(scene, capacity=compression_report(session, [*compression.record.log, *steps]))
+    steps = [step for step in (packing if compact else None, transients) if step]
+    report = compression_report(session, [*compression.record.log, *steps])
+    scene = replace(scene, header=replace(scene.header, capacity=report))
     return BuiltScene(scene, scene_bytes(scene, compact=compact))
-
-
-def _with_header(scene: SceneFile, **fields: Any) -> SceneFile:
-    """The scene with other fields in a header of its own."""
-    return replace(scene, header=replace(scene.header, **fields))
 
 
 def _scene(session: Session, metrics: Metrics | None = None, *, report: bool = True) -> SceneFile:
