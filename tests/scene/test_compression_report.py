@@ -18,18 +18,16 @@ CAPACITY: dict[str, Any] = {
     "sh_degree": 1,
     "reductions": [
         reduced("put to rest", 0.85, 20_704, 5_927, 0.0213, 1.24, 1_890_000),
-        reduced("woken", 0.93, 5_927, 6_000, None, -0.2, -9),
-        reduced("SH degree", 0.85, 1, 0, -0.01, 0.0, 0),
+        reduced("pruned", 0.93, 6_000, 5_927, None, -0.2, -9),
     ],
 }
 
 
 def test_the_report_in_words() -> None:
     assert summary(CAPACITY) == "20,704 Gaussians, 5,927 of them dynamic; SH degree 1"
-    freeze, unfreeze, degree = lines(CAPACITY)
+    freeze, prune = lines(CAPACITY)
     expected = "at 85 %, freeze: 20,704 -> 5,927 dynamic Gaussians; saves 1.89 MB, 1.2 ms a frame; costs 0.021 dB"
     assert freeze == expected
-    assert unfreeze == "at 93 %, unfreeze: 5,927 -> 6,000 dynamic Gaussians"
-    assert degree == "at 85 %, reduce SH degree: 1 -> 0; costs 0.000 dB"
+    assert prune == "at 93 %, prune: 6,000 -> 5,927 Gaussians"
     assert lines({}) == []
     assert reduction_line(CAPACITY["reductions"][0]) == freeze

@@ -12,8 +12,6 @@ class StepKind(StrEnum):
 
     PRUNE = "pruned"
     FREEZE = "put to rest"
-    UNFREEZE = "woken"
-    SH_DEGREE = "SH degree"
     VISIBILITY = "unseen left out"
     PACK = "packed"
 
@@ -24,15 +22,13 @@ class StepKind(StrEnum):
 
     @property
     def unit(self) -> str:
-        """What the numbers before and after count; empty for a degree."""
+        """What the numbers before and after count."""
         return _LABELS[self][1]
 
 
 _LABELS = {
     StepKind.PRUNE: ("prune", "Gaussians"),
     StepKind.FREEZE: ("freeze", "dynamic Gaussians"),
-    StepKind.UNFREEZE: ("unfreeze", "dynamic Gaussians"),
-    StepKind.SH_DEGREE: ("reduce SH degree", ""),
     StepKind.VISIBILITY: ("skip invisible groups", "Gaussians deformed a frame"),
     StepKind.PACK: ("quantize", "bytes"),
 }
@@ -66,7 +62,7 @@ def readable_report(value: object) -> JsonObject:
 def reduction_line(reduction: JsonMapping) -> str:
     """``at 85 %, freeze: 20,704 -> 5,927 dynamic Gaussians; saves 1.9 MB, 1.2 ms a frame; costs 0.005 dB``."""
     what = reduction["what"]
-    label, unit = (_KNOWN[what].label, _KNOWN[what].unit) if what in _KNOWN else (what, "")  # a newer version's kind
+    label, unit = (_KNOWN[what].label, _KNOWN[what].unit) if what in _KNOWN else (what, "")
     counts = f"{reduction['before']:,} -> {reduction['after']:,} {unit}"
     parts = [f"at {100 * reduction['progress']:.0f} %, {label}: {counts}"]
     saved = []

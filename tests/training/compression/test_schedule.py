@@ -134,30 +134,6 @@ def changed(context: CompressionContext, **settings: float) -> CompressionContex
     return replace(context, settings=replace(context.settings, **settings))
 
 
-def test_colours_are_cut_where_nobody_misses_them(make_trainer: Make) -> None:
-    trainer = make_trainer(40, sh_degree=2, capacity="auto")
-    train(trainer, until=15)
-    context = compression(trainer)
-    trainer.model.canonical.sh.data[:, 4:] = 0
-    hold(passes.reduce_sh_degree, context)
-    assert trainer.model.canonical.sh.shape[1] == 4
-    hold(passes.reduce_sh_degree, changed(context, max_sh_loss=-100.0))
-    assert trainer.model.canonical.sh.shape[1] == 4
-    assert [each.what for each in context.record.log].count("SH degree") == 1
-    train(trainer)
-
-
-def test_degrees_that_nobody_misses_go_one_after_the_other(make_trainer: Make) -> None:
-    trainer = make_trainer(40, sh_degree=3, capacity="auto", sh_growth=(0.0, 0.0, 0.0))
-    train(trainer, until=15)
-    assert trainer.model.canonical.sh.shape[1] == 16
-    trainer.model.canonical.sh.data[:, 4:] = 0
-    hold(passes.reduce_sh_degree, compression(trainer))
-    cuts = [each for each in compression(trainer).record.log if each.what == "SH degree"]
-    assert [(each.before, each.after) for each in cuts] == [(3, 2), (2, 1)]
-    assert [each.loss for each in cuts] == pytest.approx([0.0, 0.0], abs=1e-5)
-
-
 def measured(trainer: Trainer) -> Sensitivity:
     generator = torch.Generator().manual_seed(0)
     return compression(trainer).measure(compression(trainer).sample_views(generator), generator)

@@ -39,7 +39,7 @@ AT_THE_END = [
     *((loop, name) for name in ("fit_budget", "draw_report_image")),
     (Trainer, "evaluate"),
 ]
-ON_THE_WAY = [(schedule, name) for name in ("freeze_static_regions", "prune", "reduce_sh_degree")]
+ON_THE_WAY = [(schedule, name) for name in ("freeze_static_regions", "prune")]
 
 
 def name_of(value: Any) -> str | None:

@@ -1,4 +1,4 @@
-"""Compression passes: prune, reduce the SH degree, freeze what the images show at rest.
+"""Compression passes: prune, and freeze what the images show at rest.
 
 A pass yields proposals. ``CompressionContext.compress`` applies each only as far as the validation loss stays within
 its tolerance, or as a budget requires, and logs what it saved. A pass goes on from what was taken.
@@ -8,7 +8,6 @@ Static image regions of static cameras are found by the temporal variance of 8x8
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
@@ -223,36 +222,6 @@ def _pruning(context: CompressionContext, evaluator: ValidationEvaluator, order:
         loss,
         lambda: training.render_image(context.record.evaluated[0]),
     )
-
-
-def reduce_sh_degree(context: CompressionContext, evaluator: ValidationEvaluator) -> Iterator[Proposal]:
-    """The highest degrees of spherical harmonics, one after the other, within one tolerance for all together."""
-    training, gaussians = context.training, context.training.gaussians
-    allowed = context.settings.max_sh_loss
-
-    def degree() -> int:
-        return math.isqrt(gaussians.canonical.sh.shape[1]) - 1
-
-    while (left := degree() ** 2) and left >= training.recipe.deformed_sh:
-
-        def loss(number: int, left: int = left) -> float:
-            return evaluator.loss(lambda drawn: replace(drawn, sh=drawn.sh[:, :left].contiguous()))
-
-        def apply(number: int, left: int = left) -> None:
-            gaussians.optimizer.reduce_sh_degree(left)
-
-        before = evaluator.now
-        yield Proposal(
-            StepKind.SH_DEGREE,
-            apply,
-            degree,
-            loss,
-            lambda: training.render_image(context.record.evaluated[0]),
-            allowed,
-        )
-        if degree() ** 2 == left:  # refused
-            return
-        allowed -= before - evaluator.now
 
 
 def freeze_motion(context: CompressionContext, evaluator: ValidationEvaluator, allowed: float) -> Iterator[Proposal]:

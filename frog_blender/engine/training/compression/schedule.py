@@ -16,7 +16,7 @@ from ..optimize.hooks import Hook, Training
 from ..optimize.stateful import Tensors, Values
 from ..recipe import Recipe
 from .context import CompressionContext, CompressionRecord
-from .passes import freeze_motion, freeze_static_regions, is_static_capture, prune, prune_unmissed, reduce_sh_degree
+from .passes import freeze_motion, freeze_static_regions, is_static_capture, prune, prune_unmissed
 from .settings import DEFAULT, CompressionSettings, Milestone
 
 
@@ -107,7 +107,6 @@ class CompressionSchedule(Hook):
         measured = context.measure(views, generator)
         self.record.motion, self.record.mean_state = measured.motion, measured.state
         context.compress(evaluator, prune(context, evaluator, measured))
-        context.compress(evaluator, reduce_sh_degree(context, evaluator))
         if _freezes_before_the_end(context):
             context.compress(evaluator, freeze_motion(context, evaluator, settings.max_freeze_loss))
 

@@ -20,7 +20,7 @@ class CompressionSettings:
 
     Attributes:
         max_freeze_loss, max_final_freeze_loss: for freezing motion: where steps make up for it, and at the end.
-        max_prune_loss, max_sh_loss: for pruning Gaussians and reducing the SH degree.
+        max_prune_loss: for pruning Gaussians.
         max_unmissed_loss, unmissed_weight: at the end, for pruning what has no larger blending weight than that in any
             training image.
         max_packing_loss: above which a file is not packed.
@@ -41,7 +41,6 @@ class CompressionSettings:
     max_freeze_loss: float = 0.05
     max_final_freeze_loss: float = 0.02
     max_prune_loss: float = 0.03
-    max_sh_loss: float = 0.03
     max_unmissed_loss: float = 0.01
     max_packing_loss: float = 0.05
     unmissed_weight: float = 0.1

@@ -159,12 +159,12 @@ class GaussianState:
         """The canonical attributes on the device; ValueError unless there is a row for every Gaussian."""
         found = {name: tensors[f"model.canonical.{name}"] for name in ATTRIBUTES}
         count, num_dynamic = len(found["means"]), len(found["embeddings"])
-        coefficients = found["sh"].shape[1]
-        if coefficients not in [(degree + 1) ** 2 for degree in range(self._recipe.sh_degree + 1)]:
-            raise ValueError(f"{coefficients} SH coefficients")
         if not 0 <= num_dynamic <= count > 0:
             raise ValueError(f"{num_dynamic} dynamic Gaussians of {count}")
-        shapes = {"sh": (count, coefficients, 3), "embeddings": (num_dynamic, self.canonical.embeddings.shape[1])}
+        shapes = {
+            "sh": (count, *self.canonical.sh.shape[1:]),
+            "embeddings": (num_dynamic, self.canonical.embeddings.shape[1]),
+        }
         shapes |= {"means": (count, 3), "log_scales": (count, 3), "quaternions": (count, 4), "opacity_logits": (count,)}
         return {name: expect(name, found[name], shapes[name]).to(self.device) for name in ATTRIBUTES}
 
@@ -199,7 +199,7 @@ def freeze_motion(gaussians: GaussianState, indices: torch.Tensor, state: Tensor
     """
     for name, values in state.items():
         parameter = getattr(gaussians.canonical, name).data
-        if name == "sh":  # degrees that have not begun, or were cut
+        if name == "sh":  # without degrees that have not begun
             count = min(parameter.shape[1], values.shape[1])
             parameter, values = parameter[:, :count], values[:, :count]
         parameter[indices] = values[indices]

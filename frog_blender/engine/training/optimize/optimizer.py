@@ -178,12 +178,6 @@ class SceneOptimizer:
         for name in ATTRIBUTES:
             self._replace(name, dynamic if name == "embeddings" else indices, new.get(name))
 
-    def reduce_sh_degree(self, count: int) -> None:
-        """Keeps the first ``count`` SH coefficients."""
-        old = self._canonical.sh
-        parameter = self._canonical.sh = nn.Parameter(old.detach()[:, :count].contiguous())
-        self._exchange(old, parameter, lambda moment: moment[:, :count].contiguous())
-
     def _replace(self, name: str, kept: torch.Tensor, new: torch.Tensor | None) -> None:
         """An attribute becomes the rows ``kept`` of its own with the ``new`` ones after them, whose moments are zero.
         Where few change, they alone are written."""
