@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -56,6 +58,13 @@ def test_pages_that_the_code_names_are_there() -> None:
 def test_every_image_is_shown() -> None:
     shown = "".join(text_of(page) for page in [*PAGES, *EXPERIMENTS])
     assert [image.name for image in DOCS.glob("images/**/*.*") if f"{image.name})" not in shown] == []
+
+
+def test_the_picture_of_the_rooms_shows_those_that_there_are(tmp_path: Path) -> None:
+    drawn = tmp_path / "rooms.svg"
+    subprocess.run([sys.executable, REPOSITORY / "tools" / "room_map.py", "--out", drawn], check=True)
+    rooms = [set(re.findall(r">([a-z_/]+)</text>", text_of(picture))) for picture in (drawn, DOCS / "images/rooms.svg")]
+    assert len(rooms[0]) > 20 and rooms[0] == rooms[1], "draw it again: python tools/room_map.py"
 
 
 def test_pages_are_short() -> None:
