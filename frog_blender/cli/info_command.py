@@ -9,9 +9,8 @@ from typing import Any
 
 from ..engine.capture.calibration.report_lines import report_lines
 from ..engine.capture.capture import Capture
-from ..engine.capture.contact_sheet import write_contact_sheet
+from ..engine.capture.contact_sheet import mask_lines, write_contact_sheet
 from ..engine.capture.masking import MaskSettings
-from ..engine.capture.masks_found import mask_lines
 from ..engine.capture.quality.check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError

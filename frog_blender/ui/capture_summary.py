@@ -131,7 +131,7 @@ def read(folder: Path) -> CaptureSummary:
 
 
 def _lines(capture: Capture) -> tuple[str, ...]:
-    from ..engine.capture.masks_found import mask_lines
+    from ..engine.capture.contact_sheet import mask_lines
 
     sizes = sorted({(camera.width, camera.height) for camera in capture.cameras})
     size = " and ".join(f"{width} x {height}" for width, height in sizes[:2]) + (

@@ -13,11 +13,16 @@ from support import synthetic_capture as film
 from support.masked_capture import ball_alpha, write_masks
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.contact_sheet import contact_sheet, first_shots, marked_image, write_contact_sheet
+from frog_blender.engine.capture.contact_sheet import (
+    contact_sheet,
+    first_shots,
+    marked_image,
+    mask_lines,
+    write_contact_sheet,
+)
 from frog_blender.engine.capture.frame_keys import decoding_key
 from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import ChromaKey, MaskSettings, chroma_key, over, recolored
-from frog_blender.engine.capture.masks_found import mask_lines
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.errors import FrogError

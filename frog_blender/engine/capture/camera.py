@@ -7,7 +7,7 @@ Readers convert to this at the border; nothing else knows another convention.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -208,3 +208,18 @@ def rotation_about(vector: Float64s) -> Float64s:
     sine, cosine = math.sin(angle), math.cos(angle)
     rotation: Float64s = np.eye(3) + sine / angle * cross + (1 - cosine) / angle**2 * (cross @ cross)
     return rotation
+
+
+def cameras_move(images_per_camera: Iterable[int], training_frames: Sequence[int], *, rig: bool = False) -> bool:
+    """Whether each camera stands for one image of a moving camera: the one definition, for captures and headers.
+
+    Args:
+        images_per_camera: of every camera.
+        training_frames: of every image that may be trained on. Held-out images do not count: of a rig of two cameras
+            one may be trained on and the other judge.
+        rig: several cameras may have moved together, so that images may share a frame.
+    """
+    frames = set(training_frames)
+    if any(count != 1 for count in images_per_camera) or len(frames) < 2:
+        return False
+    return rig or len(frames) == len(training_frames)

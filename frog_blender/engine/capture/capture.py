@@ -17,8 +17,7 @@ import numpy as np
 
 from ..arrays import Float64s, ImageArray
 from ..errors import FrogError
-from .camera import Camera
-from .camera_motion import cameras_move
+from .camera import Camera, cameras_move
 from .masking import ChromaKey, MaskSource
 from .time import frame_to_time
 from .world import FILES_OWN, World

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from ..capture.camera import Camera
-from ..capture.camera_motion import cameras_move
+from ..capture.camera import Camera, cameras_move
 from ..capture.masking import EVERY_MASK, MaskSettings
 from ..capture.world import FILES_OWN, World
 from ..errors import brief

@@ -26,8 +26,8 @@ from . import (
     technicolor,
     transforms_json,
 )
+from .assembly import localized
 from .checks import checked
-from .local_world import localized
 from .mask_files import with_masks
 from .near_layouts import not_a_folder, unknown_folder
 

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from ...arrays import Float64s
 from ..camera import Camera
 from ..capture import Capture, Distortion
 from ..video import image_size, image_turns
+from ..world import World
 from .checks import check_images
-from .footage import Calibrated, Footage, at_times, fitted, on_common_frames
+from .footage import Calibrated, Filmed, Footage, at_times, fitted, on_common_frames
 
+_FAR = 300.0  # times the cameras' spread: beyond it, float32's steps come near to what images show
+_FAR_ALONE = 1000.0  # units, of cameras that all stand in one place
+_TINY, _HUGE = 1e-3, 1e6  # spreads in units
 HOLDOUT_EVERY = 8
 """Of one moving camera every eighth frame is held out."""
 
@@ -40,13 +47,18 @@ def standing_cameras(
     cameras: Sequence[Calibrated],
     footage: Sequence[Footage],
     warnings: Sequence[str] = (),
+    *,
+    filmed: Filmed | None = None,
 ) -> Capture:
     """The capture of cameras that stand still, where camera i filmed ``footage[i]``. Nothing is held out.
+
+    Args:
+        filmed: the footage on common frames, where that is known.
 
     Raises:
         FrogError: if images do not have their camera's proportions, or cannot be used.
     """
-    filmed = on_common_frames(path, footage)
+    filmed = on_common_frames(path, footage) if filmed is None else filmed
     at_size = [
         fitted(calibrated, size, turns, each.files[0])
         for calibrated, size, turns, each in zip(cameras, filmed.sizes, filmed.turns, footage, strict=True)
@@ -114,3 +126,34 @@ def _with_some_held_out(capture: Capture) -> Capture:
     """The capture with every eighth frame held out, unless none of its images would be left to train on."""
     held = capture.with_holdout(HOLDOUT_EVERY)
     return held if held.train_shots else capture
+
+
+def localized(capture: Capture) -> Capture:
+    """The capture with an offset and a scale taken off where single precision would not do, and a sentence of it; most
+    captures stay as they are."""
+    centers = np.array([camera.center for camera in capture.cameras])
+    middle = np.median(centers, axis=0)
+    spread = float(np.linalg.norm(centers - middle, axis=1).max())
+    near = capture.near_far[0] if capture.near_far is not None else 0.0
+    extent = max(spread, near)
+    unit = 1.0
+    if 0 < extent < _TINY or extent > _HUGE:
+        unit = 10.0 ** math.floor(math.log10(extent))
+    origin = (0.0, 0.0, 0.0)
+    if np.linalg.norm(middle) > (_FAR * extent if extent > 0 else _FAR_ALONE):
+        step = 10.0 ** math.floor(math.log10(extent)) if extent > 0 else 1.0
+        x, y, z = (np.round(middle / step) * step).tolist()
+        origin = (x, y, z)
+    world = World(origin, unit)
+    if world.is_plain:
+        return capture
+    near_far = capture.near_far and (capture.near_far[0] / unit, capture.near_far[1] / unit)
+    said = f"{capture.path}: the cameras' coordinates need more than single precision; they are taken as {world}."
+    return replace(
+        capture,
+        cameras=tuple(world.local_camera(camera) for camera in capture.cameras),
+        near_far=near_far,
+        points=None if capture.points is None else world.local_points(capture.points),
+        world=world,
+        warnings=(*capture.warnings, said),
+    )

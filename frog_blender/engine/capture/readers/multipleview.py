@@ -54,9 +54,9 @@ def _from_rows(path: Path, footage: list[Footage]) -> Capture:
     if len(rows) != len(footage):
         found = f"{len(rows)} rows for {len(footage)} folders of frames ({footage[0].name} to {footage[-1].name})"
         raise found_instead(path / _POSES, found, "one row for each folder")
-    sizes = on_common_frames(path, footage).sizes
+    filmed = on_common_frames(path, footage)
     cameras: list[Calibrated] = [
         (row_camera(row, each.name, size, path / _POSES), None)
-        for row, each, size in zip(rows, footage, sizes, strict=True)
+        for row, each, size in zip(rows, footage, filmed.sizes, strict=True)
     ]
-    return standing_cameras(path, _LAYOUT, cameras, footage)
+    return standing_cameras(path, _LAYOUT, cameras, footage, filmed=filmed)

@@ -6,11 +6,13 @@ the test view.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from ...errors import FrogError, found_instead
 from ..capture import Capture
 from ..video import find_images
+from .assembly import standing_cameras
 from .footage import Footage, find_footage, on_common_frames
 from .geometry import is_transposed
 from .llff import read_rows, row_camera
@@ -39,7 +41,7 @@ def read(path: Path) -> Capture:
             f"{footage[-1].name}), expected one row for each video."
         )
     filmed = on_common_frames(path, footage)
-    warnings = list(filmed.warnings)
+    warnings = []
     cameras = [
         row_camera(row, each.name, size, path / _POSES)
         for row, each, size in zip(rows, footage, filmed.sizes, strict=True)
@@ -57,18 +59,12 @@ def read(path: Path) -> Capture:
                 f"{_POSES} says {stored_width:g} x {stored_height:g}: their proportions differ."
             )
     near_far = (float(rows[:, 15].min()), float(rows[:, 16].max()))
-    return Capture(
-        path=path,
-        format="n3dv",
-        cameras=tuple(cameras),
-        distortions=(None,) * len(cameras),
-        shots=filmed.shots,
-        frame_count=filmed.frame_count,
-        frames_per_second=filmed.frames_per_second,
+    capture = standing_cameras(path, "n3dv", [(camera, None) for camera in cameras], footage, warnings, filmed=filmed)
+    return replace(
+        capture,
         # With one camera nothing would be left to train on.
         test_cameras=frozenset({cameras[0].name}) if len(cameras) > 1 else frozenset(),
         near_far=near_far if 0 < near_far[0] < near_far[1] else None,
-        warnings=tuple(warnings),
     )
 
 

@@ -23,9 +23,8 @@ from ..masking import MaskSource
 from ..orientation import turned_camera, turned_size
 from ..video import image_size, image_turns, with_ending
 from .checks import number, read_json, rigid, rotation, size
-from .frame_times import frame_times, times_by_name
+from .frame_times import camera_names, first_images, frame_times, times_by_name
 from .geometry import distortion, intrinsics, is_transposed, pose, same_proportions, through_lens
-from .static_cameras import camera_names, first_images
 
 _SINGLE = "transforms.json"
 _TRAIN = "transforms_train.json"
