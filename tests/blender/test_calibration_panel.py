@@ -16,7 +16,7 @@ from support.training_panel import Written
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
 from frog_blender.engine.capture.synchronization import CameraClock as CameraClockFound
 from frog_blender.engine.capture.synchronization import Synchronization
-from frog_blender.engine.capture.synchronization.pair import Curve
+from frog_blender.engine.capture.synchronization.pairs import Curve
 from frog_blender.engine.errors import FrogError
 from frog_blender.operators.calibrate import CaptureOpening
 from frog_blender.tasks import calibration

@@ -1,9 +1,10 @@
-"""Cameras from a person's joints, and the joints from images."""
+"""A person's joints in images, and the network that finds them."""
 
 from __future__ import annotations
 
 import hashlib
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,93 +12,13 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.arrays import Float64s, ImageArray
-from frog_blender.engine.capture.calibration import joint_films, landmark_file, landmarks
-from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
+from frog_blender.engine.capture.calibration import joint_rig, landmark_file, landmarks
 from frog_blender.engine.capture.calibration.films import View, find_films
-from frog_blender.engine.capture.calibration.joints import Joints, calibrate_joints, find_joints
+from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, find_joints
 from frog_blender.engine.capture.calibration.landmarks import JOINTS, Box, LandmarkNetwork, Person
-from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 
 from ..conftest import write_video
-from .rigs import TALL, around, facts_of, pixels_of, rig_errors, skeleton
-
-FAR_APART = [0.0, 49.0, 174.0, 230.0]
-SIDES = [1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 13, 12, 15, 14]
-
-
-def rig() -> list[Camera]:
-    return around(FAR_APART, TALL, 1680.0, distance=4.0)
-
-
-def joints_seen(camera: Camera, times: Float64s, noise: float, seed: int, *, swapped: float = 0.05) -> Joints:
-    """What the network makes of a walk: ``noise`` pixels off, and left for right in some images."""
-    rng = np.random.default_rng(seed)
-    pixels = np.stack([pixels_of(camera, skeleton(time)) for time in times])
-    pixels += rng.normal(0, noise, pixels.shape)
-    for image in np.flatnonzero(rng.random(len(times)) < swapped):
-        pixels[image] = pixels[image, SIDES]
-    visibility = np.where(np.isfinite(pixels[:, :, 0]), rng.uniform(0.4, 1.0, pixels.shape[:2]), 0.0)
-    return Joints(pixels, visibility)
-
-
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
-def test_a_walk_places_cameras_that_share_no_features(seed: int) -> None:
-    cameras, times = rig(), np.linspace(0, 12, 40)
-    joints = [joints_seen(camera, times, 8.0, 10 * seed + i) for i, camera in enumerate(cameras)]
-
-    found = calibrate_joints(facts_of(cameras), [0] * 4, joints)
-
-    centers, rotation, focal, _ = rig_errors(found, cameras)
-    assert centers < 1.0
-    assert rotation < 1.0
-    assert focal < 3.0
-    assert not found.is_metric
-    assert all(each.evidence.observations > 300 for each in found.cameras)
-
-
-def test_a_camera_that_sees_another_person_is_refused() -> None:
-    cameras, times = rig(), np.linspace(0, 12, 40)
-    joints = [joints_seen(camera, times, 4.0, i) for i, camera in enumerate(cameras)]
-    joints[2] = joints_seen(cameras[2], 40.0 - 2.3 * times, 4.0, 9)
-
-    with pytest.raises(CalibrationRefused, match=r"cam02|join all cameras|two rigs"):
-        calibrate_joints(facts_of(cameras), [0] * 4, joints)
-
-
-def test_too_few_joints_are_refused_with_the_camera_s_name() -> None:
-    cameras, times = rig(), np.linspace(0, 12, 40)
-    joints = [joints_seen(camera, times, 4.0, i) for i, camera in enumerate(cameras)]
-    joints[1] = Joints(joints[1].pixels, np.where(np.arange(40)[:, None] < 5, joints[1].visibility, 0.0))
-
-    with pytest.raises(CalibrationRefused, match=r"Camera cam01 shares \d+ joints"):
-        calibrate_joints(facts_of(cameras), [0] * 4, joints)
-
-
-def test_a_person_who_stands_still_far_away_leaves_the_focal_length_open() -> None:
-    cameras = around([0.0, 8.0, 16.0], TALL, 1680.0, distance=30.0)
-    times = np.zeros(40)
-    joints = [joints_seen(camera, times, 2.0, i, swapped=0.0) for i, camera in enumerate(cameras)]
-
-    with pytest.raises(CalibrationRefused):
-        calibrate_joints(facts_of(cameras), [0, 0, 0], joints)
-
-
-def test_joints_between_two_images() -> None:
-    times = np.array([0.0, 0.1, 0.2, 1.0])
-    pixels = np.zeros((4, 16, 2))
-    pixels[:, :, 0] = (100 * times)[:, None]
-    visibility = np.full((4, 16), 0.9)
-    visibility[1, 3] = 0.2
-
-    found = Joints(pixels, visibility).at(times, np.array([0.05, 0.15, 0.6, 1.2, 0.2]))
-
-    assert np.allclose(found.pixels[[0, 1, 4], 0, 0], [5.0, 15.0, 20.0])
-    assert np.isnan(found.pixels[[2, 3]]).all()  # too long a gap, and after the end
-    assert (found.visibility[[2, 3]] == 0).all()
-    assert found.visibility[0, 3] == 0.2
-    assert found.visibility[0, 4] == 0.9
-
 
 # --- joints in images
 
@@ -143,39 +64,29 @@ def test_the_person_is_sought_where_something_moves_and_followed() -> None:
     found = find_joints(watcher, images, plate, changing)  # type: ignore[arg-type]
 
     middles = [(x + 9.5, y + 19.5) if place else (np.nan, np.nan) for place in places for x, y in [place or (0, 0)]]
-    assert np.allclose(found.pixels[:, 0], middles, equal_nan=True)
-    assert found.visibility[:, 0].tolist() == [1, 1, 1, 0, 1, 1]
+    assert np.allclose(found[:, 0], middles, equal_nan=True)
     first = watcher.boxes[0]
     assert abs(first.x - 50) < 4  # what moves now, in the image's pixels
     assert abs(first.y - 80) < 4
     assert 40 < first.side < 80
-
-
-def test_nothing_moves_and_nobody_is_found() -> None:
-    images = [*film([None, None])]
-
-    found = find_joints(Watcher(), images, np.full((240, 320), 40, np.uint8), np.zeros((240, 320), bool))  # type: ignore[arg-type]
-
-    assert np.isnan(found.pixels).all()
-    assert (found.visibility == 0).all()
+    nothing = np.zeros_like(changing)
+    assert np.isnan(find_joints(watcher, images, plate, nothing)).all()  # type: ignore[arg-type]
 
 
 def test_films_are_read_at_the_times_that_are_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    images = film([(20 + 40 * number, 60) for number in range(6)])
-    write_video(tmp_path / "one.avi", 6, 320, 240, lambda number: images[number])
+    images = film([(20 + 40 * index, 60) for index in range(6)])
+    write_video(tmp_path / "one.avi", 6, 320, 240, lambda index: images[index])
     films = find_films(tmp_path)
     view = View("one", films[0].size, np.full((240, 320), 40, np.uint8), np.ones((240, 320), bool))
-    monkeypatch.setattr(joint_films, "LandmarkNetwork", lambda path: Watcher())
+    monkeypatch.setattr(joint_rig, "LandmarkNetwork", lambda path: Watcher())
+    monkeypatch.setattr(joint_rig, "calibrate_joints", lambda facts, groups, pixels: pixels)
     asked: list[bool] = []
 
     rate = films[0].facts.frames_per_second
-    wanted = [1 / rate, 4 / rate, 9 / rate]
-    (found,) = joint_films.joints_of_films(
-        films, [view], [wanted], tmp_path, lambda *_: None, lambda: asked.append(True)
-    )
+    times = [1 / rate, 4 / rate, 9 / rate]
+    found = joint_rig.calibrate_joint_films(films, [view], times, tmp_path, lambda *_: None, lambda: asked.append(True))
 
-    assert np.allclose(found.pixels[:, 0, 0], [69.5, 189.5, np.nan], atol=1.5, equal_nan=True)
-    assert found.visibility[:, 0].tolist() == [1, 1, 0]
+    assert np.allclose(found[0, :, 0, 0], [69.5, 189.5, np.nan], atol=1.5, equal_nan=True)  # type: ignore[index]
     assert len(asked) == 3
 
 
@@ -191,7 +102,7 @@ class Fixed(LandmarkNetwork):
         landmarks_[:, 3] = 3.0
         if self.calls % 2 and self.mirrors:
             landmarks_[:, 0] = 256 - 1 - landmarks_[:, 0]
-            landmarks_[list(JOINTS)] = landmarks_[list(JOINTS)][SIDES]
+            landmarks_[list(JOINTS)] = landmarks_[list(JOINTS)][OTHER_SIDE]
         self.calls += 1
         return landmarks_, self.score, np.full((39, 64, 64), -20.0)
 
@@ -202,32 +113,16 @@ def places_in_crop() -> Float64s:
     return places
 
 
-def test_places_in_the_crop_become_the_image_s_pixels() -> None:
-    places = places_in_crop()
-    box = Box(300.0, 200.0, 512.0)
-
-    person = Fixed(places).find(np.zeros((400, 600, 3), np.uint8), box)
-
-    assert person is not None
-    assert np.allclose(person.pixels, places[list(JOINTS)] * 2 + (300 - 256, 200 - 256) + 0.5)
-    assert np.allclose(person.visibility, 1 / (1 + np.exp(-3.0)))
-    assert person.box.turn == pytest.approx(0.0)
-    assert person.box.side == pytest.approx(2 * 1.25 * 200)
-
-
-def test_a_turned_box_turns_the_places() -> None:
-    places = places_in_crop()
-
-    person = Fixed(places).find(np.zeros((400, 600), np.uint8), Box(300.0, 200.0, 256.0, np.pi / 2))
-
-    assert person is not None
-    across = places[list(JOINTS)] - 128
-    assert np.allclose(person.pixels, np.column_stack([-across[:, 1] + 300, across[:, 0] + 200]) + 0.5)
-    assert person.box.turn == pytest.approx(np.pi / 2)
-
-
-def test_nobody_is_nobody() -> None:
-    assert Fixed(places_in_crop(), score=0.2).find(np.zeros((40, 60, 3), np.uint8), Box(30, 20, 40)) is None
+def test_places_in_a_turned_crop_become_the_image_s_pixels() -> None:
+    places, image = places_in_crop(), np.zeros((400, 600, 3), np.uint8)
+    across = 2 * (places[list(JOINTS)] - 128)
+    for turn, moved in ((0.0, across), (np.pi / 2, np.column_stack([-across[:, 1], across[:, 0]]))):
+        person = Fixed(places).find(image, Box(300.0, 200.0, 512.0, turn))
+        assert person is not None
+        assert np.allclose(person.pixels, moved + (300, 200) + 0.5)
+        assert np.allclose(person.visibility, 1 / (1 + np.exp(-3.0)))
+        assert person.box.turn == pytest.approx(turn) and person.box.side == pytest.approx(2 * 1.25 * 200)
+    assert Fixed(places, score=0.2).find(image, Box(300.0, 200.0, 512.0)) is None
 
 
 def test_joints_that_the_mirror_image_contradicts_are_not_seen() -> None:
@@ -246,15 +141,12 @@ def test_a_landmark_moves_to_the_middle_of_its_heat() -> None:
     heat = np.full((39, 64, 64), -20.0)
     heat[5, 20:23, 30:33] = 4.0  # nine hot cells about (31, 21)
     places = np.full((39, 2), 0.5)
-    places[5] = (30.2 / 64, 21.9 / 64)
+    places[5], places[7] = (30.2 / 64, 21.9 / 64), (-0.3, 1.4)  # the latter lies outside
 
     refined = landmarks._refined(places, heat)
 
     assert np.allclose(refined[5], (31 / 64, 21 / 64), atol=1e-6)
     assert np.array_equal(np.delete(refined, 5, 0), np.delete(places, 5, 0))  # cold: they stay
-    outside = places.copy()
-    outside[7] = (-0.3, 1.4)
-    assert np.array_equal(landmarks._refined(outside, heat)[7], outside[7])
 
 
 # --- the file
@@ -281,24 +173,22 @@ def test_the_file_is_taken_out_of_the_wheel_and_kept(tmp_path: Path, monkeypatch
 
     assert path == again == landmark_file.landmark_file(tmp_path)
     assert landmark_file.read_landmark_file(path) == content
-    assert len(downloads) == 1
-    assert not downloads[0].exists()
+    assert len(downloads) == 1 and not downloads[0].exists()
 
 
-@pytest.mark.parametrize("case", ["another file", "a bomb", "no such member", "no zip", "nothing"])
-def test_any_other_file_is_refused_and_nothing_kept(tmp_path: Path, case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "download",
+    [
+        lambda folder: wheel_with(b"\0" * 10_000_000, folder),  # more than the file has, of another content
+        lambda folder: wheel_with(b"x", folder, "mediapipe/readme"),
+        lambda folder: (folder / "mediapipe-0.10.21.whl").write_bytes(b"no zip"),
+        lambda folder: None,
+    ],
+)
+def test_any_other_file_is_refused_and_nothing_kept(
+    tmp_path: Path, download: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(landmark_file, "_BYTES", 1000)
-
-    def download(folder: Path) -> None:
-        if case == "another file":
-            wheel_with(b"x" * 1000, folder)
-        elif case == "a bomb":
-            wheel_with(b"\0" * 10_000_000, folder)
-        elif case == "no such member":
-            wheel_with(b"x", folder, "mediapipe/readme")
-        elif case == "no zip":
-            (folder / "mediapipe-0.10.21.whl").write_bytes(b"no zip")
-
     with pytest.raises(FrogError, match="mediapipe"):
         landmark_file.fetch_landmark_file(download, tmp_path)
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
@@ -307,7 +197,6 @@ def test_any_other_file_is_refused_and_nothing_kept(tmp_path: Path, case: str, m
 def test_a_damaged_file_does_not_reach_opencv(tmp_path: Path) -> None:
     path = tmp_path / landmark_file.NAME
     path.write_bytes(b"\x1c\0\0\0TFL3" + b"\xff" * 500)
-
     with pytest.raises(FrogError, match="damaged"):
         LandmarkNetwork(path)
     with pytest.raises(FrogError, match="cannot be read"):

@@ -18,7 +18,7 @@ from frog_blender.engine.capture.calibration.result_files import write_cameras
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization import CameraClock, Synchronization
-from frog_blender.engine.capture.synchronization.pair import Curve
+from frog_blender.engine.capture.synchronization.pairs import Curve
 
 from .test_result_files import calibrated
 
@@ -38,8 +38,8 @@ def capture(tmp_path: Path) -> Capture:
     calibration = replace(calibration, warnings=(WARNING,), halves_apart=0.0012)
     write_cameras(tmp_path, calibration, films)
     views = [look(film, [], lambda: None) for film in films]
-    facts = synchronization([film.name for film in films]).to_json()
-    write_report(tmp_path, calibration, films, views, FoundClocks({}, facts=facts))
+    found = synchronization([film.name for film in films])
+    write_report(tmp_path, calibration, films, views, FoundClocks({}, synchronization=found))
     return open_capture(tmp_path)
 
 

@@ -11,7 +11,8 @@ from frog_blender.engine.capture.calibration.clocks import find_clocks
 from frog_blender.engine.capture.calibration.films import find_films
 from frog_blender.engine.capture.calibration.work_folder import WorkFolder
 from frog_blender.engine.capture.capture import Distortion
-from frog_blender.engine.capture.synchronization import Synchronization, SynchronizationCancelled, synchronize
+from frog_blender.engine.capture.synchronization import Synchronization, synchronize
+from frog_blender.engine.io.child_process import Stopped
 
 from .moving_scene import MovingScene, Start, cards, ring, write_film, write_films
 
@@ -20,7 +21,7 @@ SIZE = (200, 150)
 
 def errors(found: Synchronization, starts: dict[str, Start]) -> np.ndarray:
     """Frames by which offsets are wrong, whatever capture time starts with."""
-    wrong = np.array([found.offsets[name] - start.offset for name, start in starts.items()])
+    wrong = np.array([found.clocks[name][0] - start.offset for name, start in starts.items()])
     return np.abs(wrong - np.median(wrong)) / found.frame
 
 
@@ -33,7 +34,7 @@ def test_offsets_are_right_to_a_few_hundredths_of_a_frame(tmp_path: Path) -> Non
     assert errors(found, starts).max() < 0.05
     assert found.refusal is None and found.warnings == ()
     assert all(camera.confidence > 0.8 and camera.sources == ("motion",) for camera in found.cameras)
-    assert min(found.offsets.values()) == 0
+    assert min(offset for offset, _ in found.clocks.values()) == 0
     assert reports == sorted(reports) and reports[-1] == 1.0
     # The curve's maximum lies at the answer.
     for camera in found.cameras:
@@ -62,22 +63,17 @@ def test_a_fast_clock_is_measured(tmp_path: Path) -> None:
     starts = {"cam00": Start(0.0, 10.0), "cam01": Start(0.13, 10.0, 1.001)}
     films = write_films(tmp_path, MovingScene(cards()), cameras, starts, 26.0)
     found = synchronize(films, cameras)
-    assert abs(found.rates["cam01"] / found.rates["cam00"] - 1.001) < 1e-4
+    assert abs(found.clocks["cam01"][1] / found.clocks["cam00"][1] - 1.001) < 1e-4
     assert errors(found, starts).max() < 0.1
 
 
-def test_it_can_be_cancelled(tmp_path: Path) -> None:
-    cameras = ring(2, *SIZE)
-    films = write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20.0) for name in cameras}, 1.0)
-    with pytest.raises(SynchronizationCancelled):
-        synchronize(films, cameras, cancelled=lambda: True)
-
-
-def test_what_is_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cameras = ring(2, *SIZE)
     starts = {"cam00": Start(0.0, 20.0), "cam01": Start(0.15, 20.0)}
     films = write_films(tmp_path, MovingScene(cards()), cameras, starts, 1.5)
     kept = WorkFolder(tmp_path / "kept")
+    with pytest.raises(Stopped):
+        synchronize(films, cameras, cancelled=lambda: True, kept=kept)
     first = synchronize(films, cameras, kept=kept)
 
     def decoded(*_: object) -> None:
@@ -85,7 +81,7 @@ def test_what_is_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setattr("frog_blender.engine.capture.synchronization.recordings.decode_film", decoded)
     again = synchronize(films, cameras, kept=kept)
-    assert again.offsets == first.offsets
+    assert again.clocks == first.clocks
     monkeypatch.undo()
     films["cam01"] = write_film(tmp_path / "cam01.mp4", lambda frame: np.full((150, 200, 3), 90, np.uint8), 20, 20.0)
     assert synchronize(films, cameras, kept=kept).refusal is not None  # another film of the same name
@@ -98,9 +94,12 @@ def test_the_clocks_of_a_child_are_those_of_this_process(tmp_path: Path) -> None
     films, told = find_films(tmp_path), []
     lens = Distortion(np.zeros(5))
     known = {name: (camera, lens) for name, camera in cameras.items()}
-    found = find_clocks(films, known, WorkFolder(tmp_path / "work"), lambda *step: told.append(step), lambda: False)
+    found = find_clocks(
+        films, known, None, WorkFolder(tmp_path / "work"), lambda *step: told.append(step), lambda: False
+    )
     here = synchronize({film.name: film.path for film in films}, cameras)
-    assert {name: offset for name, (offset, _) in found.clocks.items()} == pytest.approx(here.offsets, abs=1e-6)
+    for name, clock in here.clocks.items():
+        assert found.clocks[name] == pytest.approx(clock, abs=1e-6)
     assert found.curves is not None and told[-1] == ("synchronisation", 1000, 1000)
 
 

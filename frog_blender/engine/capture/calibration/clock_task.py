@@ -6,16 +6,17 @@ is Blender, its window would wait too.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
-from ...io.plain_values import JsonObject
+from ...arrays import Float64s
+from ...io.plain_values import JsonList, JsonObject
 from ..camera import Camera
 from ..capture import Distortion
 from ..readers.geometry import distortion
-from ..synchronization import synchronize
+from ..synchronization import NamedTracks, synchronize
 from ..video import load_opencv
 from .work_folder import WorkFolder
 
@@ -24,10 +25,14 @@ _PARTS = 1000
 
 
 def request_of(
-    films: dict[str, Path], cameras: dict[str, tuple[Camera, Distortion | None]], work: WorkFolder
+    films: Mapping[str, Path],
+    cameras: Mapping[str, tuple[Camera, Distortion | None]],
+    tracks: Mapping[str, NamedTracks] | None,
+    work: WorkFolder,
 ) -> JsonObject:
     """What ``clocks`` is asked; lenses have OpenCV's coefficients alone, as calibration finds them."""
     return {
+        "tracks": tracks and {name: [track.times.tolist(), _plain(track.positions)] for name, track in tracks.items()},
         "work": str(work.path.absolute()),
         "films": {name: str(path.absolute()) for name, path in films.items()},
         "cameras": [
@@ -41,6 +46,13 @@ def request_of(
             for name, (camera, lens) in cameras.items()
         ],
     }
+
+
+def _plain(values: Float64s) -> JsonList:
+    """Lists of numbers, None for NaN."""
+    plain = values.astype(object)
+    plain[np.isnan(values)] = None
+    return list(plain.tolist())
 
 
 def clocks(request: JsonObject, tell: Callable[[str, int, int], None]) -> JsonObject:
@@ -57,5 +69,10 @@ def clocks(request: JsonObject, tell: Callable[[str, int, int], None]) -> JsonOb
         tell(STAGE, round(share * _PARTS), _PARTS)
 
     films = {str(name): Path(path) for name, path in request["films"].items()}
+    tracks = {
+        str(name): NamedTracks(*(np.asarray(values, np.float64) for values in track))
+        for name, track in (request["tracks"] or {}).items()
+    }
     kept = WorkFolder(Path(request["work"]))
-    return synchronize(films, cameras or None, distortions=lenses, progress=progress, kept=kept).to_json()
+    found = synchronize(films, cameras or None, distortions=lenses, tracks=tracks, progress=progress, kept=kept)
+    return found.to_json()

@@ -1,115 +1,42 @@
-"""Cameras from the joints of a person who moves before them: for views too far apart to share features.
+"""The joints of a person in a standing camera's images, and what the pose network gets wrong of them set right.
 
-In a standing camera's film the person is what moves, so no detector is needed. A joint lies some 20 pixels off where it
-is seen from elsewhere; hundreds of them average that out.
+In a standing camera's film the person is what moves, so no detector is needed. Left for right is the network's
+commonest mistake, seen from the side or from behind. It lasts for many images, in which both sides change their names
+together: a film alone shows where it begins and ends, for the joints jump to each other's places; the other cameras
+show which of two names is right.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from collections.abc import Iterable, Mapping
+from itertools import product
 
 import numpy as np
 
 from ...arrays import Bools, Float64s, ImageArray
-from ..synchronization.epipolar import fundamental
+from ..epipolar import sampson_distances
 from ..video import load_opencv
-from .calibration import Calibration, CalibrationRefused
-from .joint_sides import agreed_sides, other_side
 from .landmarks import JOINTS, Box, LandmarkNetwork, Person
-from .point_rig import PointRig, PointViews, solve_points
-from .rig_result import CameraFacts
-from .rig_solver import Rig
 
+OTHER_SIDE = np.arange(len(JOINTS)) ^ 1
+"""(16,) of each joint the same one on the other side."""
 _CHANGES = 18  # of 255: what moves at one time
 _LEAST_MOTION = 0.01  # of all that ever moves: less is noise, or a person who stands still
 _AROUND = 1.25  # of what moves, the box in which the person is sought
-VISIBLE = 0.5
-"""A joint of a smaller visibility is a guess."""
-REMEDY = "film one person who walks about alone for ten seconds or more, near and far, where all cameras see them whole"
-_LIMIT = 0.016  # of the longer side: a joint that is farther off is another one (left for right), or guessed
-_USUAL = 0.008  # of the longer side
-_LEAST_JOINTS = 120  # of each camera, seen by another at the same time
-_APART, _DOUBTFUL_APART = 0.05, 0.01  # of the rig's diameter: where two halves of the times put a camera
-_LEAST_SHARE = 0.5  # of a camera's joints that must fit
-_SIDE_ROUNDS = 2  # of asking the other cameras which side is left
+_VISIBLE = 0.5  # a joint of a smaller visibility is a guess
 _BESIDE = 2  # images before and after
 _STRAY = 0.06  # of the height of what is seen of the person
-_LONGEST_GAP = 0.25  # seconds between two times across which a joint is interpolated
-
-
-@dataclass(frozen=True, eq=False)
-class Joints:
-    """A person's joints in one camera's images.
-
-    Attributes:
-        pixels: (T, 16, 2) in the order of landmarks.JOINTS; NaN in an image that shows no person.
-        visibility: (T, 16) from 0 to 1.
-    """
-
-    pixels: Float64s
-    visibility: Float64s
-
-    @property
-    def visible(self) -> Float64s:
-        """(T, 16, 2) pixels, NaN for joints that are not surely seen."""
-        return np.where(self.visibility[..., None] > VISIBLE, self.pixels, np.nan)
-
-    def with_sides(self, swapped: Bools) -> Joints:
-        """The same with left for right in some images (T,)."""
-        order = np.where(swapped[:, None], other_side(len(JOINTS)), np.arange(len(JOINTS)))
-        pixels = np.take_along_axis(self.pixels, order[..., None], axis=1)
-        return Joints(pixels, np.take_along_axis(self.visibility, order, axis=1))
-
-    def at(self, times: Float64s, wanted: Float64s) -> Joints:
-        """The joints at other times, by cubics through the images of (T,) ascending times; both in seconds."""
-        after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
-        gap = times[after] - times[after - 1]
-        share = (wanted - times[after - 1]) / gap
-        is_known = (share >= -1e-6) & (share <= 1 + 1e-6) & (gap <= _LONGEST_GAP)
-        share = np.where(is_known, share, np.nan)[:, None, None]
-        slopes = self._slopes(times)
-        before, behind, gap = self.pixels[after - 1], self.pixels[after], gap[:, None, None]
-        # Hermite's cubic; a straight line where a neighbour is missing.
-        straight = behind - before
-        start = np.where(np.isfinite(slopes[after - 1]), slopes[after - 1] * gap, straight)
-        end = np.where(np.isfinite(slopes[after]), slopes[after] * gap, straight)
-        bent = share * (1 - share) * ((1 - share) * (start - straight) - share * (end - straight))
-        pixels = before + share * straight + bent
-        visibility = np.minimum(self.visibility[after - 1], self.visibility[after])
-        return Joints(pixels, np.where(np.isfinite(pixels[:, :, 0]), visibility, 0.0))
-
-    def _slopes(self, times: Float64s) -> Float64s:
-        """(T, 16, 2) pixels a second, from the images before and after; NaN at the ends, and across long gaps."""
-        slopes = np.full(self.pixels.shape, np.nan)
-        if len(times) > 2:
-            lasted = times[2:] - times[:-2]
-            lasted = np.where(lasted <= 2 * _LONGEST_GAP, lasted, np.nan)
-            slopes[1:-1] = (self.pixels[2:] - self.pixels[:-2]) / lasted[:, None, None]
-        return slopes
-
-
-def without_strays(joints: Joints) -> Joints:
-    """The joints of images in order of time, without those that lie off their way through five of them."""
-    visible = joints.visible
-    padded = np.pad(visible, ((_BESIDE, _BESIDE), (0, 0), (0, 0)), constant_values=np.nan)
-    around = np.stack([padded[shift : shift + len(visible)] for shift in range(2 * _BESIDE + 1)])
-    rows = visible[np.isfinite(visible[:, :, 0]).any(1), :, 1]
-    if not len(rows):
-        return joints
-    size = float(np.median(np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1)))
-    counts = np.isfinite(around).sum(0)
-    ordered = np.sort(around, axis=0)  # what is not seen comes last
-    middle = np.take_along_axis(ordered, np.maximum(counts - 1, 0)[None] // 2, axis=0)[0]
-    is_stray = np.linalg.norm(visible - middle, axis=2) > _STRAY * size
-    return Joints(joints.pixels, np.where(is_stray, 0.0, joints.visibility))
+_JUMP = 0.25  # of the person's height: a joint that goes farther between two images costs no more
+_DOUBT = 0.02  # of a jump of all joints: what it costs to contradict the network in one image
+_SURER = 0.8  # of the cost as it was: a change of sides must gain so much
+_MOST_TOGETHER = 6  # cameras of which all combinations are tried; more are tried one by one
 
 
 def find_joints(
     network: LandmarkNetwork, images: Iterable[ImageArray | None], plate: ImageArray, changing: Bools
-) -> Joints:
-    """The joints of whoever moves most in a standing camera's images.
+) -> Float64s:
+    """(T, 16, 2) pixels of the joints of whoever moves most in a standing camera's images; NaN where none is surely
+    seen.
 
     Args:
         network: of the landmark file.
@@ -118,127 +45,121 @@ def find_joints(
         changing: (h, w) where something moves at any time.
     """
     whole = _largest_box(changing, 0)
-    pixels, visibility = [], []
+    pixels = []
     previous: Box | None = None
     for image in images:
         person = None
         if image is not None and whole is not None:
-            person = _found(network, image, _boxes(image, plate, changing, whole, previous), previous)
-        previous = person.box if person is not None else None
-        pixels.append(person.pixels if person is not None else np.full((len(JOINTS), 2), np.nan))
-        visibility.append(person.visibility if person is not None else np.zeros(len(JOINTS)))
-    return Joints(np.stack(pixels), np.stack(visibility))
+            person = _person_in(network, image, _boxes(image, plate, changing, whole, previous), previous)
+        previous = None if person is None else person.box
+        if person is None:
+            pixels.append(np.full((len(JOINTS), 2), np.nan))
+        else:
+            pixels.append(np.where(person.visibility[:, None] > _VISIBLE, person.pixels, np.nan))
+    return np.stack(pixels)
 
 
-def calibrate_joints(facts: Sequence[CameraFacts], groups: Sequence[int], joints: Sequence[Joints]) -> Calibration:
-    """The rig that saw a person's joints, at an arbitrary scale.
-
-    Args:
-        facts: of the cameras.
-        groups: cameras of one number share their focal length.
-        joints: of each camera, at the same times.
-
-    Raises:
-        CalibrationRefused: if too few joints are shared, do not fit, or leave a focal length open.
-    """
-    return judged(facts, rig_of(facts, groups, joints))
-
-
-def rig_of(
-    facts: Sequence[CameraFacts],
-    groups: Sequence[int],
-    joints: Sequence[Joints],
-    moving: Float64s | None = None,
-    *,
-    start: Rig | None = None,
-    halves: bool = True,
-) -> PointRig:
-    """The rig before it is judged.
-
-    Args:
-        moving: (C, T, 16, 2) pixels a second by which the joints move, where the cameras' clocks are to be corrected.
-        start: a rig near the answer, if one is known.
-        halves: two halves of the times are compared.
-
-    Raises:
-        CalibrationRefused: if too few joints are shared, or they join no rig.
-    """
-    pixels = np.stack([each.visible for each in joints])
-    pixels[:, np.isfinite(pixels[..., 0]).sum(0) < 2] = np.nan  # of no use, and no fault
-    sides = np.array([camera.side for camera in facts])
-    views = PointViews(facts, np.array(groups), pixels.reshape(len(facts), -1, 2), _LIMIT * sides, REMEDY)
-    seen = views.seen
-    for camera, count in zip(facts, seen.sum(1).tolist(), strict=True):
-        if count < _LEAST_JOINTS:
-            raise CalibrationRefused(
-                f"Camera {camera.name} shares {count} joints of a person with the others, expected {_LEAST_JOINTS} or "
-                f"more: {REMEDY}."
-            )
-    loss = float(_USUAL * sides.max())
-    times = np.repeat(np.arange(pixels.shape[1]), len(JOINTS))
-    early = 2 * times < pixels.shape[1] if halves else None
-
-    def solved(start: Rig | None) -> PointRig:
-        velocities = None if moving is None else moving.reshape(len(facts), -1, 2)
-        given = replace(views, pixels=pixels.reshape(len(facts), -1, 2), velocities=velocities)
-        return solve_points(given, loss, halves=early, start=start)
-
-    found = solved(start)
-    for _ in range(_SIDE_ROUNDS):
-        swapped = agreed_sides(pixels, _matrices(found.calibration), float(_LIMIT * sides.max()))
-        if not swapped.any():
-            break
-        pixels = _with_sides(pixels, swapped)
-        moving = None if moving is None else _with_sides(moving, swapped)
-        found = solved(found.rig)
+def heights(pixels: Float64s) -> Float64s:
+    """(K,) pixels from the highest joint to the lowest, of the images (T, 16, 2) that show any."""
+    rows = pixels[np.isfinite(pixels[:, :, 0]).any(1), :, 1]
+    found: Float64s = np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1) if len(rows) else np.zeros(0)
     return found
 
 
-def _with_sides(joints: Float64s, swapped: Bools) -> Float64s:
-    """Joints (C, T, 16, ...) with left for right in some images (C, T)."""
-    return np.where(swapped[:, :, None, None], joints[:, :, other_side(len(JOINTS))], joints)
+def without_strays(pixels: Float64s) -> Float64s:
+    """Joints (T, 16, 2) of images in order of time, without those that lie off their path through five of them."""
+    tall = heights(pixels)
+    if not len(tall):
+        return pixels
+    padded = np.pad(pixels, ((_BESIDE, _BESIDE), (0, 0), (0, 0)), constant_values=np.nan)
+    around = np.stack([padded[shift : shift + len(pixels)] for shift in range(2 * _BESIDE + 1)])
+    counts = np.isfinite(around).sum(0)
+    ordered = np.sort(around, axis=0)  # what is not seen comes last
+    middle = np.take_along_axis(ordered, np.maximum(counts - 1, 0)[None] // 2, axis=0)[0]
+    is_stray = np.linalg.norm(pixels - middle, axis=2) > _STRAY * float(np.median(tall))
+    return np.where(is_stray[..., None], np.nan, pixels)
 
 
-def _matrices(found: Calibration) -> dict[tuple[int, int], Float64s]:
-    cameras = [each.camera for each in found.cameras]
-    return {
-        (one, other): fundamental(cameras[one], cameras[other]) for one, other in combinations(range(len(cameras)), 2)
-    }
+def with_sides(pixels: Float64s, swapped: Bools) -> Float64s:
+    """Joints (..., T, 16, 2) with left for right in some images (..., T)."""
+    return np.where(swapped[..., None, None], pixels[..., OTHER_SIDE, :], pixels)
 
 
-def judged(facts: Sequence[CameraFacts], found: PointRig) -> Calibration:
-    """A rig's calibration, with its doubts as warnings.
+def steady_sides(pixels: Float64s) -> Bools:
+    """(T,) in which images of a film left and right must change places for the joints (T, 16, 2) not to jump."""
+    seen = np.flatnonzero(np.isfinite(pixels[:, :, 0]).any(1))
+    swapped = np.zeros(len(pixels), dtype=bool)
+    if len(seen) < 2:
+        return swapped
+    places = pixels[seen]
+    size = _JUMP * float(np.median(heights(places)))
+    stays = _moved(places[:-1], places[1:], size)
+    jumps = _moved(places[:-1], places[1:, OTHER_SIDE], size)
+    # The cheapest path through the images (Viterbi), of the two names that each may have.
+    costs, came_from = np.array([0.0, _DOUBT]), []
+    for stay, jump in zip(stays.tolist(), jumps.tolist(), strict=True):
+        paths = costs[:, None] + np.array([[stay, jump], [jump, stay]])
+        came_from.append(paths.argmin(0))
+        costs = paths.min(0) + np.array([0.0, _DOUBT])
+    state = int(costs.argmin())
+    for image in range(len(seen) - 1, -1, -1):
+        swapped[seen[image]] = state == 1
+        if image:
+            state = int(came_from[image - 1][state])
+    return swapped
 
-    Raises:
-        CalibrationRefused: if too few joints fit a camera, or two halves of the times disagree.
+
+def _moved(before: Float64s, after: Float64s, size: float) -> Float64s:
+    """(T,) how far joints went, as a mean of parts of ``size``, of those that both images show."""
+    gone = np.minimum(np.linalg.norm(after - before, axis=2) / max(size, 1e-9), 1.0)
+    counts = np.isfinite(gone).sum(1)
+    means: Float64s = np.nansum(gone, axis=1) / np.maximum(counts, 1)
+    return means
+
+
+def agreed_sides(pixels: Float64s, matrices: Mapping[tuple[int, int], Float64s], limit: float) -> Bools:
+    """(C, T) in which images left and right must change places for the cameras to agree.
+
+    Args:
+        pixels: (C, T, 16, 2) joints of all cameras at the same times; NaN where not seen.
+        matrices: (3, 3) fundamental matrices of the pairs of cameras.
+        limit: pixels beyond which a joint is false.
     """
-    for camera, share in zip(facts, found.shares.tolist(), strict=True):
-        if share < _LEAST_SHARE:
-            raise CalibrationRefused(
-                f"Only {100 * share:.0f} % of the joints that camera {camera.name} sees fit the other cameras: the "
-                f"films are not in step, or it sees another person; {REMEDY}."
-            )
-    return _judged(found.calibration)
+    cameras, times = pixels.shape[:2]
+    straight, crossed = np.zeros((cameras, cameras, times)), np.zeros((cameras, cameras, times))
+    for (one, other), matrix in matrices.items():
+        for costs, second in ((straight, pixels[other]), (crossed, pixels[other][:, OTHER_SIDE])):
+            flat = sampson_distances(matrix, pixels[one].reshape(-1, 2), second.reshape(-1, 2))
+            squared = np.minimum((flat.reshape(times, -1) / limit) ** 2, 1.0)
+            costs[one, other] = costs[other, one] = np.nansum(squared, axis=1)
+    best = np.zeros((cameras, times), dtype=bool)
+    first = least = _cost(best, straight, crossed)
+    for labels in _labels(cameras):
+        for base in (np.zeros((cameras, times), dtype=bool), best):
+            tried = base ^ labels[:, None]
+            cost = _cost(tried, straight, crossed)
+            is_better = (cost < _SURER * first) & (cost < least - 1e-9)
+            best = np.where(is_better, tried, best)
+            least = np.where(is_better, cost, least)
+    # All cameras at once is the same as none: the fewer contradict the network, the better.
+    return np.asarray(np.where(2 * best.sum(0) > cameras, ~best, best))
 
 
-def _judged(found: Calibration) -> Calibration:
-    """The calibration with a warning where two halves of the times disagree a little, refused where they do a lot."""
-    apart = found.halves_apart
-    if len(found.cameras) > 2 and apart > _APART:
-        raise CalibrationRefused(
-            f"The film's two halves put the cameras {100 * apart:.0f} % of the rig's size apart: "
-            f"{REMEDY}, or hold a board into the views."
-        )
-    if len(found.cameras) > 2 and apart > _DOUBTFUL_APART:
-        warning = f"Camera positions are known within about {100 * apart:.1f} % of the rig's size only."
-    elif len(found.cameras) == 2:
-        warning = "Nothing but each other tests two cameras' positions: look at the result."
-    else:
-        return found
-    return replace(found, warnings=(*found.warnings, warning))
+def _labels(cameras: int) -> list[Bools]:
+    if cameras > _MOST_TOGETHER:
+        return list(np.eye(cameras, dtype=bool))
+    return [np.array([False, *chosen]) for chosen in product((False, True), repeat=cameras - 1)]
 
 
-def _found(network: LandmarkNetwork, image: ImageArray, boxes: Iterable[Box], previous: Box | None) -> Person | None:
+def _cost(swapped: Bools, straight: Float64s, crossed: Float64s) -> Float64s:
+    """(T,) of all pairs of cameras."""
+    sums: Float64s = np.where(swapped[:, None] != swapped[None], crossed, straight).sum((0, 1))
+    return sums
+
+
+def _person_in(
+    network: LandmarkNetwork, image: ImageArray, boxes: Iterable[Box], previous: Box | None
+) -> Person | None:
     """The first box with a person in it, and then that person in a box that fits, as the previous image's does."""
     for box in boxes:
         person = network.find(image, box)
@@ -258,13 +179,13 @@ def _boxes(image: ImageArray, plate: ImageArray, changing: Bools, whole: Box, pr
     small = gray if gray.shape == plate.shape else cv2.resize(gray, plate.shape[::-1], interpolation=cv2.INTER_AREA)
     moving = (cv2.absdiff(small, plate) > _CHANGES) & changing
     now = _largest_box(moving, _LEAST_MOTION * float(changing.sum()))
-    found = [box._replace(x=box.x * scale, y=box.y * scale, side=box.side * scale) for box in (now, whole) if box]
+    boxes = [box._replace(x=box.x * scale, y=box.y * scale, side=box.side * scale) for box in (now, whole) if box]
     if previous is None:
-        return found
+        return boxes
     # Unless the person has left it: what moves now must lie in it.
-    left = found[0] if now is not None else None
+    left = boxes[0] if now is not None else None
     is_there = left is None or np.hypot(left.x - previous.x, left.y - previous.y) < previous.side / 2
-    return [previous, *found] if is_there else found
+    return [previous, *boxes] if is_there else boxes
 
 
 def _largest_box(moving: Bools, least: float) -> Box | None:

@@ -13,20 +13,18 @@ import numpy as np
 
 from ...errors import FrogError
 from ...io.child_process import Progress
-from ..camera import Camera
-from ..capture import Distortion
+from ..synchronization import NamedTracks
 from .board_detection import Board
 from .board_file import read_board
 from .board_films import TIMES as BOARD_TIMES
 from .board_films import board_in_films
 from .calibration import Calibration, CalibrationRefused
-from .clocks import Clocks, FoundClocks, Synchronize, find_clocks, with_clocks
+from .clocks import Cameras, Clocks, FoundClocks, Synchronize, find_clocks, find_moving_clocks, with_clocks
 from .feature_task import arrays_of, view_of
 from .films import Film, View, common_times, find_films, is_standing, look, with_groups
 from .in_turns import TIMES, calibrate_in_turns
 from .landmark_file import landmark_file
 from .moving import calibrate_moving, still_images
-from .moving_clocks import find_moving_clocks
 from .report import write_moving_report, write_report
 from .result_files import write_cameras
 from .scan import walk_throughs, walks_of
@@ -242,13 +240,13 @@ def _by(
             else ("The films were taken to be in step: nothing looked whether they are.",)
         )
         return way.solve(films, TIMES), films, FoundClocks(given, warnings=guess)
+
+    def find(films: Sequence[Film], cameras: Cameras, tracks: Mapping[str, NamedTracks] | None = None) -> FoundClocks:
+        return synchronize(films, cameras, tracks, stages.work, stages.progress, stages.cancelled)
+
     if way.timed is not None:
-        calibration, found = way.timed(films)
+        calibration, found = way.timed(films, lambda films, tracks: find(films, {}, tracks))
         return calibration, with_clocks(films, found.clocks), found
-
-    def find(films: Sequence[Film], cameras: Mapping[str, tuple[Camera, Distortion | None]]) -> FoundClocks:
-        return synchronize(films, cameras, stages.work, stages.progress, stages.cancelled)
-
     return calibrate_in_turns(way, films, find)
 
 

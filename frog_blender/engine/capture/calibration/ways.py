@@ -21,8 +21,8 @@ from .calibration import Calibration
 from .clicked_points import calibrate_clicks
 from .clocks import FoundClocks
 from .films import Film, View, common_times
-from .joint_films import TIMES as JOINT_TIMES
-from .joint_films import calibrate_joint_films, calibrate_unsynchronised_films
+from .joint_rig import TIMES as JOINT_TIMES
+from .joint_rig import Find, calibrate_joint_films, calibrate_unsynchronised_films
 from .rig_result import CameraFacts
 
 BOARD_FILES = ("charuco.toml", "board.toml", "board.json")
@@ -39,13 +39,14 @@ class Way:
         source: what the cameras come from, as in "cameras from a board".
         solve: the cameras of films at so many common times; with 0 of what does not move alone.
         needs_step: what it looks at moves, so that the films must be in step.
-        timed: the cameras of films whose clocks are not known, and those; None where synchronisation is another's.
+        timed: the cameras of films whose clocks are not known, and those, by what finds clocks; None where cameras and
+            clocks are found in turns.
     """
 
     source: str
     solve: Callable[[Sequence[Film], int], Calibration]
     needs_step: bool = True
-    timed: Callable[[Sequence[Film]], tuple[Calibration, FoundClocks]] | None = None
+    timed: Callable[[Sequence[Film], Find], tuple[Calibration, FoundClocks]] | None = None
 
 
 def board_beside(folder: Path) -> Path | None:
@@ -72,18 +73,8 @@ def joints_way(
         times = common_times(films, JOINT_TIMES)
         return calibrate_joint_films(films, views(films), times, network, progress, stopper(cancelled))
 
-    def timed(films: Sequence[Film]) -> tuple[Calibration, FoundClocks]:
-        found = calibrate_unsynchronised_films(films, views(films), network, progress, stopper(cancelled))
-        offsets, sigmas = found.offsets.tolist(), found.sigmas.tolist()
-        clocks = {film.name: (offset, 1.0) for film, offset in zip(films, offsets, strict=True)}
-        facts = {
-            "source": "joints",
-            "cameras": [
-                {"name": film.name, "offset": offset, "sigma": sigma}
-                for film, offset, sigma in zip(films, offsets, sigmas, strict=True)
-            ],
-        }
-        return found.calibration, FoundClocks(clocks, facts=facts)
+    def timed(films: Sequence[Film], find: Find) -> tuple[Calibration, FoundClocks]:
+        return calibrate_unsynchronised_films(films, views(films), network, find, progress, stopper(cancelled))
 
     return Way("a person's joints", solve, timed=timed)
 

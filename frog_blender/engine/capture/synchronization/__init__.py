@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from .curves import draw_curves
+from .report import draw_curves
 from .synchronization import CameraClock, RunnerUp, Synchronization
 from .synchronize import synchronize
-from .work import SynchronizationCancelled
+from .tracks import NamedTracks
 
 __all__ = [
     "CameraClock",
+    "NamedTracks",
     "RunnerUp",
     "Synchronization",
-    "SynchronizationCancelled",
     "draw_curves",
     "synchronize",
 ]

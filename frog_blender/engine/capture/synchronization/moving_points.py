@@ -1,31 +1,26 @@
-"""Points that move in one camera's film: SIFT features inside the changing region, tracked by optical flow.
+"""Points that move in one camera's film, tracked by optical flow, and which of two films' points are the same.
 
-Each is tracked for a few frames to either side of the frame it was found in, so that its position is known at every
-time between: films of other cameras show the same point at times between these frames.
+They are SIFT features inside the changing region. Each is tracked for a few frames to either side of the frame it was
+found in, so that its position is known at every time between: films of other cameras show the same point at times
+between these frames.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray, Ints
 from ..video import load_opencv
+from . import limits
 from .recordings import Recording
+from .work import Work
 
 REACH = 2
 """Frames to either side of its own in which a point is tracked."""
 _NODES = 2 * REACH + 1
-_MOST_FOUND, _MOST = 1200, 350  # features a frame, and those of them kept that move
-_CONTRAST = 0.01  # OpenCV's 0.04 loses small and dark images
-_STILL = 0.15  # pixels a frame: what moves less tells no time
-_MARGIN = 24  # pixels about the changing region that its features may look at
-_WINDOW = (15, 15)  # pixels, of the optical flow
-_LEVELS = 3
-_BACK = 0.5  # pixels by which a point tracked there and back may miss where it started
-_BEYOND = 0.6  # frames by which a track may be continued beyond its ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +64,7 @@ class MovingPoints:
         t = times[rows[:, None], three]
         p = tracks[rows[:, None], three]
         frame = (t[:, 2] - t[:, 0]) / 2
-        holds = (at >= t[:, 0] - _BEYOND * frame) & (at <= t[:, 2] + _BEYOND * frame)
+        holds = (at >= t[:, 0] - limits.BEYOND * frame) & (at <= t[:, 2] + limits.BEYOND * frame)
         return _lagrange(t, p, at), holds
 
 
@@ -89,81 +84,65 @@ def _lagrange(times: Float64s, points: Float64s, at: Float64s) -> Float64s:
     return result
 
 
-def keyframes_of(indices: Sequence[int], frame_count: int) -> list[int]:
-    """Those of the wanted frames that have REACH frames to either side."""
+def keyframes_of(indices: Iterable[int], frame_count: int) -> list[int]:
+    """Those of the frames that have REACH frames to either side."""
     return sorted({index for index in indices if REACH <= index < frame_count - REACH})
 
 
-class PointFinder:
-    """Receives the frames that ``needed`` names, in order, and finds the points of its keyframes."""
+def points_in(film: Recording, region: ImageArray, keyframes: Sequence[int], work: Work) -> MovingPoints:
+    """The moving points of a film.
 
-    def __init__(self, film: Recording, mask: ImageArray, keyframes: Sequence[int]) -> None:
-        """``mask`` (H, W) uint8 of the gray images; ``keyframes`` come from keyframes_of."""
-        cv2 = load_opencv()
-        self._film, self._mask, self._keyframes = film, mask, list(keyframes)
-        self._sift = cv2.SIFT_create(nfeatures=_MOST_FOUND, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
-        self._inside = _bounds(mask)
-        self._recent: dict[int, ImageArray] = {}
-        self._parts: list[tuple[int, Float64s, Float32s]] = []
-
-    @property
-    def needed(self) -> list[int]:
-        """Indices of the frames to be given, ascending."""
-        return sorted({key + shift for key in self._keyframes for shift in range(-REACH, REACH + 1)})
-
-    def add(self, index: int, gray: ImageArray) -> None:
-        """The frame ``index``, (H, W) uint8."""
-        self._recent[index] = gray
+    Args:
+        region: (H, W) uint8 of its gray images, where something moves.
+        keyframes: of ``keyframes_of``.
+    """
+    needed = sorted({key + shift for key in keyframes for shift in range(-REACH, REACH + 1)})
+    recent: dict[int, ImageArray] = {}
+    found = [(np.zeros(0, np.int64), np.zeros((0, _NODES, 2)), np.zeros((0, 128), np.float32))]
+    for step, (index, gray) in enumerate(zip(needed, film.gray(needed), strict=True)):
+        if step % 5 == 0:
+            work.step(f"Finding moving points in {film.name}", step, len(needed))
+        recent[index] = gray
         key = index - REACH
-        if key in self._keyframes and self._mask.any():
-            found = self._find([self._recent[key + shift] for shift in range(-REACH, REACH + 1)])
-            if found is not None:
-                self._parts.append((key, *found))
-        self._recent.pop(index - 2 * REACH, None)
+        if key in keyframes and region.any():
+            tracks, descriptors = _tracked([recent[key + shift] for shift in range(-REACH, REACH + 1)], region)
+            found.append((np.full(len(tracks), keyframes.index(key)), tracks, descriptors))
+        recent.pop(index - 2 * REACH, None)
+    rows, tracks, descriptors = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    frames = np.array(keyframes, np.int64)
+    times = film.timestamps[frames[rows][:, None] + np.arange(-REACH, REACH + 1)]
+    return MovingPoints(rows, film.timestamps[frames], times, tracks / film.scale, descriptors)
 
-    def points(self) -> MovingPoints:
-        """All points found."""
-        stamps = self._film.timestamps
-        key_times = stamps[self._keyframes] if self._keyframes else np.zeros(0)
-        order = {key: number for number, key in enumerate(self._keyframes)}
-        counts = [len(part[1]) for part in self._parts]
-        keyframes = np.repeat(np.array([order[part[0]] for part in self._parts], dtype=np.int64), counts)
-        shifts = np.arange(-REACH, REACH + 1)
-        frames = np.repeat(np.array([part[0] for part in self._parts], dtype=np.int64), counts)
-        tracks = np.concatenate([part[1] for part in self._parts]) if counts else np.zeros((0, _NODES, 2))
-        descriptors = np.concatenate([part[2] for part in self._parts]) if counts else np.zeros((0, 128), np.float32)
-        # Gray images are scaled: back to pixels of the film, whose centres lie at +0.5.
-        tracks = (tracks + 0.5) / self._film.scale
-        return MovingPoints(keyframes, key_times, stamps[frames[:, None] + shifts], tracks, descriptors)
 
-    def _find(self, images: list[ImageArray]) -> tuple[Float64s, Float32s] | None:
-        """Tracks (M, 5, 2) in pixels of the gray images and descriptors (M, 128); None without features."""
-        rows, columns = self._inside
-        found, descriptors = self._sift.detectAndCompute(images[REACH][rows, columns], self._mask[rows, columns])
-        if descriptors is None or not len(found):
-            return None
-        corner = (columns.start, rows.start)
-        start = (np.array([point.pt for point in found]) + corner).astype(np.float32)
-        after, good = _flow(images[REACH], images[REACH + 1], start)
-        moving = np.flatnonzero(good & (np.linalg.norm(after - start, axis=1) > _STILL))
-        if not len(moving):
-            return None
-        strength = np.array([found[point].response for point in moving])
-        chosen = np.sort(moving[np.argsort(-strength, kind="stable")[:_MOST]])
-        start = start[chosen]
-        tracks = np.full((len(start), _NODES, 2), np.nan)
-        tracks[:, REACH] = start
-        for direction in (-1, 1):
-            position, alive = start, np.ones(len(start), dtype=bool)
-            for step in range(1, REACH + 1):
-                before = images[REACH + direction * (step - 1)]
-                position, good = _flow(before, images[REACH + direction * step], position)
-                alive &= good
-                tracks[alive, REACH + direction * step] = position[alive]
-        tracked = np.isfinite(tracks[:, REACH - 1 : REACH + 2, 0]).all(axis=1)
-        kept, tracks = chosen[tracked], tracks[tracked]
-        roots = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6))
-        return tracks, roots[kept].astype(np.float32)
+def _tracked(images: Sequence[ImageArray], region: ImageArray) -> tuple[Float64s, Float32s]:
+    """Tracks (M, 5, 2) in pixels of the gray images, centres at +0.5, and descriptors (M, 128), of five images."""
+    cv2 = load_opencv()
+    options = {"contrastThreshold": limits.CONTRAST, "enable_precise_upscale": True}
+    rows, columns = _bounds(region)
+    sift = cv2.SIFT_create(nfeatures=limits.MOST_FEATURES, **options)
+    features, descriptors = sift.detectAndCompute(images[REACH][rows, columns], region[rows, columns])
+    if descriptors is None or not len(features):
+        return np.zeros((0, _NODES, 2)), np.zeros((0, 128), np.float32)
+    corner = (columns.start, rows.start)
+    start = (np.array([feature.pt for feature in features]) + corner).astype(np.float32)
+    after, good = _flow(images[REACH], images[REACH + 1], start)
+    moving = np.flatnonzero(good & (np.linalg.norm(after - start, axis=1) > limits.STILL))
+    strength = np.array([features[point].response for point in moving])
+    chosen = np.sort(moving[np.argsort(-strength, kind="stable")[: limits.MOST_MOVING]])
+    if not len(chosen):
+        return np.zeros((0, _NODES, 2)), np.zeros((0, 128), np.float32)
+    tracks = np.full((len(chosen), _NODES, 2), np.nan)
+    tracks[:, REACH] = start[chosen]
+    for direction in (-1, 1):
+        position, alive = start[chosen], np.ones(len(chosen), dtype=bool)
+        for step in range(1, REACH + 1):
+            before = images[REACH + direction * (step - 1)]
+            position, good = _flow(before, images[REACH + direction * step], position)
+            alive &= good
+            tracks[alive, REACH + direction * step] = position[alive]
+    whole = np.isfinite(tracks[:, REACH - 1 : REACH + 2, 0]).all(axis=1)
+    roots = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6))
+    return tracks[whole] + 0.5, roots[chosen[whole]].astype(np.float32)
 
 
 def _bounds(mask: ImageArray) -> tuple[slice, slice]:
@@ -171,17 +150,104 @@ def _bounds(mask: ImageArray) -> tuple[slice, slice]:
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return slice(0, mask.shape[0]), slice(0, mask.shape[1])
-    top, left = max(int(rows[0]) - _MARGIN, 0), max(int(columns[0]) - _MARGIN, 0)
-    return slice(top, int(rows[-1]) + _MARGIN + 1), slice(left, int(columns[-1]) + _MARGIN + 1)
+    top, left = max(int(rows[0]) - limits.FEATURE_MARGIN, 0), max(int(columns[0]) - limits.FEATURE_MARGIN, 0)
+    return slice(top, int(rows[-1]) + limits.FEATURE_MARGIN + 1), slice(
+        left, int(columns[-1]) + limits.FEATURE_MARGIN + 1
+    )
 
 
 def _flow(before: ImageArray, after: ImageArray, points: Float32s) -> tuple[Float32s, Bools]:
     """Where points (N, 2) went, and which of them came back to where they started."""
     cv2 = load_opencv()
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)
-    options = {"winSize": _WINDOW, "maxLevel": _LEVELS, "criteria": criteria}
+    options = {"winSize": limits.FLOW_WINDOW, "maxLevel": 3, "criteria": criteria}
     there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, points[:, None], None, **options)
     back, returned, _ = cv2.calcOpticalFlowPyrLK(after, before, there, None, **options)
     missed = np.linalg.norm(back[:, 0] - points, axis=1)
-    good = (found[:, 0] > 0) & (returned[:, 0] > 0) & (missed < _BACK)
+    good = (found[:, 0] > 0) & (returned[:, 0] > 0) & (missed < limits.FLOW_BACK)
     return there[:, 0], good
+
+
+# --- matches
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """M matches between points of two films.
+
+    Attributes:
+        first, second: (M,) int64 rows in the films' MovingPoints.
+        apart: (M,) float64 seconds: the time of the point in the first film less that in the second.
+    """
+
+    first: Ints
+    second: Ints
+    apart: Float64s
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def thinned(self, most: int) -> Matches:
+        """At most so many of them, drawn evenly."""
+        if len(self) <= most:
+            return self
+        kept = np.linspace(0, len(self) - 1, most).round().astype(np.int64)
+        return Matches(self.first[kept], self.second[kept], self.apart[kept])
+
+    def within(self, lag: Float64s | float, reach: float) -> Matches:
+        """Those whose two times, ``lag`` seconds apart in the films, lie within ``reach`` seconds of each other."""
+        keep = np.abs(self.apart - lag) <= reach
+        return Matches(self.first[keep], self.second[keep], self.apart[keep])
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Which keyframes are compared, and which of their points may be the same.
+
+    Attributes:
+        lags: the least and the greatest lag to be considered, seconds.
+        reach: seconds by which two keyframes may miss each other and still be compared.
+        most: keyframes of the first film that are looked at, evenly spread.
+        allowed: of rows of the first film's points (M,) and rows of the second's (K,): (M, K) bool; all without it.
+    """
+
+    lags: tuple[float, float]
+    reach: float
+    most: int = 1000
+    allowed: Callable[[Ints, Ints], Bools] | None = None
+
+
+def match(first: MovingPoints, second: MovingPoints, search: Search) -> Matches:
+    """Mutual nearest neighbours between keyframes that may show the same instant."""
+    count = len(first.key_times)
+    chosen = np.unique(np.linspace(0, count - 1, min(search.most, count)).round().astype(int))
+    rows_a, rows_b = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for key_a in chosen:
+        in_a = first.of_keyframe(key_a)
+        apart = first.key_times[key_a] - second.key_times
+        near = (apart >= search.lags[0] - search.reach) & (apart <= search.lags[1] + search.reach)
+        for key_b in np.flatnonzero(near):
+            in_b = second.of_keyframe(int(key_b))
+            if min(len(in_a), len(in_b)) < 2:
+                continue
+            similarity = first.descriptors[in_a] @ second.descriptors[in_b].T
+            if search.allowed is not None:
+                similarity[~search.allowed(in_a, in_b)] = -1.0
+            a, b = _mutual(similarity)
+            rows_a.append(in_a[a])
+            rows_b.append(in_b[b])
+    a, b = np.concatenate(rows_a), np.concatenate(rows_b)
+    apart = first.key_times[first.keyframes[a]] - second.key_times[second.keyframes[b]]
+    return Matches(a, b, apart)
+
+
+def _mutual(similarity: Float32s) -> tuple[Ints, Ints]:
+    """Rows and columns of the mutual best that are clearly better than the second best in their row."""
+    best = similarity.argmax(axis=1)
+    rows = np.arange(len(best))
+    score = similarity[rows, best]
+    second = np.partition(similarity, -2, axis=1)[:, -2]
+    distance = np.sqrt(np.maximum(2 - 2 * score, 0))
+    keep = distance < limits.MATCH_RATIO * np.sqrt(np.maximum(2 - 2 * second, 0))
+    keep &= (distance < limits.MATCH_FARTHEST) & (similarity.argmax(axis=0)[best] == rows)
+    return rows[keep].astype(np.int64), best[keep].astype(np.int64)

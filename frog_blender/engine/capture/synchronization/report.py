@@ -1,4 +1,4 @@
-"""From solved clocks to the answer a user gets: confidence, runner-up, warnings, and when to refuse."""
+"""From solved clocks to the answer a user gets: curves, confidence, runner-up, warnings, and when to refuse."""
 
 from __future__ import annotations
 
@@ -6,17 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .curves import camera_curve, runner_up
-from .pair import PairLag
+from ...arrays import ImageArray
+from ..video import load_opencv
+from . import limits
+from .pairs import Clocks, Curve, PairLag, Solution, maxima, no_curve
 from .recordings import Recording
-from .solve import Solution
 from .synchronization import CameraClock, RunnerUp, Synchronization
 
-_OPEN = 0.5  # share of a film's triangles that may fail to close
-_UNSURE = 0.5  # of confidence below which the user is told
-_LEAST = 0.1  # of confidence below which offsets are not to be used
-_TRUSTED = 0.5  # of energy alone
-_COARSE = ("energy",)  # alone, good for a start only
+_ROW, _LEFT = 96, 130  # pixels of a drawn curve's height and of its caption
+_INK, _LINE, _CHOSEN, _OTHER = (40, 40, 40), (60, 110, 190), (30, 150, 70), (200, 120, 40)
 
 
 def reported(
@@ -52,7 +50,6 @@ def reported(
         )
     warnings = [sentence for camera in cameras for sentence in _doubts(camera, frame)]
     warnings += _coarse_sentence(cameras)
-    warnings += _open_sentences(films, solution)
     residual = float(np.median(np.abs(solution.misses))) if len(solution.misses) else 0.0
     refusal = _refusal(films, solution, cameras)
     return Synchronization(tuple(cameras), frame, residual, tuple(warnings), refusal, tuple(pairs))
@@ -74,8 +71,8 @@ def _confidence(film: int, solution: Solution, pairs: Sequence[PairLag]) -> floa
         return 0.0
     is_open = solution.open_triangles[film]
     checked = 1.0 if len(solution.support) == 2 else 0.5 if np.isnan(is_open) else 1 - float(is_open)
-    if {pair.source for pair in pairs if film in (pair.first, pair.second)} <= set(_COARSE):
-        checked *= _TRUSTED  # views that see motion unlike each other may agree on a wrong lag
+    if {pair.source for pair in pairs if film in (pair.first, pair.second)} <= {"energy"}:
+        checked *= limits.ENERGY_TRUST  # views that see motion unlike each other may agree on a wrong lag
     # A third of the moving matches on their epipolar lines is as good as it gets where things hide each other.
     agreement = min(1.0, 2.5 * float(np.median(scores)))
     return float(np.clip(solution.support[film] * np.sqrt(checked) * agreement, 0, 1))
@@ -84,7 +81,7 @@ def _confidence(film: int, solution: Solution, pairs: Sequence[PairLag]) -> floa
 def _doubts(camera: CameraClock, frame: float) -> list[str]:
     """What the user should know about one camera."""
     sentences = []
-    if camera.confidence < _UNSURE:
+    if camera.confidence < limits.UNSURE:
         sentences.append(
             f"Camera {camera.name}: its offset of {camera.offset:.3f} s is uncertain "
             f"(confidence {camera.confidence:.2f}); look at its curve, or type the offset."
@@ -99,20 +96,11 @@ def _doubts(camera: CameraClock, frame: float) -> list[str]:
 
 
 def _coarse_sentence(cameras: Sequence[CameraClock]) -> list[str]:
-    coarse = [camera.name for camera in cameras if camera.sources and set(camera.sources) <= set(_COARSE)]
+    coarse = [camera.name for camera in cameras if camera.sources and set(camera.sources) <= {"energy"}]
     if not coarse:
         return []
     which = ", ".join(coarse) if len(coarse) < len(cameras) else "all cameras"
     return [f"The offsets of {which} come from the amount of motion alone and may be a frame wrong."]
-
-
-def _open_sentences(films: Sequence[Recording], solution: Solution) -> list[str]:
-    return [
-        f"Camera {film.name}: the lags between it and two others do not add up within half a frame "
-        f"in {100 * share:.0f} % of the cases."
-        for film, share in zip(films, solution.open_triangles.tolist(), strict=True)
-        if share > _OPEN
-    ]
 
 
 def _refusal(films: Sequence[Recording], solution: Solution, cameras: Sequence[CameraClock]) -> str | None:
@@ -125,10 +113,92 @@ def _refusal(films: Sequence[Recording], solution: Solution, cameras: Sequence[C
             f"Camera {lost[0]} shares neither sound nor motion with another: clap once where all cameras see and hear "
             "it, or type its offset."
         )
-    unsure = [camera.name for camera in cameras if camera.confidence < _LEAST]
+    unsure = [camera.name for camera in cameras if camera.confidence < limits.LEAST_CONFIDENCE]
     if unsure:
         return (
             f"The films' lags contradict each other for camera {', '.join(unsure)}: clap once where all cameras see "
             "and hear it, or type the offset."
         )
     return None
+
+
+def camera_curve(film: int, pairs: Sequence[PairLag], clocks: Clocks, frame: float) -> Curve:
+    """The mean of a film's pair curves over its offset, seconds; each weighs by its score.
+
+    Args:
+        film: index of the film.
+        pairs: of all films, with curves.
+        clocks: the answer.
+        frame: seconds between frames.
+    """
+    shifted: list[tuple[Curve, float]] = []
+    for pair in pairs:
+        if film not in (pair.first, pair.second) or not len(pair.curve.lags):
+            continue
+        # A greater offset of the second film is a greater lag; of the first, a smaller one.
+        sign = 1.0 if film == pair.second else -1.0
+        moved = sign * (pair.curve.lags - clocks.lag(pair.first, pair.second, pair.at))
+        order = np.argsort(moved)
+        shifted.append((Curve(moved[order], pair.curve.scores[order]), max(pair.score, 1e-3)))
+    if not shifted:
+        return no_curve()
+    low, high = min(curve.lags[0] for curve, _ in shifted), max(curve.lags[-1] for curve, _ in shifted)
+    step = 0.25 * frame
+    grid = np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
+    total, weights = np.zeros(len(grid)), np.zeros(len(grid))
+    for curve, weight in shifted:
+        known = np.isfinite(curve.scores)
+        if known.sum() < 2:
+            continue
+        values = np.interp(grid, curve.lags[known], curve.scores[known], left=np.nan, right=np.nan)
+        inside = np.isfinite(values)
+        total[inside] += weight * values[inside]
+        weights[inside] += weight
+    # Where few pairs overlap, chance decides.
+    enough = weights >= 0.5 * weights.max() if len(weights) else weights > 0
+    scores = np.where(enough, total / np.maximum(weights, 1e-12), np.nan)
+    return Curve(grid + clocks.offsets[film], scores)
+
+
+def runner_up(curve: Curve, offset: float, frame: float) -> RunnerUp | None:
+    """The best maximum of a camera's curve at least a frame from its offset, seconds."""
+    known = np.isfinite(curve.scores)
+    if known.sum() < 3:
+        return None
+    best = float(np.interp(offset, curve.lags[known], curve.scores[known]))
+    for lag, score in maxima(curve, frame, most=8):
+        if abs(lag - offset) > frame and score > 0 and best > 0:
+            return RunnerUp(lag, score / best)
+    return None
+
+
+def draw_curves(result: Synchronization, width: int = 900) -> ImageArray:
+    """(H, W, 3) uint8 RGB: a row a camera, its chosen offset in green, a runner-up as likely in orange."""
+    cv2 = load_opencv()
+    image = np.full((_ROW * max(len(result.cameras), 1), width, 3), 255, np.uint8)
+    for row, camera in enumerate(result.cameras):
+        top = row * _ROW
+        cv2.line(image, (0, top + _ROW - 1), (width, top + _ROW - 1), (220, 220, 220), 1)
+        captions = (camera.name[:16], f"{camera.offset:+.4f} s", f"confidence {camera.confidence:.2f}")
+        for line, caption in enumerate(captions):
+            place = (6, top + 24 + 24 * line)
+            cv2.putText(image, caption, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
+        known = np.isfinite(camera.curve.scores)
+        if known.sum() < 2:
+            continue
+        lags, scores = camera.curve.lags[known], camera.curve.scores[known]
+        low, high = float(lags[0]), float(lags[-1])
+        bottom, peak = min(0.0, float(scores.min())), max(float(scores.max()), 1e-6)
+
+        def column(lag: float, low: float = low, high: float = high) -> int:
+            return _LEFT + round((width - _LEFT - 8) * float(np.clip((lag - low) / max(high - low, 1e-9), 0, 1)))
+
+        if camera.runner_up is not None and camera.runner_up.is_as_likely:
+            x = column(camera.runner_up.offset)
+            cv2.line(image, (x, top + 4), (x, top + _ROW - 6), _OTHER, 1)
+        x = column(camera.offset)
+        cv2.line(image, (x, top + 4), (x, top + _ROW - 6), _CHOSEN, 2)
+        heights = top + _ROW - 6 - (_ROW - 12) * (scores - bottom) / (peak - bottom)
+        points = np.stack([[column(float(lag)) for lag in lags], heights.round()], axis=1).astype(np.int32)
+        cv2.polylines(image, [points[:, None]], False, _LINE, 1, cv2.LINE_AA)
+    return image

@@ -9,7 +9,8 @@ import numpy as np
 
 from ...arrays import Float64s
 from ...io.plain_values import UnfitValue, entries, items, number, numbers, text
-from .pair import RIVAL, Curve, PairLag, Source
+from . import limits
+from .pairs import Curve, PairLag, Source
 
 LONGEST = 1e7
 """Seconds: no offset lies beyond."""
@@ -32,7 +33,7 @@ class RunnerUp:
     @property
     def is_as_likely(self) -> bool:
         """Its score comes within a tenth of the best."""
-        return self.share >= RIVAL
+        return self.share >= limits.RIVAL
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +120,9 @@ class Synchronization:
     pairs: tuple[PairLag, ...] = ()
 
     @property
-    def offsets(self) -> dict[str, float]:
-        """Seconds by camera."""
-        return {camera.name: camera.offset for camera in self.cameras}
-
-    @property
-    def rates(self) -> dict[str, float]:
-        """Seconds of capture time for each second of film, by camera."""
-        return {camera.name: camera.rate for camera in self.cameras}
+    def clocks(self) -> dict[str, tuple[float, float]]:
+        """Offset in seconds, and seconds of capture time for each second of film, by camera."""
+        return {camera.name: (camera.offset, camera.rate) for camera in self.cameras}
 
     def to_json(self) -> dict[str, object]:
         """A plain dictionary for a file; ``from_json`` reads it back, all but the pairs."""

@@ -11,16 +11,13 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 from ...arrays import Array
+from ...io.child_process import Stopped
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 Progress = Callable[[str, float], None]
 """Receives what is being done, as a phrase for a person, and the share of the whole that is done, 0 to 1."""
-
-
-class SynchronizationCancelled(Exception):
-    """The user ended it; nothing was written."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +34,14 @@ class Work:
         length = self.end - self.start
         return Work(self.progress, self.cancelled, self.start + start * length, self.start + end * length)
 
+    def parts(self, count: int) -> list[Work]:
+        """So many equal parts."""
+        return [self.part(index / count, (index + 1) / count) for index in range(count)]
+
     def step(self, what: str, done: int, total: int) -> None:
-        """Say that ``done`` of ``total`` steps are behind; SynchronizationCancelled if the user ended the work."""
+        """Say that ``done`` of ``total`` steps are behind; Stopped if the user ended the work."""
         if self.cancelled():
-            raise SynchronizationCancelled
+            raise Stopped
         self.progress(what, self.start + (self.end - self.start) * done / max(total, 1))
 
 

@@ -11,54 +11,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...arrays import Bools, Float64s
-from ..camera import Camera
-from .matches import Matches
-from .moving_points import REACH, MovingPoints
-from .pair import Curve, PairLag, maxima
+from ..epipolar import sampson_distances
+from . import limits
+from .moving_points import REACH, Matches, MovingPoints
+from .pairs import Curve, PairLag, maxima
 
-_LEAST_SLOPE = 0.25  # pixels a frame by which the residual must change with the lag
-_TRUNCATION = 0.005  # of the width, at least one pixel: residuals beyond are false matches
-_MOST_TRIED, _MOST_FITTED = 600, 3000  # matches at each lag of the curve, and in the fine search
-_DOUBT = 10.0  # a score of few matches is taken as if so many more had failed
-_LEAST = 12  # matches that the fine search needs
-_ROUNDS = 8
-_STARTS = 3  # maxima of the curve that are refined
-_CORRELATED = 4.0  # matches that count as one: neighbours and successive keyframes err together
-_BIAS = 0.003  # of the width: residuals that a poor calibration leaves, constant and rising across the image
-_DRIFT_SECONDS = 15.0  # two clocks' rates are told apart only where matches spread over so much time
-_SLOWEST = 5e-6  # what two quartz clocks differ in at least: a smaller rate is no rate
-_NEAR = REACH  # frames by which two points may be apart: each is carried half of the way
-
-
-def fundamental(first: Camera, second: Camera) -> Float64s:
-    """(3, 3) F with x_second^T F x_first = 0 for pixel positions of the same point of the world."""
-    relative = second.world_to_camera @ np.linalg.inv(first.world_to_camera)
-    x, y, z = relative[:3, 3]
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    essential = cross @ relative[:3, :3]
-    matrix: Float64s = np.linalg.inv(second.intrinsics).T @ essential @ np.linalg.inv(first.intrinsics)
-    return matrix / max(float(np.linalg.norm(matrix)), 1e-30)
-
-
-def signed_residuals(matrix: Float64s, first: Float64s, second: Float64s) -> Float64s:
-    """(M,) Sampson residuals in pixels, with sign, of positions (M, 2) in two images."""
-    a = np.concatenate([first, np.ones((len(first), 1))], axis=1)
-    b = np.concatenate([second, np.ones((len(second), 1))], axis=1)
-    lines_b, lines_a = a @ matrix.T, b @ matrix
-    product = (b * lines_b).sum(axis=1)
-    length = np.sqrt((lines_b[:, :2] ** 2).sum(axis=1) + (lines_a[:, :2] ** 2).sum(axis=1))
-    result: Float64s = product / np.maximum(length, 1e-30)
-    return result
-
-
-def residual_table(matrix: Float64s, first: Float64s, second: Float64s) -> Float64s:
-    """(M, K) Sampson residuals in pixels, with sign, of every position (M, 2) with every position (K, 2)."""
-    a = np.concatenate([first, np.ones((len(first), 1))], axis=1)
-    b = np.concatenate([second, np.ones((len(second), 1))], axis=1)
-    lines_b, lines_a = a @ matrix.T, b @ matrix
-    squares = (lines_b[:, :2] ** 2).sum(axis=1)[:, None] + (lines_a[:, :2] ** 2).sum(axis=1)
-    result: Float64s = (lines_b @ b.T) / np.sqrt(np.maximum(squares, 1e-60))
-    return result
+_ROUNDS = 8  # of reweighting
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +42,7 @@ class Geometry:
     @property
     def truncation(self) -> float:
         """Pixels beyond which a residual is that of a false match."""
-        return max(1.0, _TRUNCATION * self.width)
+        return max(1.0, limits.TRUNCATION * self.width)
 
     def residuals(self, matches: Matches, lags: Float64s | float) -> tuple[Float64s, Bools]:
         """(M,) pixels at lags (M,) seconds, and which of them could be had."""
@@ -93,7 +51,7 @@ class Geometry:
         carried = (middle[1] + lags - middle[0]) / 2  # each goes half of the way
         a, good_a = first.positions(matches.first, middle[0] + carried)
         b, good_b = second.positions(matches.second, middle[1] - carried)
-        return signed_residuals(self.matrix, a, b) + self.places(matches) @ self.bias, good_a & good_b
+        return sampson_distances(self.matrix, a, b) + self.places(matches) @ self.bias, good_a & good_b
 
     def places(self, matches: Matches) -> Float64s:
         """(M, 3): one, and where the points lie in the first image, in half widths from its points' middle."""
@@ -122,7 +80,7 @@ def epipolar_lag(
     """
     curve = score_curve(views, lags, step * views.frame)
     best: tuple[float, _Fit, Curve] | None = None
-    for start, _ in maxima(curve, views.frame, most=_STARTS):
+    for start, _ in maxima(curve, views.frame, most=limits.REFINED_PEAKS):
         fit = _refined(views, start)
         if fit is None:
             continue
@@ -156,13 +114,13 @@ def score_curve(views: Geometry, lags: tuple[float, float], step: float) -> Curv
     grid = np.arange(np.floor(lags[0] / step), np.ceil(lags[1] / step) + 1) * step
     scores = np.full(len(grid), np.nan)
     for position, lag in enumerate(grid):
-        near = views.matches.within(lag, _NEAR * views.frame).thinned(_MOST_TRIED)
-        if len(near) < _LEAST:
+        near = views.matches.within(lag, REACH * views.frame).thinned(limits.MOST_TRIED)
+        if len(near) < limits.LEAST_MATCHES:
             continue
         residuals, slopes, good = views.slopes(near, lag)
-        good &= np.abs(slopes) * views.frame > _LEAST_SLOPE
+        good &= np.abs(slopes) * views.frame > limits.LEAST_SLOPE
         agreement = np.maximum(1 - (residuals[good] / views.truncation) ** 2, 0)
-        scores[position] = agreement.sum() / (good.sum() + _DOUBT)
+        scores[position] = agreement.sum() / (good.sum() + limits.DOUBT)
     return Curve(grid, scores)
 
 
@@ -189,24 +147,24 @@ def _refined(views: Geometry, lag: float) -> _Fit | None:
     for turn in range(_ROUNDS):
         times = views.points[1].times[views.matches.second, REACH]
         predicted = lag + rate * (times - at)
-        near = views.matches.within(predicted, _NEAR * views.frame).thinned(_MOST_FITTED)
+        near = views.matches.within(predicted, REACH * views.frame).thinned(limits.MOST_FITTED)
         times = views.points[1].times[near.second, REACH]
         residuals, slopes, good = views.slopes(near, lag + rate * (times - at))
         places = views.places(near)
         residuals = residuals + places @ bias
-        good &= (np.abs(slopes) * views.frame > _LEAST_SLOPE) & (np.abs(residuals) < 3 * scale)
-        if good.sum() < _LEAST:
+        good &= (np.abs(slopes) * views.frame > limits.LEAST_SLOPE) & (np.abs(residuals) < 3 * scale)
+        if good.sum() < limits.LEAST_MATCHES:
             return None
         r, g, t = residuals[good], slopes[good], times[good]
         weights = np.maximum(1 - (r / (3 * scale)) ** 2, 0) ** 2  # Tukey's
         noise = float((weights * r**2).sum() / max(weights.sum(), 1e-9))
         middle = float(np.average(t, weights=weights * g**2 + 1e-12))
         lag, at = lag + rate * (middle - at), middle
-        drifts = bool(np.ptp(t) >= _DRIFT_SECONDS) and turn >= 2
+        drifts = bool(np.ptp(t) >= limits.MOTION_DRIFT_SECONDS) and turn >= 2
         clocks = [g, g * (t - middle)] if drifts else [g]
         columns = np.column_stack([*clocks, places[good]])
         prior = np.zeros(columns.shape[1])
-        prior[-3:] = _CORRELATED * noise / (_BIAS * views.width) ** 2
+        prior[-3:] = limits.CORRELATED * noise / (limits.BIAS * views.width) ** 2
         normal = columns.T @ (weights[:, None] * columns) + np.diag(prior + 1e-12)
         pulled = np.concatenate([np.zeros(len(clocks)), bias])  # the prior is that there is no bias
         wanted = columns.T @ (weights * r) + prior * pulled
@@ -215,8 +173,8 @@ def _refined(views: Geometry, lag: float) -> _Fit | None:
         rate += float(change[1]) if drifts else 0.0
         bias = bias + change[-3:]
         scale = max(0.1, 0.5 * scale, min(scale, 2.5 * float(np.median(np.abs(r)))))
-        inverse = np.linalg.inv(normal) * _CORRELATED * noise
+        inverse = np.linalg.inv(normal) * limits.CORRELATED * noise
         sigmas = (float(np.sqrt(inverse[0, 0])), float(np.sqrt(inverse[1, 1])) if drifts else np.inf)
-    if abs(lag - start) > 2 * views.frame and abs(rate) < _SLOWEST:
+    if abs(lag - start) > 2 * views.frame and abs(rate) < limits.SLOWEST:
         return None
     return _Fit(lag, at, max(sigmas[0], 1e-3 * views.frame), 1 + rate, sigmas[1], bias)

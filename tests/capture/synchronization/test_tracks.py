@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.synchronization.epipolar import fundamental
-from frog_blender.engine.capture.synchronization.lags import NamedTracks, track_lag
+from frog_blender.engine.capture.synchronization.tracks import NamedTracks, track_lags
 
 from .moving_scene import ring
 
@@ -33,31 +32,20 @@ def seen(camera_index: int, start: float, count: int, noise: float) -> NamedTrac
     return NamedTracks(times, positions)
 
 
-@pytest.mark.parametrize("lag", [0.0, 0.287, -0.371])
-def test_the_lag_is_found_to_a_third_of_a_frame(lag: float) -> None:
-    found = track_lag((0, 1), (seen(0, 1.0, 60, 1.5), seen(2, 1.0 + lag, 60, 1.5)), 1 / RATE, 1280)
-    assert found is not None
-    assert abs(found.lag - lag) < 0.34 / RATE
-    assert found.source == "tracks"
-
-
-def test_with_known_cameras_it_is_found_closer() -> None:
-    cameras = list(ring(4, 1280, 720, spread=80).values())
-    matrix = fundamental(cameras[0], cameras[2])
-    first, second = seen(0, 1.0, 60, 1.5), seen(2, 1.287, 60, 1.5)
-    # A detector sees joints beside where they are.
-    second = NamedTracks(second.times, second.positions + np.array([3.0, 5.0]))
-    found = track_lag((0, 1), (first, second), 1 / RATE, 1280, matrix)
-    assert found is not None
-    assert abs(found.lag - 0.287) < 0.1 / RATE
+@pytest.mark.parametrize("offsets", [[0.0, 0.287], [0.371, 0.0, 0.1]])
+def test_the_lags_are_found_to_a_third_of_a_frame(offsets: list[float]) -> None:
+    lags = track_lags([seen(i, 1.0 + offset, 60, 1.5) for i, offset in enumerate(offsets)], 1280)
+    assert len(lags) == len(offsets) * (len(offsets) - 1) // 2
+    for lag in lags:
+        assert abs(lag.lag - (offsets[lag.second] - offsets[lag.first])) < 0.34 / RATE
+        assert lag.source == "tracks" and lag.score > 0.8
 
 
 def test_too_few_points_have_no_lag() -> None:
     full = seen(0, 1.0, 60, 1.0)
     hidden = NamedTracks(full.times, np.full_like(full.positions, np.nan))
-    assert track_lag((0, 1), (full, hidden), 1 / RATE, 1280) is None
     single = NamedTracks(full.times[:1], full.positions[:1])
-    assert track_lag((0, 1), (full, single), 1 / RATE, 1280) is None
+    assert track_lags([full, hidden], 1280) == [] == track_lags([full, single], 1280)
 
 
 def test_positions_between_frames_and_in_gaps() -> None:

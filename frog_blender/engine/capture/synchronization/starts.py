@@ -1,0 +1,271 @@
+"""The first lags of two films: by their sound, else by how much moves in them when; timecodes choose between several.
+
+Sound is right to about a frame, for it travels 3 ms a metre. Motion energy needs neither cameras nor sound, but views
+must see the same motion: far apart it is a frame or more wrong. A timecode has whole frames and free-running clocks; a
+creation time has whole seconds, is the end of the recording on some phones, and the time of export on all computers:
+both are a window to look for lags in, never an answer.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+import numpy as np
+
+from ...arrays import Bools, Float32s, Float64s
+from ...errors import FrogError
+from ..media import read_sound
+from . import limits
+from .pairs import Curve, PairLag, maxima
+from .recordings import Recording, Signal
+
+RATE = 16_000
+"""Samples of sound a second."""
+_TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)[:;.](\d\d)")
+_CREATED = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?)Z?")
+_DAY = 86_400.0
+
+
+# --- sound
+
+
+def read_audio(film: Recording) -> Float32s | None:
+    """(S,) mono samples at RATE from the film's time 0, in [-1, 1]; None without a track that can be read, or any
+    sound."""
+    if film.path.is_dir():
+        return None
+    try:
+        sound = read_sound(film.path, RATE, 1, 0.0, limits.AUDIO_LONGEST)
+    except FrogError:
+        return None
+    if sound is None or len(sound) < RATE // 4:
+        return None
+    samples = sound[:, 0].astype(np.float32) / np.float32(32_768)
+    return samples if float(np.sqrt(np.mean(samples.astype(np.float64) ** 2))) >= limits.AUDIO_QUIET else None
+
+
+def audio_lag(pair: tuple[int, int], sounds: tuple[Float32s, Float32s]) -> PairLag | None:
+    """The lag at which two films sound alike, by GCC-PHAT; None where no peak stands out.
+
+    Args:
+        pair: indices of the films.
+        sounds: their samples (S,) at RATE.
+    """
+    first, second = sounds
+    length = int(limits.AUDIO_SEGMENT * RATE)
+    count = max(1, len(second) // length)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, limits.AUDIO_SEGMENTS)).round().astype(int))
+    heard, curves = [], []
+    for segment in chosen:
+        start = segment * length
+        piece = second[start : start + length] if count > 1 else second
+        curve = _phase_correlation(first, piece)
+        lag, prominence = _peak(curve)
+        if prominence >= limits.AUDIO_LEAST_PEAK:
+            heard.append(((start + len(piece) / 2) / RATE, lag - start / RATE, prominence))
+            curves.append(Curve(curve.lags - start / RATE, curve.scores))
+    if not heard:
+        return None
+    times, lags, prominences = np.array(heard).T
+    value, slope, slope_sigma, agrees = _drift(times, lags)
+    if not agrees.any():
+        return None
+    best = int(np.where(agrees, prominences, 0).argmax())
+    sureness = float(np.clip(prominences[best] / limits.AUDIO_SURE_PEAK, 0, 1))
+    return PairLag(
+        first=pair[0],
+        second=pair[1],
+        lag=value,
+        at=float(times[agrees].mean()),
+        sigma=limits.AUDIO_TRAVEL,
+        score=float(agrees.sum()) / len(chosen) * sureness,
+        source="audio",
+        rate=1 + slope,
+        rate_sigma=slope_sigma,
+        curve=_shown(curves[best], lags[best]),
+    )
+
+
+def _drift(times: Float64s, lags: Float64s) -> tuple[float, float, float, Bools]:
+    """The lag at the middle of the times (N,) that agree, its slope over time and that one's standard deviation, and
+    which agree: outliers aside. Infinite where too few times, or too short a time, told the slope, which then is 0.
+    """
+    slope = 0.0
+    drifts = len(times) > 2 and float(np.ptp(times)) >= limits.DRIFT_SECONDS
+    if drifts:  # Theil and Sen: the median of the slopes between far times
+        first, second = np.nonzero(times[None] - times[:, None] > limits.DRIFT_SECONDS / 2)
+        slope = float(np.median((lags[second] - lags[first]) / (times[second] - times[first])))
+    straight = lags - slope * times
+    # The value that most share, where every one may be an outlier.
+    near = np.abs(straight[:, None] - straight) <= limits.AUDIO_TOLERANCE
+    agrees = near[int(near.sum(axis=1).argmax())]
+    t, v = times[agrees], lags[agrees]
+    spread = float(((t - t.mean()) ** 2).sum())
+    if not drifts or len(t) < 3 or float(np.ptp(t)) < limits.DRIFT_SECONDS:
+        return float(v.mean()), 0.0, float("inf"), agrees
+    slope = float(((t - t.mean()) * v).sum() / spread)
+    scatter = v - v.mean() - slope * (t - t.mean())
+    noise = max(float((scatter**2).sum()) / (len(t) - 2), (limits.AUDIO_TOLERANCE / 100) ** 2)
+    return float(v.mean()), slope, float(np.sqrt(noise / spread)), agrees
+
+
+def _phase_correlation(first: Float32s, second: Float32s) -> Curve:
+    """The generalised cross-correlation with phase transform over lags, seconds; both signals whole."""
+    size = 1 << int(np.ceil(np.log2(len(first) + len(second))))
+    cross = np.fft.rfft(first, size) * np.conj(np.fft.rfft(second, size))
+    frequencies = np.fft.rfftfreq(size, 1 / RATE)
+    inside = (frequencies >= limits.AUDIO_BAND[0]) & (frequencies <= limits.AUDIO_BAND[1])
+    magnitude = np.abs(cross)
+    # Where neither film has sound there is no phase, only noise of the encoder.
+    floor = 1e-3 * float(magnitude[inside].mean()) + 1e-20
+    whitened = np.where(inside, cross / (magnitude + floor), 0)
+    values = np.roll(np.fft.irfft(whitened, size), len(second) - 1)[: len(first) + len(second) - 1]
+    lags = np.arange(-(len(second) - 1), len(first)) / RATE
+    return Curve(lags, values)
+
+
+def _peak(curve: Curve) -> tuple[float, float]:
+    """The lag of the highest value, seconds, and by how many standard deviations it stands out."""
+    # By the median: the peak and its reflections must not count as noise.
+    deviation = 1.4826 * float(np.median(np.abs(curve.scores)))
+    prominence = float(curve.scores.max() / max(deviation, 1e-20))
+    top = int(curve.scores.argmax())
+    part = slice(max(top - 2, 0), top + 3)
+    found = maxima(Curve(curve.lags[part], curve.scores[part]), 1.0, most=1)
+    return (found[0][0] if found else float(curve.lags[top])), prominence
+
+
+def _shown(curve: Curve, lag: float) -> Curve:
+    """The part of a curve about its peak: the maximum of each millisecond."""
+    near = np.abs(curve.lags - lag) <= limits.AUDIO_SHOWN
+    step = RATE // 1000
+    whole = int(near.sum()) // step * step
+    lags, scores = curve.lags[near][:whole].reshape(-1, step), np.abs(curve.scores[near][:whole]).reshape(-1, step)
+    return Curve(lags.mean(axis=1), scores.max(axis=1)) if whole else Curve(np.zeros(0), np.zeros(0))
+
+
+# --- motion energy
+
+
+def energy_lag(pair: tuple[int, int], signals: tuple[Signal, Signal], step: float) -> PairLag | None:
+    """The lag at which two films' energies correlate best; None where they never overlap enough or nothing moves.
+
+    Args:
+        pair: indices of the films.
+        signals: their times (seconds) and energies.
+        step: seconds between samples, the shorter frame interval of the two.
+    """
+    first, second = (_resampled(signal, step) for signal in signals)
+    least = max(limits.ENERGY_LEAST_SAMPLES, int(limits.ENERGY_LEAST_SHARE * min(len(first[1]), len(second[1]))))
+    shifts, scores = _normalized_correlation(first[1], second[1], least)
+    if not len(shifts):
+        return None
+    curve = Curve(shifts * step + first[0] - second[0], scores)
+    peaks = maxima(curve, 2 * step)
+    if not peaks or peaks[0][1] <= 0:
+        return None
+    lag, score = peaks[0]
+    overlap = len(first[1]) * step
+    return PairLag(
+        first=pair[0],
+        second=pair[1],
+        lag=lag,
+        at=second[0] + overlap / 2,
+        sigma=step * max(0.1, 1.5 * (1 - score)),
+        score=score,
+        source="energy",
+        others=tuple(peaks[1:]),
+        curve=curve,
+    )
+
+
+def _resampled(signal: Signal, step: float) -> tuple[float, Float64s]:
+    """The time of the first sample, and evenly spaced samples of a smoothed signal."""
+    times, values = signal
+    even = np.arange(times[0], times[-1] + step / 2, step)
+    # Motion is told by ratios: twice as near a camera, everything changes twice as much.
+    samples = np.interp(even, times, np.sqrt(values))
+    radius = 2
+    kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / limits.ENERGY_SMOOTHING) ** 2)
+    smooth = np.convolve(np.pad(samples, radius, mode="edge"), kernel / kernel.sum(), mode="valid")
+    return float(even[0]), smooth
+
+
+def _normalized_correlation(first: Float64s, second: Float64s, least: int) -> tuple[Float64s, Float64s]:
+    """Shifts s in samples, and the correlation of first[i + s] with second[i], where ``least`` samples are common."""
+    count_a, count_b = len(first), len(second)
+    if min(count_a, count_b) < least:
+        return np.zeros(0), np.zeros(0)
+    size = 1 << (count_a + count_b).bit_length()
+    ones_a, ones_b = np.ones(count_a), np.ones(count_b)
+    first, second = first - first.mean(), second - second.mean()
+
+    def sums(a: Float64s, b: Float64s) -> Float64s:
+        spectrum = np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size))
+        return np.roll(np.fft.irfft(spectrum, size), count_b - 1)[: count_a + count_b - 1]
+
+    common = np.round(sums(ones_a, ones_b))
+    safe = np.maximum(common, 1)
+    sum_a, sum_b = sums(first, ones_b), sums(ones_a, second)
+    spread_a = sums(first**2, ones_b) - sum_a**2 / safe
+    spread_b = sums(ones_a, second**2) - sum_b**2 / safe
+    product = sums(first, second) - sum_a * sum_b / safe
+    least_a, least_b = 1e-3 * first.var() + 1e-12, 1e-3 * second.var() + 1e-12
+    enough = (common >= least) & (spread_a > least_a * safe) & (spread_b > least_b * safe)
+    scores = product / np.sqrt(np.maximum(spread_a * spread_b, 1e-24))
+    # A short overlap correlates by chance: what is left of a correlation grows with the samples it was found in.
+    scores = scores * np.sqrt(np.maximum(1 - 4.0 / np.maximum(safe, 4), 0))
+    shifts = np.arange(-(count_b - 1), count_a)
+    return shifts[enough].astype(np.float64), scores[enough]
+
+
+# --- timecodes
+
+
+@dataclass(frozen=True)
+class Note:
+    """When a film says it started: seconds of a day's timecode or since 1970, and of which kind it is."""
+
+    seconds: float
+    is_timecode: bool
+
+
+def read_note(tags: Mapping[str, str], frames_per_second: float) -> Note | None:
+    """The start that a film's tags tell; None if they tell none."""
+    if found := _TIMECODE.fullmatch(tags.get("timecode", "")):
+        hours, minutes, seconds, frames = (int(part) for part in found.groups())
+        whole = 3600 * hours + 60 * minutes + seconds
+        return Note(whole + frames / max(frames_per_second, 1.0), True)
+    if found := _CREATED.fullmatch(tags.get("creation_time", "")):
+        try:
+            created = datetime.fromisoformat(found[1] + "+00:00")
+        except ValueError:
+            return None
+        # Cameras that know no time write the year their clock starts with.
+        return Note(created.timestamp(), False) if created.year > 2000 else None
+    return None
+
+
+def window(first: Note | None, second: Note | None) -> tuple[float, float] | None:
+    """The least and the greatest lag between two films, seconds; None where their notes do not tell."""
+    if first is None or second is None or first.is_timecode != second.is_timecode:
+        return None
+    lag = second.seconds - first.seconds
+    if first.is_timecode:
+        lag = (lag + _DAY / 2) % _DAY - _DAY / 2
+    slack = limits.TIMECODE_SLACK if first.is_timecode else limits.CREATED_SLACK
+    return lag - slack, lag + slack
+
+
+def preferred(lag: PairLag, allowed: tuple[float, float] | None) -> PairLag:
+    """The best maximum inside a window; without one inside, or a window, the best of all."""
+    if allowed is None or allowed[0] <= lag.lag <= allowed[1]:
+        return lag
+    inside = [other for other in lag.others if allowed[0] <= other[0] <= allowed[1]]
+    if not inside:
+        return lag
+    rest = ((lag.lag, lag.score), *(other for other in lag.others if other != inside[0]))
+    return replace(lag, lag=inside[0][0], score=inside[0][1], others=rest)

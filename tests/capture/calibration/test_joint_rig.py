@@ -1,0 +1,226 @@
+"""Cameras from a person's joints: with clocks that are known, heard, or found by the joints themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.films import encode
+
+from frog_blender.engine.arrays import Float64s
+from frog_blender.engine.capture.calibration import joint_rig
+from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
+from frog_blender.engine.capture.calibration.clocks import FoundClocks
+from frog_blender.engine.capture.calibration.films import Film, View, find_films
+from frog_blender.engine.capture.calibration.joint_rig import (
+    calibrate_joints,
+    calibrate_unsynchronised,
+    calibrate_unsynchronised_films,
+    moving_tracks,
+)
+from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, agreed_sides, steady_sides, with_sides
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.epipolar import fundamental
+from frog_blender.engine.capture.synchronization import NamedTracks, synchronize
+from frog_blender.engine.capture.synchronization.tracks import track_lags
+
+from ..synchronization.moving_scene import MovingScene, cards, ring
+from ..synchronization.test_starts import RATE, speech
+from .rigs import TALL, around, facts_of, looking, pixels_of, rig_errors, skeleton
+
+FRAME = 1 / 30
+SPREAD = [0.0, 49.0, 174.0, 230.0, 100.0, 300.0]
+
+
+def filmed(
+    camera: Camera,
+    offset: float,
+    seed: int,
+    *,
+    times: Float64s | None = None,
+    noise: float = 5.0,
+    swapped: tuple[int, int] = (0, 0),
+    pace: float = 1.0,
+) -> NamedTracks:
+    """What the network makes of a walk in a film that began at ``offset``.
+
+    Joints are ``noise`` pixels off, one in twenty is anywhere, and in a run of images left is right.
+    """
+    rng = np.random.default_rng(seed)
+    times = FRAME * np.arange(40) if times is None else times
+    pixels = np.stack([pixels_of(camera, skeleton(3.0 + pace * (offset + time))) for time in times])
+    pixels += rng.normal(0, noise, pixels.shape)
+    wild = rng.random(pixels.shape[:2]) < 0.05
+    pixels[wild] += rng.normal(0, 150.0, (int(wild.sum()), 2))
+    pixels[slice(*swapped)] = pixels[slice(*swapped), OTHER_SIDE]
+    pixels[rng.random(pixels.shape[:2]) < 0.1] = np.nan
+    return NamedTracks(times, pixels)
+
+
+# --- known clocks
+
+
+def walks(cameras: Sequence[Camera], **options: float) -> Float64s:
+    times = np.linspace(0, 12, 40)
+    return np.stack([filmed(camera, 0.0, i, times=times, **options).positions for i, camera in enumerate(cameras)])
+
+
+@pytest.mark.parametrize("swapped", [(0, 0), (10, 18)])
+def test_a_walk_places_cameras_that_share_no_features(swapped: tuple[int, int]) -> None:
+    cameras = around(SPREAD[:4], TALL, 1680.0, distance=4.0)
+    pixels = walks(cameras, noise=8.0)
+    pixels[1, slice(*swapped)] = pixels[1, slice(*swapped)][:, OTHER_SIDE]
+
+    found = calibrate_joints(facts_of(cameras), [0] * 4, pixels)
+
+    centers, rotation, focal, _ = rig_errors(found, cameras)
+    assert centers < 1.0 and rotation < 1.0 and focal < 3.0
+    assert not found.is_metric
+
+
+def test_what_joints_leave_open_is_refused() -> None:
+    cameras = around(SPREAD[:4], TALL, 1680.0, distance=4.0)
+    pixels, times = walks(cameras), np.linspace(0, 12, 40)
+    another = pixels.copy()
+    another[2] = filmed(cameras[2], 37.0, 9, times=times, pace=-2.3).positions
+    with pytest.raises(CalibrationRefused, match=r"cam02|join all cameras|two rigs"):
+        calibrate_joints(facts_of(cameras), [0] * 4, another)
+    few = pixels.copy()
+    few[1, 5:] = np.nan
+    with pytest.raises(CalibrationRefused, match=r"Camera cam01 shares \d+ joints"):
+        calibrate_joints(facts_of(cameras), [0] * 4, few)
+    far = around([0.0, 8.0, 16.0], TALL, 1680.0, distance=30.0)
+    with pytest.raises(CalibrationRefused):
+        calibrate_joints(facts_of(far), [0, 0, 0], walks(far, noise=2.0, pace=0.0))
+
+
+# --- clocks from joints
+
+
+def starts_of(tracks: Sequence[NamedTracks]) -> list[Float64s]:
+    """Offsets (C,) at which the tracks of all films fit together."""
+    lags = {(lag.first, lag.second): lag.lag for lag in track_lags(tracks, TALL[1])}
+    return [np.array([0.0, *(lags[0, film] for film in range(1, len(tracks)))])]
+
+
+def frames_off(found: Float64s, truth: Sequence[float]) -> float:
+    """Frames by which the worst offset is wrong, all shifted by what suits them best."""
+    return float(np.ptp((found - np.asarray(truth)) / FRAME) / 2)
+
+
+@pytest.mark.parametrize(
+    ("offsets", "swapped"),
+    [([0.35, 0.0, 0.217], (12, 20)), pytest.param([0.0, 0.317, 0.1, 0.4], (0, 0), marks=pytest.mark.slow)],
+)
+def test_films_that_began_at_different_times(offsets: list[float], swapped: tuple[int, int]) -> None:
+    cameras = around(SPREAD[: len(offsets)], TALL, 1680.0, distance=4.0)
+    films = [filmed(c, offsets[i], i, swapped=swapped if i == 1 else (0, 0)) for i, c in enumerate(cameras)]
+    tracks, groups = moving_tracks(facts_of(cameras), films), [0] * len(cameras)
+
+    calibration, found = calibrate_unsynchronised(facts_of(cameras), groups, tracks, starts_of(tracks), FRAME)
+
+    centers, rotation, _, _ = rig_errors(calibration, cameras)
+    assert frames_off(found, offsets) < 0.3 and found.min() == 0.0
+    assert centers < 2.0 and rotation < 2.0
+
+
+def test_films_in_step_stay_exactly_in_step() -> None:
+    cameras = around(SPREAD[:3], TALL, 1680.0, distance=4.0)
+    tracks = [filmed(camera, 0.0, i) for i, camera in enumerate(cameras)]
+    wrong = [np.array([0.0, 0.4, -0.3])]  # that all are in step is tried as well
+
+    calibration, found = calibrate_unsynchronised(facts_of(cameras), [0] * 3, tracks, wrong, FRAME)
+
+    assert (found == 0.0).all() and rig_errors(calibration, cameras)[0] < 1.0
+
+
+def test_nothing_is_made_up_where_the_films_say_too_little() -> None:
+    facts = facts_of(around(SPREAD[:2], TALL, 1680.0, distance=4.0))
+    walk = filmed(around(SPREAD[:1], TALL, 1680.0, distance=4.0)[0], 0.0, 0)
+    still = filmed(around(SPREAD[1:2], TALL, 1680.0, distance=4.0)[0], 0.0, 1, pace=0.0)
+    nobody = NamedTracks(walk.times, np.full_like(walk.positions, np.nan))
+    with pytest.raises(CalibrationRefused, match=r"joints move in the film of camera cam01.* walks about alone"):
+        moving_tracks(facts, [walk, still])
+    with pytest.raises(CalibrationRefused, match="cam01 shows no person"):
+        moving_tracks(facts, [walk, nobody])
+    assert track_lags([walk, nobody], TALL[1]) == []
+    apart = [np.array([0.0, 99.0])]
+    with pytest.raises(CalibrationRefused):
+        calibrate_unsynchronised(facts, [0, 0], [walk, nobody], apart, FRAME)
+
+
+@pytest.mark.slow
+def test_cameras_in_a_line_are_refused_or_right() -> None:
+    cameras = [looking(f"cam{i:02d}", TALL, 1680.0, [1.3 * (i - 1), -4.0, 1.4], [0, 0, 0.9]) for i in range(3)]
+    offsets = [0.3, 0.0, 0.15]
+    tracks = [filmed(camera, offsets[i], i) for i, camera in enumerate(cameras)]
+    try:
+        calibration, found = calibrate_unsynchronised(facts_of(cameras), [0] * 3, tracks, starts_of(tracks), FRAME)
+    except CalibrationRefused as error:
+        assert "film one person who walks about alone" in str(error)
+    else:
+        assert frames_off(found, offsets) < 0.5 and rig_errors(calibration, cameras)[0] < 3.0
+
+
+def test_sound_times_films_before_any_joint_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # What moves says that the second film began 0.15 s later; what is heard, that it began 0.45 s later.
+    scene, sound, times = MovingScene(cards()), speech(4), np.arange(40) / 20
+    for (name, camera), moved, heard in zip(ring(2, 200, 150).items(), (0.0, 0.15), (0.0, 0.45), strict=True):
+        part = sound[round(heard * RATE) : round((heard + 2) * RATE), None]
+        samples = (32_767 * part).astype(np.int16)
+        images = [scene.image(camera, moved + time) for time in times]
+        encode(tmp_path / f"{name}.mp4", images, rate=20, sound=samples, sound_rate=RATE)
+    films, steps = find_films(tmp_path), []
+
+    def find(films: Sequence[Film], tracks: Mapping[str, NamedTracks] | None) -> FoundClocks:
+        steps.append("clocks" if tracks is None else "clocks by joints")
+        found = synchronize({film.name: film.path for film in films}, tracks=tracks)
+        return FoundClocks({c.name: (c.offset, c.rate) for c in found.cameras}, found.refusal, (), found)
+
+    def of_joints(films: Sequence[Film], views: Sequence[View], times: Sequence[float], *_: object) -> Calibration:
+        steps.append("joints")
+        assert films[1].offset - films[0].offset == pytest.approx(0.45, abs=0.02)
+        assert times[0] >= 0.45 and times[-1] <= 2.0
+        return Calibration(())
+
+    monkeypatch.setattr(joint_rig, "calibrate_joint_films", of_joints)
+    _, clocks = calibrate_unsynchronised_films(films, [], tmp_path, find, lambda *_: None, lambda: None)
+
+    assert steps == ["clocks", "joints"] and clocks.by_sound
+    assert clocks.clocks["cam01"][0] - clocks.clocks["cam00"][0] == pytest.approx(0.45, abs=0.02)
+
+
+# --- left for right
+
+
+def test_a_run_of_images_with_left_for_right_is_found() -> None:
+    (camera,) = around([30.0], TALL, 1680.0, distance=4.0)
+    seen = filmed(camera, 0.0, 1, noise=2.0, swapped=(20, 33)).positions
+    seen[25] = np.nan
+
+    swapped = steady_sides(seen)
+
+    expected = (np.arange(40) >= 20) & (np.arange(40) < 33)
+    expected[25] = False
+    assert (swapped == expected).sum() >= 38
+    assert not steady_sides(np.full((40, 16, 2), np.nan)).any()
+    straight = with_sides(seen, expected)
+    assert np.array_equal(straight[21, 0], seen[21, 1], equal_nan=True)
+    assert np.array_equal(straight[5], seen[5], equal_nan=True)
+
+
+@pytest.mark.parametrize("count", [3, 8])
+def test_cameras_agree_who_has_left_for_right(count: int) -> None:
+    cameras = around(np.linspace(0, 300, count).tolist(), TALL, 1680.0, distance=4.0)
+    sides: Callable[[int], tuple[int, int]] = lambda film: (4, 15) if film == 1 else (0, 0)  # noqa: E731
+    pixels = np.stack([filmed(c, 0.0, i, noise=3.0, swapped=sides(i)).positions[:20] for i, c in enumerate(cameras)])
+    matrices = {(i, j): fundamental(cameras[i], cameras[j]) for i in range(count) for j in range(i + 1, count)}
+
+    swapped = agreed_sides(pixels, matrices, 30.0)
+
+    assert swapped.shape == (count, 20)
+    assert swapped[1, 4:15].mean() > 0.9
+    assert swapped[1, :4].sum() + swapped[1, 15:].sum() == 0
+    assert np.delete(swapped, 1, 0).sum() <= 1

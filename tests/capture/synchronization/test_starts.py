@@ -1,0 +1,165 @@
+"""The first lags of two films: by sound, by motion energy, and in the windows of timecodes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.films import copied, encode
+
+from frog_blender.engine.capture.synchronization.pairs import PairLag
+from frog_blender.engine.capture.synchronization.recordings import Signal, energy_signal, open_recording
+from frog_blender.engine.capture.synchronization.starts import (
+    RATE,
+    Note,
+    audio_lag,
+    energy_lag,
+    preferred,
+    read_audio,
+    read_note,
+    window,
+)
+
+
+def speech(seconds: float, seed: int = 3) -> np.ndarray:
+    """Bursts of band-limited noise, as long as syllables."""
+    random = np.random.default_rng(seed)
+    count = int(seconds * RATE)
+    spectrum = np.fft.rfft(random.normal(size=count))
+    frequencies = np.fft.rfftfreq(count, 1 / RATE)
+    spectrum *= np.exp(-0.5 * ((np.log(np.maximum(frequencies, 1)) - np.log(700)) / 0.8) ** 2)
+    loudness = np.repeat(random.uniform(0, 1, count // 2400 + 1) ** 2, 2400)[:count]
+    sound = np.fft.irfft(spectrum, count) * loudness
+    return (0.3 * sound / np.abs(sound).max()).astype(np.float32)
+
+
+def room(sound: np.ndarray, seed: int) -> np.ndarray:
+    """The same with reflections and noise of 10 dB below."""
+    random = np.random.default_rng(seed)
+    taps = np.zeros(3200)
+    taps[0] = 1
+    taps[200:] = random.normal(size=3000) * np.exp(-np.arange(3000) / 700) * 0.08
+    heard = np.convolve(sound, taps)[: len(sound)]
+    noise = random.normal(size=len(heard)) * np.sqrt(np.mean(heard**2) / 10)
+    return (heard + noise).astype(np.float32)
+
+
+@pytest.mark.parametrize("lag", [1.2345, -2.71])
+def test_the_lag_is_found_to_a_few_milliseconds(lag: float) -> None:
+    whole = speech(16)
+    begin = 4 * RATE
+    shifted = begin + round(lag * RATE)
+    first, second = whole[begin : begin + 8 * RATE], whole[shifted : shifted + 8 * RATE]
+    found = audio_lag((0, 1), (room(first, 1), room(second, 2)))
+    assert found is not None
+    assert abs(found.lag - lag) < 0.003
+    assert found.rate == 1.0
+    assert abs(found.curve.lags[int(found.curve.scores.argmax())] - lag) < 0.003
+
+
+def test_a_drifting_clock_is_measured() -> None:
+    whole = speech(70)
+    fast = 1.0005  # seconds of the first film for each second of the second
+    times = np.arange(60 * RATE) / RATE
+    first = whole[: 65 * RATE]
+    second = np.interp(2.0 + fast * times, np.arange(len(whole)) / RATE, whole).astype(np.float32)
+    found = audio_lag((0, 1), (first, second))
+    assert found is not None
+    assert abs(found.rate - fast) < 2e-5
+    assert abs(found.lag - (2.0 + (fast - 1) * found.at)) < 0.002
+
+
+def test_different_sounds_have_no_lag() -> None:
+    assert audio_lag((0, 1), (speech(8, 1), speech(8, 2))) is None
+
+
+def test_sound_is_read_from_the_films_own_zero(tmp_path: Path) -> None:
+    images, sound = [np.full((48, 64, 3), 5 * frame, np.uint8) for frame in range(40)], speech(3)
+    assert read_audio(open_recording("a", encode(tmp_path / "a.mp4", images, rate=10))) is None
+    samples = (32_767 * sound).astype(np.int16)[:, None]
+    film = encode(tmp_path / "b.mp4", images, rate=10, sound=samples, sound_rate=RATE)
+    late = copied(film, tmp_path / "c.mp4", sound_delay=0.5)
+    for path, delay in ((film, 0.0), (late, 0.5)):
+        heard = read_audio(open_recording("a", path))
+        assert heard is not None
+        found = audio_lag((0, 1), (heard, sound))
+        assert found is not None
+        assert abs(found.lag - delay) < 0.03  # the encoder's own delay
+    muted = encode(tmp_path / "d.mp4", images, rate=10, sound=0 * samples, sound_rate=RATE)
+    assert read_audio(open_recording("a", muted)) is None
+
+
+# --- motion energy
+
+
+def motion(times: np.ndarray) -> np.ndarray:
+    """An energy that does not repeat itself."""
+    return 4 + np.sin(3.1 * times) + np.sin(5.3 * times + 1) + np.sin(7.9 * times**1.1 + 2)
+
+
+def signal(start: float, rate: float, seconds: float = 6.0, gain: float = 1.0) -> Signal:
+    times = np.arange(0, seconds, 1 / rate)
+    return times, gain * motion(times + start + 3)
+
+
+@pytest.mark.parametrize(("rates", "lag"), [((30, 30), 0.0), ((24, 30), 0.737), ((60, 25), -1.913)])
+def test_energy_finds_the_lag_to_a_tenth_of_a_frame(rates: tuple[float, float], lag: float) -> None:
+    first, second = signal(0, rates[0]), signal(lag, rates[1], gain=3.0)
+    found = energy_lag((0, 1), (first, second), 1 / max(rates))
+    assert found is not None
+    assert abs(found.lag - lag) < 0.1 / min(rates)
+    assert found.score > 0.9
+
+
+def test_a_repeating_motion_has_rivals() -> None:
+    times = np.arange(0, 6, 1 / 30)
+    wave = 4 + np.sin(2 * np.pi * times) + 0.5 * np.sin(4 * np.pi * times + 1)
+    found = energy_lag((0, 1), ((times, wave), (times, wave)), 1 / 30)
+    assert found is not None
+    assert any(abs(abs(rival) - 1.0) < 0.02 for rival in found.rivals)
+
+
+def test_films_without_motion_or_too_short_have_no_lag() -> None:
+    still = (np.arange(60) / 30, np.zeros(60))
+    assert energy_lag((0, 1), (still, signal(0, 30)), 1 / 30) is None
+    short = signal(0, 30, seconds=0.1)
+    assert energy_lag((0, 1), (short, short), 1 / 30) is None
+
+
+def test_energy_is_change_by_second_across_a_gap() -> None:
+    times, values = energy_signal(np.array([0.0, 0.1, 0.4, 0.5]), [28.0, 28.0, 28.0])
+    np.testing.assert_allclose(times, [0.05, 0.25, 0.45])
+    np.testing.assert_allclose(values, [280, 28 / 0.3, 280])
+
+
+# --- timecodes
+
+
+def test_a_timecode_is_preferred_to_a_creation_time() -> None:
+    tags = {"creation_time": "2024-05-06T07:08:09.000000Z"}
+    assert read_note(tags | {"timecode": "01:02:03:12"}, 24.0) == Note(3723.5, True)
+    assert read_note(tags | {"timecode": "01:02:03;15"}, 30.0) == Note(3723.5, True)
+    created = read_note(tags, 24.0)
+    assert created is not None and not created.is_timecode
+
+
+@pytest.mark.parametrize("created", ["", "1904-01-01T00:00:00Z", "2024-15-06T07:08:09Z"])
+def test_tags_that_say_nothing(created: str) -> None:
+    assert read_note({"timecode": "1:2", "creation_time": created}, 30.0) is None
+
+
+def test_a_window_is_about_the_difference() -> None:
+    low, high = window(Note(100.0, True), Note(103.5, True)) or (0, 0)
+    assert low < 3.5 < high and high - low <= 2.0
+    low, high = window(Note(86_399.0, True), Note(2.0, True)) or (0, 0)  # across midnight
+    assert low < 3.0 < high
+    assert window(Note(1.0, True), Note(1.0, False)) is None
+    assert window(None, Note(1.0, True)) is None
+
+
+def test_a_window_chooses_between_maxima() -> None:
+    lag = PairLag(0, 1, 5.0, 0.0, 0.01, 0.9, "energy", others=((1.0, 0.8), (3.0, 0.7)))
+    chosen = preferred(lag, (2.0, 4.0))
+    assert (chosen.lag, chosen.score, chosen.others) == (3.0, 0.7, ((5.0, 0.9), (1.0, 0.8)))
+    assert preferred(lag, None) is lag and preferred(lag, (7.0, 8.0)) is lag
