@@ -26,7 +26,8 @@ import bpy
 import numpy as np
 
 import frog_blender
-from frog_blender.tasks import training
+from frog_blender.tasks import background_task
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import TrainingRequest
 from frog_blender.timeline.prefetch import prefetch
 
@@ -50,19 +51,21 @@ def held_now() -> dict[str, float]:
 def train(request: TrainingRequest, seconds: float) -> int:
     """One training, as the panel runs it, while somebody scrubs; the frames that were shown."""
     old = list(bpy.data.objects)  # captures and their cameras
-    task = training.begin(request.events, lambda path: bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True))
+    task = TrainingTask(
+        request.events, lambda path: bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True)
+    ).begin()
     scene, shown, end = bpy.context.scene, 0, time.monotonic() + PATIENCE * seconds
-    while task.state.running:
+    while task.is_running:
         if time.monotonic() > end:
             raise SystemExit(f"the training has not ended: {task.state}")
-        training.tick()
+        background_task.tick()
         scene.frame_set(1 + shown % 30)
         prefetch(scene)
         shown += 1
         time.sleep(SCRUB_SECONDS)
     task.join()
-    if task.state.error:
-        raise SystemExit(task.state.error)
+    if task.error:
+        raise SystemExit(task.error)
     bpy.data.batch_remove(old)
     bpy.data.orphans_purge(do_recursive=True)
     return shown

@@ -34,7 +34,8 @@ import numpy as np
 import frog_blender
 from frog_blender import app_handlers
 from frog_blender.render import viewport_drawing
-from frog_blender.tasks import training
+from frog_blender.tasks import background_task
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import TrainingRequest
 from frog_blender.timeline.handlers import on_frame
 
@@ -98,7 +99,7 @@ class Watch:
 
     def advance(self, elapsed: float) -> bool:
         """Go to the next phase when this one has lasted; whether it did."""
-        task = training.current()
+        task = TrainingTask.current()
         if self.phase == "settling" and elapsed > SETTLE_SECONDS:
             self.phase = "idle"
         elif self.phase == "idle" and elapsed > IDLE_SECONDS:
@@ -112,14 +113,14 @@ class Watch:
         elif self.to_the_end:
             if self.phase == "training" and task is not None and task.state.step >= task.state.steps:
                 self.phase = "ending"  # with its last measurement, its export and its import
-            elif self.phase == "ending" and task is not None and not (task.state.running or task.waiting):
+            elif self.phase == "ending" and task is not None and not (task.is_running or task.waiting):
                 self.phase = "imported"
             elif self.phase == "imported" and elapsed > SETTLE_SECONDS:
                 self.phase = "done"
             else:
                 return False
         elif (self.phase == "training" and elapsed > self.seconds) or (
-            task is not None and (not task.state.running or elapsed > max(PATIENCE_SECONDS, self.seconds))
+            task is not None and (not task.is_running or elapsed > max(PATIENCE_SECONDS, self.seconds))
         ):
             self.phase = "done"
         else:
@@ -136,7 +137,7 @@ class Watch:
     def begin(self) -> None:
         """Press the button, or start the training without it."""
         if not self.to_the_end:
-            training.begin(self.request.events)
+            TrainingTask(self.request.events).begin()
         elif bpy.ops.frog.train() != {"FINISHED"}:
             sys.exit("The training could not be started.")
 
@@ -148,13 +149,12 @@ class Watch:
                 figures[phase] = summary([wall for wall, *_ in late]) | worst(late)
             elif phase in self.own:
                 figures[phase] = {name: summary(taken) for name, taken in self.own[phase].items()}
-        state = training.current().state if training.current() else None
-        if state is not None:
-            figures["steps"], figures["gaussians"], figures["error"] = state.step, state.gaussians, state.error
-            task = training.current()
-            figures["snapshots"] = task.live.number if task is not None and task.live is not None else 0
+        task = TrainingTask.current()
+        if task is not None:
+            figures |= {"steps": task.state.step, "gaussians": task.state.gaussians, "error": task.error}
+            figures["snapshots"] = task.live.number if task.live is not None else 0
         print(json.dumps(figures), flush=True)
-        training.stop()
+        background_task.stop()
         bpy.ops.wm.quit_blender()
 
 

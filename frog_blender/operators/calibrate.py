@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..engine.errors import FrogError
-from ..tasks import calibration
-from ..tasks.calibration_request import CalibrationRequest, Calibrator, Progress
+from ..engine.io.child_process import Progress
+from ..tasks.calibration import CalibrationTask, Calibrator, calibrator_of
 from ..ui import capture_summary, report_images, torch_environment
 from .cancel_operator import CancelsTask
 
@@ -26,7 +26,7 @@ class FROG_OT_calibrate(bpy.types.Operator):
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
         cls.poll_message_set("A calibration is already running.")
-        return not calibration.is_running()
+        return not CalibrationTask.is_any_running()
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return begin_calibration(self, context)
@@ -38,7 +38,7 @@ class FROG_OT_cancel_calibration(CancelsTask, bpy.types.Operator):
     bl_idname = "frog.cancel_calibration"
     bl_label = "Cancel"
 
-    task = staticmethod(calibration.current)
+    kind = CalibrationTask
 
 
 def begin_calibration(operator: bpy.types.Operator, context: bpy.types.Context, points: str = "") -> set[str]:
@@ -50,8 +50,8 @@ def begin_calibration(operator: bpy.types.Operator, context: bpy.types.Context, 
         needed = torch_environment.calibration_needed()
         if needed:
             raise FrogError(needed)
-        opening = CaptureOpening(folder, CalibrationRequest(folder, folder / points if points else None).calibrate)
-        calibration.begin(folder, opening.calibrate, opening.show)
+        opening = CaptureOpening(folder, calibrator_of(folder, folder / points if points else None))
+        CalibrationTask(folder, opening.calibrate, opening.show).begin()
     except FrogError as error:
         operator.report({"ERROR"}, str(error))
         return {"CANCELLED"}
@@ -85,14 +85,14 @@ class CaptureOpening:
         self._stamp, self._summary = capture_summary.stamp(str(self.folder)), capture_summary.read(self.folder)
         return outcome
 
-    def show(self, folder: Path, _outcome: "Outcome") -> None:
+    def show(self, _outcome: "Outcome") -> None:
         """For the main thread: shows the capture in every scene that names it, and draws what was found."""
         for scene in bpy.data.scenes:
             stored = scene.frog.capture_folder
             named = bpy.path.abspath(stored) if stored else ""
-            if named and Path(os.path.normpath(named)) == Path(os.path.normpath(folder)):
+            if named and Path(os.path.normpath(named)) == Path(os.path.normpath(self.folder)):
                 capture_summary.store(named, self._summary, self._stamp)
-                report_images.show(folder, self._summary.capture)
+                report_images.show(self.folder, self._summary.capture)
 
 
 _CLASSES = (FROG_OT_calibrate, FROG_OT_cancel_calibration)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import bpy
 
 from ..tasks.background_task import BackgroundTask
@@ -10,18 +12,15 @@ from ..tasks.background_task import BackgroundTask
 class CancelsTask:
     """A base next to ``bpy.types.Operator``."""
 
-    @staticmethod
-    def task() -> BackgroundTask | None:
-        """What is cancelled: running, or the last one that ran."""
-        raise NotImplementedError
+    kind: ClassVar[type[BackgroundTask]]
+    """Of what is cancelled."""
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        task = cls.task()
-        return task is not None and task.is_running
+        return cls.kind.is_any_running()
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        task = self.task()
+        task = self.kind.current()
         if task is not None:
             task.cancel()
         return {"FINISHED"}

@@ -10,7 +10,7 @@ from bpy.props import FloatProperty, StringProperty
 
 from ..engine.capture.calibration.found_cameras import found_beside, given_beside, use_found, use_given
 from ..engine.errors import FrogError
-from ..tasks import calibration
+from ..tasks.calibration import CalibrationTask
 from ..tasks.clocks import OFFSETS, RATES, CameraClock, write_clock
 from ..ui import capture_reading, capture_summary, contact_sheet, preview_image, report_images, torch_environment
 
@@ -124,8 +124,10 @@ def _can_choose(
     """Whether there is another calibration, and nothing reads or writes those of the folder."""
     operator.poll_message_set("There is no other calibration beside the one in use, or a calibration is running.")
     folder = context.scene.frog.capture_folder
+    if not folder or CalibrationTask.is_any_running():
+        return False
     try:
-        return bool(folder) and not calibration.is_running() and beside(Path(bpy.path.abspath(folder))) is not None
+        return beside(Path(bpy.path.abspath(folder))) is not None
     except (FrogError, OSError):
         return False
 

@@ -13,7 +13,7 @@ from ..engine.errors import FrogError
 from ..scene_capture import placing
 from ..scene_capture.request import request_of
 from ..scene_import.capture_objects import finder
-from ..tasks import scene_capture
+from ..tasks.scene_capture import SceneCaptureTask
 from .cancel_operator import CancelsTask
 
 
@@ -77,12 +77,12 @@ and its settings stay as they are"""
             cls.poll_message_set("There are no cameras yet. Press Place Cameras.")
             return False
         cls.poll_message_set("A scene is being rendered already.")
-        return not scene_capture.is_running()
+        return not SceneCaptureTask.is_any_running()
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             request = request_of(context.scene, context.scene.frog.rig)
-            scene_capture.begin(request, partial(_open, finder(context.scene)))
+            SceneCaptureTask(request, partial(_open, finder(context.scene))).begin()
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -95,7 +95,7 @@ class FROG_OT_cancel_scene_capture(CancelsTask, bpy.types.Operator):
     bl_idname = "frog.cancel_scene_capture"
     bl_label = "Cancel"
 
-    task = staticmethod(scene_capture.current)
+    kind = SceneCaptureTask
 
 
 def _open(find: Callable[[], bpy.types.Scene | None], folder: Path) -> None:

@@ -12,14 +12,13 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 from mathutils import Matrix
 
-from .. import unsaved_changes
+from .. import addon_state, unsaved_changes
 from ..engine.errors import FrogError
 from ..engine.interchange.imports import SUFFIXES, says_what_is_up
 from ..engine.playback.transform import Y_DOWN
 from ..scene_import.capture_objects import finder, root_of, select_capture
 from ..scene_import.create_objects import import_scene
-from ..tasks import foreign_import
-from ..tasks.foreign_import import Converter, ForeignImport
+from ..tasks.foreign_import import Converter, ForeignImport, Importing
 from ..timeline.retiming import frame_rate
 from .file_drop import DropsIntoViews, OpensDroppedFile
 from .foreign_formats import expose_usd
@@ -79,8 +78,8 @@ to a .frog file"""
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        cls.poll_message_set(foreign_import.CurrentImport.busy)
-        return not foreign_import.current().is_busy
+        cls.poll_message_set(ForeignImport.busy)
+        return not ForeignImport.is_busy()
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self.is_interactive = True
@@ -116,22 +115,22 @@ to a .frog file"""
         """Imports every file; one that cannot be imported does not stop the others. The first one sets up the scene."""
         find, rate = finder(context.scene), frame_rate(context.scene)
         errors, self.said = [], ""
-        holder = foreign_import.current()
-        if holder.is_busy:
-            raise FrogError(holder.busy)
-        holder.is_taken = True
+        if ForeignImport.is_busy():
+            raise FrogError(ForeignImport.busy)
+        importing = addon_state.get(Importing)
+        importing.is_taken = True
         try:
             for number, path in enumerate(paths):
                 try:
-                    task = holder.convert(path, self._converter(path, rate, is_alone=len(paths) < 2))
+                    task = ForeignImport(path, self._converter(path, rate, is_alone=len(paths) < 2)).begin()
                     for share in self._until_added(task, find):
                         yield _PARTS * number + round(_PARTS * share)
                 except FrogError as error:
                     errors.append(str(error))
         finally:
-            holder.is_taken = False
-            if holder.task is not None:
-                holder.task.cancel()
+            importing.is_taken = False
+            if (current := ForeignImport.current()) is not None:
+                current.cancel()
         for sentence in errors if self.said else errors[:-1]:
             self.report({"ERROR"}, sentence)
         if not self.said:
@@ -143,19 +142,20 @@ to a .frog file"""
         """Converts a file, and adds it once nobody is in the middle of something. Yields the share that is done."""
         importing = f"Importing {task.source.name}".replace("{", "{{").replace("}", "}}")
         while task.is_running:
-            self.doing = f"{importing}: {task.share:.0%}"
-            yield task.share
+            share = task.progress.fraction
+            self.doing = f"{importing}: {share:.0%}"
+            yield share
             if self.timer is None:
                 task.join(_WAIT)
             task.pump()
-        if task.imported is None:
-            raise FrogError(task.error)
-        self._written = task.imported.path
+        if task.result is None:
+            raise FrogError(task.error or f"{task.source}: not imported.")
+        self._written = task.result.path
         while self.timer is not None and (reason := self._reason_to_wait(find())):
             self.doing = f"{importing}: waiting for {reason}"
             yield 1.0
         self._written = None
-        self._add(task.imported, task.source, find())
+        self._add(task.result, task.source, find())
 
     def _reason_to_wait(self, scene: bpy.types.Scene | None) -> str:
         """What has to end first, as an addition would mix with its undo steps; empty for nothing."""
@@ -228,11 +228,9 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLA
 
 def register() -> None:
     _register_classes()
-    foreign_import.register()
     bpy.types.TOPBAR_MT_file_import.append(_menu)
 
 
 def unregister() -> None:
     bpy.types.TOPBAR_MT_file_import.remove(_menu)
-    foreign_import.unregister()
     _unregister_classes()

@@ -10,7 +10,8 @@ from bpy.props import EnumProperty, StringProperty
 from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
 from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
-from ..tasks import installation, training
+from ..tasks import installation
+from ..tasks.installation import LandmarkDownload, PipTask
 from ..tasks.package_folders import installed, remove
 from ..tasks.packages import (
     CALIBRATION_SIZES,
@@ -24,7 +25,9 @@ from ..tasks.packages import (
     served_build,
     suitable_build,
 )
+from ..tasks.training import TrainingTask
 from ..ui import torch_environment
+from .cancel_operator import CancelsTask
 
 BUILDS = {CPU: "CPU only", CUDA: "NVIDIA GPU (CUDA)"}
 """Builds of torch, in words."""
@@ -36,7 +39,7 @@ def may_download(operator: type[bpy.types.Operator]) -> bool:
         operator.poll_message_set("Enable Online Access in Preferences > System first.")
         return False
     operator.poll_message_set("An installation is already running.")
-    return not installation.is_running()
+    return not PipTask.is_any_running()
 
 
 class FROG_OT_install_torch(bpy.types.Operator):
@@ -112,7 +115,7 @@ class FROG_OT_remove_torch(bpy.types.Operator):
         if installed(installation.folder()) is None:
             return False
         cls.poll_message_set("Wait until the training or the installation has ended.")
-        return not installation.is_running() and not training.is_running()
+        return not PipTask.is_any_running() and not TrainingTask.is_any_running()
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_confirm(self, event, title="Remove torch", confirm_text="Remove")
@@ -166,26 +169,20 @@ class FROG_OT_fetch_landmarks(bpy.types.Operator):
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         try:
-            installation.begin_landmarks()
+            LandmarkDownload().begin()
         except FrogError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 
 
-class FROG_OT_cancel_installation(bpy.types.Operator):
+class FROG_OT_cancel_installation(CancelsTask, bpy.types.Operator):
     """Stop the download and discard what was downloaded so far"""
 
     bl_idname = "frog.cancel_installation"
     bl_label = "Cancel"
 
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        return installation.is_running()
-
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        installation.cancel()
-        return {"FINISHED"}
+    kind = PipTask
 
 
 _CLASSES = (

@@ -40,8 +40,7 @@ class OpensCapture(ModalOperator):
             reading.pump()
             if reading.is_running:
                 yield 0
-        summary = reading.summary
-        assert summary is not None
+        summary = reading.result
         if summary.error:
             raise FrogError(summary.error)
         scene = next((scene for scene in bpy.data.scenes if scene.session_uid == uid), None)

@@ -12,9 +12,9 @@ from bpy.props import BoolProperty, IntProperty
 from .. import app_handlers, redrawing
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import plays, stored_path
-from ..tasks import training
 from ..tasks.live_view import LiveView
 from ..tasks.remote_training import RemoteTraining
+from ..tasks.training import TrainingTask
 from ..tasks.training_request import (
     TrainingRequest,
     can_train_longer,
@@ -30,7 +30,7 @@ from .training_result import ResultImporter
 
 def reason_not_to_train(settings: Any) -> str:
     """Why no training can be started with the settings of a scene, as a sentence; empty where one can."""
-    if training.is_running():
+    if TrainingTask.is_any_running():
         return "A training is already running."
     if not settings.capture_folder:
         return "No capture is selected. Choose the folder with the videos and cameras to train from."
@@ -57,12 +57,12 @@ class StartsTraining:
         prepare = after.prepare if after is not None else None
         if settings.device == remote_settings.REMOTE:
             remote = RemoteTraining(remote_settings.remote_command(), request)
-            training.begin(remote.events, after, prepare=prepare, kill=remote.kill)
+            TrainingTask(remote.events, after, prepare=prepare, kill=remote.kill).begin()
         else:
             torch_environment.make_torch_importable()
             live = LiveView(settings.id_data)
             request.job["live"] = live.source
-            training.begin(request.events, after, live, prepare)
+            TrainingTask(request.events, after, live=live, prepare=prepare).begin()
         if request.output == output_of(settings):
             return
         self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")
@@ -149,11 +149,11 @@ class FROG_OT_dismiss_training(bpy.types.Operator):
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        task = training.current()
+        task = TrainingTask.current()
         return task is not None and not task.is_running and not task.waiting
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        training.set_current(None)
+        TrainingTask.forget()
         redrawing.sidebars()
         redrawing.status_bars()
         return {"FINISHED"}
@@ -162,11 +162,11 @@ class FROG_OT_dismiss_training(bpy.types.Operator):
 @persistent
 def forget_shown_training(*_: Any) -> None:
     """Before another file is opened: the report of a training whose scene is in this one belongs to this one."""
-    task = training.current()
-    if task is None or task.is_running or task.waiting or task.state.error or task.state.result is None:
+    task = TrainingTask.current()
+    if task is None or task.is_running or task.waiting or task.error or task.state.result is None:
         return
     if any(plays(scene, task.state.result) for scene in bpy.data.scenes):
-        training.set_current(None)
+        TrainingTask.forget()
 
 
 class FROG_OT_cancel_training(CancelsTask, bpy.types.Operator):
@@ -175,7 +175,7 @@ class FROG_OT_cancel_training(CancelsTask, bpy.types.Operator):
     bl_idname = "frog.cancel_training"
     bl_label = "Cancel"
 
-    task = staticmethod(training.current)
+    kind = TrainingTask
 
 
 class FROG_OT_pause_training(bpy.types.Operator):
@@ -186,10 +186,10 @@ class FROG_OT_pause_training(bpy.types.Operator):
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        return training.is_running() and not training.is_paused()
+        return TrainingTask.is_computing()
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        task = training.current()
+        task = TrainingTask.current()
         if task is not None:
             task.control.pause()
             redrawing.status_bars()
@@ -204,10 +204,11 @@ class FROG_OT_resume_training(bpy.types.Operator):
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        return training.is_paused()
+        task = TrainingTask.current()
+        return task is not None and task.paused
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        task = training.current()
+        task = TrainingTask.current()
         if task is not None:
             task.control.resume()
             redrawing.status_bars()

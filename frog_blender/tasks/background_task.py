@@ -1,67 +1,153 @@
 """Work beside Blender's main thread: a worker thread, a queue of its messages, and ``pump()`` on the main thread.
 
-The worker never touches Blender. In a window a timer pumps; headless runs and tests, where timers do not fire, call
-``pump()`` in a loop.
+The worker never touches Blender. In a window a timer pumps what panels show; headless runs and tests, where timers do
+not fire, call ``pump()`` in a loop.
 """
 
 from __future__ import annotations
 
+import atexit
 import queue
+import sys
 import threading
 import time
+import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self, TypeAlias
 
 import bpy
 
-from .. import redrawing
-from ..engine.errors import FrogError
+from .. import addon_state, redrawing
+from ..engine.errors import FrogError, brief
+from ..engine.io.child_process import Stopped
 
 PUMP_MESSAGES = 200  # the most messages one pump() applies
 PUMP_SECONDS = 0.008  # and the longest it takes: half a frame at 60 Hz
 TIMER_SECONDS = 0.1
+_MANY = 500
 
-# Any: each task has messages of its own. A generic class would name them, but typing's caches keep its subclasses until
-# Python has ended. Through them they keep the bpy module, and bpy 4.5 then waits in its own shutdown for ever.
+# Any: each task has messages and a result of its own. A generic class would name them, but typing's caches keep its
+# subclasses until Python has ended. Through them they keep the bpy module, and bpy 4.5 then waits in its own shutdown
+# for ever.
 Message: TypeAlias = Any
 
 
+@dataclass(frozen=True)
+class Progress:
+    """What is being done, and how much of how much of it is."""
+
+    stage: str = "Starting"
+    done: int = 0
+    total: int = 0
+
+    @property
+    def fraction(self) -> float:
+        """How much of the stage is done, 0 to 1."""
+        return min(max(self.done / self.total, 0.0), 1.0) if self.total > 0 else 0.0
+
+    @property
+    def sentence(self) -> str:
+        """The stage in words; of many parts, which are shares of it, in percent."""
+        stage = self.stage[:1].upper() + self.stage[1:]
+        if self.total >= _MANY:
+            return f"{stage}: {100 * self.fraction:.0f} %"
+        return f"{stage}: {self.done:,} of {self.total:,}" if self.total > 1 else stage
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The worker's last message: what it has made, or why it could not."""
+
+    error: str = ""
+    result: Any = None
+    cause: FrogError | None = None
+
+
 class BackgroundTask(ABC):
-    """One piece of work: ``start()`` it, ``pump()`` it until ``is_running`` is false."""
+    """One piece of work: ``begin()`` it for the panels, or ``start()`` it and ``pump()`` until it no longer runs.
+
+    Only ``pump()`` writes what it shows, so that needs no lock.
+
+    Attributes:
+        progress: of the work.
+        result: what a successful one has made; None until then.
+        error: one sentence if it failed.
+        cause: the error that the sentence is of, where the work raised it.
+        is_running: whether the worker's last message was not applied yet.
+        is_cancelled: it has ended because it was asked to.
+        where: a path that begins its sentences, if not empty.
+        slot: panels show one of each kind and slot.
+    """
 
     what: ClassVar[str]
     """A noun for sentences, such as "training"."""
-    quit_seconds: ClassVar[float]
-    """How long ``join`` waits unless told."""
-    on_finished: Callable[..., Any] | None = None
-    """Is given what a successful one has made, as each kind says."""
+    busy: ClassVar[str]
+    """What is said where one is running already."""
+    quit_seconds: ClassVar[float] = 5.0
+    """How long ``stop`` waits for the worker."""
+    where = slot = ""
+    note: Any = None
+    """What ``on_finished`` returned."""
+    on_finished: Callable[[Any], Any] | None = None
+    """Is given the result on the main thread. May raise FrogError."""
 
     def __init__(self) -> None:
+        self.progress = Progress()
+        self.result: Any = None
+        self.error = ""
+        self.cause: FrogError | None = None
+        self.is_running, self.is_cancelled = True, False
+        self.stopped = threading.Event()
         self._messages: queue.Queue[Message] = queue.Queue()
         # A daemon, because Python joins other threads before it runs atexit, which cancels this one.
-        self._thread = threading.Thread(target=self.work, name=f"FRoG {self.what}", daemon=True)
-
-    @property
-    @abstractmethod
-    def is_running(self) -> bool:
-        """Whether the worker's last message was not applied yet."""
+        self._thread = threading.Thread(target=self._run, name=f"FRoG {self.what}", daemon=True)
 
     @abstractmethod
-    def work(self) -> None:
-        """Runs on the worker thread: ``put()``s its messages, and at last how it ended."""
+    def work(self) -> Any:
+        """Runs on the worker thread; returns the result, or raises: FrogError, or Stopped where it was cancelled."""
 
-    @abstractmethod
-    def apply(self, message: Message) -> None:
-        """Applies a message of the worker; called on the main thread."""
+    def take(self, message: Message) -> None:
+        """Applies a message of the worker's own that is neither progress nor its end, on the main thread."""
+        raise NotImplementedError(f"{message!r}: found a message that a {self.what} does not have.")
 
-    @abstractmethod
-    def death(self) -> Message:
-        """The last message of a worker that ended without one."""
+    def redraw(self) -> None:
+        """Redraws what shows it."""
+        if self.is_running:
+            redrawing.sidebars()
+        else:
+            redrawing.viewports()  # what was made may be drawn there
 
-    @abstractmethod
-    def cancel(self) -> None:
-        """Asks the worker to end."""
+    @classmethod
+    def current(cls, slot: str = "") -> Self | None:
+        """The one that panels show: running, or the last one that ran."""
+        return addon_state.get(_Shown).tasks.get((cls.what, slot))
+
+    @classmethod
+    def is_any_running(cls) -> bool:
+        """Whether one that panels show is running."""
+        task = cls.current()
+        return task is not None and task.is_running
+
+    @classmethod
+    def forget(cls, slot: str = "") -> None:
+        """Panels show none any more."""
+        addon_state.get(_Shown).tasks.pop((cls.what, slot), None)
+
+    def begin(self) -> Self:
+        """Starts it as the one that panels show; FrogError if one is running, and as of ``start``."""
+        last = self.current(self.slot)
+        if last is not None and last.is_running:
+            raise FrogError(self.busy)
+        return self.start().show()
+
+    def show(self) -> Self:
+        """Panels show it, and a timer pumps it, in whatever file is open."""
+        addon_state.get(_Shown).tasks[self.what, self.slot] = self
+        if not bpy.app.timers.is_registered(tick):
+            bpy.app.timers.register(tick, first_interval=TIMER_SECONDS, persistent=True)
+        return self
 
     def start(self) -> Self:
         """Starts the worker; FrogError if no thread can be created."""
@@ -71,9 +157,22 @@ class BackgroundTask(ABC):
             raise FrogError(f"The {self.what} could not be started ({error}).") from error
         return self
 
+    def cancel(self) -> None:
+        """Asks the worker to end."""
+        self.stopped.set()
+
+    @property
+    def is_stopping(self) -> bool:
+        """True from ``cancel()`` to the end."""
+        return self.is_running and self.stopped.is_set()
+
     def put(self, message: Message) -> None:
         """Queues a message; called on the worker thread."""
         self._messages.put(message)
+
+    def tell(self, stage: str, done: int, total: int) -> None:
+        """Queues progress; called on the worker thread."""
+        self.put(Progress(stage, done, total))
 
     def join(self, seconds: float | None = None) -> bool:
         """Waits for the worker; true if it ended."""
@@ -90,7 +189,7 @@ class BackgroundTask(ABC):
             except queue.Empty:
                 if not self._has_died():
                     return done
-                message = self.death()
+                message = Ended(error=self.sentence("stopped without an error message; the memory may be full"))
             self.apply(message)
             if time.perf_counter() > deadline:
                 return done + 1
@@ -101,69 +200,113 @@ class BackgroundTask(ABC):
         while self.pump():
             pass
 
+    def tick(self) -> bool:
+        """Is called by the timer; whether to call it again."""
+        if self.pump():
+            self.redraw()
+        return self.is_running
+
+    def stop(self) -> None:
+        """Cancels it, so that it hands nothing over any more, and waits for it to end."""
+        self.cancel()
+        self.on_finished = None
+        if self.join():
+            self.pump_all()
+
+    def apply(self, message: Message) -> None:
+        """Applies a message of the worker."""
+        if isinstance(message, Progress):
+            self.progress = message
+        elif isinstance(message, Ended):
+            self.conclude(message)
+            self.is_running = False
+            if self.result is not None and not self.error and not self.is_cancelled:
+                self.hand_over()
+        else:
+            self.take(message)
+
+    def conclude(self, ended: Ended) -> None:
+        """Keeps how it ended. Whatever ends one that was cancelled is no error, and what it made in time counts."""
+        self.result, self.error, self.cause = ended.result, ended.error, ended.cause
+        if self.stopped.is_set() and self.result is None:
+            self.is_cancelled, self.error, self.cause = True, "", None
+
+    def hand_over(self) -> None:
+        """Calls ``on_finished``; what that raises becomes the error."""
+        try:
+            if self.on_finished is not None:
+                self.note = self.on_finished(self.result)
+        except FrogError as error:
+            self.error = str(error)
+        except Exception as error:  # would be lost otherwise, and the result exists
+            traceback.print_exc(file=sys.stderr)
+            self.error = f"{self.made()}: written, but it could not be opened ({brief(repr(error))})."
+
+    def made(self) -> object:
+        """The file or folder that it has made."""
+        return self.result
+
+    def sentence(self, verb: str) -> str:
+        """One about this task."""
+        return f"{self.where}: the {self.what} {verb}." if self.where else f"The {self.what} {verb}."
+
+    def _run(self) -> None:
+        try:
+            ended = Ended(result=self.work())
+        except FrogError as error:
+            ended = Ended(error=str(error), cause=error)
+        except Stopped:
+            ended = Ended()
+        except BaseException as error:
+            traceback.print_exc(file=sys.stderr)
+            why = "ran out of memory" if isinstance(error, MemoryError) else ""
+            why = why or f"stopped on an unexpected {type(error).__name__} ({brief(error)})"
+            ended = Ended(error=self.sentence(why))
+        self.put(ended)
+
     def _has_died(self) -> bool:
         """Whether the worker ended without its last message, which only happens when out of memory."""
         gone = self.is_running and self._thread.ident is not None and not self._thread.is_alive()
         return gone and self._messages.empty()  # checked last: a message may have come just before the end
 
 
-Tick = Callable[[], float | None]
-"""What Blender's timer calls: returns the seconds until the next call, None to end."""
+class _Shown:
+    """The tasks that panels show, by kind and slot."""
+
+    def __init__(self) -> None:
+        self.tasks: dict[tuple[str, str], Any] = {}  # Any: of the kind that the key names
 
 
-def begin_ticking(tick: Tick) -> None:
-    """Lets Blender's timer call ``tick``, in whatever file is open."""
-    if not bpy.app.timers.is_registered(tick):
-        bpy.app.timers.register(tick, first_interval=TIMER_SECONDS, persistent=True)
+def tick() -> float | None:
+    """What Blender's timer calls: pumps what panels show. Returns the seconds until the next call, None to end."""
+    goes_on = False
+    for task in list(addon_state.get(_Shown).tasks.values()):
+        try:
+            goes_on |= task.tick()
+        except Exception:  # Blender drops a timer that fails, and with it the rest of the work
+            traceback.print_exc(file=sys.stderr)
+            goes_on |= task.is_running
+    goes_on |= any(task.is_running for task in addon_state.get(_Shown).tasks.values())  # one may have begun another
+    return TIMER_SECONDS if goes_on else None
 
 
-def end_ticking(tick: Tick) -> None:
-    """Ends that."""
+def stop() -> None:
+    """Cancels all that panels show, and waits for it to end."""
+    tasks = list(addon_state.get(_Shown).tasks.values())
+    for task in tasks:
+        task.cancel()
+    for task in tasks:
+        task.stop()
+
+
+def register() -> None:
+    atexit.register(stop)
+
+
+def unregister() -> None:
+    stop()
+    for task in list(addon_state.get(_Shown).tasks.values()):
+        task.forget(task.slot)
+    atexit.unregister(stop)
     if bpy.app.timers.is_registered(tick):
         bpy.app.timers.unregister(tick)
-
-
-class TaskHolder:
-    """The task of one kind that a panel shows: running, or the last one that ran.
-
-    A subclass for each kind, of which ``addon_state`` keeps the object; its module has the ``tick`` that a timer calls.
-    """
-
-    busy: ClassVar[str]
-    """What is said where one is running already."""
-    task: BackgroundTask | None = None
-
-    @property
-    def is_running(self) -> bool:
-        """Whether one is running."""
-        return self.task is not None and self.task.is_running
-
-    def begin(self, create: Callable[[], BackgroundTask], tick: Tick) -> None:
-        """Creates and starts a task, pumped by a timer; FrogError if one is running, and as creating it raises."""
-        if self.is_running:
-            raise FrogError(self.busy)
-        self.task = create().start()
-        begin_ticking(tick)
-
-    def tick(self) -> float | None:
-        """Pumps the task. Returns the seconds until the next time, None to end."""
-        if self.task is None:
-            return None
-        if self.task.pump():
-            redrawing.sidebars()
-        if self.task.is_running:
-            return TIMER_SECONDS
-        self.on_end()
-        return None
-
-    def on_end(self) -> None:
-        """Is called once the task has ended, on the main thread."""
-
-    def stop(self) -> None:
-        """Cancels the task, which hands nothing over any more, and waits for it to end."""
-        if self.task is None:
-            return
-        self.task.cancel()
-        self.task.on_finished = None
-        if self.task.join():
-            self.task.pump_all()

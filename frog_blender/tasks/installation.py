@@ -1,45 +1,175 @@
-"""The current installation, started by an operator and polled by a timer."""
+"""Installs torch, or pycolmap alone, into a folder of its own with pip, completely or not at all; and fetches the file
+that finds a person's joints.
+"""
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Self
 
 import bpy
 
-from .. import addon_state
-from .installer import Installation
-from .landmarks import LandmarkDownload
-from .package_folders import CALIBRATION, TORCH, clear_remains, remains
-from .packages import BYTES_NEEDED, CALIBRATION_BYTES_NEEDED, CALIBRATION_PACKAGES, CPU
+from .. import redrawing
+from ..engine.capture.calibration.landmark_file import fetch_landmark_file
+from ..engine.errors import FrogError, brief
+from ..engine.io.pip import pip_command, run_pip
+from .background_task import BackgroundTask
+from .package_folders import (
+    CALIBRATION,
+    TORCH,
+    clear_remains,
+    has_package,
+    package_of,
+    partial_prefix,
+    remains,
+    switch_to,
+)
+from .packages import BYTES_NEEDED, CALIBRATION_BYTES_NEEDED, CALIBRATION_PACKAGES, CPU, PACKAGES
 
-TICK_SECONDS = 0.5
-STOP_SECONDS = 10.0  # seconds for a cancelled installation to clean up when the add-on is disabled
+_PARTS = 1000  # of an installation's progress
 
 
-class CurrentInstallation:
-    """The running installation or the last one, and the callback for its folder."""
+class PipTask(BackgroundTask):
+    """One run of pip; its result is a folder, and its stage what pip said last.
 
-    def __init__(self) -> None:
-        self.installation: Installation | LandmarkDownload | None = None
-        self.on_done: Callable[[Path], None] = lambda folder: None
+    Args:
+        pip: how to start pip; None for ``pip_command()``.
+    """
+
+    what = "installation"
+    busy = "An installation is already running."
+    quit_seconds = 10.0
+
+    def __init__(self, pip: Sequence[str] | None) -> None:
+        super().__init__()
+        self._pip = pip
+
+    def start(self) -> Self:
+        """Starts the worker; FrogError without pip."""
+        self._pip = pip_command() if self._pip is None else self._pip
+        return super().start()
+
+    def redraw(self) -> None:
+        redrawing.viewports()
+        redrawing.preferences()
+
+
+class Installation(PipTask):
+    """An installation of packages.
+
+    Args:
+        folder: where the packages are to be; an earlier installation there keeps it.
+        arguments: further ones of pip's, such as an index.
+        bytes_needed: disk space without which it does not start.
+        on_finished: is given the folder where they are.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        arguments: Sequence[str] = (),
+        packages: Sequence[str] = PACKAGES,
+        *,
+        pip: Sequence[str] | None = None,
+        bytes_needed: float = BYTES_NEEDED[CPU],
+        on_finished: Callable[[Path], None] | None = None,
+    ) -> None:
+        super().__init__(pip)
+        self.folder, self.on_finished = folder, on_finished
+        self._package = package_of(folder)
+        self._arguments, self._packages = list(arguments), list(packages)
+        self._bytes_needed = bytes_needed
+        self._free_before = self._fraction = 0.0
+        self._line = "Starting"
+
+    def start(self) -> Self:
+        """Starts the worker; FrogError without pip or with too little disk space."""
+        place = self.folder.parent
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            self._free_before = shutil.disk_usage(place).free
+        except OSError as error:
+            raise FrogError(f"{place}: the folder could not be created ({error.strerror}).") from error
+        if self._free_before < self._bytes_needed:
+            needs = f"{self._package} needs {self._bytes_needed / 1e9:.1f} GB"
+            raise FrogError(f"{place}: found {self._free_before / 1e9:.1f} GB free, {needs}.")
+        return super().start()
+
+    def work(self) -> Path:
+        new_folder = partial(
+            tempfile.TemporaryDirectory,
+            prefix=partial_prefix(self.folder),
+            dir=self.folder.parent,
+            ignore_cleanup_errors=True,
+        )
+        try:
+            with new_folder() as packages, new_folder() as scratch:
+                self._install(Path(packages), Path(scratch))
+                return switch_to(Path(packages), self.folder)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or brief(repr(error))
+            raise FrogError(f"{self.folder}: {self._package} could not be installed ({reason}).") from error
+
+    def _install(self, target: Path, scratch: Path) -> None:
+        arguments = ["--target", str(target), *self._arguments, *self._packages]
+        try:
+            said = run_pip(
+                "install", arguments, target, self._is_stopped, scratch=scratch, say=self._say, pip=self._pip
+            )
+        except FrogError as error:
+            raise FrogError(f"{self._package} could not be installed: {error}") from error
+        if not has_package(target):
+            raise FrogError(f"{self._package} could not be installed: pip brought none ({said}).")
+
+    def _say(self, line: str) -> None:
+        self._line = line
+        self.tell(line, round(_PARTS * self.fraction()), _PARTS)
+
+    def _is_stopped(self) -> bool:
+        before = self._fraction
+        if self.fraction() > before:
+            self._say(self._line)
+        return self.stopped.is_set()
+
+    def fraction(self) -> float:
+        """About how much is done, from 0 to 1, by how much of the disk space is taken: pip of Python 3.11 tells none,
+        and whoever else writes counts too.
+        """
+        try:
+            taken = self._free_before - shutil.disk_usage(self.folder.parent).free
+        except OSError:  # as it was
+            return self._fraction
+        self._fraction = min(max(self._fraction, taken / self._bytes_needed), 0.99)
+        return self._fraction
+
+
+class LandmarkDownload(PipTask):
+    """A download of the landmark file.
+
+    Args:
+        cache: where the file is kept; None for the user's cache folder.
+    """
+
+    def __init__(self, *, pip: Sequence[str] | None = None, cache: Path | None = None) -> None:
+        super().__init__(pip)
+        self._cache = cache
+
+    def work(self) -> Path:
+        try:
+            stopped = self.stopped.is_set
+            return fetch_landmark_file(stopped, lambda line: self.tell(line, 0, 0), pip=self._pip, cache=self._cache)
+        except (FrogError, OSError) as error:
+            raise FrogError(f"The landmark file could not be fetched: {brief(error)}") from error
 
 
 def folder(name: str = TORCH) -> Path:
     """Where this add-on's torch lies: with the user's extensions, so that it outlives upgrades of the add-on."""
     return Path(bpy.utils.user_resource("DATAFILES", path="frog_blender")) / name
-
-
-def current() -> Installation | LandmarkDownload | None:
-    """The running installation, or the last one."""
-    return addon_state.get(CurrentInstallation).installation
-
-
-def is_running() -> bool:
-    """Whether an installation is running."""
-    installation = current()
-    return installation is not None and installation.running
 
 
 def begin(arguments: Sequence[str], on_done: Callable[[Path], None], *, build: str = CPU) -> None:
@@ -49,49 +179,13 @@ def begin(arguments: Sequence[str], on_done: Callable[[Path], None], *, build: s
         on_done: is given the folder when all is done, on Blender's main thread.
         build: of torch, which tells how much disk it needs.
     """
-    _begin(Installation(folder(), arguments, bytes_needed=BYTES_NEEDED[build]), on_done)
+    Installation(folder(), arguments, bytes_needed=BYTES_NEEDED[build], on_finished=on_done).begin()
 
 
 def begin_calibration(arguments: Sequence[str], on_done: Callable[[Path], None]) -> None:
     """The same for what calibration needs, without torch."""
-    packages = folder(CALIBRATION)
-    _begin(
-        Installation(packages, arguments, CALIBRATION_PACKAGES, bytes_needed=CALIBRATION_BYTES_NEEDED),
-        on_done,
-    )
-
-
-def begin_landmarks() -> None:
-    """Starts to fetch the file that finds a person's joints; FrogError if it cannot be started."""
-    _begin(LandmarkDownload(), lambda folder: None)
-
-
-def _begin(installation: Installation | LandmarkDownload, on_done: Callable[[Path], None]) -> None:
-    state = addon_state.get(CurrentInstallation)
-    state.installation, state.on_done = installation.start(), on_done
-    if not bpy.app.timers.is_registered(tick):
-        bpy.app.timers.register(tick, first_interval=TICK_SECONDS, persistent=True)
-
-
-def cancel() -> None:
-    """Cancels the running installation, if any, and discards what was downloaded."""
-    installation = current()
-    if installation is not None:
-        installation.cancel()
-
-
-def tick() -> float | None:
-    """What Blender's timer calls. Returns the seconds until the next call, None to end."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type in ("PREFERENCES", "VIEW_3D"):
-                area.tag_redraw()
-    if is_running():
-        return TICK_SECONDS
-    state = addon_state.get(CurrentInstallation)
-    if state.installation is not None and state.installation.done:
-        state.on_done(state.installation.folder)
-    return None
+    packages, room = CALIBRATION_PACKAGES, CALIBRATION_BYTES_NEEDED
+    Installation(folder(CALIBRATION), arguments, packages, bytes_needed=room, on_finished=on_done).begin()
 
 
 def register() -> None:
@@ -101,9 +195,4 @@ def register() -> None:
 
 
 def unregister() -> None:
-    installation = current()
-    if installation is not None:
-        installation.cancel()
-        installation.join(STOP_SECONDS)
-    if bpy.app.timers.is_registered(tick):
-        bpy.app.timers.unregister(tick)
+    """Running installations are stopped with all other tasks."""

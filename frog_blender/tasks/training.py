@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import atexit
 import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from .. import addon_state, redrawing, unsaved_changes
+from .. import addon_state, unsaved_changes
 from ..engine import memory
 from ..engine.errors import FrogError, brief
 from ..engine.training.session.cancel_token import CancelToken
 from ..timeline import open_scenes, prefetch
-from .background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
+from .background_task import BackgroundTask, Ended, Progress
 from .live_view import LiveView
 from .training_state import TrainingState
 
 if TYPE_CHECKING:
     from ..engine.training.session.events import Event
-
-QUIT_SECONDS = 10.0  # time for a cancelled training to finish its step and write its scene when Blender quits
-PATIENCE = 0.5  # seconds before a message is printed
 
 EventSource = Callable[[CancelToken], Iterator[Any]]  # Any: events of the engine, which need torch to be imported
 OnFinished = Callable[[Path], str | None]
@@ -33,17 +28,8 @@ Watcher = Callable[[TrainingState], None]
 """Is called with a training's state whenever it has changed, on Blender's main thread."""
 
 
-@dataclass(frozen=True)
-class Ended:
-    """The worker's last message; an empty error means that it ended regularly."""
-
-    error: str
-
-
 class TrainingTask(BackgroundTask):
-    """One training: ``start()`` it, ``pump()`` it until ``state.running`` is false.
-
-    ``control`` pauses, resumes and cancels it at any time.
+    """One training; its result is a finished scene's file, or what a cancelled one left.
 
     Args:
         source: gives the events; called on the worker thread.
@@ -52,10 +38,18 @@ class TrainingTask(BackgroundTask):
         is_scene_in_use: while true, ``on_finished`` has to wait.
         live: where viewports find its scene while it runs.
         kill: ends at once what the source has started outside Blender, where it did not end in time.
+
+    Attributes:
+        control: pauses, resumes and cancels it at any time.
+        state: what the panel shows besides.
+        waiting: a finished file that is not handed over yet.
     """
 
     what = "training"
-    quit_seconds = QUIT_SECONDS
+    busy = "A training is already running. Wait for it or cancel it first."
+    quit_seconds = 10.0  # for a cancelled training to finish its step and write its scene when Blender quits
+    patience: ClassVar[float] = 0.5
+    """Of those, seconds before a message is printed."""
 
     def __init__(
         self,
@@ -72,35 +66,52 @@ class TrainingTask(BackgroundTask):
         self.state = TrainingState()
         self.on_finished, self.prepare = on_finished, prepare
         self._is_scene_in_use = is_scene_in_use or unsaved_changes.is_scene_in_use
-        self.waiting: Path | None = None  # a finished file that is not handed over yet
+        self.waiting: Path | None = None
         self.control = CancelToken()
         self._source = source
 
-    @property
-    def is_running(self) -> bool:
-        return self.state.running
+    def begin(self) -> Self:
+        last = self.current()
+        if last is not None and last.waiting:
+            raise FrogError(
+                "The last scene is still waiting to be imported. Finish the current render or operation first."
+            )
+        return super().begin()
+
+    def show(self) -> Self:
+        if self.current() is not self:
+            self.forget()
+        return super().show()
+
+    @classmethod
+    def forget(cls, slot: str = "") -> None:
+        last = cls.current()
+        super().forget(slot)
+        if last is not None and last.live is not None:
+            last.live.forget()
+            _tell_live_watchers()
 
     def cancel(self) -> None:
-        """Ask the worker to end, paused or not; it still writes what it has."""
+        """Asks the worker to end, paused or not; it still writes what it has."""
+        super().cancel()
         self.control.cancel()
 
     @property
     def paused(self) -> bool:
         """True while a running training is paused."""
-        return self.state.running and self.control.paused
+        return self.is_running and self.control.paused
+
+    @classmethod
+    def is_computing(cls) -> bool:
+        """Whether a training is running and not paused."""
+        task = cls.current()
+        return task is not None and task.is_running and not task.paused
 
     def work(self) -> None:
         try:
             for event in self._source(self.control):
                 self._open_result(event)
                 self.put(event)
-        except FrogError as error:
-            self.put(Ended(str(error)))
-        except BaseException as error:
-            traceback.print_exc(file=sys.stderr)
-            self.put(Ended(f"Training stopped on an unexpected {type(error).__name__}: {error}."))
-        else:
-            self.put(Ended(""))
         finally:
             memory.trim_heap()
 
@@ -113,25 +124,31 @@ class TrainingTask(BackgroundTask):
         with suppress(FrogError):  # which the import tells
             open_scenes.scene(Path(event.path)).at(0.0)
 
-    def death(self) -> Ended:
-        return Ended("The training stopped without an error message. It may have run out of memory.")
+    def take(self, event: Event) -> None:
+        """Applies an event of the source."""
+        from ..engine.training.session import events
 
-    def apply(self, event: Event | Ended) -> None:
-        """Apply one event of the source, or the worker's last message, to ``state``."""
-        state = self.state
-        if not isinstance(event, Ended):
-            try:
-                state.take(event)
-            except Exception as error:  # the events that follow can still be shown
-                state.warnings.append(f"An event of the training cannot be shown ({brief(repr(error))}).")
-            return
-        state.error = state.error or event.error
-        state.running = False
-        if state.result and not state.error and not state.cancelled:
-            self.waiting = state.result
-            self.hand_over()
+        try:
+            match event:
+                case events.Stage():
+                    self.progress = Progress(event.name.capitalize(), event.done, max(event.total, 1))
+                case events.Started():
+                    self.progress = Progress("", 0, event.steps or 0)
+                case events.Progress():
+                    self.progress = Progress("", event.step, event.steps)
+            self.state.take(event)
+        except Exception as error:  # the events that follow can still be shown
+            self.state.warnings.append(f"An event of the training cannot be shown ({brief(repr(error))}).")
+
+    def conclude(self, ended: Ended) -> None:
+        """An error counts though it was cancelled: what it has learned may be lost."""
+        self.result, self.error, self.is_cancelled = self.state.result, ended.error, self.state.is_cancelled
 
     def hand_over(self) -> None:
+        self.waiting = self.result
+        self.hand_over_when_possible()
+
+    def hand_over_when_possible(self) -> None:
         """Calls ``on_finished`` with the file of a finished training once nothing else uses the scene; ``prepare``
         alone the first time, where there is any.
         """
@@ -142,153 +159,72 @@ class TrainingTask(BackgroundTask):
             with suppress(Exception):  # which happens in ``on_finished`` as well, and is told then
                 prepare()
             return
-        result, self.waiting = self.waiting, None
+        self.waiting = None
+        super().hand_over()
+
+    def tick(self) -> bool:
+        applied = 0
         try:
-            if self.on_finished is not None:
-                self.state.note = self.on_finished(result) or ""
-        except FrogError as error:
-            self.state.error = str(error)
-        except Exception as error:  # would be lost otherwise, and the file exists
+            if applied := self.pump():
+                for watcher in addon_state.get(_Watchers).of_state:
+                    watcher(self.state)
+                self.redraw()
+            if self.live is not None and self.live.update():
+                _tell_live_watchers()
+            if self.is_running:
+                unsaved_changes.count_as_unsaved()
+        except Exception:  # the training goes on
             traceback.print_exc(file=sys.stderr)
-            self.state.error = f"{result}: the scene was trained, but could not be imported ({brief(repr(error))})."
+            self.state.preview = None
+        if not applied:  # else that was enough at a time
+            self.hand_over_when_possible()
+        return self.is_running or self.waiting is not None
+
+    def stop(self) -> None:
+        """Cancels it, gives it ``quit_seconds`` to save, and drains its event queue."""
+        self.cancel()
+        self.on_finished = self.prepare = None  # its result must not be imported into whatever comes next
+        if not self.join(self.patience):
+            has_learned = self.state.step > 0
+            doing = "Saving what the training has learned" if has_learned else "Ending the training"
+            _print(f"{doing}, which may take up to {self.quit_seconds:.0f} seconds.")
+            if not self.join(self.quit_seconds - self.patience):
+                self.kill()
+                _print("That took longer." + (" The last checkpoint is kept, if there is one." if has_learned else ""))
+                return
+        self.pump_all()
 
 
-class BackgroundTraining:
-    """The current training and its watchers.
+class _Watchers:
+    """Who is told of the training that panels show: of its state, and of its scene."""
 
-    Attributes:
-        current: what the panel shows: the training that is running, or the last one that ran.
-        watchers: callbacks for its state.
-        live_watchers: callbacks for its scene.
-        patience: seconds before ``stop`` prints a message.
-        quit_seconds: seconds that ``stop`` waits altogether.
-    """
-
-    def __init__(self, patience: float = PATIENCE, quit_seconds: float = QUIT_SECONDS) -> None:
-        self.patience, self.quit_seconds = patience, quit_seconds
-        self.current: TrainingTask | None = None
-        self.watchers: list[Watcher] = []
-        self.live_watchers: list[Callable[[], None]] = []
-
-
-def current() -> TrainingTask | None:
-    """The training that the panel shows: running, or the last one that ran."""
-    return addon_state.get(BackgroundTraining).current
-
-
-def set_current(task: TrainingTask | None) -> None:
-    """Sets the training that the panel shows; None for none."""
-    state = addon_state.get(BackgroundTraining)
-    before, state.current = state.current, task
-    if before is not None and before is not task and before.live is not None:
-        before.live.forget()
-        _tell_live_watchers()
+    def __init__(self) -> None:
+        self.of_state: list[Watcher] = []
+        self.of_scene: list[Callable[[], None]] = []
 
 
 def watch(watcher: Watcher) -> None:
-    """Calls ``watcher`` with the current training's state whenever that has changed."""
-    addon_state.get(BackgroundTraining).watchers.append(watcher)
+    """Calls ``watcher`` with the training's state whenever that has changed."""
+    addon_state.get(_Watchers).of_state.append(watcher)
 
 
 def watch_live(watcher: Callable[[], None]) -> None:
-    """Calls ``watcher`` whenever there is another snapshot of the current training's scene, or none any more."""
-    addon_state.get(BackgroundTraining).live_watchers.append(watcher)
+    """Calls ``watcher`` whenever there is another snapshot of the training's scene, or none any more."""
+    addon_state.get(_Watchers).of_scene.append(watcher)
 
 
 def _tell_live_watchers() -> None:
-    for watcher in addon_state.get(BackgroundTraining).live_watchers:
+    for watcher in addon_state.get(_Watchers).of_scene:
         watcher()
-
-
-def begin(
-    source: EventSource,
-    on_finished: OnFinished | None = None,
-    live: LiveView | None = None,
-    prepare: Callable[[], None] | None = None,
-    kill: Callable[[], None] = lambda: None,
-) -> TrainingTask:
-    """Start a training as the current one, pumped by a timer; FrogError if one is running already."""
-    last = current()
-    if is_running():
-        raise FrogError("A training is already running. Wait for it or cancel it first.")
-    if last is not None and last.waiting:
-        raise FrogError("The last scene is still waiting to be imported. Finish the current render or operation first.")
-    task = TrainingTask(source, on_finished, live=live, prepare=prepare, kill=kill).start()
-    set_current(task)
-    begin_ticking(tick)
-    return task
-
-
-def is_running() -> bool:
-    """Whether a training is running, paused or not."""
-    task = current()
-    return task is not None and task.is_running
-
-
-def is_paused() -> bool:
-    """Whether a training is running and paused."""
-    task = current()
-    return task is not None and task.paused
-
-
-def is_computing() -> bool:
-    """Whether a training is running and not paused."""
-    return is_running() and not is_paused()
-
-
-def stop() -> None:
-    """Cancel the current training, give it QUIT_SECONDS to save, and drain its event queue."""
-    state = addon_state.get(BackgroundTraining)
-    task = state.current
-    if task is None:
-        return
-    task.cancel()
-    task.on_finished = task.prepare = None  # its result must not be imported into whatever comes next
-    if not task.join(state.patience):
-        has_learned = task.state.step > 0
-        doing = "Saving what the training has learned" if has_learned else "Ending the training"
-        _print(f"{doing}, which may take up to {state.quit_seconds:.0f} seconds.")
-        if not task.join(state.quit_seconds - state.patience):
-            task.kill()
-            _print("That took longer." + (" The last checkpoint is kept, if there is one." if has_learned else ""))
-            return
-    task.pump_all()
 
 
 def _print(sentence: str) -> None:
     print(f"FRoG: {sentence}", file=sys.stderr, flush=True)
 
 
-def tick() -> float | None:
-    """What Blender's timer calls: pumps the current training. Returns the seconds until the next call, None to end."""
-    task = current()
-    if task is None:
-        return None
-    applied = 0
-    try:
-        if applied := task.pump():
-            for watcher in addon_state.get(BackgroundTraining).watchers:
-                watcher(task.state)
-            redrawing.sidebars()
-        if task.live is not None and task.live.update():
-            _tell_live_watchers()
-        if task.state.running:
-            unsaved_changes.count_as_unsaved()
-    except Exception:  # Blender drops a timer that fails, and with it the rest of the training
-        traceback.print_exc(file=sys.stderr)
-        task.state.preview = None
-    if not applied:  # else that was enough at a time
-        task.hand_over()
-    return TIMER_SECONDS if task.state.running or task.waiting else None
-
-
 def register() -> None:
-    prefetch.share_cores(is_computing)
-    atexit.register(stop)
+    prefetch.share_cores(TrainingTask.is_computing)
 
 
 def unregister() -> None:
-    stop()
-    set_current(None)
-    atexit.unregister(stop)
-    end_ticking(tick)
+    """Running trainings are stopped with all other tasks."""

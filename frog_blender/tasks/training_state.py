@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 class TrainingState:
     """What the panel shows.  Only ``pump()`` writes it, so it needs no lock."""
 
-    running: bool = True
-    stage: str = "Starting"
-    stage_fraction: float = 0.0
     step: int = 0
     steps: int = 0
     seconds: float = 0.0
@@ -37,14 +34,7 @@ class TrainingState:
     warnings: list[str] = field(default_factory=list)
     result: Path | None = None  # the finished scene, or what a cancelled training left
     result_bytes: int = 0  # of the finished scene's file
-    note: str = ""  # what happened to the result in Blender, if not as expected
-    cancelled: bool = False
-    error: str = ""
-
-    @property
-    def fraction(self) -> float:
-        """How much of the present stage is done, 0 to 1."""
-        return self.step / self.steps if self.steps and not self.stage else self.stage_fraction
+    is_cancelled: bool = False
 
     @property
     def sentence(self) -> str:
@@ -65,7 +55,6 @@ class TrainingState:
 
         match event:
             case kinds.Progress():
-                self.stage = ""
                 self.step, self.steps, self.loss = event.step, event.steps, event.loss
                 self.seconds, self.seconds_left = event.seconds, event.seconds_left
                 self.gaussians, self.moving = event.gaussians, event.num_dynamic
@@ -75,10 +64,8 @@ class TrainingState:
                 self.preview = event.image
             case kinds.CompressionPreview():
                 self.report_image = event.image
-            case kinds.Stage():
-                self.stage, self.stage_fraction = event.name.capitalize(), event.done / max(event.total, 1)
             case kinds.Started():
-                self.stage, self.steps, self.gaussians = "", event.steps or 0, event.gaussians
+                self.steps, self.gaussians = event.steps or 0, event.gaussians
             case kinds.Evaluated():
                 self.psnr, self.psnr_split = event.psnr, event.split
             case kinds.WarningEvent():
@@ -86,7 +73,7 @@ class TrainingState:
             case kinds.Finished():
                 self._finish(event)
             case kinds.Cancelled():
-                self.cancelled = True
+                self.is_cancelled = True
                 self.result = Path(event.path) if event.path else None
 
     def _finish(self, event: Finished) -> None:

@@ -7,8 +7,7 @@ from pathlib import Path
 import bpy
 
 from ..engine.capture.calibration.landmark_file import landmark_file
-from ..tasks import calibration
-from ..tasks.calibration_state import CalibrationState
+from ..tasks.calibration import CalibrationTask
 from ..tasks.clocks import CameraClock
 from . import capture_summary, contact_sheet, preview_image, report_images, torch_environment
 from .capture_summary import CaptureSummary
@@ -21,12 +20,12 @@ def draw_calibration(
     layout: bpy.types.UILayout, folder: Path, summary: CaptureSummary, context: bpy.types.Context
 ) -> None:
     """Draws the running calibration, the end of the last one of this folder, and the button for raw footage."""
-    task = calibration.current()
-    if task is not None and task.state.running:
+    task = CalibrationTask.current()
+    if task is not None and task.is_running:
         _draw_progress(layout, task, folder, context)
         return
-    if task is not None and task.state.folder == folder:
-        _draw_end(layout, task.state, context)
+    if task is not None and task.folder == folder:
+        _draw_end(layout, task, context)
     if summary.raw_footage:
         needed = torch_environment.calibration_needed()
         if needed:
@@ -49,24 +48,22 @@ def _draw_points(layout: bpy.types.UILayout, folder: Path, is_lacking: bool) -> 
         row.operator("frog.calibrate_from_points")
 
 
-def _draw_progress(
-    layout: bpy.types.UILayout, task: calibration.CalibrationTask, folder: Path, context: bpy.types.Context
-) -> None:
-    state = task.state
-    if state.folder != folder:
-        wrapped_label(layout, f"Calibrating {state.folder.name}", context)
-    layout.progress(factor=state.fraction, text="Cancelling" if task.is_stopping else state.doing)
+def _draw_progress(layout: bpy.types.UILayout, task: CalibrationTask, folder: Path, context: bpy.types.Context) -> None:
+    if task.folder != folder:
+        wrapped_label(layout, f"Calibrating {task.folder.name}", context)
+    doing = "Cancelling" if task.is_stopping else task.progress.sentence
+    layout.progress(factor=task.progress.fraction, text=doing)
     layout.operator("frog.cancel_calibration", icon="CANCEL")
 
 
-def _draw_end(layout: bpy.types.UILayout, state: CalibrationState, context: bpy.types.Context) -> None:
-    if state.error:
-        wrapped_label(layout, state.error, context, icon="QUESTION" if state.is_refused else "ERROR")
-        if state.is_refused and landmark_file() is None:
+def _draw_end(layout: bpy.types.UILayout, task: CalibrationTask, context: bpy.types.Context) -> None:
+    if task.error:
+        wrapped_label(layout, task.error, context, icon="QUESTION" if task.is_refused else "ERROR")
+        if task.is_refused and landmark_file() is None:
             torch_environment.draw_landmarks(layout)  # the refusal says what for
-    elif state.cancelled:
+    elif task.is_cancelled:
         wrapped_label(layout, "Cancelled. The next calibration continues with what was done.", context, icon="CANCEL")
-    outcome = state.outcome
+    outcome = task.result
     if outcome is None:
         return
     wrapped_label(layout, f"Calibrated: {outcome.cameras.name}", context, icon="CHECKMARK")
@@ -76,14 +73,14 @@ def _draw_end(layout: bpy.types.UILayout, state: CalibrationState, context: bpy.
         draw_choice(layout, _summary(context))
     for warning in outcome.warnings:
         wrapped_label(layout, warning, context, icon="INFO")
-    preview_image.draw(layout, context, report_images.rig_name(state.folder))
+    preview_image.draw(layout, context, report_images.rig_name(task.folder))
     if outcome.page.is_file():
         layout.operator("wm.path_open", text="Open Report", icon="TEXT").filepath = str(outcome.page)
 
 
 def draw_choice(layout: bpy.types.UILayout, summary: CaptureSummary | None) -> None:
     """Draws what makes the other calibration of a folder the one in use."""
-    if summary is None or calibration.is_running():
+    if summary is None or CalibrationTask.is_any_running():
         return
     if summary.found is not None:
         layout.operator("frog.use_found_cameras", icon="CHECKMARK")
@@ -108,7 +105,8 @@ class FROG_PT_cameras(SidebarPanel, bpy.types.Panel):
         if summary is not None and summary.capture is not None:
             layout.prop(context.scene.frog, "show_rig")
         _draw_contact_sheet(layout, context)
-        if summary is not None and summary.capture is not None and summary.has_videos and not calibration.is_running():
+        is_filmed = summary is not None and summary.capture is not None and summary.has_videos
+        if is_filmed and not CalibrationTask.is_any_running():
             layout.operator("frog.calibrate", text="Calibrate Again", icon="CAMERA_DATA")
             draw_choice(layout, summary)
 

@@ -2,71 +2,48 @@
 
 from __future__ import annotations
 
-import sys
-import traceback
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
 
 from .. import addon_state, redrawing
-from ..engine.errors import FrogError, brief
-from ..tasks.background_task import TIMER_SECONDS, BackgroundTask, begin_ticking, end_ticking
+from ..engine.errors import FrogError
+from ..tasks.background_task import BackgroundTask, Ended
 from . import capture_summary, report_images, torch_environment
 from .capture_summary import CaptureSummary
 
 
 class CaptureReading(BackgroundTask):
-    """One folder: ``start()`` it, ``pump()`` it until ``is_running`` is false.
+    """One folder; its result is the summary of it.
 
     Nothing stops one that has begun; what it finds may be left alone.
 
     Attributes:
         folder: an absolute path.
         stamp: of the folder, from before it was read.
-        summary: what was found; None until then.
     """
 
-    what = "reading of a capture"
+    what = "reading of the capture"
     quit_seconds = 2.0
 
-    def __init__(self, folder: str) -> None:
+    def __init__(self, folder: str, on_finished: Callable[[CaptureSummary], object] | None = None) -> None:
         super().__init__()
-        self.folder, self.stamp = folder, capture_summary.stamp(folder)
-        self.summary: CaptureSummary | None = None
+        self.folder = self.slot = self.where = folder
+        self.stamp, self.on_finished = capture_summary.stamp(folder), on_finished
 
-    @property
-    def is_running(self) -> bool:
-        return self.summary is None
+    def work(self) -> CaptureSummary:
+        return capture_summary.read(Path(self.folder))
 
-    def cancel(self) -> None:
-        """Does nothing: no file is written."""
-
-    def work(self) -> None:
-        try:
-            self.put(capture_summary.read(Path(self.folder)))
-        except BaseException as error:  # ``read`` returns errors, but for memory and bugs
-            traceback.print_exc(file=sys.stderr)
-            reason = f"this capture cannot be read ({type(error).__name__}: {brief(error)})"
-            self.put(CaptureSummary(error=f"{self.folder}: {reason}."))
-
-    def apply(self, message: CaptureSummary) -> None:
-        self.summary = message
-
-    def death(self) -> CaptureSummary:
-        return CaptureSummary(error=f"{self.folder}: reading this capture stopped without an error message.")
+    def conclude(self, ended: Ended) -> None:
+        """``read`` returns errors, but for memory and bugs."""
+        self.result = ended.result or CaptureSummary(error=ended.error)
 
 
-class Readings:
-    """Those that run.
+class _Chosen:
+    """A folder and its summary that was just read, while it becomes a scene's capture."""
 
-    Attributes:
-        tasks: by folder; of one folder the last that was begun.
-        chosen: a folder and its summary that was just read, while it becomes a scene's capture.
-    """
-
-    def __init__(self) -> None:
-        self.tasks: dict[str, CaptureReading] = {}
-        self.chosen: tuple[str, CaptureSummary] | None = None
+    summary: tuple[str, CaptureSummary] | None = None
 
 
 def begin(folder: str) -> CaptureReading:
@@ -81,8 +58,8 @@ def read(folder: str) -> CaptureSummary | None:
     Returns:
         The summary, or None in a window, where it is read beside the main thread and shown when it is there.
     """
-    readings = addon_state.get(Readings)
-    chosen, readings.chosen = readings.chosen, None
+    state = addon_state.get(_Chosen)
+    chosen, state.summary = state.summary, None
     if chosen is not None and chosen[0] == folder:
         return _show(folder, chosen[1], capture_summary.stamp(folder))
     if bpy.app.background or not folder:
@@ -94,39 +71,29 @@ def read(folder: str) -> CaptureSummary | None:
 
 
 def read_beside(folder: str) -> None:
-    """Starts reading a folder, which a timer shows when it is read. One that is being read is read again."""
+    """Starts reading a folder, which is shown when it is read. One that is being read is read again."""
+    torch_environment.add_environment()
+    stamp = capture_summary.stamp(folder)
     try:
-        addon_state.get(Readings).tasks[folder] = begin(folder)
+        CaptureReading(folder, lambda summary: _show(folder, summary, stamp)).start().show()
     except FrogError as error:
-        _show(folder, CaptureSummary(error=str(error)), capture_summary.stamp(folder))
-        return
-    begin_ticking(tick)
+        _show(folder, CaptureSummary(error=str(error)), stamp)
 
 
 def is_reading(folder: str) -> bool:
     """Whether a folder is being read."""
-    return folder in addon_state.get(Readings).tasks
+    reading = CaptureReading.current(folder)
+    return reading is not None and reading.is_running
 
 
 def choose(scene: bpy.types.Scene, folder: str, summary: CaptureSummary) -> None:
     """Makes a folder that was just read the capture of a scene, without reading it again."""
-    readings = addon_state.get(Readings)
-    readings.chosen = (folder, summary)
+    state = addon_state.get(_Chosen)
+    state.summary = (folder, summary)
     try:
         scene.frog.capture_folder = folder
     finally:
-        readings.chosen = None
-
-
-def tick() -> float | None:
-    """What Blender's timer calls. Returns the seconds until the next call, None to end."""
-    tasks = addon_state.get(Readings).tasks
-    for folder, task in list(tasks.items()):
-        task.pump()
-        if task.summary is not None:
-            del tasks[folder]
-            _show(folder, task.summary, task.stamp)
-    return TIMER_SECONDS if tasks else None
+        state.summary = None
 
 
 def _show(folder: str, summary: CaptureSummary, stamp: object) -> CaptureSummary:
@@ -137,13 +104,3 @@ def _show(folder: str, summary: CaptureSummary, stamp: object) -> CaptureSummary
         report_images.show(Path(folder), summary.capture if has_own else None)
     redrawing.viewports()  # where the rig is drawn, and the sidebars
     return summary
-
-
-def register() -> None:
-    """There is nothing to register."""
-
-
-def unregister() -> None:
-    end_ticking(tick)
-    for task in addon_state.get(Readings).tasks.values():
-        task.join()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from .. import addon_state
 from ..engine.errors import FrogError
 from ..engine.optional_imports import is_missing, not_loaded
-from ..tasks.calibration_request import raw_footage
+from ..tasks.calibration import raw_footage
 from ..tasks.clocks import ClockFile, read_clocks
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import bpy.utils.previews
 import numpy as np
 
 from .. import addon_state
-from ..tasks import training
+from ..tasks.training import watch
 from ..tasks.training_state import TrainingState
 
 NAME = "training"
@@ -73,7 +73,7 @@ def draw(layout: bpy.types.UILayout, context: bpy.types.Context, name: str = NAM
 
 def register() -> None:
     addon_state.get(PreviewIcons).icons = bpy.utils.previews.new()
-    training.watch(show_training)
+    watch(show_training)
 
 
 def unregister() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..scene_capture import placing
-from ..tasks import scene_capture
+from ..tasks.scene_capture import SceneCaptureTask
 from .sidebar_panel import SidebarPanel, split
 from .text import duration, wrapped_label
 
@@ -37,7 +37,7 @@ class FROG_PT_scene_capture(SidebarPanel, bpy.types.Panel):
 
 
 def _draw_rendering(layout: bpy.types.UILayout, context: bpy.types.Context, cameras: int) -> None:
-    scene, settings, task = context.scene, context.scene.frog.rig, scene_capture.current()
+    scene, settings, task = context.scene, context.scene.frog.rig, SceneCaptureTask.current()
     if task is not None and task.is_running:
         _draw_progress(layout, task)
         return
@@ -53,27 +53,30 @@ def _draw_rendering(layout: bpy.types.UILayout, context: bpy.types.Context, came
         _draw_end(layout, context, task)
 
 
-def _draw_progress(layout: bpy.types.UILayout, task: scene_capture.SceneCaptureTask) -> None:
-    state, left = task.state, task.seconds_left()
-    doing = f"{state.done:,} of {state.total:,} images"
+def _draw_progress(layout: bpy.types.UILayout, task: SceneCaptureTask) -> None:
+    left = task.seconds_left
+    doing = _images(task)
     if task.is_stopping:
         doing = "Cancelling"
     elif left is not None:
         doing += f", {duration(left)} left"
-    layout.progress(factor=state.fraction, text=doing)
+    layout.progress(factor=task.progress.fraction, text=doing)
     layout.operator("frog.cancel_scene_capture", icon="CANCEL")
 
 
-def _draw_end(layout: bpy.types.UILayout, context: bpy.types.Context, task: scene_capture.SceneCaptureTask) -> None:
-    state = task.state
-    if state.error:
-        wrapped_label(layout, state.error, context, icon="ERROR")
-    elif state.cancelled:
-        sentence = f"Cancelled at {state.done:,} of {state.total:,} images. Render Capture continues there."
+def _draw_end(layout: bpy.types.UILayout, context: bpy.types.Context, task: SceneCaptureTask) -> None:
+    if task.error:
+        wrapped_label(layout, task.error, context, icon="ERROR")
+    elif task.is_cancelled:
+        sentence = f"Cancelled at {_images(task)}. Render Capture continues there."
         wrapped_label(layout, sentence, context, icon="CANCEL")
     else:
-        sentence = f"{state.total:,} images are in {state.folder.name}. Train FRoG learns from them."
+        sentence = f"{task.progress.total:,} images are in {task.plan.folder.name}. Train FRoG learns from them."
         wrapped_label(layout, sentence, context, icon="CHECKMARK")
+
+
+def _images(task: SceneCaptureTask) -> str:
+    return f"{task.progress.done:,} of {task.progress.total:,} images"
 
 
 register, unregister = bpy.utils.register_classes_factory((FROG_PT_scene_capture,))

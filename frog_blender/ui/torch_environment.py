@@ -17,7 +17,7 @@ from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
 from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
 from ..tasks import installation
-from ..tasks.installer import Installation
+from ..tasks.installation import PipTask
 from ..tasks.package_folders import CALIBRATION, TORCH, installed
 from ..tasks.packages import CALIBRATION_SIZES, SIZES, has_nvidia_gpu, has_pycolmap_wheel, suitable_build
 from .text import wrapped_label
@@ -96,17 +96,18 @@ def draw_landmarks(layout: bpy.types.UILayout) -> None:
 
 def _draw_running(layout: bpy.types.UILayout) -> bool:
     """Draws the running installation and returns whether there is one; draws the error of one that failed."""
-    current = installation.current()
+    current = PipTask.current()
     if current is None:
         return False
-    if current.running:
-        if isinstance(current, Installation):
-            layout.progress(factor=current.fraction, text=f"{current.fraction:.0%}")
-        layout.label(text=current.line[:100], icon="IMPORT")
+    if current.is_running:
+        progress = current.progress
+        if progress.total:
+            layout.progress(factor=progress.fraction, text=f"{progress.fraction:.0%}")
+        layout.label(text=progress.stage[:100], icon="IMPORT")
         layout.operator("frog.cancel_installation", icon="CANCEL")
     elif current.error:
         layout.label(text=current.error, icon="ERROR")
-    return current.running
+    return current.is_running
 
 
 def addon_preferences() -> Any:

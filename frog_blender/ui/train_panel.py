@@ -10,7 +10,7 @@ import bpy
 from ..engine.capture.capture import Capture
 from ..scene_import.capture_objects import plays
 from ..scene_import.scene_setup import is_set_up, start_cube
-from ..tasks import training
+from ..tasks.training import TrainingTask
 from ..tasks.training_request import can_resume, can_train_longer
 from ..tasks.training_state import TrainingState
 from . import presets, preview_image, remote_settings, torch_environment, training_choices
@@ -30,8 +30,8 @@ class FROG_PT_train(SidebarPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)
-        settings, task = context.scene.frog, training.current()
-        if not training.is_running():
+        settings, task = context.scene.frog, TrainingTask.current()
+        if not TrainingTask.is_any_running():
             layout.prop(settings, "recipe")
             layout.prop(settings, "output_path")
             _draw_start(layout, settings, context)
@@ -48,11 +48,11 @@ class FROG_PT_train_report(SidebarPanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
-        task = training.current()
+        task = TrainingTask.current()
         return task is not None and task.state.step > 0
 
     def draw(self, context: bpy.types.Context) -> None:
-        task = training.current()
+        task = TrainingTask.current()
         if task is None:
             return
         layout, state = self.layout, task.state
@@ -149,31 +149,29 @@ def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Co
         row.operator("frog.train_longer", icon="FRAME_NEXT")
 
 
-def _draw_training(
-    layout: bpy.types.UILayout, task: training.TrainingTask, settings: Any, context: bpy.types.Context
-) -> None:
+def _draw_training(layout: bpy.types.UILayout, task: TrainingTask, settings: Any, context: bpy.types.Context) -> None:
     """Draws the running training, or the last one."""
     box, state = layout.box(), task.state
     _draw_progress(box, task, context)
-    if state.result is not None:
-        _draw_result(box, state, state.result, context)
+    if task.result is not None:
+        _draw_result(box, task, task.result, context)
     for warning in state.warnings[-3:]:
         wrapped_label(box, warning, context, icon="INFO")
     if state.result is None or not plays(context.scene, state.result):  # else the viewport shows more
         preview_image.draw(box, context)
-    if state.running:
+    if task.is_running:
         box.prop(settings, "preview_camera")
         if task.live is not None:
             box.prop(settings, "show_live")
 
 
-def _draw_progress(box: bpy.types.UILayout, task: training.TrainingTask, context: bpy.types.Context) -> None:
+def _draw_progress(box: bpy.types.UILayout, task: TrainingTask, context: bpy.types.Context) -> None:
     """Draws the progress or result, and the buttons to pause, cancel and dismiss."""
-    state = task.state
-    if state.running:
-        text = state.stage or f"Step {state.step:,} of {state.steps:,}"
-        box.progress(factor=state.fraction, text=f"Paused: {text}" if task.paused else text)
-        if not state.stage and state.step:
+    state, stage = task.state, task.progress.stage
+    if task.is_running:
+        text = stage or f"Step {state.step:,} of {state.steps:,}"
+        box.progress(factor=task.progress.fraction, text=f"Paused: {text}" if task.paused else text)
+        if not stage and state.step:
             box.label(text=f"Time left: {duration(state.seconds_left)}", icon="TIME")
         row = box.row(align=True)
         if task.paused:
@@ -183,9 +181,9 @@ def _draw_progress(box: bpy.types.UILayout, task: training.TrainingTask, context
         row.operator("frog.cancel_training", icon="CANCEL")
         return
     row = box.row()
-    if state.error:
-        wrapped_label(row.column(), state.error, context, icon="ERROR")
-    elif state.cancelled:
+    if task.error:
+        wrapped_label(row.column(), task.error, context, icon="ERROR")
+    elif task.is_cancelled:
         text = f"Cancelled at step {state.step:,}." if state.step else "Cancelled before the first step."
         row.label(text=text, icon="CANCEL")
     else:
@@ -193,18 +191,16 @@ def _draw_progress(box: bpy.types.UILayout, task: training.TrainingTask, context
     row.operator("frog.dismiss_training", text="", icon="X", emboss=False)
 
 
-def _draw_result(box: bpy.types.UILayout, state: TrainingState, result: Path, context: bpy.types.Context) -> None:
+def _draw_result(box: bpy.types.UILayout, task: TrainingTask, result: Path, context: bpy.types.Context) -> None:
     """Draws what came of the training, what happened to it, and the next action."""
-    if state.running:
-        return
-    if not state.cancelled and not state.error:
-        wrapped_label(box, f"{result.name}: {state.sentence}", context)
-    if state.note:
-        wrapped_label(box, state.note, context, icon="INFO")
+    if not task.is_cancelled and not task.error:
+        wrapped_label(box, f"{result.name}: {task.state.sentence}", context)
+    if task.note:
+        wrapped_label(box, task.note, context, icon="INFO")
     if not plays(context.scene, result):
         row = box.row()
         row.operator_context = "EXEC_DEFAULT"  # the file is known: no file browser
-        text = "Import What There Is" if state.cancelled else "Import"
+        text = "Import What There Is" if task.is_cancelled else "Import"
         row.operator("import_scene.frog", text=text, icon="IMPORT").filepath = str(result)
         return
     row = box.row(align=True)

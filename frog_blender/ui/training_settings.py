@@ -84,9 +84,9 @@ def _on_show_rig(_settings: Any, _context: bpy.types.Context) -> None:
 
 
 def _on_preview_camera(settings: Any, _context: bpy.types.Context) -> None:
-    from ..tasks import training
+    from ..tasks.training import TrainingTask
 
-    task = training.current()
+    task = TrainingTask.current()
     if task is not None:
         task.control.preview_camera = settings.preview_camera
 

@@ -10,7 +10,7 @@ import numpy as np
 from .. import addon_state, reported_once
 from ..engine.spherical_harmonics import SH_DC
 from ..scene_import.capture_objects import of_same_capture
-from ..tasks import training
+from ..tasks.training import TrainingTask, watch_live
 from ..timeline.playback_cache import SceneTime
 from . import drawing
 from .picture import Shown
@@ -42,7 +42,7 @@ class LivePoints:
 
 def shown_in(scene: bpy.types.Scene) -> Shown | None:
     """The running training's scene at the current frame; None where the scene plays a result of that capture."""
-    task = training.current()
+    task = TrainingTask.current()
     player = task.live.shown_in(scene) if task is not None and task.live is not None else None
     if player is None or of_same_capture(scene, player.header.capture_path):
         return None
@@ -94,7 +94,7 @@ def register() -> None:
     if bpy.app.background:  # nothing is drawn, and there may be no graphics
         return
     drawing.add_source(shown_in)
-    training.watch_live(drawing.changed)
+    watch_live(drawing.changed)
     handler = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
     addon_state.get(LivePoints).handler = handler
 

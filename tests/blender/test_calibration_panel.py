@@ -19,7 +19,9 @@ from frog_blender.engine.capture.synchronization import Synchronization
 from frog_blender.engine.capture.synchronization.pairs import Curve
 from frog_blender.engine.errors import FrogError
 from frog_blender.operators.calibrate import CaptureOpening
-from frog_blender.tasks import calibration
+from frog_blender.tasks import background_task
+from frog_blender.tasks.background_task import Progress
+from frog_blender.tasks.calibration import CalibrationTask
 from frog_blender.tasks.clocks import CameraClock, read_clocks, write_clock
 from frog_blender.ui import (
     calibration_panel,
@@ -83,21 +85,21 @@ def drawn(empty):
         return " ".join(layout.said)
 
     yield draw
-    calibration.stop()
-    calibration.set_current(None)
+    background_task.stop()
+    CalibrationTask.forget()
 
 
 def begin(folder, calibrator):
     """As the operator does."""
     opening = CaptureOpening(folder, calibrator)
-    return calibration.begin(folder, opening.calibrate, opening.show)
+    return CalibrationTask(folder, opening.calibrate, opening.show).begin()
 
 
 def ended(task):
     assert task.join(20.0)
     while task.pump():
         pass
-    return task.state
+    return task
 
 
 def test_raw_videos_say_so_and_offer_to_be_calibrated(empty, drawn, raw):
@@ -152,9 +154,9 @@ def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, drawn
 
 def test_a_running_calibration_shows_its_stage(empty, drawn, raw):
     empty.frog.capture_folder = str(raw)
-    task = calibration.CalibrationTask(raw, lambda progress, cancelled: progress("films", 1, 4))
-    calibration.set_current(task)
-    task.state.stage, task.state.done, task.state.total = "films", 1, 4
+    task = CalibrationTask(raw, lambda progress, cancelled: progress("films", 1, 4))
+    task.show()
+    task.progress = Progress("films", 1, 4)
     said = drawn()
     assert "Films: 1 of 4 frog.cancel_calibration" in said and "frog.calibrate" not in said.split()
     empty.frog.capture_folder = str(raw.parent)
@@ -189,7 +191,7 @@ def test_the_real_pipeline_says_which_film_it_cannot_use(empty, drawn, tmp_path)
         (tmp_path / name).write_bytes(b"x" * 100)
     empty.frog.capture_folder = str(tmp_path)
     assert bpy.ops.frog.calibrate() == {"FINISHED"}
-    state = ended(calibration.current())
+    state = ended(CalibrationTask.current())
     assert "a.mp4: found a file that cannot be decoded" in state.error and not state.is_refused
     assert "a.mp4: found a file" in drawn()
 

@@ -15,8 +15,8 @@ from frog_blender.engine.capture.calibration.films import find_films
 from frog_blender.engine.capture.calibration.ways import read_points
 from frog_blender.engine.errors import FrogError
 from frog_blender.operators import click_points
-from frog_blender.tasks import calibration
-from frog_blender.tasks.calibration_request import CalibrationRequest
+from frog_blender.tasks import background_task
+from frog_blender.tasks.calibration import CalibrationTask, calibrator_of
 from frog_blender.ui import capture_panel, points_overlay
 from frog_blender.ui.clicked_points import FILE, ClickedPoints, points_of
 
@@ -185,8 +185,8 @@ def test_without_a_window_it_says_so(empty, raw):
 def test_the_calibration_is_told_of_the_points(raw, monkeypatch):
     given = []
     monkeypatch.setattr(pipeline, "calibrate", lambda folder, options, *_: given.append(options.points))
-    CalibrationRequest(raw, raw / FILE).calibrate(lambda *_: None, lambda: False)
-    CalibrationRequest(raw).calibrate(lambda *_: None, lambda: False)
+    for points in (raw / FILE, None):
+        calibrator_of(raw, points)(lambda *_: None, lambda: False)
     assert given == [raw / FILE, None]
 
 
@@ -209,12 +209,12 @@ def test_too_few_points_are_refused_in_the_panel(empty, tmp_path):
     context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=280), preferences=preferences)
     try:
         assert bpy.ops.frog.calibrate_from_points() == {"FINISHED"}
-        task = calibration.current()
+        task = CalibrationTask.current()
         assert task.join(60.0)
         task.pump_all()
-        assert task.state.is_refused and "expected 8 or more" in task.state.error
+        assert task.is_refused and "expected 8 or more" in task.error
         capture_panel.FROG_PT_capture.draw(SimpleNamespace(layout=layout), context)
     finally:
-        calibration.stop()
-        calibration.set_current(None)
+        background_task.stop()
+        CalibrationTask.forget()
     assert "frog.click_points" in layout.said and "frog.calibrate_from_points" in layout.said

@@ -17,7 +17,8 @@ from frog_blender.engine.interchange.ply import write_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.operators import import_ply
 from frog_blender.operators.import_ply import FROG_OT_import_splats
-from frog_blender.tasks import foreign_import
+from frog_blender.tasks import background_task
+from frog_blender.tasks.foreign_import import ForeignImport
 from frog_blender.timeline import playback
 
 PATIENCE = 60.0  # seconds
@@ -175,12 +176,12 @@ def test_switched_off_it_leaves_no_thread(addon):
             progress(0, 1)
             time.sleep(0.005)
 
-    task = foreign_import.current().convert(Path("x.ply"), endless)
-    assert bpy.app.timers.is_registered(foreign_import.tick)
+    task = ForeignImport(Path("x.ply"), endless).begin()
+    assert bpy.app.timers.is_registered(background_task.tick)
     addon.unregister()
     try:
         assert not task.is_running and worker() is None
-        assert not bpy.app.timers.is_registered(foreign_import.tick)
+        assert not bpy.app.timers.is_registered(background_task.tick)
     finally:
         addon.register()
 

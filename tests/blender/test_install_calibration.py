@@ -10,8 +10,7 @@ import bpy
 import pytest
 from support.wheels import finished, wheel
 
-from frog_blender.tasks.installer import Installation
-from frog_blender.tasks.landmarks import LandmarkDownload
+from frog_blender.tasks.installation import Installation, LandmarkDownload
 from frog_blender.tasks.package_folders import installed
 from frog_blender.tasks.packages import (
     CALIBRATION_PACKAGES,
@@ -34,10 +33,10 @@ def test_what_calibration_needs_is_installed_by_itself(tmp_path, monkeypatch):
     if not has_pycolmap_wheel():
         pytest.skip("there is no pycolmap for this computer")
     done = finished(Installation(folder, packages=CALIBRATION_PACKAGES).start())
-    assert done.done and not done.error and installed(folder) == folder
+    assert done.result and not done.error and installed(folder) == folder
     assert (folder / "pycolmap" / "__init__.py").is_file() and not (folder / "torch").exists()
     again = finished(Installation(folder, packages=CALIBRATION_PACKAGES).start())
-    assert installed(folder) == again.folder == folder.with_name("calibration-2") and not folder.exists()
+    assert installed(folder) == again.result == folder.with_name("calibration-2") and not folder.exists()
 
 
 def test_pycolmap_that_did_not_come_is_named(tmp_path):
@@ -72,7 +71,7 @@ print("Saved", folder)
 """
     download = LandmarkDownload(pip=[sys.executable, "-c", code], cache=tmp_path / "cache").start()
     failed = finished(download)
-    assert not failed.done and "checksum" in failed.error and failed.line.startswith("Saved")
+    assert failed.result is None and "checksum" in failed.error and failed.progress.stage.startswith("Saved")
     assert not list(tmp_path.rglob("*.tflite"))
     silent = LandmarkDownload(
         pip=[sys.executable, "-c", "print('ERROR: no such thing'); raise SystemExit(1)"], cache=tmp_path
@@ -84,11 +83,11 @@ def test_a_cancelled_download_of_landmarks_says_nothing(tmp_path):
     slow = [sys.executable, "-c", "import time; print('Collecting', flush=True); time.sleep(60)"]
     download = LandmarkDownload(pip=slow, cache=tmp_path / "cache").start()
     deadline = time.monotonic() + 20
-    while download.line != "Collecting" and time.monotonic() < deadline:
-        time.sleep(0.01)
+    while download.progress.stage != "Collecting" and time.monotonic() < deadline:
+        download.pump()
     download.cancel()
     finished(download)
-    assert not download.done and not download.error
+    assert download.is_cancelled and not download.error
 
 
 def test_nothing_is_downloaded_without_online_access(empty):

@@ -18,14 +18,13 @@ import bpy
 import pytest
 from support.wheels import finished, wheel
 
-from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.io.pip import pip_command
 from frog_blender.engine.training.session.cancel_token import CancelToken
-from frog_blender.tasks import installation, package_folders
-from frog_blender.tasks.installer import Installation
+from frog_blender.tasks import background_task, installation, package_folders
+from frog_blender.tasks.installation import Installation, PipTask
 from frog_blender.tasks.package_folders import clear_remains, has_package, installed
 from frog_blender.tasks.packages import PACKAGES
-from frog_blender.tasks.pip_run import pip_command
 from frog_blender.tasks.training_request import TrainingRequest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,27 +45,31 @@ def index(tmp_path, monkeypatch):
 def test_it_is_whole(tmp_path, index):
     before = threading.active_count()
     done = finished(Installation(tmp_path / "data" / "torch").start())
-    assert done.done and not done.error
+    assert done.result is not None and not done.error
     assert (tmp_path / "data" / "torch" / "torch" / "__init__.py").read_text() == "answer = 42\n"
     assert [path.name for path in (tmp_path / "data").iterdir()] == ["torch"], "nothing is left beside it"
     assert threading.active_count() == before
 
 
 def test_a_bar_shows_how_much_of_the_space_is_taken(tmp_path, monkeypatch):
-    free = iter([10e9, 10e9, 9.5e9, 9.7e9, 5e9])
-    monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=next(free)))
+    free = iter([10e9, 10e9, 9.5e9, 9.7e9])
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: SimpleNamespace(free=next(free, 5e9)))
     waiting = [sys.executable, "-c", "input()"]
     running = Installation(tmp_path / "data" / "torch", pip=waiting, bytes_needed=2e9).start()
-    assert [running.fraction for _ in range(4)] == [0.0, 0.25, 0.25, 0.99], "it never goes back, nor ends too early"
+    shares, deadline = [0.0], time.monotonic() + 20
+    while shares[-1] < 0.99 and time.monotonic() < deadline:
+        running.pump(most=1)
+        shares.append(running.progress.fraction)
+    assert sorted(set(shares)) == [0.0, 0.25, 0.99] and shares == sorted(shares), "it never goes back"
     running.cancel()
-    assert running.join(20.0)
+    assert finished(running).is_cancelled
 
 
 def test_what_cannot_be_found_is_one_sentence_and_leaves_nothing(tmp_path, index):
     for path in index.glob("torch*"):
         path.unlink()
     failed = finished(Installation(tmp_path / "data" / "torch").start())
-    assert not failed.done and "torch could not be installed" in failed.error and "\n" not in failed.error
+    assert failed.result is None and "torch could not be installed" in failed.error and "\n" not in failed.error
     assert "torch" in failed.error and not list((tmp_path / "data").iterdir())
 
 
@@ -83,12 +86,12 @@ def test_cancelled_it_leaves_nothing(tmp_path):
     slow = [sys.executable, "-c", "import time; print('Collecting torch', flush=True); time.sleep(60)"]
     installation = Installation(tmp_path / "data" / "torch", pip=slow).start()
     deadline = time.monotonic() + 20
-    while installation.line != "Collecting torch" and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert installation.line == "Collecting torch"
+    while installation.progress.stage != "Collecting torch" and time.monotonic() < deadline:
+        installation.pump()
+    assert installation.progress.stage == "Collecting torch"
     installation.cancel()
     finished(installation)
-    assert not installation.done and not installation.error and not list((tmp_path / "data").iterdir())
+    assert installation.result is None and not installation.error and not list((tmp_path / "data").iterdir())
 
 
 @pytest.mark.parametrize("cancelled", [False, True], ids=["done", "cancelled"])
@@ -105,12 +108,12 @@ time.sleep(60 * {cancelled:d})
     data = tmp_path / "data"
     installation = Installation(data / "torch", pip=[sys.executable, "-c", code]).start()
     deadline = time.monotonic() + 20
-    while installation.line == "Starting" and time.monotonic() < deadline:
-        time.sleep(0.01)
+    while installation.progress.stage == "Starting" and time.monotonic() < deadline:
+        installation.pump()
     if cancelled:
         installation.cancel()
     finished(installation)
-    unpacked = Path(installation.line)
+    unpacked = Path(installation.progress.stage)
     assert unpacked.is_relative_to(data) and not unpacked.exists()
     assert [str(path.relative_to(data)) for path in sorted(data.rglob("*"))] == (
         [] if cancelled else ["torch", "torch/torch", "torch/torch/__init__.py"]
@@ -126,13 +129,13 @@ def test_a_folder_that_cannot_be_written_ends_in_a_sentence(tmp_path):
     """Its name is as long as names may be, and what is beside it while pip runs would have a longer one."""
     folder = tmp_path / "data" / ("t" * 250)
     failed = finished(Installation(folder, pip=[sys.executable, "-c", ""]).start())
-    assert not failed.done and "\n" not in failed.error
+    assert failed.result is None and "\n" not in failed.error
     assert failed.error.startswith(f"{folder}: torch could not be installed (")
 
 
 def test_whatever_goes_wrong_ends_in_a_sentence(tmp_path):
     failed = finished(Installation(tmp_path / "data" / "torch", packages=["torch\0"]).start())
-    assert not failed.done and "torch could not be installed (ValueError" in failed.error
+    assert failed.result is None and failed.error.startswith("torch could not be installed: ")
     assert "\n" not in failed.error and not list((tmp_path / "data").iterdir())
 
 
@@ -170,14 +173,14 @@ def test_nothing_in_the_current_folder_runs_in_pips_place(tmp_path, index, eithe
     monkeypatch.chdir(trap)
     monkeypatch.setenv("PYTHONPATH", str(trap))
     done = finished(Installation(tmp_path / "data" / "torch", pip=either_pip).start())
-    assert done.done, done.error
+    assert done.result is not None, done.error
     assert not (tmp_path / "caught").exists()
 
 
 def test_a_pip_that_brings_no_torch_has_not_installed_it(tmp_path):
     silent = [sys.executable, "-c", "print('all is well')"]
     failed = finished(Installation(tmp_path / "data" / "torch", pip=silent).start())
-    assert not failed.done and "pip brought none (all is well)" in failed.error
+    assert failed.result is None and "pip brought none (all is well)" in failed.error
     assert not list((tmp_path / "data").iterdir())
 
 
@@ -191,7 +194,7 @@ def test_a_source_package_is_not_run(tmp_path, index):
     with tarfile.open(index / "torch-9.9.tar.gz", "w:gz") as archive:
         archive.add(source, "torch-9.9")
     failed = finished(Installation(tmp_path / "data" / "torch").start())
-    assert not failed.done and failed.error and not (tmp_path / "caught").exists()
+    assert failed.result is None and failed.error and not (tmp_path / "caught").exists()
 
 
 @pytest.fixture
@@ -209,10 +212,10 @@ torch.mkdir()
 def test_another_installation_is_switched_to(tmp_path, quick_pip):
     folder = tmp_path / "data" / "torch"
     first = finished(Installation(folder, pip=quick_pip).start())
-    assert installed(folder) == first.folder == folder
+    assert installed(folder) == first.result == folder
     second = finished(Installation(folder, pip=quick_pip).start())
-    assert second.done and installed(folder) == second.folder == folder.with_name("torch-2")
-    assert not folder.exists() and (second.folder / "torch" / "__init__.py").is_file()
+    assert second.result is not None and installed(folder) == second.result == folder.with_name("torch-2")
+    assert not folder.exists() and (second.result / "torch" / "__init__.py").is_file()
     third = finished(Installation(folder, pip=quick_pip).start())
     assert installed(folder) == third.folder == folder
     assert [path.name for path in folder.parent.iterdir()] == ["torch"]
@@ -223,10 +226,10 @@ def test_what_is_in_use_stays_until_the_next_start(tmp_path, quick_pip, monkeypa
     finished(Installation(folder, pip=quick_pip).start())
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(__file__=str(folder / "torch" / "__init__.py")))
     second = finished(Installation(folder, pip=quick_pip).start())
-    assert folder.is_dir() and installed(folder) == second.folder == folder.with_name("torch-2")
+    assert folder.is_dir() and installed(folder) == second.result == folder.with_name("torch-2")
     monkeypatch.delitem(sys.modules, "torch")
     clear_remains(folder)
-    assert not folder.exists() and installed(folder) == second.folder
+    assert not folder.exists() and installed(folder) == second.result
 
 
 def test_what_another_blender_trains_with_stays_until_that_ends(tmp_path, quick_pip):
@@ -244,9 +247,9 @@ sys.stdin.read()
         assert other.stdout.readline() == "held\n"
         second = finished(Installation(folder, pip=quick_pip).start())
         clear_remains(folder)
-        assert second.done and installed(folder) == second.folder and has_package(folder)
+        assert second.result is not None and installed(folder) == second.result and has_package(folder)
     clear_remains(folder)
-    assert not folder.exists() and installed(folder) == second.folder
+    assert not folder.exists() and installed(folder) == second.result
 
 
 def test_a_training_holds_its_torch_before_it_imports_it(addon, tmp_path, monkeypatch):
@@ -300,12 +303,13 @@ def test_pip_ends_with_the_process_that_started_it(tmp_path, either_pip):
     server.settimeout(60)
     address = f"http://127.0.0.1:{server.getsockname()[1]}/"
     code = f"""
-import sys; sys.path[:0] = {[str(ROOT), *sys.path]!r}
+import os, sys; sys.path[:0] = {[str(ROOT), *sys.path]!r}
 from pathlib import Path
-from frog_blender.tasks import installer
-arguments = ["--index-url", {address!r}, "--timeout", "100"]
-installation = installer.Installation(Path({str(tmp_path)!r}) / "torch", arguments, pip={either_pip!r}).start()
-installation.join(60)
+from frog_blender.engine.io.pip import run_pip
+folder = Path({str(tmp_path)!r}) / f"torch.partial-{{os.getpid()}}-x"
+folder.mkdir()
+arguments = ["--index-url", {address!r}, "--timeout", "100", "--target", str(folder), "torch"]
+run_pip("install", arguments, folder, pip={either_pip!r})
 """
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PIP_")}
     environment |= {"PIP_CONFIG_FILE": os.devnull, "no_proxy": "*"}
@@ -365,15 +369,15 @@ def test_the_button(empty, index, own_folder):
             pytest.skip("this Blender was started offline")
         assert bpy.ops.frog.install_torch() == {"FINISHED"}
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-        assert bpy.app.timers.is_registered(installation.tick), "another file does not end it"
+        assert bpy.app.timers.is_registered(background_task.tick), "another file does not end it"
         system = bpy.context.preferences.system
-        finished(installation.current())
-        assert installation.tick() is None and str(own_folder) in sys.path
+        finished(PipTask.current())
+        assert background_task.tick() is None and str(own_folder) in sys.path
         assert torch_environment.site_packages(own_folder) == own_folder
     finally:
         system.use_online_access = allowed
         sys.path[:] = paths
-        addon_state.reset(installation.CurrentInstallation)
+        PipTask.forget()
 
 
 @pytest.fixture
@@ -404,7 +408,7 @@ def test_a_build_with_cuda_needs_more_room(empty, own_folder, online, monkeypatc
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(free=5e9))
     with pytest.raises(RuntimeError, match="GB free, torch needs 10"):
         bpy.ops.frog.install_torch(build="CUDA", index="file:///there")
-    assert not installation.is_running()
+    assert not PipTask.is_any_running()
 
 
 def test_it_can_be_removed(empty, own_folder, tmp_path, monkeypatch):

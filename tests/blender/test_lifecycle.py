@@ -18,7 +18,8 @@ from support.small_scenes import rig_of_three, write_scene
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.scene_import.capture_objects import active_capture, cameras_of
-from frog_blender.tasks import training
+from frog_blender.tasks import background_task
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import TrainingRequest
 from frog_blender.timeline import playback
 
@@ -184,12 +185,12 @@ def endless(cancelled):
 
 def test_switched_off_while_training_leaves_no_thread(addon):
     before = threading.active_count()
-    task = training.begin(endless)
+    task = TrainingTask(endless).begin()
     assert threading.active_count() == before + 1
     addon.unregister()
     try:
         assert task.join(5.0) and threading.active_count() == before
-        assert not bpy.app.timers.is_registered(training.tick)
+        assert not bpy.app.timers.is_registered(background_task.tick)
     finally:
         addon.register()
 
@@ -205,23 +206,23 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
     capture = film.write_capture(tmp_path / "capture")
     output = tmp_path / "x.frog"
     request = TrainingRequest(capture, output, "draft", "auto", steps=100_000)
-    task = training.begin(request.events)
+    task = TrainingTask(request.events).begin()
     deadline = 12_000
     while not task.state.step and deadline:
         task.pump()
         threading.Event().wait(0.01)
         deadline -= 1
-    assert task.state.step, task.state.error
+    assert task.state.step, task.error
     step = task.state.step
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     deadline = 12_000
-    while task.state.step == step and task.state.running and deadline:
+    while task.state.step == step and task.is_running and deadline:
         task.pump()
         threading.Event().wait(0.01)
         deadline -= 1
     assert task.state.step > step, "it goes on"
-    training.stop()
-    assert task.join(0.0) and task.state.cancelled
+    background_task.stop()
+    assert task.join(0.0) and task.is_cancelled
     assert ScenePlayer.load(output).header.steps > 0
     assert checkpoint_path(output).is_file()
     assert not [obj for obj in bpy.data.objects if obj.frog.filepath], "nothing is put into the other file"
@@ -249,9 +250,11 @@ QUIT = (
 sys.path[:0] = [{str(ROOT)!r}]
 import frog_blender
 from frog_blender.scene_import.capture_objects import active_capture
-from frog_blender.tasks import training
+from frog_blender.tasks import background_task
+from frog_blender.tasks.background_task import Ended
+from frog_blender.tasks.training import TrainingTask
 frog_blender.register()
-training.begin(events)
+TrainingTask(events).begin()
 """
 )
 
@@ -265,7 +268,7 @@ bpy.ops.import_scene.frog(filepath=scene)
 capture = next(child for child in bpy.context.object.children if child.type != "CAMERA")
 threads = threading.active_count()
 handlers = len(bpy.app.handlers.frame_change_pre)
-task = training.begin(events)
+task = TrainingTask(events).begin()
 bpy.utils.load_scripts(reload_scripts=True)  # what Reload Scripts does, in a window and without one
 print("ended", task.join(0.0) and Path(marker).exists() and threading.active_count() == threads)
 print("handlers", len(bpy.app.handlers.frame_change_pre) == handlers)
@@ -273,7 +276,7 @@ bpy.context.scene.frame_set(1)
 first = point_cloud.read(capture)["position"]
 bpy.context.scene.frame_set(6)
 print("plays", abs(point_cloud.read(capture)["position"] - first).max() > 1e-3)
-print("trains", training.begin(events).state.running)
+print("trains", TrainingTask(events).begin().is_running)
 addon_utils.disable(name, default_set=True)
 """
 )

@@ -12,8 +12,9 @@ from support.builders import scene_file
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 from frog_blender.engine.spherical_harmonics import SH_DC
-from frog_blender.tasks import training
+from frog_blender.tasks import background_task
 from frog_blender.tasks.live_view import LiveView
+from frog_blender.tasks.training import TrainingTask, watch_live
 from frog_blender.timeline import playback_cache
 from frog_blender.timeline.playback_cache import SceneTime
 from frog_blender.viewport import drawing, live
@@ -30,10 +31,10 @@ def snapshot(seed=1):
 def live_view(empty):
     """A training that goes on, and its view."""
     view = LiveView(empty)
-    task = training.TrainingTask(lambda control: iter(()), live=view)
-    training.set_current(task)
+    task = TrainingTask(lambda control: iter(()), live=view)
+    task.show()
     yield view
-    training.set_current(None)
+    TrainingTask.forget()
 
 
 def offer(view, seed=1):
@@ -84,18 +85,18 @@ def test_nothing_of_an_earlier_snapshot_stays_in_memory(empty, live_view):
         offer(live_view, seed)
         live.shown_in(empty).time.part()
         assert len(playback_cache.frames()) == before + 1
-    training.set_current(None)
+    TrainingTask.forget()
     assert len(playback_cache.frames()) == before and live_view.player is None
 
 
 def test_watchers_are_told_when_it_begins_and_ends(empty, live_view, monkeypatch):
     told = []
-    training.watch_live(lambda: told.append(live_view.number))
+    watch_live(lambda: told.append(live_view.number))
     live_view.source.offer(ScenePlayer(snapshot()))
-    training.tick()
-    training.tick()
+    background_task.tick()
+    background_task.tick()
     assert told == [1]
-    training.set_current(None)
+    TrainingTask.forget()
     assert told == [1, 1]
 
 

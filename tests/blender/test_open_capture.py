@@ -11,9 +11,10 @@ import pytest
 from support.blender_windows import event, in_window
 from support.training_panel import Written
 
-from frog_blender import addon_state
 from frog_blender.operators.open_capture import FROG_OT_drop_videos
+from frog_blender.tasks import background_task
 from frog_blender.ui import capture_panel, capture_reading, capture_summary
+from frog_blender.ui.capture_reading import CaptureReading
 
 
 @pytest.fixture
@@ -98,15 +99,14 @@ def test_a_folder_is_read_once(empty, capture, monkeypatch):
 def test_a_window_does_not_wait_until_a_folder_is_read(empty, capture, drawn_panel, monkeypatch):
     read, may_go_on = capture_summary.read, threading.Event()
     monkeypatch.setattr(capture_summary, "read", lambda folder: may_go_on.wait(20.0) and read(folder))
-    monkeypatch.setattr(capture_reading, "begin_ticking", lambda tick: None)
     monkeypatch.setattr(capture_reading, "read", capture_reading.read_beside)
     empty.frog.capture_folder = str(capture)
     assert capture_reading.is_reading(str(capture)) and capture_summary.known(str(capture)) is None
     assert "Reading the capture" in drawn_panel() and "frog.inspect_capture" not in drawn_panel()
-    assert capture_reading.tick() is not None, "it is called again"
+    assert background_task.tick() is not None, "it is called again"
     may_go_on.set()
-    assert addon_state.get(capture_reading.Readings).tasks[str(capture)].join(20.0)
-    assert capture_reading.tick() is None
+    assert CaptureReading.current(str(capture)).join(20.0)
+    assert background_task.tick() is None
     assert capture_summary.known(str(capture)).capture is not None
     assert "4 cameras" in drawn_panel() and "Reading" not in drawn_panel()
 
@@ -137,15 +137,13 @@ def test_the_last_reading_of_a_folder_counts(empty, capture, monkeypatch):
         return capture_summary.CaptureSummary((word,))
 
     monkeypatch.setattr(capture_summary, "read", summary)
-    monkeypatch.setattr(capture_reading, "begin_ticking", lambda tick: None)
-    tasks = addon_state.get(capture_reading.Readings).tasks
     capture_reading.read_beside(str(capture))
-    earlier = tasks[str(capture)]
+    earlier = CaptureReading.current(str(capture))
     assert begun.wait(20.0)
     capture_reading.read_beside(str(capture))
     may_go_on.set()
-    assert earlier.join(20.0) and tasks[str(capture)].join(20.0)
-    capture_reading.tick()
+    assert earlier.join(20.0) and CaptureReading.current(str(capture)).join(20.0)
+    background_task.tick()
     assert capture_summary.known(str(capture)).lines == ("after",)
 
 

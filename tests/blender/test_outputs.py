@@ -15,7 +15,8 @@ from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
-from frog_blender.tasks import training
+from frog_blender.tasks import background_task
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import can_resume, request_of
 from frog_blender.ui import capture_summary
 
@@ -34,10 +35,10 @@ def train():
     addon_state.reset(capture_summary.Inspected)  # as in a file that was just opened
     try:
         assert bpy.ops.frog.train() == {"FINISHED"}
-        assert training.current().join(120.0)
+        assert TrainingTask.current().join(120.0)
     finally:
-        training.stop()
-        training.set_current(None)
+        background_task.stop()
+        TrainingTask.forget()
 
 
 @pytest.fixture

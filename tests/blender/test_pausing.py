@@ -11,7 +11,8 @@ import bpy
 import pytest
 
 from frog_blender.engine.training.session import events
-from frog_blender.tasks import training
+from frog_blender.tasks import background_task
+from frog_blender.tasks.training import TrainingTask
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -39,7 +40,7 @@ class Steps:
 def held(addon):
     """(task, source) of a training that was paused and waits."""
     source = Steps()
-    task = training.begin(source)
+    task = TrainingTask(source).begin()
     assert bpy.ops.frog.pause_training() == {"FINISHED"}
     source.was_paused.set()
     assert source.asked.wait(20.0)
@@ -54,18 +55,18 @@ def ended(task):
     assert task.join(20.0)
     while task.pump():
         pass
-    assert not task.state.running and task.state.cancelled and not training.is_running()
+    assert not task.is_running and task.is_cancelled and not TrainingTask.is_any_running()
 
 
 def test_a_paused_training_does_nothing_and_goes_on(held):
     task, source = held
-    assert training.is_paused() and task.paused and training.is_running()
+    assert task.paused and TrainingTask.is_any_running() and not TrainingTask.is_computing()
     done = source.done
     threading.Event().wait(0.1)
     assert source.done == done
     assert not bpy.ops.frog.pause_training.poll() and bpy.ops.frog.resume_training.poll()
     assert bpy.ops.frog.resume_training() == {"FINISHED"}
-    assert not training.is_paused()
+    assert not task.paused
     while source.done == done:
         threading.Event().wait(0.005)
     assert not bpy.ops.frog.resume_training.poll() and bpy.ops.frog.pause_training.poll()
@@ -82,7 +83,7 @@ def test_another_file_while_paused(held):
     task, source = held
     done = source.done
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert task.paused and training.current() is task and source.done == done
+    assert task.paused and TrainingTask.current() is task and source.done == done
     assert bpy.ops.frog.resume_training() == {"FINISHED"}
     while source.done == done:
         threading.Event().wait(0.005)
@@ -92,8 +93,8 @@ def test_switched_off_while_paused(addon, held):
     task, _ = held
     addon.unregister()
     try:
-        assert task.join(0.0) and training.current() is None
-        assert not bpy.app.timers.is_registered(training.tick)
+        assert task.join(0.0) and TrainingTask.current() is None
+        assert not bpy.app.timers.is_registered(background_task.tick)
     finally:
         addon.register()
 
@@ -107,7 +108,8 @@ import atexit, os, sys; sys.path[:0] = [{str(ROOT)!r}]
 atexit.register(os._exit, 0)  # after the add-on's: bpy 4.5 may wait for a thread of its own for ever
 import threading, bpy, frog_blender
 frog_blender.register()
-from frog_blender.tasks import training
+from frog_blender.tasks import background_task
+from frog_blender.tasks.training import TrainingTask
 waits = threading.Event()
 def source(control):
     waits.set()
@@ -115,7 +117,7 @@ def source(control):
         pass
     print("ended", flush=True)
     yield from ()
-training.begin(source).control.pause()
+TrainingTask(source).begin().control.pause()
 assert waits.wait(20)
 {"frog_blender.unregister()" if orderly else "bpy.app.handlers.load_pre.clear()"}
 """

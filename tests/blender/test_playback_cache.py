@@ -13,6 +13,8 @@ from support.small_scenes import rig_of_three, write_scene
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.session import events
+from frog_blender.tasks import background_task
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback, playback_cache, prefetch
 
 
@@ -108,7 +110,7 @@ def test_frames_ahead_follow_each_captures_time(empty, capture):
 def test_a_training_leaves_the_thread_little_to_do(empty, capture):
     """While it runs, not while it is held or after its end; the next frame is there nevertheless."""
 
-    def training(control):
+    def source(control):
         while not control():
             threading.Event().wait(0.005)
         yield events.Cancelled(0, None)
@@ -116,7 +118,7 @@ def test_a_training_leaves_the_thread_little_to_do(empty, capture):
     empty.frame_set(3)
     assert len(frames_ahead(empty, capture)) == 10
     playback_cache.clear()
-    task = training.begin(training)
+    task = TrainingTask(source).begin()
     try:
         for frame in (4, 5, 6):
             assert frame == 4 or playback.displayed(capture, frame).key in playback_cache.frames(), "it was not ready"
@@ -130,8 +132,8 @@ def test_a_training_leaves_the_thread_little_to_do(empty, capture):
         task.control.resume()
         assert frames_ahead(empty, capture) == [6, 7]
     finally:
-        training.stop()
-    assert not training.is_running() and len(frames_ahead(empty, capture)) == 10
+        background_task.stop()
+    assert not TrainingTask.is_any_running() and len(frames_ahead(empty, capture)) == 10
 
 
 def test_memory_is_bounded_and_said(empty, capture, static_rig):

@@ -25,7 +25,8 @@ def footprint():
 
 
 def test_twice_on_and_off_leaves_nothing(addon):
-    from frog_blender.tasks import training
+    from frog_blender.tasks import background_task
+    from frog_blender.tasks.training import TrainingTask
 
     addon.unregister()
     try:
@@ -36,7 +37,7 @@ def test_twice_on_and_off_leaves_nothing(addon):
             assert footprint() != clean
             addon.unregister()
             assert footprint() == clean
-            assert not bpy.app.timers.is_registered(training.tick) and training.current() is None
+            assert not bpy.app.timers.is_registered(background_task.tick) and TrainingTask.current() is None
     finally:
         addon.register()
 

@@ -12,9 +12,9 @@ import pytest
 from support.builders import REPOSITORY
 from support.training_panel import Written
 
-from frog_blender import addon_state
 from frog_blender.engine.training.session import events
-from frog_blender.tasks import training
+from frog_blender.tasks import background_task
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback
 from frog_blender.ui import preferences, remote_settings, torch_environment, train_panel
 
@@ -27,8 +27,8 @@ def chosen(empty):
     addon = bpy.context.preferences.addons.new()
     addon.module = torch_environment.base_package
     yield addon.preferences
-    training.stop()
-    training.set_current(None)
+    background_task.stop()
+    TrainingTask.forget()
     bpy.context.preferences.addons.remove(addon)
 
 
@@ -96,16 +96,16 @@ def test_a_training_elsewhere_ends_in_an_imported_scene(chosen, capture, monkeyp
     settings.max_gaussians = 250
     chosen.remote_command = COMMAND
     monkeypatch.setattr(torch_environment, "make_torch_importable", lambda: pytest.fail("not needed"))
-    seen, take = [], training.TrainingTask.apply
-    monkeypatch.setattr(training.TrainingTask, "apply", lambda self, event: (seen.append(event), take(self, event)))
+    seen, take = [], TrainingTask.apply
+    monkeypatch.setattr(TrainingTask, "apply", lambda self, event: (seen.append(event), take(self, event)))
     assert bpy.ops.frog.train() == {"FINISHED"}
-    task = training.current()
+    task = TrainingTask.current()
     assert "frog.pause_training" in drawn(scene) and "show_live" not in drawn(scene)
     assert task.join(120.0)
-    while training.tick() is not None:
+    while background_task.tick() is not None:
         pass
     state = task.state
-    assert not state.error and not state.note and state.step == 30 and state.psnr and state.preview is not None
+    assert not task.error and not task.note and state.step == 30 and state.psnr and state.preview is not None
     assert state.result == Path(settings.output_path) and state.result_bytes == state.result.stat().st_size
     assert any(isinstance(event, events.Stage) for event in seen) and state.capacity
     assert [playback.file_of(obj) for obj in playback.captures(scene.objects)] == [state.result]
@@ -119,20 +119,20 @@ def test_cancelled_from_the_panel_and_trained_on(chosen, capture):
     settings.capture_folder, settings.recipe, settings.device, settings.steps = str(capture), "draft", "remote", 10**6
     settings.max_gaussians, chosen.remote_command = 250, COMMAND
     assert bpy.ops.frog.train() == {"FINISHED"}
-    task = training.current()
+    task = TrainingTask.current()
     while not task.state.step:
-        assert training.tick() is not None, task.state.error
+        assert background_task.tick() is not None, task.error
     assert bpy.ops.frog.cancel_training() == {"FINISHED"}
     assert task.join(60.0)
     task.pump_all()
-    assert task.state.cancelled and not task.state.error and task.state.result.is_file()
+    assert task.is_cancelled and not task.error and task.state.result.is_file()
     assert "Import What There Is" not in drawn(scene) and "frog.train" in drawn(scene)
     settings.steps = task.state.step + 2000  # it was told to the panel a few times a second: more may be done
     assert bpy.ops.frog.train(resume=True) == {"FINISHED"}
-    task = training.current()
+    task = TrainingTask.current()
     assert task.join(120.0)
     task.pump_all()
-    assert not task.state.error and task.state.step == settings.steps
+    assert not task.error and task.state.step == settings.steps
 
 
 def test_what_outlives_its_patience_dies_with_blender(chosen, capture, tmp_path, monkeypatch, capfd):
@@ -143,15 +143,14 @@ def test_what_outlives_its_patience_dies_with_blender(chosen, capture, tmp_path,
     )
     settings = bpy.context.scene.frog
     settings.capture_folder, settings.device = str(capture), "remote"
-    trainings = addon_state.get(training.BackgroundTraining)
-    monkeypatch.setattr(trainings, "patience", 0.01)
-    monkeypatch.setattr(trainings, "quit_seconds", 0.1)
+    monkeypatch.setattr(TrainingTask, "patience", 0.01)
+    monkeypatch.setattr(TrainingTask, "quit_seconds", 0.1)
     assert bpy.ops.frog.train() == {"FINISHED"}
-    task = training.current()
+    task = TrainingTask.current()
     while not task.pump():
         pass
-    training.stop()
+    background_task.stop()
     assert "That took longer." in capfd.readouterr().err
     assert task.join(20.0), "it was killed, which ends the worker"
     task.pump_all()
-    assert task.state.cancelled and not task.state.error
+    assert task.is_cancelled and not task.error

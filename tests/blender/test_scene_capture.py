@@ -18,7 +18,8 @@ from support.training_panel import Written
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.scene_capture import rig
-from frog_blender.tasks import scene_capture
+from frog_blender.tasks import background_task
+from frog_blender.tasks.scene_capture import SceneCaptureTask
 from frog_blender.ui import scene_capture_panel
 
 SIZE = 40
@@ -38,16 +39,16 @@ def cube(empty, tmp_path):
     settings = empty.frog.rig
     settings.size, settings.count, settings.folder = SIZE, 3, str(tmp_path / "capture")
     yield cube
-    scene_capture.stop()
+    background_task.stop()
 
 
 def finished(seconds=300.0):
-    task, end = scene_capture.current(), time.monotonic() + seconds
+    task, end = SceneCaptureTask.current(), time.monotonic() + seconds
     while task.is_running and time.monotonic() < end:
         task.pump()
         time.sleep(0.02)
     assert not task.is_running
-    return task.state
+    return task
 
 
 def rendered_capture():
@@ -137,7 +138,7 @@ def test_a_capture_of_every_third_frame_plays_in_real_time(cube, tmp_path):
 
 def test_the_scene_that_was_rendered_gets_the_capture_and_no_other(cube, tmp_path, monkeypatch):
     opened = []
-    monkeypatch.setattr(scene_capture, "begin", lambda _request, on_finished: opened.append(on_finished))
+    monkeypatch.setattr(SceneCaptureTask, "begin", lambda task: opened.append(task.on_finished))
     bpy.ops.frog.place_rig()
     bpy.ops.frog.capture_scene()
     scene, folder = bpy.context.scene, tmp_path / "capture"
@@ -160,8 +161,8 @@ def test_images_fit_their_cameras_and_nothing_of_the_scene_changes(cube, tmp_pat
     scene.view_settings.exposure = 1.5
     names = ("engine", "filepath", "film_transparent", "resolution_x", "use_motion_blur", "use_compositing")
     before = [getattr(scene.render, name) for name in names], scene.view_settings.view_transform
-    state = rendered_capture()
-    assert not state.error and state.done == state.total == 6
+    task = rendered_capture()
+    assert not task.error and task.progress.done == task.progress.total == 6
     assert ([getattr(scene.render, name) for name in names], scene.view_settings.view_transform) == before
     assert scene.camera == cube and scene.timeline_markers[0].camera == cube and scene.frame_current_final == 2.25
     assert bpy.data.filepath == "" and scene.view_settings.exposure == 1.5
@@ -186,10 +187,10 @@ def test_it_goes_on_where_it_was_stopped(cube, tmp_path):
     gone.unlink()
     (folder / "cam01" / "0000.png").write_bytes(b"kept as it is")
     assert bpy.ops.frog.capture_scene() == {"FINISHED"}
-    task = scene_capture.current()
-    assert task.state.kept == 5
-    state = finished()
-    assert not state.error and gone.is_file() and state.done == 6
+    task = SceneCaptureTask.current()
+    assert task.kept == 5
+    finished()
+    assert not task.error and gone.is_file() and task.progress.done == 6
     assert (folder / "cam01" / "0000.png").read_bytes() == b"kept as it is"
 
 
@@ -197,15 +198,16 @@ def test_cancelled_it_leaves_whole_images_alone(cube, tmp_path):
     bpy.context.scene.frame_end = 200
     bpy.ops.frog.place_rig()
     bpy.ops.frog.capture_scene()
-    task, end = scene_capture.current(), time.monotonic() + 200
-    while task.state.done == 0 and time.monotonic() < end:
+    task, end = SceneCaptureTask.current(), time.monotonic() + 200
+    while task.progress.done == 0 and time.monotonic() < end:
         task.pump()
         time.sleep(0.02)
     assert bpy.ops.frog.cancel_scene_capture() == {"FINISHED"}
-    state = finished()
-    assert state.cancelled and not state.error and 0 < state.done < 600
+    finished()
+    done = task.progress.done
+    assert task.is_cancelled and not task.error and 0 < done < 600
     images = list((tmp_path / "capture").glob("*/*"))
-    assert len(images) == state.done and {read_png(image).shape for image in images} == {(SIZE, SIZE, 4)}
+    assert len(images) == done and {read_png(image).shape for image in images} == {(SIZE, SIZE, 4)}
 
 
 def test_images_of_another_rig_are_not_mixed_with_these(cube, tmp_path):
@@ -242,9 +244,9 @@ def test_without_a_folder_or_anything_to_see_there_is_a_sentence(cube):
     ],
 )
 def test_a_renderer_that_fails_is_told(cube, monkeypatch, script, said):
-    monkeypatch.setattr(scene_capture, "command", lambda *_, **__: [sys.executable, "-c", script])
-    state = rendered_capture()
-    assert said in state.error and "done are kept" in state.error
+    monkeypatch.setattr("frog_blender.tasks.scene_capture.command", lambda *_, **__: [sys.executable, "-c", script])
+    error = rendered_capture().error
+    assert said in error and "done are kept" in error
     assert bpy.context.scene.frog.capture_folder == ""
 
 
@@ -264,10 +266,10 @@ def test_the_panel_leads_through_it(cube, monkeypatch):
     assert "arc" in said().split()
     bpy.ops.frog.place_rig()
     assert "6 images: 2 frames of 3 cameras" in said() and "frog.capture_scene" in said()
-    monkeypatch.setattr(scene_capture, "command", lambda *_, **__: [sys.executable, "-c", "input()"])
+    monkeypatch.setattr("frog_blender.tasks.scene_capture.command", lambda *_, **__: [sys.executable, "-c", "input()"])
     bpy.ops.frog.capture_scene()
     assert "0 of 6 images" in said() and "frog.cancel_scene_capture" in said()
-    scene_capture.current().cancel()
+    SceneCaptureTask.current().cancel()
     finished()
     assert "Cancelled at 0 of 6" in said()
 

@@ -15,7 +15,8 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.session import events
 from frog_blender.nodes import ellipsoid_nodes
 from frog_blender.scene_import.capture_objects import active_capture, root_of
-from frog_blender.tasks import training
+from frog_blender.tasks.background_task import Ended
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback
 from frog_blender.ui import captures_panel, menus, render_panel, status_bar, timing_panel
 from frog_blender.ui.capture_list import FROG_UL_captures
@@ -137,7 +138,7 @@ def test_menus_have_what_the_search_is_to_find(empty, static_rig):
 
 
 def test_the_status_bar_tells_of_a_training(empty, tmp_path):
-    training.set_current(None)
+    TrainingTask.forget()
     assert drawn(status_bar._draw) == []
     told(events.Stage("decoding frames", 3, 10))
     assert drawn(status_bar._draw) == ["Training: Decoding frames"]
@@ -145,10 +146,10 @@ def test_the_status_bar_tells_of_a_training(empty, tmp_path):
     assert drawn(status_bar._draw) == ["Training: 1 min 35 s left"]
     task.control.pause()
     assert drawn(status_bar._draw) == ["Training is paused"]
-    ended = training.Ended("")
+    ended = Ended("")
     told(events.Progress(9, 9, 9.0, 0.0, 0.1, 300), events.Finished(str(tmp_path / "x.frog"), 9, 1.0, 28.0, 5), ended)
     assert drawn(status_bar._draw) == ["x.frog is trained", "frog.dismiss_training"]
-    told(training.Ended("It stopped."))
+    told(Ended("It stopped."))
     assert "stopped with an error" in drawn(status_bar._draw)[0]
     bpy.ops.frog.dismiss_training()
     assert drawn(status_bar._draw) == []

@@ -14,7 +14,9 @@ from safetensors.numpy import save_file
 from support.training_panel import Written, told
 
 from frog_blender.engine.training.session import events
-from frog_blender.tasks import training
+from frog_blender.tasks import background_task
+from frog_blender.tasks.background_task import Ended
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_state import TrainingState
 from frog_blender.ui import capture_panel, capture_summary, preview_image, train_panel, training_choices
 
@@ -32,8 +34,8 @@ def drawn(empty):
         return " ".join(panel.layout.said)
 
     yield draw
-    training.stop()
-    training.set_current(None)
+    background_task.stop()
+    TrainingTask.forget()
 
 
 @pytest.fixture
@@ -95,7 +97,7 @@ def test_a_running_training(drawn):
 def test_an_ended_training(drawn, tmp_path):
     path = tmp_path / ("a long name " * 8).strip() / "x.frog"
     capacity = {"gaussians": 300, "dynamic": 40, "sh_degree": 1, "reductions": []}
-    ended = training.Ended("")
+    ended = Ended("")
     path.parent.mkdir()
     path.write_bytes(bytes(1_100_000))
     phases = {"decoding": 20.0, "seeding": 3.0, "training": 61.0, "finishing": 7.0}
@@ -158,9 +160,9 @@ def test_switching_off_takes_the_image_away(addon):
 
 def test_a_preview_reaches_the_panel_by_the_timer(addon):
     image = np.full((9, 12, 3), 200, np.uint8)
-    task = training.begin(lambda control: iter([events.Preview(1, image)]))
+    task = TrainingTask(lambda control: iter([events.Preview(1, image)])).begin()
     assert task.join(20.0)
-    while training.tick() is not None:
+    while background_task.tick() is not None:
         pass
     np.testing.assert_array_equal(pixels()[:, :, :3], image)
     preview_image.show(None)
@@ -175,7 +177,7 @@ def test_the_preview_camera_is_searched_among_the_captures(empty, capture):
     task = told(events.Stage("decoding frames", 3, 10))
     empty.frog.preview_camera = "cam02"
     assert task.control.preview_camera == "cam02"
-    training.set_current(None)
+    TrainingTask.forget()
 
 
 def test_presets_keep_how_to_train_and_not_what(empty, tmp_path, monkeypatch):
@@ -216,20 +218,20 @@ def test_what_a_training_made_in_one_sentence():
 def test_a_report_can_be_dismissed_but_no_running_training(empty, drawn):
     task = told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300))
     assert not bpy.ops.frog.dismiss_training.poll()
-    task.apply(training.Ended("It stopped."))
+    task.apply(Ended("It stopped."))
     assert "It stopped." in drawn()
     assert bpy.ops.frog.dismiss_training() == {"FINISHED"}
-    assert training.current() is None and "It stopped." not in drawn()
+    assert TrainingTask.current() is None and "It stopped." not in drawn()
 
 
 def test_a_report_stays_with_the_file_that_shows_the_scene(empty, drawn, static_rig):
-    ended = events.Finished(str(static_rig), 9, 61.0, 28.0, 60), training.Ended("")
+    ended = events.Finished(str(static_rig), 9, 61.0, 28.0, 60), Ended("")
     task = told(*ended)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert training.current() is task, "it was not imported yet"
+    assert TrainingTask.current() is task, "it was not imported yet"
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert training.current() is None
+    assert TrainingTask.current() is None
 
 
 @pytest.mark.parametrize("given", [{}, {"capture_folder": "nothing"}, {"capture_folder": "raw"}])
@@ -247,7 +249,7 @@ def test_a_grey_button_says_why(empty, capture, tmp_path, given):
     assert bpy.ops.frog.train.poll()
     told(events.Stage("decoding frames", 3, 10))
     assert not bpy.ops.frog.train.poll()
-    training.set_current(None)
+    TrainingTask.forget()
 
 
 def test_no_value_stands_for_something_else(empty, drawn, capture):
@@ -309,21 +311,21 @@ def test_training_longer_keeps_the_finished_scene(empty, capture, tmp_path):
     scene = Path(settings.output_path)
     assert bpy.ops.frog.train() == {"FINISHED"}
     try:
-        task = training.current()
+        task = TrainingTask.current()
         assert task.join(120.0)
         task.pump_all()
-        assert not task.state.error and task.state.step == 12
+        assert not task.error and task.state.step == 12
         before = scene.read_bytes()
         assert bpy.ops.frog.train_longer(steps=20) == {"FINISHED"}
-        task = training.current()
+        task = TrainingTask.current()
         assert task.join(120.0)
         task.pump_all()
-        assert not task.state.error and task.state.step == 20
+        assert not task.error and task.state.step == 20
         assert task.state.result == scene.with_name("capture_2.frog") == Path(settings.output_path)
         assert scene.read_bytes() == before
     finally:
-        training.stop()
-        training.set_current(None)
+        background_task.stop()
+        TrainingTask.forget()
 
 
 def test_budgets_and_offsets_reach_the_engine(empty, capture):

@@ -21,7 +21,8 @@ from frog_blender.operators.training_result import ResultImporter
 from frog_blender.scene_import.capture_objects import plays
 from frog_blender.scene_import.scene_setup import PARTS, start_cube
 from frog_blender.scene_import.transaction import values
-from frog_blender.tasks import training
+from frog_blender.tasks.background_task import Ended
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import open_scenes, playback
 from frog_blender.ui import train_panel
 
@@ -76,7 +77,7 @@ def test_the_question_says_what_the_scene_becomes(addon, static_rig):
 
 def test_the_finished_scene_is_read_where_it_was_trained(empty, static_rig):
     finished = events.Finished(str(static_rig), 9, 1.0, 20.0, 5)
-    task = training.TrainingTask(lambda control: iter([finished]), ResultImporter(empty)).start()
+    task = TrainingTask(lambda control: iter([finished]), ResultImporter(empty)).start()
     assert task.join(20.0) and open_scenes.is_known(static_rig) and not files(empty)
     task.pump_all()
     assert files(empty) == ["figure.frog"]
@@ -110,7 +111,7 @@ def test_only_what_the_scene_plays_is_shown(empty, static_rig):
 def test_the_default_cube_is_told_and_hidden(addon, static_rig, drawn):
     scene = start()
     ResultImporter(scene)(static_rig)
-    told(events.Finished(str(static_rig), 9, 1.0, 20.0, 5), training.Ended(""))
+    told(events.Finished(str(static_rig), 9, 1.0, 20.0, 5), Ended(""))
     said = drawn(scene)
     assert {"frog.show_result", "frog.set_up_scene", "frog.hide_start_cube"} <= set(said)
     assert bpy.ops.frog.hide_start_cube() == {"FINISHED"} and bpy.data.objects["Cube"].hide_render
@@ -221,7 +222,7 @@ def drawn(empty):
         return panel.layout.said
 
     yield draw
-    training.set_current(None)
+    TrainingTask.forget()
 
 
 @pytest.mark.parametrize("cancelled", [False, True])
@@ -229,9 +230,9 @@ def test_the_panel_offers_what_is_not_here(empty, drawn, static_rig, cancelled):
     users_scene(empty)
     path = str(static_rig)
     event = events.Cancelled(9, path) if cancelled else events.Finished(path, 9, 1.0, 20.0, 5)
-    task = told(event, training.Ended(""))
-    task.state.note = "Not imported by itself: the scene was being edited when the training ended."
-    assert "import_scene.frog" in drawn() and task.state.note in drawn() and "frog.set_up_scene" not in drawn()
+    task = told(event, Ended(""))
+    task.note = "Not imported by itself: the scene was being edited when the training ended."
+    assert "import_scene.frog" in drawn() and task.note in drawn() and "frog.set_up_scene" not in drawn()
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     assert plays(empty, static_rig)
     assert "import_scene.frog" not in drawn() and "frog.set_up_scene" in drawn()

@@ -13,7 +13,8 @@ from support.small_scenes import glowing
 
 from frog_blender import point_cloud
 from frog_blender.scene_import.capture_objects import cameras_of
-from frog_blender.tasks import training
+from frog_blender.tasks import background_task
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback
 
 CAPTURE = Path(__file__).resolve().parents[2] / "examples" / "captures" / "room"
@@ -43,10 +44,10 @@ def test_film_train_scrub_render(empty, tmp_path, rendered, monkeypatch):
     settings = empty.frog
     settings.output_path, settings.recipe = str(tmp_path / "room.frog"), "draft"
     assert bpy.ops.frog.train() == {"FINISHED"}
-    task = training.current()
-    seconds_patient(lambda: training.tick() is None, 3000.0)
+    task = TrainingTask.current()
+    seconds_patient(lambda: background_task.tick() is None, 3000.0)
     state = task.state
-    assert not state.error and state.result == tmp_path / "room.frog"
+    assert not task.error and state.result == tmp_path / "room.frog"
     assert state.psnr > 25.0 and 0 < state.moving < state.gaussians
 
     (obj,) = playback.captures(empty.objects)

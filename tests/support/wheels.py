@@ -24,5 +24,6 @@ def wheel(folder: Path, requirement: str, content: str = "") -> None:
 
 def finished(installation):
     assert installation.join(120.0)
-    assert not installation.running
+    installation.pump_all()
+    assert not installation.is_running
     return installation

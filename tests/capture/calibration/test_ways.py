@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from frog_blender.cli.main import main
-from frog_blender.engine.capture.calibration import pipeline, ways
+from frog_blender.engine.capture.calibration import landmark_file, pipeline, ways
 from frog_blender.engine.capture.calibration.board_detection import Board
 from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
 from frog_blender.engine.capture.calibration.clicked_points import calibrate_clicks
@@ -25,7 +25,6 @@ from frog_blender.engine.capture.calibration.work_folder import NAME
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
-from frog_blender.tasks import landmarks
 
 from .rigs import around, board_poses, pixels_of
 from .test_board import photographed
@@ -204,6 +203,6 @@ def test_a_failed_download_of_the_landmark_file_is_said(
     room_footage: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     failing = [sys.executable, "-c", "print('ERROR: no such thing'); raise SystemExit(1)"]
-    monkeypatch.setattr(landmarks, "LandmarkDownload", partial(landmarks.LandmarkDownload, pip=failing))
+    monkeypatch.setattr(landmark_file, "run_pip", partial(landmark_file.run_pip, pip=failing))
     assert main(["calibrate", str(room_footage), "--fetch-landmarks"]) == 1
     assert "could not be fetched: no such thing" in capsys.readouterr().err

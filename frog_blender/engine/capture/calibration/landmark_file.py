@@ -5,27 +5,25 @@ from __future__ import annotations
 import hashlib
 import tempfile
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ...errors import FrogError, brief, found_instead
 from ...io.atomic_files import write_atomically
 from ...io.cache_folder import default_cache_folder
+from ...io.pip import run_pip
 
 NAME = "pose_landmark_full.tflite"
 SIZES = "36 MB to download, of which 6.4 MB are kept"
 LICENSE = "MediaPipe's pose landmarks, Apache-2.0"
-PIP_ARGUMENTS = (
-    "download",
+_PIP_ARGUMENTS = (
     "--no-deps",
-    "--only-binary=:all:",
     "--platform=manylinux_2_28_x86_64",
     "--python-version=3.11",
     "--implementation=cp",
     "mediapipe==0.10.21",
 )
-"""What pip is told, besides ``--dest FOLDER``. One wheel for every machine: only the file in it is used, and later
-versions have none."""
+# One wheel for every machine: only the file in it is used, and later versions have none.
 _MEMBER = f"mediapipe/modules/pose_landmark/{NAME}"
 _SHA256 = "e9a5c5cb17f736fafd4c2ec1da3b3d331d6edbe8a0d32395855aeb2cdfd64b9f"
 _BYTES = 6_440_512
@@ -40,22 +38,32 @@ def landmark_file(cache: Path | None = None) -> Path | None:
         return None
 
 
-def fetch_landmark_file(download: Callable[[Path], None], cache: Path | None = None) -> Path:
+def fetch_landmark_file(
+    stopped: Callable[[], bool],
+    say: Callable[[str], None] = lambda line: None,
+    *,
+    pip: Sequence[str] | None = None,
+    cache: Path | None = None,
+) -> Path:
     """Downloads the wheel, and keeps its pose network. Only at the user's wish: it uses the network.
 
     Args:
-        download: puts the wheel into a folder, as pip does with ``PIP_ARGUMENTS``; it may raise FrogError.
+        stopped, say, pip: see ``run_pip``.
         cache: where to keep the file; the user's cache folder unless given.
+
+    Returns:
+        The file's path.
 
     Raises:
         FrogError: if no wheel came, it holds another file, or the file cannot be written.
+        Stopped: if ``stopped`` said so.
     """
     if (kept := landmark_file(cache)) is not None:
         return kept
     path = _place(cache)
     with tempfile.TemporaryDirectory(prefix="frog-landmarks-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
-        download(folder)
+        run_pip("download", [*_PIP_ARGUMENTS, "--dest", str(folder)], folder, stopped, say=say, pip=pip)
         wheels = sorted(folder.glob("mediapipe-*.whl"))
         if not wheels:
             raise FrogError("The download ended without a wheel of mediapipe, expected one with the landmark file.")

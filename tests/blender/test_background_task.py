@@ -1,0 +1,220 @@
+"""Work beside Blender's main thread, of every kind: pump() is bounded and never waits, every end is a plain state."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+import pytest
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.io.child_process import Stopped
+from frog_blender.tasks import background_task
+from frog_blender.tasks.background_task import PUMP_MESSAGES, TIMER_SECONDS, BackgroundTask, Progress
+from frog_blender.tasks.calibration import CalibrationTask
+from frog_blender.tasks.foreign_import import ForeignImport
+from frog_blender.tasks.installation import Installation, LandmarkDownload
+from frog_blender.tasks.scene_capture import SceneCaptureTask
+from frog_blender.tasks.training import TrainingTask
+
+
+def scene_capture(folder):
+    plan = SimpleNamespace(images=[], missing=[], folder=folder, cameras=[])
+    task = SceneCaptureTask(SimpleNamespace(plan=plan))
+    task.start = lambda: BackgroundTask.start(task)  # without a copy of the open file
+    return task
+
+
+KINDS = {
+    "training": lambda folder: TrainingTask(lambda control: iter(())),
+    "calibration": lambda folder: CalibrationTask(folder, None),
+    "scene": scene_capture,
+    "installation": lambda folder: Installation(folder / "torch", pip=["no pip"]),
+    "landmarks": lambda folder: LandmarkDownload(pip=["no pip"]),
+    "import": lambda folder: ForeignImport(folder / "x.ply", None),
+}
+
+
+@pytest.fixture(params=KINDS)
+def create(request, addon, tmp_path):
+    """Makes a task of each kind that does the work of a function, which is given the task."""
+
+    def task(work):
+        made = KINDS[request.param](tmp_path)
+        made.work = lambda: work(made)
+        return made
+
+    return task
+
+
+class Work(BackgroundTask):
+    """Something or other."""
+
+    what, busy = "work", "There is work already."
+
+    def __init__(self, function, on_finished=None):
+        super().__init__()
+        self.function, self.on_finished = function, on_finished
+
+    def work(self):
+        return self.function(self)
+
+
+def finish(task):
+    """Pump until it ends, as a headless run does."""
+    assert task.join(20.0)
+    task.pump_all()
+    assert not task.is_running and not task.is_stopping
+    return task
+
+
+def until_stopped(task):
+    assert task.stopped.wait(20.0)
+
+
+def test_progress_and_the_result_arrive(addon):
+    gate, made = threading.Event(), []
+
+    def work(task):
+        task.tell("films", 3, 4)
+        gate.wait(20.0)
+        return "x.frog"
+
+    task = Work(work, made.append).start()
+    while not task.pump():
+        pass
+    assert task.is_running and task.progress == Progress("films", 3, 4)
+    assert task.pump() == 0, "it does not wait"
+    gate.set()
+    assert finish(task).result == "x.frog" and made == ["x.frog"] and not task.error and not task.is_cancelled
+
+
+@pytest.mark.parametrize(
+    ("done", "total", "fraction", "sentence"),
+    [
+        (0, 0, 0.0, "Films"),
+        (5, 0, 0.0, "Films"),
+        (9, 4, 1.0, "Films: 9 of 4"),
+        (-1, 4, 0.0, "Films: -1 of 4"),
+        (750, 1000, 0.75, "Films: 75 %"),
+    ],
+)
+def test_no_progress_is_out_of_range(done, total, fraction, sentence):
+    progress = Progress("films", done, total)
+    assert (progress.fraction, progress.sentence) == (fraction, sentence)
+
+
+def test_pump_takes_a_bounded_number_and_leaves_the_rest(addon):
+    task = Work(lambda task: [task.tell("steps", step, 5000) for step in range(1, 5001)]).start()
+    assert task.join(20.0)
+    first = task.pump()
+    assert 0 < first <= PUMP_MESSAGES and task.progress.done == first and task.is_running
+    assert task.pump(most=7) <= 7
+    assert finish(task).progress.done == 5000
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (FrogError("It does not fit."), "It does not fit."),
+        (KeyError("x"), "x.frog: written, but it could not be opened (KeyError('x'))."),
+    ],
+)
+def test_a_result_that_cannot_be_opened_says_so(addon, capfd, error, sentence):
+    def fail(result):
+        raise error
+
+    task = finish(Work(lambda task: "x.frog", fail).start())
+    assert task.error == sentence
+    assert task.result == "x.frog" and ("Traceback" in capfd.readouterr().err) == isinstance(error, KeyError)
+
+
+def test_what_was_made_in_time_counts_though_it_was_cancelled(addon):
+    task = Work(lambda task: until_stopped(task) or "x.frog").start()
+    task.cancel()
+    assert task.is_stopping
+    assert finish(task).result == "x.frog" and not task.is_cancelled
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (FrogError("/x: found nothing."), "/x: found nothing."),
+        (ZeroDivisionError("a\nb"), " stopped on an unexpected ZeroDivisionError (a b)."),
+        (MemoryError(), " ran out of memory."),
+    ],
+)
+def test_an_error_is_one_sentence(create, capfd, error, sentence):
+    def work(task):
+        raise error
+
+    task = finish(create(work).start())
+    assert task.error.endswith(sentence) and task.result is None and not task.is_cancelled
+    assert ("Traceback" in capfd.readouterr().err) != isinstance(error, FrogError)
+
+
+def test_a_worker_that_dies_without_a_word_is_noticed(create):
+    """As without memory for a last message."""
+    task = create(lambda task: None)
+    task.put = lambda message: None
+    assert "stopped without an error message" in finish(task.start()).error
+
+
+def test_cancelling_is_no_error(create, capfd):
+    def work(task):
+        until_stopped(task)
+        raise FrogError("Ended.") if isinstance(task, ForeignImport) else Stopped
+
+    task = create(work)
+    task.on_finished = lambda result: pytest.fail("nothing was made")
+    task.start().cancel()
+    finish(task)
+    assert (task.is_cancelled and not task.error) or isinstance(task, TrainingTask)  # whose events say it
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_without_a_thread_there_is_one_sentence(create, monkeypatch):
+    def start(self):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threading.Thread, "start", start)
+    task = create(lambda task: None)
+    with pytest.raises(FrogError, match="could not be started"):
+        task.begin()
+    assert not task.is_any_running()
+
+
+def test_one_at_a_time_and_none_outlives_the_add_on(create, addon):
+    task = create(until_stopped).begin()
+    try:
+        assert task.current() is task and task.is_any_running()
+        assert bpy.app.timers.is_registered(background_task.tick)
+        with pytest.raises(FrogError, match=r"already|is running"):
+            create(until_stopped).begin()
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        assert bpy.app.timers.is_registered(background_task.tick), "another file does not end it"
+    finally:
+        addon.unregister()
+        addon.register()
+    assert task.join(0.0) and task.current() is None and not bpy.app.timers.is_registered(background_task.tick)
+
+
+def test_the_timer_ends_with_the_last_of_several(addon):
+    gate, made = threading.Event(), []
+    first = Work(lambda task: gate.wait(20.0), made.append).begin()
+    other = CalibrationTask(Path(), lambda progress, stopped: None).begin()
+    try:
+        assert other.join(20.0)
+        other.pump_all()
+        assert background_task.tick() == TIMER_SECONDS and not other.is_running
+        gate.set()
+        assert first.join(20.0)
+        while background_task.tick() is not None:
+            pass
+        assert made == [True]
+    finally:
+        gate.set()
+        Work.forget()
+        CalibrationTask.forget()
