@@ -268,7 +268,7 @@ bpy.ops.import_scene.frog(filepath=scene)
 capture = next(child for child in bpy.context.object.children if child.type != "CAMERA")
 threads = threading.active_count()
 handlers = len(bpy.app.handlers.frame_change_pre)
-task = TrainingTask(events).begin()
+task = training.TrainingTask(events).begin()
 bpy.utils.load_scripts(reload_scripts=True)  # what Reload Scripts does, in a window and without one
 print("ended", task.join(0.0) and Path(marker).exists() and threading.active_count() == threads)
 print("handlers", len(bpy.app.handlers.frame_change_pre) == handlers)
@@ -276,7 +276,7 @@ bpy.context.scene.frame_set(1)
 first = point_cloud.read(capture)["position"]
 bpy.context.scene.frame_set(6)
 print("plays", abs(point_cloud.read(capture)["position"] - first).max() > 1e-3)
-print("trains", TrainingTask(events).begin().is_running)
+print("trains", training.TrainingTask(events).begin().is_running)
 addon_utils.disable(name, default_set=True)
 """
 )
