@@ -40,7 +40,7 @@ class RemoteTraining:
         self._was_killed = False
 
     def events(self, control: CancelToken) -> Iterator[Event]:
-        """Runs it: an event source for ``training.begin``. FrogError if it fails."""
+        """Runs it: an event source for ``TrainingTask``. FrogError if it fails."""
         if control.ended:
             yield events.Cancelled(0, None)
             return
