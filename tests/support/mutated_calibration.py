@@ -1,5 +1,5 @@
 """Opens damaged and hostile files of a calibration, and headers of films and images; run by
-capture/calibration/test_mutated_calibration.py in a process of its own.
+test_damaged_files.py in a process of its own.
 
     python mutated_calibration.py KIND FOLDER COUNT SEED
 

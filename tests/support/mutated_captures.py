@@ -1,5 +1,5 @@
 """Opens captures of which one file is damaged or hostile, layout after layout; run by
-capture/readers/test_mutated_captures.py in a process of its own.
+test_damaged_files.py in a process of its own.
 
     python mutated_captures.py LAYOUT,LAYOUT,... FOLDER COUNT SEED
 

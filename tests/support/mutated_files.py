@@ -1,5 +1,5 @@
 """Opens damaged and hostile bakes, ``.npy``, ``.npz`` and checkpoint files, and uses them; run by
-test_mutated_files.py in a process of its own.
+test_damaged_files.py in a process of its own.
 
     python mutated_files.py KIND FOLDER COUNT SEED
 

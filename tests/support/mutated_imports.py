@@ -1,4 +1,4 @@
-"""Imports damaged and lying files of other programs, and plays what was made of them; run by test_mutated_imports.py in
+"""Imports damaged and lying files of other programs, and plays what was made of them; run by test_damaged_files.py in
 a process of its own.
 
     python mutated_imports.py KIND FOLDER COUNT SEED

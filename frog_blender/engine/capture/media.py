@@ -7,6 +7,7 @@ written by strangers: it is taken with its kind and range checked, or not at all
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -306,6 +307,7 @@ def read_photograph(path: Path, content: bytes | None = None) -> Photograph | No
         if not is_missing(error):
             raise FrogError(f"{not_loaded(error, 'PIL')}.") from error
         raise FrogError("Photographs need Pillow: pip install pillow.") from error
+    warnings.filterwarnings("ignore", module=r"PIL\.")  # for all threads, as catch_warnings is not
     try:
         file: BinaryIO = regular_file(path, "an image").open("rb") if content is None else BytesIO(content)
         with file:
