@@ -21,7 +21,7 @@ setup: $(VENV)/.ready
 $(VENV)/.packages: constraints.txt pyproject.toml
 	$(BIN)/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	$(INSTALL) scikit-build-core cmake ninja
-	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless av pillow tqdm imageio-ffmpeg matplotlib flip-evaluator pycolmap bpy pytest hypothesis plyfile ruff mypy import-linter usd-core fourdgs zstandard distributed $(NVRTC)
+	$(INSTALL) torch numpy safetensors opencv-contrib-python-headless av pillow tqdm imageio-ffmpeg matplotlib flip-evaluator pycolmap bpy pytest pytest-xdist hypothesis plyfile ruff mypy import-linter usd-core fourdgs zstandard distributed $(NVRTC)
 	touch $@
 
 $(VENV)/.ready: $(VENV)/.packages $(NATIVE)
@@ -60,8 +60,10 @@ stability: $(RENDERED)/long/cam06.mp4 $(RENDERED)/still/cam11.mp4
 experiment-tables: setup
 	$(BIN)/python tools/experiment_tables.py
 
+# A worker for each core, and a file's tests by one of them: they share what they prepare.
+WORKERS ?= auto
 test: setup
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile
 
 # Under two minutes on two quiet cores: no whole training, no Blender (tests/conftest.py says what is left out).
 test-fast: setup

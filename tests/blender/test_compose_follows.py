@@ -242,8 +242,14 @@ FOLLOWED = [
 ]
 
 
+# One of each kind by default: each renders four times, and every other kind of change takes the same way.
+OF_EACH_KIND = (another_camera, a_region, another_resolution, between_frames, an_object_added, a_collection_excluded)
+OF_EACH_KIND += (another_view_layer, a_capture_added, captures_deleted, the_splats_scene_tampered_with, undone)
+CHANGES = [pytest.param(change, marks=[] if change in OF_EACH_KIND else pytest.mark.slow) for change in FOLLOWED]
+
+
 @pytest.mark.parametrize("window", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["script", "window"])
-@pytest.mark.parametrize("change", FOLLOWED, ids=name_of)
+@pytest.mark.parametrize("change", CHANGES, ids=name_of)
 def test_it_is_followed(composed, rendered, change, window, in_a_window):
     if window:
         in_a_window()
