@@ -108,7 +108,9 @@ def test_what_one_of_several_fails_at_ends_the_others(tmp_path: Path, stand_in: 
 def test_the_child_ends_with_its_parent(tmp_path: Path) -> None:
     """Its standard input closes when the parent is gone, however that ended."""
     os.mkfifo(tmp_path / "request.json")  # reading it waits for ever
-    child = subprocess.Popen([*CHILD, "capture.calibration.clock_task:clocks", str(tmp_path)], stdin=subprocess.PIPE)
+    child = subprocess.Popen(
+        [*CHILD, "capture.calibration.clocks:synchronization", str(tmp_path)], stdin=subprocess.PIPE
+    )
     assert child.stdin is not None
     time.sleep(0.5)
     child.stdin.close()

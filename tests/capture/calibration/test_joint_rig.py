@@ -174,8 +174,8 @@ def test_sound_times_films_before_any_joint_is_looked_for(tmp_path: Path, monkey
         encode(tmp_path / f"{name}.mp4", images, rate=20, sound=samples, sound_rate=RATE)
     films, steps = find_films(tmp_path), []
 
-    def find(films: Sequence[Film], tracks: Mapping[str, NamedTracks] | None) -> FoundClocks:
-        steps.append("clocks" if tracks is None else "clocks by joints")
+    def find(films: Sequence[Film], tracks: Mapping[str, NamedTracks]) -> FoundClocks:
+        steps.append("clocks by joints" if tracks else "clocks")
         found = synchronize({film.name: film.path for film in films}, tracks=tracks)
         return FoundClocks({c.name: (c.offset, c.rate) for c in found.cameras}, found.refusal, (), found)
 

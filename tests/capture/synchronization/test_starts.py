@@ -12,13 +12,12 @@ from frog_blender.engine.capture.synchronization.pairs import PairLag
 from frog_blender.engine.capture.synchronization.recordings import Signal, energy_signal, open_recording
 from frog_blender.engine.capture.synchronization.starts import (
     RATE,
-    Note,
     audio_lag,
     energy_lag,
     preferred,
     read_audio,
-    read_note,
-    window,
+    read_timecode,
+    timecode_lag,
 )
 
 
@@ -136,30 +135,15 @@ def test_energy_is_change_by_second_across_a_gap() -> None:
 # --- timecodes
 
 
-def test_a_timecode_is_preferred_to_a_creation_time() -> None:
-    tags = {"creation_time": "2024-05-06T07:08:09.000000Z"}
-    assert read_note(tags | {"timecode": "01:02:03:12"}, 24.0) == Note(3723.5, True)
-    assert read_note(tags | {"timecode": "01:02:03;15"}, 30.0) == Note(3723.5, True)
-    created = read_note(tags, 24.0)
-    assert created is not None and not created.is_timecode
+def test_a_timecode_is_read_and_counts_across_midnight() -> None:
+    assert read_timecode({"timecode": "01:02:03:12"}, 24.0) == 3723.5
+    assert read_timecode({"timecode": "01:02:03;15"}, 30.0) == 3723.5
+    assert read_timecode({"timecode": "1:2", "creation_time": "2024-05-06T07:08:09Z"}, 30.0) is None
+    assert timecode_lag(100.0, 103.5) == 3.5 and timecode_lag(86_399.0, 2.0) == 3.0
 
 
-@pytest.mark.parametrize("created", ["", "1904-01-01T00:00:00Z", "2024-15-06T07:08:09Z"])
-def test_tags_that_say_nothing(created: str) -> None:
-    assert read_note({"timecode": "1:2", "creation_time": created}, 30.0) is None
-
-
-def test_a_window_is_about_the_difference() -> None:
-    low, high = window(Note(100.0, True), Note(103.5, True)) or (0, 0)
-    assert low < 3.5 < high and high - low <= 2.0
-    low, high = window(Note(86_399.0, True), Note(2.0, True)) or (0, 0)  # across midnight
-    assert low < 3.0 < high
-    assert window(Note(1.0, True), Note(1.0, False)) is None
-    assert window(None, Note(1.0, True)) is None
-
-
-def test_a_window_chooses_between_maxima() -> None:
+def test_timecodes_choose_between_maxima() -> None:
     lag = PairLag(0, 1, 5.0, 0.0, 0.01, 0.9, "energy", others=((1.0, 0.8), (3.0, 0.7)))
-    chosen = preferred(lag, (2.0, 4.0))
+    chosen = preferred(lag, 50.0, 53.4)
     assert (chosen.lag, chosen.score, chosen.others) == (3.0, 0.7, ((5.0, 0.9), (1.0, 0.8)))
-    assert preferred(lag, None) is lag and preferred(lag, (7.0, 8.0)) is lag
+    assert preferred(lag, None, 53.4) is lag and preferred(lag, 50.0, 58.0) is lag

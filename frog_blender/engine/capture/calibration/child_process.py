@@ -12,7 +12,7 @@ from .calibration import CalibrationRefused
 _FUNCTIONS = {
     "standing": "standing_task:standing",
     "features": "feature_task:find_features",
-    "synchronization": "clock_task:clocks",
+    "synchronization": "clocks:synchronization",
     "scan": "scan_task:scan",
     "moving": "moving_task:moving",
 }

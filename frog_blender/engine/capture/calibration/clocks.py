@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -15,14 +16,15 @@ from ...arrays import Float64s, ImageArray
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.child_process import REQUEST, Progress
-from ...io.plain_values import UnfitValue
+from ...io.plain_values import JsonList, JsonObject, UnfitValue
 from ..camera import Camera
 from ..capture import Distortion
 from ..media import film_tags
+from ..readers.geometry import distortion
 from ..synchronization import NamedTracks, Synchronization, draw_curves, synchronize
-from ..synchronization.starts import read_note
+from ..synchronization.starts import read_timecode, timecode_lag
+from ..video import load_opencv
 from .child_process import run
-from .clock_task import request_of
 from .films import Film
 from .work_folder import WorkFolder
 
@@ -30,7 +32,7 @@ Clocks = Mapping[str, tuple[float, float]]
 """Offset in seconds and rate of each camera's film: capture time = offset + rate * film time."""
 _IN_STEP = 0.1  # of a frame: films that begin within it began together
 _SAME_RATE = 1e-4
-_DAY = 86_400.0
+_PARTS = 1000  # of the whole, in which progress is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +114,7 @@ def find_clocks(
         FrogError: if a film cannot be decoded, or the process of the synchronisation died.
     """
     folder = work.path / "synchronization"
-    request = request_of({film.name: film.path for film in films}, cameras, tracks, work)
+    request = _request_of({film.name: film.path for film in films}, cameras, tracks, work)
     write_atomically(folder / REQUEST, json.dumps(request).encode())
     result = run("synchronization", folder, progress, cancelled)
     try:
@@ -137,25 +139,20 @@ def find_moving_clocks(films: Sequence[Film], progress: Progress, cancelled: Cal
         progress("synchronisation", round(100 * share), 100)
 
     paths = {film.name: film.path for film in films}
-    found = synchronize(paths, progress=tell, cancelled=cancelled, standing=False)
+    found = synchronize(paths, progress=tell, cancelled=cancelled, tracks={})
     if found.refusal is None:
         sentence = "The films were synchronised by their sound alone, which is right to about a frame."
         return FoundClocks(found.clocks, None, (*found.warnings, sentence), found)
-    starts = {film.name: read_note(film_tags(film.path), film.facts.frames_per_second) for film in films}
-    ahead = {
-        film.name: note.seconds - float(film.stamps[0])
-        for film in films
-        if (note := starts[film.name]) is not None and note.is_timecode
-    }
-    if len(ahead) < len(films):
+    said = [read_timecode(film_tags(film.path), film.facts.frames_per_second) for film in films]
+    starts = [code - float(film.stamps[0]) for film, code in zip(films, said, strict=True) if code is not None]
+    if len(starts) < len(films):
         sentence = (
             "Neither sound nor timecode tells when the films of moving cameras began: they were taken to be in step. "
             "If they are not, give their clocks (--clock CAMERA=SECONDS)."
         )
         return FoundClocks({film.name: (0.0, 1.0) for film in films}, None, (sentence,))
-    first = ahead[films[0].name]
-    lags = {name: (start - first + _DAY / 2) % _DAY - _DAY / 2 for name, start in ahead.items()}  # across midnight
-    clocks = {name: (lag - min(lags.values()), 1.0) for name, lag in lags.items()}
+    lags = [timecode_lag(starts[0], start) for start in starts]
+    clocks = {film.name: (lag - min(lags), 1.0) for film, lag in zip(films, lags, strict=True)}
     return FoundClocks(clocks, None, ("The films were synchronised by their timecodes, which have whole frames.",))
 
 
@@ -184,3 +181,60 @@ def _is_in_step(clocks: Clocks, films: Sequence[Film]) -> bool:
         return False
     frame = 1 / max(film.facts.frames_per_second for film in films)
     return max(offsets) - min(offsets) < 2 * _IN_STEP * frame and all(abs(rate - 1) < _SAME_RATE for rate in rates)
+
+
+# --- the child: its matrix library has one thread, for the matrices are small
+
+
+def _request_of(
+    films: Mapping[str, Path],
+    cameras: Mapping[str, tuple[Camera, Distortion | None]],
+    tracks: Mapping[str, NamedTracks] | None,
+    work: WorkFolder,
+) -> JsonObject:
+    """What ``clocks`` is asked; lenses have OpenCV's coefficients alone, as calibration finds them."""
+    return {
+        "tracks": tracks and {name: [track.times.tolist(), _plain(track.positions)] for name, track in tracks.items()},
+        "work": str(work.path.absolute()),
+        "films": {name: str(path.absolute()) for name, path in films.items()},
+        "cameras": [
+            {
+                "name": name,
+                "size": [camera.width, camera.height],
+                "intrinsics": camera.intrinsics.tolist(),
+                "pose": camera.world_to_camera.tolist(),
+                "distortion": [] if lens is None else np.asarray(lens.coefficients).tolist(),
+            }
+            for name, (camera, lens) in cameras.items()
+        ],
+    }
+
+
+def _plain(values: Float64s) -> JsonList:
+    """Lists of numbers, None for NaN."""
+    plain = values.astype(object)
+    plain[np.isnan(values)] = None
+    return list(plain.tolist())
+
+
+def synchronization(request: JsonObject, tell: Callable[[str, int, int], None]) -> JsonObject:
+    """The synchronisation of a request's films as plain values (``Synchronization.to_json``)."""
+    load_opencv().setNumThreads(1)  # films and pairs of them share the processors
+    cameras, lenses = {}, {}
+    for entry in request["cameras"]:
+        name, (width, height) = str(entry["name"]), entry["size"]
+        intrinsics, pose = (np.asarray(entry[key], np.float64) for key in ("intrinsics", "pose"))
+        cameras[name] = Camera(name, int(width), int(height), intrinsics, pose)
+        lenses[name] = distortion(np.asarray(entry["distortion"], np.float64)) if entry["distortion"] else None
+
+    def progress(_what: str, share: float) -> None:
+        tell("synchronisation", round(share * _PARTS), _PARTS)
+
+    films = {str(name): Path(path) for name, path in request["films"].items()}
+    tracks = request["tracks"] and {
+        str(name): NamedTracks(*(np.asarray(values, np.float64) for values in track))
+        for name, track in request["tracks"].items()
+    }
+    kept = WorkFolder(Path(request["work"]))
+    found = synchronize(films, cameras or None, distortions=lenses, tracks=tracks, progress=progress, kept=kept)
+    return found.to_json()

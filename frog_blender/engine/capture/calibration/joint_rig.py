@@ -55,7 +55,7 @@ _CORRELATED = 4.0  # times the standard deviation: joints of successive images e
 _LEAST_SHIFT = 0.2  # frames by which films in step may differ
 _UNSURE = 0.5  # frames of standard deviation of an offset
 
-Find = Callable[[Sequence[Film], Mapping[str, NamedTracks] | None], FoundClocks]
+Find = Callable[[Sequence[Film], Mapping[str, NamedTracks]], FoundClocks]
 """The films' clocks by sound, else by points known by name."""
 
 
@@ -101,7 +101,7 @@ def calibrate_unsynchronised_films(
         CalibrationRefused: if neither sound nor joints tell the clocks, or the joints fit no rig, or several.
         FrogError: as of ``calibrate_joint_films``.
     """
-    heard = find(films, None)
+    heard = find(films, {})
     if heard.by_sound:
         timed = with_clocks(films, heard.clocks)
         common = common_times(timed, TIMES)
@@ -193,9 +193,9 @@ def _rig_of(
         given = replace(views, pixels=pixels.reshape(len(facts), -1, 2), velocities=velocities)
         return solve_points(given, float(_USUAL * sides.max()), halves=early, start=start)
 
-    found = solved(start)
+    fitted = solved(start)
     for _ in range(_SIDE_ROUNDS):
-        cameras = [calibrated.camera for calibrated in found.calibration.cameras]
+        cameras = [calibrated.camera for calibrated in fitted.calibration.cameras]
         pairs = combinations(range(len(cameras)), 2)
         matrices = {(one, other): fundamental(cameras[one], cameras[other]) for one, other in pairs}
         swapped = agreed_sides(pixels, matrices, float(_LIMIT * sides.max()))
@@ -203,8 +203,8 @@ def _rig_of(
             break
         pixels = with_sides(pixels, swapped)
         moving = None if moving is None else with_sides(moving, swapped)
-        found = solved(found.rig)
-    return found
+        fitted = solved(fitted.rig)
+    return fitted
 
 
 def _judged(facts: Sequence[CameraFacts], found: PointRig) -> Calibration:
@@ -245,9 +245,9 @@ def moving_tracks(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks]) -
         seen = np.isfinite(pixels[:, :, 0]).sum(0) >= _LEAST_IMAGES
         if not seen.any():
             raise CalibrationRefused(f"The film of camera {camera.name} shows no person: {REMEDY}.")
-        places = pixels[:, seen]
-        ranges = np.nanmedian(np.abs(places - np.nanmedian(places, axis=0)), axis=0).max(1)
-        moving = int((ranges > _LEAST_RANGE * float(np.median(heights(places)))).sum())
+        shown = pixels[:, seen]
+        ranges = np.nanmedian(np.abs(shown - np.nanmedian(shown, axis=0)), axis=0).max(1)
+        moving = int((ranges > _LEAST_RANGE * float(np.median(heights(shown)))).sum())
         if moving < _LEAST_MOVING:
             raise CalibrationRefused(
                 f"Only {moving} joints move in the film of camera {camera.name}, expected {_LEAST_MOVING} or more, so "

@@ -91,10 +91,10 @@ def steady_sides(pixels: Float64s) -> Bools:
     swapped = np.zeros(len(pixels), dtype=bool)
     if len(seen) < 2:
         return swapped
-    places = pixels[seen]
-    size = _JUMP * float(np.median(heights(places)))
-    stays = _moved(places[:-1], places[1:], size)
-    jumps = _moved(places[:-1], places[1:, OTHER_SIDE], size)
+    shown = pixels[seen]
+    size = _JUMP * float(np.median(heights(shown)))
+    stays = _moved(shown[:-1], shown[1:], size)
+    jumps = _moved(shown[:-1], shown[1:, OTHER_SIDE], size)
     # The cheapest path through the images (Viterbi), of the two names that each may have.
     costs, came_from = np.array([0.0, _DOUBT]), []
     for stay, jump in zip(stays.tolist(), jumps.tolist(), strict=True):

@@ -109,7 +109,7 @@ class LandmarkNetwork:
     def _run(self, crop: ImageArray) -> tuple[Float64s, float, Float64s]:
         """(39, 5) landmarks in pixels of the crop, the confidence, (39, 64, 64) heatmaps before the sigmoid."""
         self._network.setInput(np.ascontiguousarray(crop.transpose(2, 0, 1)[None], np.float32) / 255.0)
-        landmarks, score, heatmaps = (np.asarray(each, np.float64) for each in self._network.forward(self._names))
+        landmarks, score, heatmaps = (np.asarray(output, np.float64) for output in self._network.forward(self._names))
         return landmarks.reshape(_LANDMARKS, 5), float(score.reshape(-1)[0]), heatmaps.reshape(_LANDMARKS, 64, 64)
 
 
@@ -139,13 +139,13 @@ def _refined(places: Float64s, heatmaps: Float64s) -> Float64s:
     """Landmarks (39, 2), as parts of the image, moved to the centre of heat of the cells about them."""
     refined = places.copy()
     height, width = heatmaps.shape[1:]
-    for number, (x, y) in enumerate((places * (width, height)).astype(int).tolist()):
+    for landmark, (x, y) in enumerate((places * (width, height)).astype(int).tolist()):
         if not (0 <= x < width and 0 <= y < height):
             continue
         rows = np.arange(max(y - _KERNEL, 0), min(y + _KERNEL + 1, height))
         columns = np.arange(max(x - _KERNEL, 0), min(x + _KERNEL + 1, width))
-        heat = 1.0 / (1.0 + np.exp(-heatmaps[number][np.ix_(rows, columns)]))
+        heat = 1.0 / (1.0 + np.exp(-heatmaps[landmark][np.ix_(rows, columns)]))
         if heat.max() >= _LEAST_HEAT:
             weights = heat / heat.sum()
-            refined[number] = (weights.sum(0) @ columns / width, weights.sum(1) @ rows / height)
+            refined[landmark] = (weights.sum(0) @ columns / width, weights.sum(1) @ rows / height)
     return refined

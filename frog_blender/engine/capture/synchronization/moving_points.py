@@ -98,7 +98,7 @@ def points_in(film: Recording, region: ImageArray, keyframes: Sequence[int], wor
     """
     needed = sorted({key + shift for key in keyframes for shift in range(-REACH, REACH + 1)})
     recent: dict[int, ImageArray] = {}
-    found = [(np.zeros(0, np.int64), np.zeros((0, _NODES, 2)), np.zeros((0, 128), np.float32))]
+    parts = [(np.zeros(0, np.int64), np.zeros((0, _NODES, 2)), np.zeros((0, 128), np.float32))]
     for step, (index, gray) in enumerate(zip(needed, film.gray(needed), strict=True)):
         if step % 5 == 0:
             work.step(f"Finding moving points in {film.name}", step, len(needed))
@@ -106,9 +106,9 @@ def points_in(film: Recording, region: ImageArray, keyframes: Sequence[int], wor
         key = index - REACH
         if key in keyframes and region.any():
             tracks, descriptors = _tracked([recent[key + shift] for shift in range(-REACH, REACH + 1)], region)
-            found.append((np.full(len(tracks), keyframes.index(key)), tracks, descriptors))
+            parts.append((np.full(len(tracks), keyframes.index(key)), tracks, descriptors))
         recent.pop(index - 2 * REACH, None)
-    rows, tracks, descriptors = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    rows, tracks, descriptors = (np.concatenate(part) for part in zip(*parts, strict=True))
     frames = np.array(keyframes, np.int64)
     times = film.timestamps[frames[rows][:, None] + np.arange(-REACH, REACH + 1)]
     return MovingPoints(rows, film.timestamps[frames], times, tracks / film.scale, descriptors)
@@ -161,10 +161,10 @@ def _flow(before: ImageArray, after: ImageArray, points: Float32s) -> tuple[Floa
     cv2 = load_opencv()
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)
     options = {"winSize": limits.FLOW_WINDOW, "maxLevel": 3, "criteria": criteria}
-    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, points[:, None], None, **options)
+    there, gone, _ = cv2.calcOpticalFlowPyrLK(before, after, points[:, None], None, **options)
     back, returned, _ = cv2.calcOpticalFlowPyrLK(after, before, there, None, **options)
     missed = np.linalg.norm(back[:, 0] - points, axis=1)
-    good = (found[:, 0] > 0) & (returned[:, 0] > 0) & (missed < limits.FLOW_BACK)
+    good = (gone[:, 0] > 0) & (returned[:, 0] > 0) & (missed < limits.FLOW_BACK)
     return there[:, 0], good
 
 

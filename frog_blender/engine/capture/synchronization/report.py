@@ -34,17 +34,17 @@ def reported(
     rivals = rivals or {}
     frame = max(film.interval for film in films) if films else 1.0
     clocks, cameras = solution.clocks, []
-    for number, film in enumerate(films):
-        curve = camera_curve(number, pairs, clocks, frame)
-        offset = float(clocks.offsets[number])
+    for index, film in enumerate(films):
+        curve = camera_curve(index, pairs, clocks, frame)
+        offset = float(clocks.offsets[index])
         cameras.append(
             CameraClock(
                 name=film.name,
                 offset=offset,
-                rate=float(clocks.rates[number]),
-                confidence=1.0 if len(films) == 1 else _confidence(number, solution, pairs),
-                sources=tuple(sorted({pair.source for pair in pairs if number in (pair.first, pair.second)})),
-                runner_up=_better(runner_up(curve, offset, frame), rivals.get(number)),
+                rate=float(clocks.rates[index]),
+                confidence=1.0 if len(films) == 1 else _confidence(index, solution, pairs),
+                sources=tuple(sorted({pair.source for pair in pairs if index in (pair.first, pair.second)})),
+                runner_up=_better(runner_up(curve, offset, frame), rivals.get(index)),
                 curve=curve,
             )
         )
@@ -56,8 +56,7 @@ def reported(
 
 
 def _better(first: RunnerUp | None, second: RunnerUp | None) -> RunnerUp | None:
-    found = [one for one in (first, second) if one is not None]
-    return max(found, key=lambda one: one.share) if found else None
+    return max((one for one in (first, second) if one is not None), key=lambda one: one.share, default=None)
 
 
 def _confidence(film: int, solution: Solution, pairs: Sequence[PairLag]) -> float:
@@ -181,8 +180,8 @@ def draw_curves(result: Synchronization, width: int = 900) -> ImageArray:
         cv2.line(image, (0, top + _ROW - 1), (width, top + _ROW - 1), (220, 220, 220), 1)
         captions = (camera.name[:16], f"{camera.offset:+.4f} s", f"confidence {camera.confidence:.2f}")
         for line, caption in enumerate(captions):
-            place = (6, top + 24 + 24 * line)
-            cv2.putText(image, caption, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
+            corner = (6, top + 24 + 24 * line)
+            cv2.putText(image, caption, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
         known = np.isfinite(camera.curve.scores)
         if known.sum() < 2:
             continue

@@ -1,17 +1,15 @@
 """The first lags of two films: by their sound, else by how much moves in them when; timecodes choose between several.
 
 Sound is right to about a frame, for it travels 3 ms a metre. Motion energy needs neither cameras nor sound, but views
-must see the same motion: far apart it is a frame or more wrong. A timecode has whole frames and free-running clocks; a
-creation time has whole seconds, is the end of the recording on some phones, and the time of export on all computers:
-both are a window to look for lags in, never an answer.
+must see the same motion: far apart it is a frame or more wrong. A timecode has whole frames and free-running clocks: it
+is a window to look for lags in, and an answer only where nothing else is.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from datetime import datetime
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,7 +23,6 @@ from .recordings import Recording, Signal
 RATE = 16_000
 """Samples of sound a second."""
 _TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)[:;.](\d\d)")
-_CREATED = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?)Z?")
 _DAY = 86_400.0
 
 
@@ -134,8 +131,8 @@ def _peak(curve: Curve) -> tuple[float, float]:
     prominence = float(curve.scores.max() / max(deviation, 1e-20))
     top = int(curve.scores.argmax())
     part = slice(max(top - 2, 0), top + 3)
-    found = maxima(Curve(curve.lags[part], curve.scores[part]), 1.0, most=1)
-    return (found[0][0] if found else float(curve.lags[top])), prominence
+    peaks = maxima(Curve(curve.lags[part], curve.scores[part]), 1.0, most=1)
+    return (peaks[0][0] if peaks else float(curve.lags[top])), prominence
 
 
 def _shown(curve: Curve, lag: float) -> Curve:
@@ -225,47 +222,27 @@ def _normalized_correlation(first: Float64s, second: Float64s, least: int) -> tu
 # --- timecodes
 
 
-@dataclass(frozen=True)
-class Note:
-    """When a film says it started: seconds of a day's timecode or since 1970, and of which kind it is."""
-
-    seconds: float
-    is_timecode: bool
-
-
-def read_note(tags: Mapping[str, str], frames_per_second: float) -> Note | None:
-    """The start that a film's tags tell; None if they tell none."""
-    if found := _TIMECODE.fullmatch(tags.get("timecode", "")):
-        hours, minutes, seconds, frames = (int(part) for part in found.groups())
-        whole = 3600 * hours + 60 * minutes + seconds
-        return Note(whole + frames / max(frames_per_second, 1.0), True)
-    if found := _CREATED.fullmatch(tags.get("creation_time", "")):
-        try:
-            created = datetime.fromisoformat(found[1] + "+00:00")
-        except ValueError:
-            return None
-        # Cameras that know no time write the year their clock starts with.
-        return Note(created.timestamp(), False) if created.year > 2000 else None
-    return None
-
-
-def window(first: Note | None, second: Note | None) -> tuple[float, float] | None:
-    """The least and the greatest lag between two films, seconds; None where their notes do not tell."""
-    if first is None or second is None or first.is_timecode != second.is_timecode:
+def read_timecode(tags: Mapping[str, str], frames_per_second: float) -> float | None:
+    """The second of a day at which a film's timecode says that it began; None without one."""
+    said = _TIMECODE.fullmatch(tags.get("timecode", ""))
+    if said is None:
         return None
-    lag = second.seconds - first.seconds
-    if first.is_timecode:
-        lag = (lag + _DAY / 2) % _DAY - _DAY / 2
-    slack = limits.TIMECODE_SLACK if first.is_timecode else limits.CREATED_SLACK
-    return lag - slack, lag + slack
+    hours, minutes, seconds, frames = (int(part) for part in said.groups())
+    return 3600 * hours + 60 * minutes + seconds + frames / max(frames_per_second, 1.0)
 
 
-def preferred(lag: PairLag, allowed: tuple[float, float] | None) -> PairLag:
-    """The best maximum inside a window; without one inside, or a window, the best of all."""
-    if allowed is None or allowed[0] <= lag.lag <= allowed[1]:
+def timecode_lag(first: float, second: float) -> float:
+    """Seconds by which the second film began after the first by their timecodes; across midnight, the shorter way."""
+    return (second - first + _DAY / 2) % _DAY - _DAY / 2
+
+
+def preferred(lag: PairLag, first: float | None, second: float | None) -> PairLag:
+    """The best maximum near what two films' timecodes say; without one there, or timecodes, the best of all."""
+    if first is None or second is None:
         return lag
-    inside = [other for other in lag.others if allowed[0] <= other[0] <= allowed[1]]
-    if not inside:
+    said, slack = timecode_lag(first, second), limits.TIMECODE_SLACK
+    inside = [other for other in lag.others if abs(other[0] - said) <= slack]
+    if abs(lag.lag - said) <= slack or not inside:
         return lag
     rest = ((lag.lag, lag.score), *(other for other in lag.others if other != inside[0]))
     return replace(lag, lag=inside[0][0], score=inside[0][1], others=rest)

@@ -17,7 +17,7 @@ from .moving_points import MovingPoints
 from .pairs import PairLag, Solution, solve
 from .recordings import Motion, Recording, motion_of, open_recording
 from .report import camera_curve, reported, runner_up
-from .starts import audio_lag, energy_lag, preferred, read_audio, read_note, window
+from .starts import audio_lag, energy_lag, preferred, read_audio, read_timecode
 from .synchronization import RunnerUp, Synchronization
 from .tracks import NamedTracks, track_lags
 from .work import Kept, Progress, Work, forward_only, in_threads
@@ -32,7 +32,6 @@ def synchronize(
     progress: Progress = lambda what, share: None,
     cancelled: Callable[[], bool] = lambda: False,
     kept: Kept | None = None,
-    standing: bool = True,
 ) -> Synchronization:
     """The offset and the rate of every camera's clock.
 
@@ -44,10 +43,10 @@ def synchronize(
             same proportions.
         distortions: of the cameras' lenses.
         tracks: points known by name in all films, as a person's joints are, in pixels of the films as stored: asked
-            in place of motion where sound does not tell and views may have nothing else alike.
+            in place of motion where sound does not tell and views may have nothing else alike. With none of them sound
+            alone is asked, as of cameras that move: what moves in their images is themselves.
         progress, cancelled: see work.Work; asked and told from several threads.
         kept: keeps what a second synchronisation of the same films needs again.
-        standing: the cameras stand; of others sound alone is asked, for what moves in their images is themselves.
 
     Raises:
         FrogError: if a film cannot be decoded.
@@ -65,20 +64,20 @@ def synchronize(
     pairs = _heard(opened, work.part(0.0, 0.1))
     is_heard = bool(_solved(opened, pairs).connected.all())
     motions: list[Motion] = []
-    if standing and (len(known) > 1 or not (is_heard or tracks)):
+    if len(known) > 1 or not (is_heard or tracks is not None):
         parts = work.part(0.1, 0.4).parts(len(opened))
         motions = in_threads(lambda film: motion_of(opened[film], parts[film], kept), range(len(opened)))
     if not is_heard and tracks:
         width = max(film.width for film in opened)
         pairs = track_lags([tracks[film.name] for film in opened], width)
-    elif not is_heard and standing:
+    elif not is_heard and tracks is None:
         pairs += _alike(opened, motions, {(pair.first, pair.second) for pair in pairs})
     solution, rivals = _solved(opened, pairs), {}
     if len(known) > 1:
         rig = _rig(opened, motions, known, distortions or {}, solution, work.part(0.4, 0.7), kept=kept)
-        found, solution = _refined(rig, pairs, solution, work.part(0.7, 0.95))
+        refined, solution = _refined(rig, pairs, solution, work.part(0.7, 0.95))
         rivals = _rivals(rig, pairs, solution, work.part(0.95, 1.0))
-        pairs = found
+        pairs = refined
     work.step("Synchronised", 1, 1)
     return reported(opened, solution, pairs, rivals)
 
@@ -104,7 +103,7 @@ def _heard(films: Sequence[Recording], work: Work) -> list[PairLag]:
 
 def _alike(films: Sequence[Recording], motions: Sequence[Motion], heard: set[tuple[int, int]]) -> list[PairLag]:
     """Lags of the other films, by how much moves in them; a timecode chooses between several."""
-    notes_of = [read_note(film_tags(film.path), 1 / film.interval) for film in films]
+    codes = [read_timecode(film_tags(film.path), 1 / film.interval) for film in films]
     lags = []
     for pair in combinations(range(len(films)), 2):
         if pair in heard:
@@ -112,7 +111,7 @@ def _alike(films: Sequence[Recording], motions: Sequence[Motion], heard: set[tup
         first, second = pair
         step = min(films[first].interval, films[second].interval)
         lag = energy_lag(pair, (motions[first].energy, motions[second].energy), step)
-        lags += [] if lag is None else [preferred(lag, window(notes_of[first], notes_of[second]))]
+        lags += [] if lag is None else [preferred(lag, codes[first], codes[second])]
     return lags
 
 

@@ -62,8 +62,8 @@ def track_lags(tracks: Sequence[NamedTracks], width: int) -> list[PairLag]:
     """
     frame = max(track.interval for track in tracks)
     pairs = list(combinations(range(len(tracks)), 2))
-    found = in_threads(lambda pair: _curve(tracks[pair[0]], tracks[pair[1]], frame, width), pairs)
-    curves = {pair: curve for pair, curve in zip(pairs, found, strict=True) if np.isfinite(curve.scores).any()}
+    compared = in_threads(lambda pair: _curve(tracks[pair[0]], tracks[pair[1]], frame, width), pairs)
+    curves = {pair: curve for pair, curve in zip(pairs, compared, strict=True) if np.isfinite(curve.scores).any()}
     if not curves:
         return []
     step = limits.TRACK_STEP * frame
