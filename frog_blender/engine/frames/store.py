@@ -59,7 +59,7 @@ class FrameStore:
         """
         self.folder, self._capture = folder, capture
         self._shapes = shapes_of(capture)
-        self._places = {shot: place for place, shot in enumerate(decoding_order(capture))}
+        self._rows = {shot: row for row, shot in enumerate(decoding_order(capture))}
         self._in_use: BinaryIO | None
         self._files: FrameFiles
         self._open_files()
@@ -189,7 +189,7 @@ class FrameStore:
 
     def _half(self, shot: int) -> ImageArray:
         try:
-            return self._files.half(self._places[shot])
+            return self._files.half(self._rows[shot])
         except DamagedTiles:
             return halved_image(self._anew(_IMAGE, shot))
 
@@ -200,9 +200,9 @@ class FrameStore:
         return self._keep(name, shot, self._read(name, shot)) if kept is None else kept
 
     def _read(self, name: str, shot: int, region: Region | None = None) -> ImageArray:
-        place = self._places[shot]
+        row = self._rows[shot]
         try:
-            image = self._files.image(place, region) if name == _IMAGE else self._files.mask(name, place, region)
+            image = self._files.image(row, region) if name == _IMAGE else self._files.mask(name, row, region)
         except DamagedTiles:
             left, top, width, height = region or (0, 0, *self._shapes[shot][::-1])
             image = self._anew(name, shot)[top : top + height, left : left + width]

@@ -81,10 +81,10 @@ def test_what_matches_say_is_there_before_the_first_step(
 
 def test_whose_exposure_is_found(capture: Capture) -> None:
     """A rig's; not a single moving camera's, and not by the papers' recipes."""
-    assert ExposureCompensation.wanted(capture, Recipe())
-    assert not ExposureCompensation.wanted(capture, recipe("paper"))
+    assert ExposureCompensation.applies_to(capture, Recipe())
+    assert not ExposureCompensation.applies_to(capture, recipe("paper"))
     one_a_frame = [shot for shot in capture.shots if shot.camera == shot.frame % len(capture.cameras)][:3]
-    assert not ExposureCompensation.wanted(replace(capture, shots=tuple(one_a_frame)), Recipe())
+    assert not ExposureCompensation.applies_to(replace(capture, shots=tuple(one_a_frame)), Recipe())
 
 
 def test_a_resume_has_the_same_exposures(make_trainer: Callable[..., Trainer], exposed: Exposed) -> None:

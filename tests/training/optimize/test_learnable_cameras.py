@@ -15,7 +15,7 @@ from frog_blender.engine.training.recipe import Recipe
 
 def is_learned(capture: Capture) -> bool:
     """Exposures and poses are learned of the same cameras."""
-    wanted = {each.wanted(capture, Recipe()) for each in (ExposureCompensation, PoseRefinement)}
+    wanted = {each.applies_to(capture, Recipe()) for each in (ExposureCompensation, PoseRefinement)}
     assert len(wanted) == 1
     return wanted.pop()
 

@@ -97,12 +97,12 @@ class ValidationEvaluator:
         values, mattes = [], Mattes(self._capture, self._store)
         for number, (index, gaussians) in enumerate(self._gaussians.items()):
             camera = self._capture.cameras[self._capture.shots[index].camera]
-            wanted = mattes.truth(index, camera, (0, 0, camera.width, camera.height), mattes.background_of(number))
-            image = rasterize(change(gaussians), camera, wanted.background)
-            truth = image_on(image.rgb.device, wanted.pixels)
+            target = mattes.truth(index, camera, (0, 0, camera.width, camera.height), mattes.background_of(number))
+            image = rasterize(change(gaussians), camera, target.background)
+            truth = image_on(image.rgb.device, target.pixels)
             square = (image.rgb.clamp(0, 1) - truth).square()
-            if wanted.ignored is not None and not wanted.ignored.all():
-                square = square[torch.from_numpy(~wanted.ignored).to(square.device)]
+            if target.ignored is not None and not target.ignored.all():
+                square = square[torch.from_numpy(~target.ignored).to(square.device)]
             values.append(psnr_of(float(square.mean())))
         return float(np.mean(values))
 

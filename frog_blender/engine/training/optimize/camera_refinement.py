@@ -93,7 +93,7 @@ class PoseRefinement:
         self._arriving: tuple[int, OnItsWay, float] | None = None
 
     @staticmethod
-    def wanted(capture: Capture, recipe: Recipe) -> bool:
+    def applies_to(capture: Capture, recipe: Recipe) -> bool:
         """Whether there is a rig to refine."""
         return recipe.pose_reach > 0 and bool(learnable_cameras(capture))
 
@@ -237,7 +237,7 @@ class ExposureCompensation:
         self.sums = torch.zeros(len(rig.capture.cameras), 2, 3, device=device)
 
     @staticmethod
-    def wanted(capture: Capture, recipe: Recipe) -> bool:
+    def applies_to(capture: Capture, recipe: Recipe) -> bool:
         """Whether there are cameras to compare."""
         return recipe.exposure_from < _UNTIL and bool(learnable_cameras(capture))
 
@@ -256,17 +256,17 @@ class ExposureCompensation:
         """Whether a step that draws this camera at ``progress`` is to be observed."""
         return step % _OBSERVED_EVERY == 0 and progress >= self._from and index in self._learned
 
-    def observe(self, index: int, camera: Camera, rgb: torch.Tensor, wanted: Truth) -> None:
+    def observe(self, index: int, camera: Camera, rgb: torch.Tensor, target: Truth) -> None:
         """Adds what a step drew of camera ``index``, see ``measured``."""
-        self.add(index, self.measured(camera, rgb, wanted))
+        self.add(index, self.measured(camera, rgb, target))
 
     @staticmethod
-    def measured(camera: Camera, rgb: torch.Tensor, wanted: Truth) -> torch.Tensor:
+    def measured(camera: Camera, rgb: torch.Tensor, target: Truth) -> torch.Tensor:
         """(2, 3) brightness of what an image should be and of its drawing (H, W, 3), before the camera's exposure: of
         pixels that are all subject and not ignored."""
-        truth = image_on(rgb.device, np.ascontiguousarray(wanted.pixels[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
+        truth = image_on(rgb.device, np.ascontiguousarray(target.pixels[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
         counts = (truth > _DARKEST) & (truth < _BRIGHTEST)
-        if (whole := wanted.whole) is not None:
+        if (whole := target.whole) is not None:
             some = torch.from_numpy(np.ascontiguousarray(whole[::_EVERY_PIXEL, ::_EVERY_PIXEL]))
             counts &= some.to(counts.device)[..., None]
         drawn = rgb.detach()[::_EVERY_PIXEL, ::_EVERY_PIXEL]

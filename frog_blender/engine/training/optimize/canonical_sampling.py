@@ -84,15 +84,15 @@ def worst_points(
     """
     distances = distances_along_rays(image, camera, depth)
     # Coverage is a second cue: what nothing covers shows no error against a dark truth.
-    wanted = truth if among is None else torch.where(among[..., None], truth, image.rgb)  # patches reach beyond
-    score = error_map(image.rgb, wanted) + (1 - image.alpha)
+    target = truth if among is None else torch.where(among[..., None], truth, image.rgb)  # patches reach beyond
+    score = error_map(image.rgb, target) + (1 - image.alpha)
     if among is not None:
         score = torch.where(among, score, 0)
     chosen = choose_pixels(score, distances, count, generator)
     width = distances.shape[1]
     pixels = torch.stack([chosen % width, torch.div(chosen, width, rounding_mode="floor")], dim=1) + 0.5
-    places = camera.unproject(pixels.double().cpu().numpy(), distances.flatten()[chosen].double().cpu().numpy())
-    return torch.from_numpy(places).float().to(truth.device), truth.reshape(-1, 3)[chosen]
+    points = camera.unproject(pixels.double().cpu().numpy(), distances.flatten()[chosen].double().cpu().numpy())
+    return torch.from_numpy(points).float().to(truth.device), truth.reshape(-1, 3)[chosen]
 
 
 @torch.no_grad()
@@ -149,11 +149,11 @@ def inject_anchors(
     num_new = min(num_new, room + len(replaced))
     if not num_new:
         return
-    wanted, drawn, camera = draw()
+    target, drawn, camera = draw()
     changes = drawn.changes
     if not changes:
         return
-    truth, subject = image_on(gaussians.device, wanted.pixels), wanted.whole
+    truth, subject = image_on(gaussians.device, target.pixels), target.whole
     among = None if subject is None else torch.from_numpy(subject).to(gaussians.device)
     points, colors = worst_points(drawn.image, truth, camera, num_new, recipe.sampling_depth, generator, among=among)
     if recipe.sampling == "inverse":

@@ -122,11 +122,11 @@ class DensificationStrategy(Statistics):
         keep |= ~keep.any()  # never everything
         gradient = self.gradient_sum / self.seen.clamp(min=1)
         candidates = ((gradient > recipe.densify_threshold) & keep).nonzero().squeeze(1)
-        wanted = min(recipe.num_new(count, recipe.densify_growth, _GROWTH_WHILE_FEW), len(candidates))
-        chosen = candidates[gradient[candidates].topk(wanted).indices]
+        num_new = min(recipe.num_new(count, recipe.densify_growth, _GROWTH_WHILE_FEW), len(candidates))
+        chosen = candidates[gradient[candidates].topk(num_new).indices]
         room = max(limit - int(keep.sum()), 0)
-        if wanted > room:
-            replaced = self.least_needed(wanted - room, keep.index_fill(0, chosen, False))
+        if num_new > room:
+            replaced = self.least_needed(num_new - room, keep.index_fill(0, chosen, False))
             keep[replaced] = False
             chosen = chosen[: room + len(replaced)]  # the strongest
         chosen = chosen.sort().values

@@ -122,9 +122,9 @@ class CropSampler:
     def _interval(self, cell: int, length: int) -> tuple[int, int]:
         """Start and length in pixels, whole cells around ``cell`` (the image's last cell may be cut)."""
         cells = -(-length // CELL)
-        wanted = min(cells, max(self._least // CELL, round(cells * self._size)))
-        first = min(max(cell - wanted // 2, 0), cells - wanted)
-        return first * CELL, min(length, (first + wanted) * CELL) - first * CELL
+        side = min(cells, max(self._least // CELL, round(cells * self._size)))
+        first = min(max(cell - side // 2, 0), cells - side)
+        return first * CELL, min(length, (first + side) * CELL) - first * CELL
 
     def observe(self, camera: int, region: tuple[int, int, int, int], cells: torch.Tensor) -> None:
         """Adds what a step drew: mean squared errors (rows, columns) of the region's cells."""

@@ -106,10 +106,10 @@ class Trainer(TrainingImages):
         self.gaussians = GaussianState(model, recipe, self.scene_scale)
         self.density = DensificationStrategy(self.gaussians, recipe, self.scene_scale)
         self.smoothness = EmbeddingSmoothness(self.gaussians, recipe, self.generator)
-        center, wanted = np.median(seeds.points, axis=0), PoseRefinement.wanted(capture, recipe)
-        self.poses = PoseRefinement(self.rig, recipe, center, self.scene_scale) if wanted else None
-        wanted = ExposureCompensation.wanted(capture, recipe)
-        self.exposures = ExposureCompensation(self.rig, recipe, self.device) if wanted else None
+        center, learns_poses = np.median(seeds.points, axis=0), PoseRefinement.applies_to(capture, recipe)
+        self.poses = PoseRefinement(self.rig, recipe, center, self.scene_scale) if learns_poses else None
+        learns_exposures = ExposureCompensation.applies_to(capture, recipe)
+        self.exposures = ExposureCompensation(self.rig, recipe, self.device) if learns_exposures else None
         if self.exposures:
             self.exposures.begin(store)
         self.views, self.mattes = ViewSampler(capture), Mattes(capture, store)
@@ -176,8 +176,8 @@ class Trainer(TrainingImages):
         values: Values = {"step_count": self.step_count, "seconds": self.seconds, "progress": self.progress}
         values |= {"loss": self.loss if math.isfinite(self.loss) else None, "burst_shot": self._burst_shot}
         for part in self._parts():
-            found = part.state()
-            tensors, values = tensors | found[0], values | found[1]
+            own_tensors, own_values = part.state()
+            tensors, values = tensors | own_tensors, values | own_values
         return tensors, values
 
     def load_state(self, tensors: Tensors, values: Values) -> None:
@@ -246,19 +246,19 @@ class Trainer(TrainingImages):
         view = self._next_view(progress)
         if self.store.is_large:
             self._read_ahead(progress)
-        found, changes = self._backward(view, progress, self.density)
-        self._move([view], [found], changes, progress)
+        view_pass, changes = self._backward(view, progress, self.density)
+        self._move([view], [view_pass], changes, progress)
         return view.shot
 
     def _optimize_views(self, progress: float) -> int:
         """The same on several images, of which every process draws some. A PeerLost leaves all as it was."""
         before, burst_shot = self.generator.get_state(), self._burst_shot
         views = [self._next_view(progress) for _ in range(self._views_per_step)]
-        parameters = [each for group in self.optimizer.adam.param_groups for each in group["params"]]
+        parameters = [parameter for group in self.optimizer.adam.param_groups for parameter in group["params"]]
         total, changes = StepSum(parameters, views, self.count), False
-        for number in range(self.peers.rank, len(views), self.peers.size):
-            found, changes = self._backward(views[number], progress, total.collected)
-            total.add(number, found)
+        for index in range(self.peers.rank, len(views), self.peers.size):
+            view_pass, changes = self._backward(views[index], progress, total.collected)
+            total.add(index, view_pass)
         try:
             self._agreed_seconds = total.exchange(self.peers, self._worked)
         except PeerLost:
@@ -268,8 +268,8 @@ class Trainer(TrainingImages):
         total.put_means()
         self.density.add(total.collected)
         passes = total.passes()
-        for view, found in zip(views, passes, strict=True):
-            self._note(view, found.loss, found.cells)
+        for view, view_pass in zip(views, passes, strict=True):
+            self._note(view, view_pass.loss, view_pass.cells)
         self._move(views, passes, changes, progress)
         return views[0].shot
 
@@ -292,10 +292,10 @@ class Trainer(TrainingImages):
         dssim_weight = self.recipe.dssim_weight if self._in_burst(progress) else 0.0
         weight = share ** (1 - self.recipe.region_emphasis)
         weights = {"square_weight": self.recipe.square_weight, "dssim_weight": dssim_weight, "weight": weight}
-        found = matte_loss(image, truth, self.recipe.alpha_weight, **weights)
+        errors = matte_loss(image, truth, self.recipe.alpha_weight, **weights)
         if statistics is self.density:  # a step's only view: on a GPU this arrives while gradients are computed
-            self._note(view, found.loss, found.cell_errors)
-        drawn.backward(found.gradient, found.alpha_gradient)
+            self._note(view, errors.loss, errors.cell_errors)
+        drawn.backward(errors.gradient, errors.alpha_gradient)
         if grows:
             ignored, seen = truth.ignored, drawn.gaussians
             hidden = None
@@ -306,7 +306,7 @@ class Trainer(TrainingImages):
         if self.exposures and self.exposures.observes(view.index, self.step_count, progress):
             brightness = self.exposures.measured(camera, image.rgb, truth)
         pose = None if view.pose is None else view.pose.grad
-        return ViewPass(found.loss, found.cell_errors, pose, brightness), bool(drawn.changes)
+        return ViewPass(errors.loss, errors.cell_errors, pose, brightness), bool(drawn.changes)
 
     def _note(self, view: View, loss: torch.Tensor, cells: torch.Tensor) -> None:
         if view.full_size:
@@ -320,11 +320,11 @@ class Trainer(TrainingImages):
         if self.recipe.size_weight:
             add_size_gradient(self.gaussians.canonical, self.recipe.size_weight, self.scene_scale)
         self.optimizer.step()
-        for view, found in zip(views, passes, strict=True):
-            if self.poses and found.pose is not None:
-                self.poses.observe(view.index, found.pose, progress)
-            if self.exposures and found.brightness is not None:
-                self.exposures.add(view.index, found.brightness)
+        for view, view_pass in zip(views, passes, strict=True):
+            if self.poses and view_pass.pose is not None:
+                self.poses.observe(view.index, view_pass.pose, progress)
+            if self.exposures and view_pass.brightness is not None:
+                self.exposures.add(view.index, view_pass.brightness)
 
     def _read_ahead(self, progress: float) -> None:
         """Begins to read the next step's image. It is another one where random numbers are drawn before, in rounds of

@@ -151,24 +151,24 @@ class StepSum:
         width = 3 + _POSE + _BRIGHTNESS + max(rows * columns for rows, columns in (view.cells for view in views))
         self._found = torch.zeros(len(views), width, dtype=torch.float64, device=device)
 
-    def add(self, number: int, found: ViewPass) -> None:
-        """Adds the pass of a view by its number, takes the parameters' gradients and leaves none."""
+    def add(self, index: int, view_pass: ViewPass) -> None:
+        """Adds the pass of the view of that index, takes the parameters' gradients and leaves none."""
         start = 0
-        for place, (parameter, size) in enumerate(zip(self._parameters, self._sizes, strict=True)):
+        for position, (parameter, size) in enumerate(zip(self._parameters, self._sizes, strict=True)):
             if parameter.grad is not None:
                 self._gradients[start : start + size] += parameter.grad.flatten()
-                self._present[place] = 1
+                self._present[position] = 1
                 parameter.grad = None
             start += size
-        row = self._found[number]
-        row[0] = found.loss.detach()
-        if found.pose is not None:
+        row = self._found[index]
+        row[0] = view_pass.loss.detach()
+        if view_pass.pose is not None:
             row[1] = 1
-            row[3 : 3 + _POSE] = found.pose.flatten()
-        if found.brightness is not None:
+            row[3 : 3 + _POSE] = view_pass.pose.flatten()
+        if view_pass.brightness is not None:
             row[2] = 1
-            row[3 + _POSE : 3 + _POSE + _BRIGHTNESS] = found.brightness.flatten()
-        cells = found.cells.detach().flatten()
+            row[3 + _POSE : 3 + _POSE + _BRIGHTNESS] = view_pass.brightness.flatten()
+        cells = view_pass.cells.detach().flatten()
         row[3 + _POSE + _BRIGHTNESS :][: len(cells)] = cells
 
     def exchange(self, peers: Peers, seconds: float) -> float:

@@ -139,9 +139,9 @@ def size_limit(session: Session) -> int:
     scene = _scene(session)
     rows = row_ranges(scene.arrays)
     count = max(session.trainer.count, session.trainer.recipe.growth_limit_at(1.0))
-    each = sum(array.nbytes / max(len(array), 1) for name, array in scene.arrays.items() if name in rows)
+    of_each = sum(array.nbytes / max(len(array), 1) for name, array in scene.arrays.items() if name in rows)
     rest = sum(array.nbytes for name, array in scene.arrays.items() if name not in rows)
-    return int(count * each) + rest + len(scene.header.to_json()) + _REPORT_BYTES
+    return int(count * of_each) + rest + len(scene.header.to_json()) + _REPORT_BYTES
 
 
 def remove_non_finite(gaussians: GaussianState) -> None:
