@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from frog_blender.engine.field.temporal_table import temporal_weights
+from frog_blender.engine.field.network import temporal_weights
 
 TIMES = (0.0, 1e-9, 0.1, 1 / 3, 0.5, 0.77, 1 - 1e-9, 1.0)
 

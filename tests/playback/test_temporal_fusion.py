@@ -7,7 +7,7 @@ import pytest
 from support.builders import scene_file
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.field import temporal_table
+from frog_blender.engine.field import network
 from frog_blender.engine.field.names import FUSIONS
 from frog_blender.engine.playback.deformation import DeformationPlayer, TemporalEmbedding, fuse
 
@@ -46,7 +46,7 @@ def test_the_embedding_of_a_scene(form: str) -> None:
     embedding = TemporalEmbedding(scene.arrays, model)
     assert (embedding.networks, embedding.size) == (2 if form == "dual" else 1, 16 if form == "concat" else 8)
     for time in (0.0, 0.21, 0.8, 1.0):
-        coarse, fine = (temporal_table.temporal_weights(time, rows, 6) @ table for rows in (model["coarse_rows"], 5))
+        coarse, fine = (network.temporal_weights(time, rows, 6) @ table for rows in (model["coarse_rows"], 5))
         found = embedding.at(time)
         assert found.shape == (embedding.networks, embedding.size) and found.dtype == np.float32
         attention = scene.arrays.get("attention_weight"), scene.arrays.get("attention_query")

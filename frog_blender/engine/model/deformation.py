@@ -17,7 +17,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from ..field.output_layout import output_sizes
+from ..field.network import output_sizes
 
 
 def _uniform(bound: float, *shape: int) -> nn.Parameter:

@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from ..capture.camera import Camera
 from ..field.names import fused_size, network_count
-from ..field.temporal_table import temporal_weights
+from ..field.network import temporal_weights
 from ..gaussians import TorchGaussians
 from ..io.plain_values import JsonObject
 from ..native.deformation import FieldShape

@@ -14,7 +14,7 @@ import torch
 
 from ..arrays import Array
 from ..capture.camera import NEUTRAL, Camera
-from ..field.first_layer import first_layer, first_layer_gradients
+from ..field.network import first_layer, first_layer_gradients
 from ..gaussians import TorchGaussians
 from ..native.deformation import FieldShape, deform, deform_backward
 from ..rasterizer import GaussianArrays, RasterizeOptions, exposed

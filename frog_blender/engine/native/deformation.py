@@ -11,7 +11,7 @@ from ctypes import Structure, byref
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from ..field.output_layout import num_outputs
+from ..field.network import num_outputs
 from . import structs
 from .binding import library
 from .structs import Buffer

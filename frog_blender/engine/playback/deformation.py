@@ -14,10 +14,8 @@ import numpy as np
 
 from ..arrays import Array, SceneArrays
 from ..errors import FrogError, brief
-from ..field.first_layer import first_layer
 from ..field.names import FORMS, FUSIONS, fused_size, network_count
-from ..field.output_layout import column_outputs, num_heads, num_outputs
-from ..field.temporal_table import resampled
+from ..field.network import column_outputs, first_layer, num_heads, num_outputs, resampled
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonMapping
 from ..native.deformation import FieldShape, PlaybackField
@@ -60,7 +58,7 @@ def fuse(form: str, coarse: Array, fine: Array, attention: tuple[Array, Array] |
 
 
 class _Table:
-    """``field.temporal_table.interpolated`` of a table (R, T), twice as fast: every frame needs it twice."""
+    """``field.network.interpolated`` of a table (R, T), twice as fast: every frame needs it twice."""
 
     def __init__(self, table: Array) -> None:
         self._rows, self._steps = table, np.diff(table, axis=0, append=table[-1:])

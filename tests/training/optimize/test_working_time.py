@@ -8,11 +8,11 @@ from collections.abc import Callable
 import pytest
 from support.builders import run_python
 
+from frog_blender.engine.training.optimize import schedule
 from frog_blender.engine.training.optimize import trainer as trainer_module
-from frog_blender.engine.training.optimize import working_time
 from frog_blender.engine.training.optimize.hooks import Hook, Training
+from frog_blender.engine.training.optimize.schedule import worked
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.optimize.working_time import worked
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_a_training_stopped_for_an_hour_takes_its_steps(
 ) -> None:
     trainer, clock = make_trainer(10), Clock()
     trainer.add_hook(Stopped(clock))
-    for module in (trainer_module, working_time):
+    for module in (trainer_module, schedule):
         monkeypatch.setattr(module, "time", clock)
     for _ in range(10):
         trainer.step()
@@ -69,7 +69,7 @@ def test_a_training_stopped_for_an_hour_takes_its_steps(
 def test_a_process_that_is_really_stopped() -> None:
     code = """
 import os, signal, time
-from frog_blender.engine.training.optimize.working_time import worked_since
+from frog_blender.engine.training.optimize.schedule import worked_since
 child = os.fork()
 if child == 0:  # wakes its parent
     time.sleep(1.5)

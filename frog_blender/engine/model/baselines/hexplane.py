@@ -14,7 +14,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from ...field.output_layout import output_sizes
+from ...field.network import output_sizes
 from ...gaussians import TorchGaussians
 from ...io.plain_values import JsonObject
 from ..canonical import CanonicalField

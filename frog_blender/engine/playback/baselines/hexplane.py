@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Array, SceneArrays
-from ...field.output_layout import output_sizes
+from ...field.network import output_sizes
 from ...gaussians import NumpyGaussians
 from ...io.plain_values import JsonMapping
 from .arrays import StaticGaussians, in_blocks, number, readable, take, whole

@@ -1,12 +1,15 @@
-"""What is due when, which image comes next, and which part of it is drawn.
+"""What is due when, which image comes next, which part of it is drawn, and how long a training has worked.
 
 Most steps draw only a rectangle of an image, sampled where the errors are. The static part of an image is learned long
 before the moving part, yet costs most of every step. A step on a crop costs little more than its share of the pixels.
+
+Seconds for which the process was stopped, or the computer slept, are none of a training's.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -152,3 +155,20 @@ class CropSampler:
         if not all(((found >= 0) & ((found < _MOST) | np.isinf(found))).all() for found in self.errors):
             raise ValueError("errors below zero, or larger than any")
         self._arriving = None
+
+
+_UNDOUBTED = 0.5  # seconds, which a step may take on a computer that has other things to do
+
+
+def worked_since(clock: float, processors: float) -> float:
+    """Seconds of work since ``time.perf_counter()`` was ``clock`` and ``time.process_time()`` was ``processors``."""
+    return worked(time.perf_counter() - clock, time.process_time() - processors)
+
+
+def worked(passed: float, computed: float) -> float:
+    """Seconds of work in so many seconds, during which the process took ``computed`` seconds of processors.
+
+    What computes takes at least as much time of processors as of the clock, and a process that is stopped (Ctrl-Z, a
+    laptop's lid) takes none.
+    """
+    return passed if passed <= _UNDOUBTED else min(passed, max(_UNDOUBTED, computed))

@@ -37,11 +37,10 @@ from .mattes import Mattes, Truth, behind_ignored
 from .neighbours import SMOOTHED_EVERY, EmbeddingSmoothness
 from .optimizer import SceneOptimizer
 from .running_loss import RunningLoss, TrainingDiverged
-from .schedule import CropSampler, Every, ViewSampler
+from .schedule import CropSampler, Every, ViewSampler, worked_since
 from .stateful import Stateful, Tensors, Values
 from .training_images import TrainingImages
 from .view_pass import ALONE, PeerLost, Peers, StepSum, View, ViewPass
-from .working_time import worked_since
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
 _LIMITED_EVERY = 0.01  # of the training

@@ -14,7 +14,7 @@ static_assert(DEFORM_PAD == GROUP_SIZE, "playback's weights come in rows padded 
 constexpr int MAX_BRANCHES = 10;
 
 // Offsets of the outputs: means 3, log_scales 3, quaternions 4, opacity logit 1, then spherical harmonics
-// (field/output_layout.py).
+// (field/network.py).
 enum { OUT_MEANS = 0, OUT_SCALES = 3, OUT_QUATERNIONS = 6, OUT_OPACITY = 10, OUT_SH = 11 };
 
 static inline long long padded(long long length) { return (length + DEFORM_PAD - 1) / DEFORM_PAD * DEFORM_PAD; }

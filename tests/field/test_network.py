@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from frog_blender.engine.field.output_layout import column_outputs, num_heads, num_outputs, output_sizes
+from frog_blender.engine.field.network import column_outputs, num_heads, num_outputs, output_sizes
 from frog_blender.engine.native import binding
 
 TYPES = Path(binding.__file__).parent / "src" / "deformation" / "types.h"
