@@ -77,11 +77,6 @@ def test_threads_share_a_codec(codec: TileCodec) -> None:
     assert not failed
 
 
-def test_names_give_codecs_back() -> None:
-    assert isinstance(codec_of("zstandard"), Zstandard) and isinstance(codec_of("zlib"), Zlib)
-    assert codec_of("lz4") is None and codec_of(None) is None and codec_of(["zlib"]) is None
-
-
 def test_without_zstandard_frames_are_packed_anew_by_zlib_and_read_by_everyone(
     n3dv: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -146,12 +146,6 @@ def test_spherical_harmonics_below_at_and_above_what_deforms(deformed: int, acti
     assert_equal_to_plain(model_of(replace(ODD, deformed_sh=deformed, head_width=head_width), 60), sh_active=active)
 
 
-@pytest.mark.parametrize("stored", [1, 4, 9])
-def test_fewer_coefficients_than_sixteen(stored: int) -> None:
-    for active in {1, stored}:
-        assert_equal_to_plain(model_of(SETTINGS, sh_count=stored), sh_active=active)
-
-
 @pytest.mark.parametrize("count", [1, 2, 95, 96, 97, 960, 961, 2000])
 def test_any_number_of_gaussians(count: int) -> None:
     """Blocks hold 96 Gaussians and chunks 960. With this seed no unit is within 2e-6 of zero, where rounding decides

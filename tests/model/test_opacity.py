@@ -37,13 +37,6 @@ def test_off_is_one() -> None:
     assert torch.equal(reduction_factor(CHANGES, "off", 10.0), torch.ones_like(CHANGES))
 
 
-@pytest.mark.parametrize("form", ["paper", "unit"])
-def test_the_ramp_goes_from_no_reduction_to_all_of_it(form: str) -> None:
-    whole = reduction_factor(CHANGES, form, 10.0)
-    assert torch.equal(reduction_factor(CHANGES, form, 10.0, 0.0), torch.ones_like(CHANGES))
-    torch.testing.assert_close(reduction_factor(CHANGES, form, 10.0, 0.25), 1 + 0.25 * (whole - 1))
-
-
 def test_sharpness_is_the_slope() -> None:
     change = torch.tensor([-0.05], requires_grad=True)
     reduction_factor(change, "paper", 10.0).sum().backward()

@@ -110,12 +110,3 @@ def test_memory_is_used_again_when_nobody_holds_it() -> None:
     assert memory.take()["a"].ctypes.data != place  # a part of it is still held
     del part
     assert place in {frame["a"].ctypes.data for frame in [memory.take(), memory.take()]}
-
-
-def test_memory_of_many_held_frames_is_not_remembered() -> None:
-    memory = BufferPool({"a": np.zeros(5, np.float32)}, kept=2)
-    held = [memory.take() for _ in range(6)]
-    assert len({frame["a"].ctypes.data for frame in held}) == 6
-    assert len(memory) == 0
-    held.clear()
-    assert len(memory) == 2

@@ -89,14 +89,6 @@ def test_what_the_images_would_miss_is_not_frozen_early_and_neither_are_few(
     assert trainer.model.canonical.num_dynamic == trainer.count
 
 
-def test_many_are_frozen_early_as_they_are(make_trainer: Make, capture: Capture) -> None:
-    settings = CompressionSettings(max_freeze_loss=100.0, static_deviation=0.2)
-    trainer = make_trainer(100, watched=Exact(capture), compression=settings, capacity="auto")
-    train(trainer, until=10)
-    (found,) = compression(trainer).record.log
-    assert found.what == "put to rest" and found.after < 0.75 * found.before
-
-
 @pytest.mark.parametrize(("some_static", "share", "at"), [(False, 0.0, 1.0), (True, 0.0, 0.8), (False, 0.2, 0.8)])
 def test_motion_is_learned_to_the_end_unless_some_are_static_already(
     make_trainer: Make, capture: Capture, some_static: bool, share: float, at: float
@@ -273,16 +265,6 @@ def test_motion_that_was_measured_outlives_a_resume(
     trainer = train(halfway(**GROWING), until=100)
     other = train(resumed(make_trainer, trainer, tmp_path / "c", 120))
     assert frozen_at_the_end(other) and bits(other) == bits(train(trainer))
-
-
-def test_motion_is_forgotten_where_a_training_goes_on_for_more_steps(
-    make_trainer: Make, halfway: Make, tmp_path: Path
-) -> None:
-    """In them Gaussians come and go."""
-    other = resumed(make_trainer, train(halfway(**GROWING), until=100), tmp_path / "c", 240)
-    other.step()
-    assert compression(other).record.motion is None
-    assert frozen_at_the_end(train(other))
 
 
 def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(

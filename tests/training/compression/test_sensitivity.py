@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -12,7 +11,6 @@ import torch
 from support import synthetic_capture as film
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.time import frame_to_time
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.training.compression.passes import change_of_pixels, temporal_variance
 from frog_blender.engine.training.compression.sensitivity import (
@@ -20,7 +18,6 @@ from frog_blender.engine.training.compression.sensitivity import (
     SampledView,
     Sensitivity,
     measure,
-    sample_views,
     view_gradients,
 )
 
@@ -152,23 +149,3 @@ def test_pixels_that_change_show_what_is_dynamic(capture: Capture) -> None:
     assert float(wall[height.abs() < 0.3].median()) > 10 * float(wall[height.abs() > 1.2].median())
     nowhere = replace(at(0.0), opacities=torch.zeros(len(at(0.0))))
     assert bool(change_of_pixels(lambda _: nowhere, capture, views, variance).isinf().all())
-
-
-def test_no_stretch_of_time_is_overlooked(capture: Capture) -> None:
-    shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
-    for seed in range(20):
-        looks = sample_views(capture, shots, film.FRAMES, torch.Generator().manual_seed(seed))
-        assert [round(look.time * (film.FRAMES - 1) - frame) for frame, look in enumerate(looks)] == film.FRAMES * [0]
-    twice = sample_views(capture, shots, 2 * len(shots), torch.Generator().manual_seed(0))
-    moments = Counter((look.camera, round(look.time * (film.FRAMES - 1))) for look in twice)
-    assert set(moments.values()) == {2} and len(moments) == len(shots)
-
-
-def test_views_are_spread_and_jittered(capture: Capture) -> None:
-    shots = [i for i, shot in enumerate(capture.shots) if not capture.is_test(shot)]
-    looks = sample_views(capture, shots, len(shots), torch.Generator().manual_seed(1))
-    assert len({(look.camera, round(look.time * (film.FRAMES - 1))) for look in looks}) > 0.6 * len(shots)
-    assert all(0 <= look.time <= 1 for look in looks)
-    whole = {frame_to_time(frame, capture.frame_count) for frame in range(capture.frame_count)}
-    assert sum(look.time not in whole for look in looks) > len(looks) / 2
-    assert looks == sample_views(capture, shots, len(shots), torch.Generator().manual_seed(1))

@@ -25,7 +25,6 @@ from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 
 pytestmark = pytest.mark.usefixtures("quick_seeds")
-Make = Callable[..., Trainer]
 
 
 class Repeated(ImageStore):
@@ -89,12 +88,6 @@ def test_a_short_event_is_seen_by_some_camera(capture: Capture, cameras: int, fr
             return image
 
     assert not is_static_capture(capture, Short(capture, 1.0))
-
-
-def test_motion_is_not_static_but_a_single_moment_is(capture: Capture, store: object) -> None:
-    assert not is_static_capture(capture, store)
-    one = replace(capture, shots=tuple(shot for shot in capture.shots if shot.frame == 0))
-    assert is_static_capture(one, store)
 
 
 class Painted(ImageStore):

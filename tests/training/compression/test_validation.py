@@ -67,23 +67,6 @@ def test_the_search_never_allows_too_much(candidates: int, allowed: float, wrong
     assert cost <= allowed and (number == 0 or cost == number**1.5 / 100)
 
 
-@given(st.integers(50, 5000), st.floats(0.1, 0.9), st.floats(0.1, 10.0), st.floats(0.7, 1.5))
-def test_the_search_needs_few_evaluations(candidates: int, share: float, wrong: float, power: float) -> None:
-    """Where loss is ten times what was expected or a tenth of it, or grows faster or more slowly."""
-    truth = (np.arange(1, candidates + 1) / (share * candidates)) ** 3.0
-    number, _ = largest_count_within(lambda n: float(truth[n - 1]) ** power, wrong * truth, 1.0)
-    assert 0.85 * share * candidates - 2 <= number <= share * candidates * (1 + 1e-9)
-
-
-def test_the_search_takes_everything_where_nothing_is_missed() -> None:
-    assert largest_count_within(lambda n: 0.0, 0.3 * np.arange(1.0, 1001.0) ** 4 / 1000**4, 0.05) == (1000, 0.0)
-
-
-def test_the_search_tries_one_however_much_is_expected_of_it() -> None:
-    assert largest_count_within(lambda n: 0.04 * n, np.array([50.0, 100.0]), 0.05) == (1, 0.04)
-    assert largest_count_within(lambda n: 0.0, np.empty(0), 0.05) == (0, 0.0)
-
-
 def test_validation_may_begin_within_a_burst(capture: Capture) -> None:
     """One camera: the excluded image was the only image of its time."""
     shots = tuple(shot for shot in film.longer(capture, 40).shots if shot.camera == 1)

@@ -85,14 +85,6 @@ def test_the_share_of_steps_on_rectangles(share: float) -> None:
     assert abs(count / 2000 - share) < (0.04 if 0 < share < 1 else 1e-9)
 
 
-def test_a_share_of_zero_draws_no_random_number() -> None:
-    """Trainings without regions keep their bits."""
-    generator = torch.Generator().manual_seed(3)
-    before = generator.get_state()
-    assert picker_of((80, 80), 0.0).pick(0, generator) is None
-    assert torch.equal(generator.get_state(), before)
-
-
 def test_rectangles_follow_the_error() -> None:
     """Of ten by six cells two are wrong, one nine times as much (in squares) as the other, away from the borders: all
     rectangles are centred on one of them, in that proportion."""
@@ -106,12 +98,6 @@ def test_rectangles_follow_the_error() -> None:
     assert counts.keys() == {(16, 16), (96, 32)}
     assert abs(counts[16, 16] / 2000 - 0.9) < 0.03
     assert picks(picker, 20, seed=1) == picks(picker, 20, seed=1) != picks(picker, 20, seed=2)
-
-
-def test_an_error_of_zero_everywhere_is_survived() -> None:
-    picker = CropSampler([plain_camera(90, 70)], 1.0, 0.4)
-    picker.observe(0, (0, 0, 90, 70), torch.zeros(5, 6))
-    assert len(picks(picker, 50)) == 50
 
 
 def test_only_cells_that_were_seen_are_updated() -> None:
@@ -187,13 +173,6 @@ def test_resumed_bits_are_those_of_an_undisturbed_training(
     assert bits(other) == bits(undisturbed)
     for found, expected in zip(other.crops.errors, undisturbed.crops.errors, strict=True):
         np.testing.assert_array_equal(found, expected)
-
-
-def test_without_the_errors_the_same_seed_goes_elsewhere(make_trainer: Make, bits: Bits, tmp_path: Path) -> None:
-    forgetful = resumed(make_trainer, tmp_path / "c", 33)
-    for errors in forgetful.crops.errors:
-        errors.fill(np.inf)
-    assert bits(train(forgetful)) != bits(train(cropping(make_trainer(60, seed=3, **CROPPED))))
 
 
 def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:

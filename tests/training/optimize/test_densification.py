@@ -116,26 +116,11 @@ def test_training_goes_on_afterwards() -> None:
     assert steps == {2.0}
 
 
-def test_weak_pulls_and_unseen_ones_do_nothing() -> None:
-    scene = Scene()
-    scene.density.gradient_sum[3] = 100.0
-    scene.density.seen[3] = 1e6  # much in all, little each time
-    assert scene.round({2: RECIPE.densify_threshold * 0.99}) == (0, 0)
-    assert scene.round({}) == (0, 0)
-    assert len(scene.canonical) == COUNT
-
-
 @pytest.mark.parametrize(("growth", "limit", "expected"), [(0.3, 20, 3), (1.0, 12, 2), (1.0, 10, 0), (1.0, 5, 0)])
 def test_the_strongest_come_first_until_the_budget_is_spent(growth: float, limit: int, expected: int) -> None:
     scene = Scene(replace(RECIPE, densify_growth=growth, max_gaussians=limit))
     assert scene.round({index: 1.0 + index for index in range(5)}) == (expected, 0)
     torch.testing.assert_close(scene.canonical.sh[COUNT:].detach(), scene.before["sh"][5 - expected : 5])
-
-
-def test_pruning_makes_room() -> None:
-    scene = Scene(replace(RECIPE, max_gaussians=COUNT))
-    scene.density.peak_opacity[0] = 1e-3
-    assert scene.round({1: 1.0, 2: 2.0}) == (1, 1)
 
 
 def at_the_limit(below: float = 0.2) -> Scene:
@@ -153,25 +138,10 @@ def test_at_the_limit_the_strongest_take_the_places_of_those_least_needed() -> N
         assert memory == [1.0, 2, 3, 4, 0, 6, 7, 8, 0, 10], name
 
 
-def test_only_as_many_go_as_come_and_the_least_needed_first() -> None:
-    scene = at_the_limit()
-    assert scene.round({1: 1.0}) == (1, 1)
-    who = [0, 1, 2, 3, 4, 5, 6, 7, 1, 9]
-    torch.testing.assert_close(scene.canonical.means.detach(), scene.before["means"][who])
-
-
 def test_what_grows_is_not_replaced() -> None:
     scene = at_the_limit()
     assert scene.round({8: 1.0, 4: 1.0}) == (0, 0)
     assert scene.round({8: 1.0}) == (1, 1)
-
-
-def test_nothing_is_replaced_without_need_or_by_the_papers_recipes() -> None:
-    assert at_the_limit().round({}) == (0, 0)
-    assert at_the_limit(RECIPES["paper"].replaced_below).round({1: 1.0}) == (0, 0)
-    roomy = at_the_limit()
-    roomy.density.recipe = RECIPE
-    assert roomy.round({1: 1.0}) == (1, 0)
 
 
 @pytest.mark.parametrize(("looks", "least", "most"), [(100, 3, 7), (25, 3, 7), (5, 15, 29)])
@@ -193,13 +163,6 @@ def test_not_everything_is_pruned() -> None:
     scene.density.peak_opacity[:] = 1e-3
     assert scene.round({})[1] == 0
     assert len(scene.canonical) == COUNT
-
-
-def test_a_round_forgets_what_was_observed() -> None:
-    scene = Scene()
-    scene.round({2: 1.0})
-    assert scene.density.gradient_sum.shape == scene.density.seen.shape == (COUNT + 1,)
-    assert not scene.density.gradient_sum.any() and not scene.density.seen.any()
 
 
 def test_what_is_seen_in_one_frame_outlives_what_is_never_seen() -> None:

@@ -28,12 +28,6 @@ def test_the_gradient_is_that_of_the_mean_size() -> None:
     torch.testing.assert_close(canonical.log_scales.grad, before + wanted)
 
 
-def test_a_step_that_saw_nothing_changes_nothing() -> None:
-    canonical = canonical_field()
-    add_size_gradient(canonical, 0.3, 1.0)
-    assert canonical.log_scales.grad is None
-
-
 def test_no_axis_is_longer_than_a_share_of_the_distance_to_the_nearest_training_camera(tmp_path: Path) -> None:
     capture, canonical = open_capture(film.write_capture(tmp_path / "film")), canonical_field()
     trained = sorted({shot.camera for shot in capture.train_shots})

@@ -72,10 +72,3 @@ def test_of_one_moment_all_cameras(capture: Capture) -> None:
     photos = with_images(capture, dict.fromkeys(capture.train_cameras, 1))
     assert len({shot.frame for shot in photos.shots}) == 1
     assert learnable_cameras(photos) == list(capture.train_cameras) and is_learned(photos)
-
-
-def test_of_a_single_camera_none(capture: Capture) -> None:
-    """Whatever it has, all images have."""
-    first, *_ = capture.train_cameras
-    alone = with_images(capture, {first: 4})
-    assert learnable_cameras(alone) == [] and not is_learned(alone)

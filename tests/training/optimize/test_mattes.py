@@ -94,23 +94,6 @@ def test_the_loss_on_alpha_has_its_own_gradient() -> None:
     assert torch.equal(found.gradient, plain.gradient)
 
 
-def test_all_that_is_empty_weighs_no_more_than_the_subject(masked: Capture, frames: FrameStore) -> None:
-    mattes, shot = Mattes(masked, frames), masked.shot_index(1, 2)
-    assert shot is not None
-    camera = masked.cameras[1]
-    truth = mattes.truth(shot, camera, (0, 0, camera.width, camera.height), (0.5, 0.5, 0.5))
-    rgb = torch.zeros(camera.height, camera.width, 3)
-    found = matte_loss(drawing(rgb, rgb[..., 0] + 0.5), truth, 0.2, dssim_weight=0.0, weight=1.0)
-    assert truth.alpha is not None
-    share, empty = truth.alpha.mean() / 255, torch.from_numpy(truth.alpha == 0)
-    assert truth.empty_weight == pytest.approx(share / (1 - share))
-    ratio = found.gradient[empty].abs().max() / found.gradient[~empty].abs().max()
-    assert float(ratio) == pytest.approx(truth.empty_weight)
-    assert found.alpha_gradient is not None
-    ratio = found.alpha_gradient[empty].abs().max() / found.alpha_gradient[~empty].abs().max()
-    assert float(ratio) == pytest.approx(truth.empty_weight)
-
-
 def test_whole_images_have_the_loss_and_the_random_numbers_they_had(capture: Capture, store: FrameStore) -> None:
     rgb, truth = random_truth()
     whole = replace(truth, alpha=None)
@@ -139,12 +122,6 @@ def test_truth_lies_over_the_color_of_the_step(masked: Capture, frames: FrameSto
     empty = np.argwhere(alpha == 0)[0]
     drawn = np.array(exposed.background) * (1.25, 0.5, 1.0)  # what the camera makes of the drawing's background
     assert np.abs(exposed.pixels[tuple(empty)] / 255 - drawn).max() < 1 / 255
-
-
-def test_views_that_are_measured_on_have_backgrounds_that_differ(masked: Capture, frames: FrameStore) -> None:
-    colors = np.array([Mattes(masked, frames).background_of(number) for number in range(8)])
-    gaps = np.linalg.norm(colors[:, None] - colors[None], axis=2) + np.eye(8)
-    assert ((colors >= 0) & (colors <= 1)).all() and gaps.min() > 0.2
 
 
 def test_gaussians_outside_the_hull_are_pruned(masked: Capture, frames: FrameStore, lively: Any) -> None:

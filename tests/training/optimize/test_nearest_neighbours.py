@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import torch
-from support.builders import run_python
 
 from frog_blender.engine.training.optimize.neighbours import by_distances, nearest, spacings
 
@@ -54,22 +51,3 @@ def test_points_that_are_nowhere_have_neighbours_that_exist(value: float) -> Non
     usual[[7, 9]] = False
     assert bool(torch.isfinite(distances[usual]).all())
     assert not bool(((indices == 7) | (indices == 9))[usual].any())
-
-
-@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the system does not say how much memory was used")
-def test_many_points_leave_no_holes_in_memory() -> None:
-    """Results between buffers that came and went made the heap grow by gigabytes."""
-    code = """
-import torch
-from frog_blender.engine.training.optimize.neighbours import nearest
-def peak():
-    return int(next(line for line in open("/proc/self/status") if line.startswith("VmHWM")).split()[1]) / 1024
-points = torch.rand(12_000, 3)
-nearest(points[:50], points, 3, skip_self=True)
-before = peak()
-nearest(points, points, 3, skip_self=True)
-print(peak() - before)
-"""
-    run = run_python(code)
-    assert run.returncode == 0, run.stderr
-    assert float(run.stdout) < 100, "megabytes"

@@ -11,7 +11,6 @@ import torch
 from support.builders import plain_camera
 
 from frog_blender.engine.capture.capture import Capture, Shot
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.optimize.schedule import Every, ViewSampler, ramp
 from frog_blender.engine.training.recipe import RECIPES, recipe
 
@@ -28,10 +27,6 @@ def test_rounds_are_as_many_in_any_training(steps: int) -> None:
     assert found[0] / steps == pytest.approx(0.1, abs=1.01 / steps)
     for index, step in enumerate(found):
         assert step / steps == pytest.approx(0.1 + 0.05 * index, abs=1.01 / steps)
-
-
-def test_steps_longer_than_the_interval_have_one_round_each() -> None:
-    assert rounds(Every(0.2, 0.9, 0.01), 10) == list(range(2, 10))
 
 
 def test_rounds_from_the_start_to_the_end() -> None:
@@ -97,25 +92,6 @@ def test_every_schedule_of_a_recipe_is_a_fraction(name: str) -> None:
         assert 0 <= start < until <= 1 and 0 < every < until - start
     assert all(0 <= value <= 1 for value in (*r.sh_growth, *r.opacity_ramp, r.fine_rows_until, r.warm_up, r.dssim_from))
     assert len(r.sh_growth) >= r.sh_degree
-
-
-@pytest.mark.parametrize(
-    ("name", "changes"),
-    [
-        ("fast", {}),
-        ("draft", {"stesp": 3}),
-        ("draft", {"opacity_reduction": "most"}),
-        ("draft", {"sampling": "random"}),
-        ("draft", {"sampling_depth": "nearest"}),
-        ("draft", {"fusion": "sum"}),
-        ("draft", {"sh_degree": 4}),
-        ("draft", {"deformed_sh": 2}),
-        ("draft", {"steps": 0}),
-    ],
-)
-def test_recipes_that_do_not_exist(name: str, changes: dict) -> None:
-    with pytest.raises(FrogError):
-        recipe(name, **changes)
 
 
 def test_a_scene_of_few_seeds_can_grow() -> None:

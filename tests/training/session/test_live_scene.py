@@ -45,17 +45,6 @@ def test_work_rests_until_it_has_taken_its_share_of_either_clock() -> None:
     assert rest.is_over
 
 
-def test_quick_work_keeps_its_distance() -> None:
-    wall = Clock()
-    rest = Rest(share=1.0, shortest=2.0, clocks=(wall,))
-    with rest.measured():
-        pass
-    wall.seconds = 1.9
-    assert not rest.is_over
-    wall.seconds = 2.0
-    assert rest.is_over
-
-
 def test_there_is_room_for_one_and_it_is_the_newest(small_player: ScenePlayer) -> None:
     live = LiveScene()
     assert live.is_due and live.take() is None
