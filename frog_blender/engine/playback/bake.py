@@ -104,11 +104,11 @@ class Bake:
         except Exception:
             self._file.close()
             raise
-        self._rows = {time: row for row, time in enumerate(times)}
+        self._places = {time: place for place, time in enumerate(times)}
 
     def __len__(self) -> int:
         """Baked times."""
-        return len(self._rows)
+        return len(self._places)
 
     def find(self, time: float, rows: Array | None = None) -> FrameDelta | None:
         """What was baked of a time in [0, 1], bit for bit as computed; None where it was not, or cannot be read.
@@ -116,13 +116,13 @@ class Bake:
         Args:
             rows: (K,) indices of the wanted dynamic Gaussians, ascending; None for all of them.
         """
-        row = self._rows.get(time)
-        if row is None or self.problem:
+        place = self._places.get(time)
+        if place is None or self.problem:
             return None
         content = bytearray(4 * self._row)
         try:
             with self._lock:
-                self._file.seek(self._begin + 4 * row * self._row)
+                self._file.seek(self._begin + 4 * place * self._row)
                 length = self._file.readinto(content)
         except (OSError, ValueError) as error:  # ValueError: closed meanwhile
             self.problem = (
