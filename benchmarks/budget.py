@@ -19,9 +19,9 @@ import numpy as np
 
 from frog_blender.engine.evaluation.evaluate import evaluate_file
 from frog_blender.engine.playback.player import select_gaussians
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.scene.scene_file import read_scene, write_scene
 from frog_blender.engine.training.compression.budget import with_budget
-from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 

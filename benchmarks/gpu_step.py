@@ -33,8 +33,8 @@ from frog_blender.engine.capture.seeds import Seeds, find_seeds
 from frog_blender.engine.frames.image_coding import halved_image
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.rasterizer import Backend, GaussianArrays, Image, RasterizeOptions, rasterize
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.recipe import recipe
 
 WARM_UP = 20  # steps that are not counted; kernels are compiled in the first ones
 CAMERAS, FRAMES = 4, 5  # of the generated capture

@@ -20,7 +20,7 @@ from typing import Any
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.evaluation.evaluate import evaluate_file
 from frog_blender.engine.native import binding
-from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.session.events import Event, Finished, Started
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training

@@ -28,8 +28,8 @@ from frog_blender.engine.capture.seeds import Seeds, find_seeds
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.memory import gc_frozen
 from frog_blender.engine.native import binding
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.run import prepare_capture
 from frog_blender.experiments.corruptions.cameras import fewer_views
 

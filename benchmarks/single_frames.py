@@ -20,8 +20,8 @@ from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.evaluation.masks import moving_mask
 from frog_blender.engine.evaluation.metrics import psnr_of
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.recipes import Recipe, recipe
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.session.run import prepare_capture
 
 

@@ -25,9 +25,9 @@ from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.memory import gc_frozen
 from frog_blender.engine.model import fused
 from frog_blender.engine.native import binding
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.run import prepare_capture
 
 WARM_UP = 10  # steps that are left out of the first tenth

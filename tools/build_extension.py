@@ -60,7 +60,12 @@ TRAINING = (
         )
     ),
     "viewport/live.py",
+    "option_properties.py",
     "engine/api.py",
+    "engine/given_options.py",
+    "engine/options.py",
+    "engine/recipes.py",
+    "engine/setting.py",
     "engine/io/pip.py",
     "engine/io/pip_process.py",
     "engine/training",

@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ..engine.capture.pixel_offsets import parse_pixel_offsets
 from ..engine.errors import FrogError
+from ..engine.options import OPTIONS, Option, PixelOffsets
+from ..engine.setting import Choice, parsed
 
 if TYPE_CHECKING:
     from ..engine.editing.timing import Timing
@@ -28,43 +30,49 @@ def positive(kind: Callable[[str], float]) -> Callable[[str], float]:
     return parse
 
 
-def seed(text: str) -> int:
-    """The argument type of a random seed."""
-    value = int(text)
-    if not 0 <= value < 2**32:
-        raise argparse.ArgumentTypeError(f"{text} is not between 0 and {2**32 - 1}")
-    return value
+def add_options(parser: Any, *names: str) -> None:
+    """Adds options of a training, as ``engine.options`` has them, to a parser or a group; see ``given_of``."""
+    for name in names:
+        option = OPTIONS[name]
+        told: dict[str, Any] = {"dest": name, "default": argparse.SUPPRESS, "help": option.described.replace("%", "%%")}
+        if option.is_switch:
+            parser.add_argument(option.flag, action="store_true", **told)
+        elif isinstance(option.plain_kind, PixelOffsets):
+            parser.add_argument(option.flag, action="append", metavar=option.placeholder, **told)
+        elif isinstance(option.plain_kind, Choice):
+            parser.add_argument(option.flag, choices=option.plain_kind.values, **told)
+        else:
+            parser.add_argument(option.flag, type=_reader(option), metavar=option.placeholder, **told)
 
 
-def add_offset_argument(parser: argparse.ArgumentParser) -> None:
-    """Adds ``--pixel-offset``; see ``offsets_of``."""
-    parser.add_argument(
-        "--pixel-offset",
-        action="append",
-        default=[],
-        metavar="CAMERA=DX,DY",
-        help="pixel of the calibrated image at a cropped video's upper left corner",
-    )
+def _reader(option: Option) -> Callable[[str], object]:
+    """The argument type of an option."""
+
+    def read(text: str) -> object:
+        try:
+            return parsed(option.flag, text, option.plain_kind)
+        except FrogError as error:
+            raise argparse.ArgumentTypeError(str(error).rstrip(".")) from None
+
+    return read
 
 
-def offsets_of(options: argparse.Namespace) -> dict[str, tuple[float, float]] | None:
-    """Pixel offsets by camera, None where none were given; FrogError for a malformed one."""
-    return parse_pixel_offsets(options.pixel_offset, "--pixel-offset")
+def given_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Those options of ``add_options`` that were given, by name; FrogError for malformed pixel offsets."""
+    given = {name: value for name, value in vars(options).items() if name in OPTIONS}
+    if texts := given.get("pixel_offsets"):
+        given["pixel_offsets"] = {name: offset for text in texts for name, offset in _offset(text).items()}
+    return given
 
 
-def add_mask_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds ``--masks`` and ``--key``."""
-    parser.add_argument(
-        "--masks",
-        choices=["auto", "off"],
-        default="auto",
-        help="auto: only the subject of images with alpha or masks, off: whole images",
-    )
-    parser.add_argument(
-        "--key",
-        metavar="COLOUR[,TOLERANCE]",
-        help="backdrop that is not part of the subject: green, blue or #00b140; tolerance from 0 to 0.95, default 0.4",
-    )
+def _offset(text: str) -> dict[str, tuple[float, ...]]:
+    """One camera's offset; its name may have blanks in it."""
+    option, offsets = OPTIONS["pixel_offsets"], PixelOffsets()
+    with suppress(ValueError):
+        offset = offsets.parse_all([text])
+        if offsets.accepts(offset):
+            return offset
+    raise FrogError(f"{option.flag} {text}: expected {offsets.expected}.")
 
 
 def add_frames_argument(parser: argparse.ArgumentParser) -> None:

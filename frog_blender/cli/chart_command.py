@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FrogError
-from ..engine.training.recipe import RECIPES
+from ..engine.recipes import RECIPES
 from ..experiments.grid import ABLATIONS
 from .arguments import positive
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting

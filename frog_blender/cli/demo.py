@@ -36,7 +36,7 @@ def run_demo(capture: DemoCapture, out: Path, recipe_name: str, seconds: float |
     Raises:
         FrogError: if the training was cancelled, or a file cannot be read or written.
     """
-    from ..engine.training.recipe import recipe
+    from ..engine.recipes import recipe
     from ..engine.training.session.job import TrainingJob
     from ..engine.training.session.output_paths import checkpoint_path
     from ..engine.training.session.run import run_training

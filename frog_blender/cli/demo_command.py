@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..engine.training.recipe import RECIPES
+from ..engine.recipes import RECIPES
 from .arguments import positive
 
 

@@ -10,16 +10,16 @@ from typing import Any
 from ..engine.capture.calibration.report_lines import report_lines
 from ..engine.capture.capture import Capture
 from ..engine.capture.contact_sheet import mask_lines, write_contact_sheet
-from ..engine.capture.masking import MaskSettings
 from ..engine.capture.quality.check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
+from ..engine.options import TrainingOptions
 from ..engine.playback.player import ScenePlayer
+from ..engine.recipes import recipe
 from ..engine.scene import compression_report
-from ..engine.training.recipe import recipe
 from ..engine.training.session.job import usual_scale
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
-from .arguments import add_mask_arguments, add_offset_argument, offsets_of
+from .arguments import add_options, given_of
 from .printing import say
 
 _SHOWN = 12  # names of held-out cameras
@@ -41,8 +41,7 @@ def add_info_parser(commands: Any) -> None:
         metavar="X.png",
         help="write one image of each camera: red where masks leave it out, blue where it is ignored",
     )
-    add_offset_argument(info)
-    add_mask_arguments(info)
+    add_options(info, "pixel_offsets", "masks", "key")
     info.set_defaults(run=_info)
 
 
@@ -65,8 +64,8 @@ def _describe(options: argparse.Namespace) -> dict[str, Any]:
             wish = "--check" if check else "--sheet"
             raise FrogError(f"{path}: {wish} looks at the images of a capture, found a scene.")
         return _describe_scene(ScenePlayer.load(path), path)
-    masks = MaskSettings(options.masks != "off", options.key)
-    capture = open_capture(path, pixel_offsets=offsets_of(options), masks=masks)
+    chosen = TrainingOptions(**given_of(options))
+    capture = open_capture(path, pixel_offsets=chosen.pixel_offsets, masks=chosen.mask_settings)
     if options.sheet:
         write_contact_sheet(capture, options.sheet)
     return _describe_capture(capture) | (_checked(capture) if check else {})

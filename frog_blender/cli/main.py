@@ -24,7 +24,7 @@ from .printing import complain
 from .render_command import add_render_parser
 from .stability_command import add_stability_parser
 from .stopping import leaving_cleanly
-from .train_command import add_train_parser
+from .train_command import add_recipes_parser, add_train_parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -79,6 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action=_PrintVersion, nargs=0, help="print the version of frog_blender")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_train_parser(commands)
+    add_recipes_parser(commands)
     add_info_parser(commands)
     add_calibrate_parser(commands)
     add_eval_parser(commands)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..engine.training.recipe import RECIPES
+from ..engine.recipes import RECIPES
 from ..experiments.corruptions.catalogue import BASES, CLEAN, CONDITIONS
 from .arguments import positive
 from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting

@@ -64,15 +64,15 @@ def train_takes(options: argparse.Namespace, job_of: JobOf) -> int:
     except OSError as error:
         raise FrogError(f"{folder}: scenes cannot be written here ({error.strerror or error}).") from error
     outputs = {take.name: folder / f"{take.name}.frog" for take in takes}
-    left = [take for take in takes if options.overwrite or not is_trained(outputs[take.name])]
+    jobs = {take.name: job_of(take, outputs[take.name]) for take in takes}
+    left = {name: _going_on(job) for name, job in jobs.items() if job.overwrite or not is_trained(job.output)}
     say(f"{len(takes)} takes, {len(takes) - len(left)} of them trained before")
     with printing_may_fail(), stopping() as asked:
-        jobs = {take.name: _going_on(job_of(take, outputs[take.name]), options.overwrite) for take in left}
         if options.scheduler and left:
             with opened_cluster(options.scheduler, min(options.jobs, len(left))) as cluster:
-                finished = _on_cluster(cluster, jobs, asked)
+                finished = _on_cluster(cluster, left, asked)
         else:
-            finished = [name for name, job in jobs.items() if _train(name, job, asked)]
+            finished = [name for name, job in left.items() if _train(name, job, asked)]
         done = len(takes) - len(left) + len(finished)
         say(f"{folder}: {done} of {len(takes)} takes are trained")
         if done < len(takes):
@@ -86,10 +86,9 @@ def is_trained(scene: Path) -> bool:
     return scene.is_file() and (trained is None or trained[0] >= 1)
 
 
-def _going_on(job: TrainingJob, overwrite: bool) -> TrainingJob:
+def _going_on(job: TrainingJob) -> TrainingJob:
     """The job, from its checkpoint if there is one."""
-    resume = not overwrite and checkpoint_path(job.output).is_file()
-    return replace(job, resume=resume, overwrite=overwrite or resume)
+    return replace(job, resume=not job.overwrite and checkpoint_path(job.output).is_file())
 
 
 def _train(name: str, job: TrainingJob, asked: Callable[[], bool]) -> bool:
@@ -141,7 +140,7 @@ def _put(heard: queue.Queue[tuple[str, Any]], name: str, message: Any) -> None:
 
 def task_of(job: TrainingJob, threads: int) -> dict[str, Any]:
     """A training as JSON values, for ``train_take``. Its paths are absolute: it may be done from another folder."""
-    told = {"device": job.device, "save_seconds": job.save_seconds, "overwrite": job.overwrite}
+    told = {"device": job.device, "save_every": job.save_every, "overwrite": job.overwrite}
     return {"settings": job.stored_settings(), "output": str(job.output.resolve()), "threads": threads, **told}
 
 
@@ -160,10 +159,10 @@ def train_take(task: Mapping[str, Any], tell: Callable[[float], None], cancelled
     from ..experiments.machine import limited_threads
 
     output = Path(task["output"])
-    fields = {"device": task["device"], "save_seconds": task["save_seconds"], "overwrite": task["overwrite"]}
+    fields = {"device": task["device"], "save_every": task["save_every"], "overwrite": task["overwrite"]}
     job = replace(TrainingJob.of_settings(task["settings"], output), **fields)
     with limited_threads(task["threads"]):
-        for event in run_training(_going_on(job, job.overwrite), cancelled):
+        for event in run_training(_going_on(job), cancelled):
             if isinstance(event, events.Progress):
                 tell(event.step / max(event.steps, 1))
             elif isinstance(event, events.Finished):

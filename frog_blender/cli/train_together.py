@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from .printing import complain
@@ -16,7 +14,7 @@ if TYPE_CHECKING:
     from ..engine.training.session.job import TrainingJob
 
 
-def train_together(options: argparse.Namespace, make_job: Callable[[], TrainingJob]) -> int:
+def train_together(job: TrainingJob) -> int:
     """Trains with the other processes; returns the exit status. Rank 0 alone tells of the training."""
     with printing_may_fail(), stopping() as asked:
         from ..engine.training.optimize.view_pass import PeerLost
@@ -24,8 +22,7 @@ def train_together(options: argparse.Namespace, make_job: Callable[[], TrainingJ
         from ..engine.training.session.run import run_training
         from .progress import show
 
-        with joined(options.device) as processes:
-            job = make_job()
+        with joined(job.device) as processes:
             try:
                 stream = run_training(job, asked, peers=processes)
                 if processes.rank == 0:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from .gaussians import GaussianArrays
     from .playback.player import ScenePlayer
     from .playback.render import Drawing
+    from .recipes import Recipe, recipe
 
 _HOMES = {
     "Camera": "capture.camera",
@@ -32,12 +33,14 @@ _HOMES = {
     "FrogError": "errors",
     "GaussianArrays": "gaussians",
     "Metrics": "api",
+    "Recipe": "recipes",
     "ScenePlayer": "playback.player",
     "Shot": "capture.capture",
     "TrainResult": "api",
     "evaluate": "api",
     "load_scene": "api",
     "open_capture": "api",
+    "recipe": "recipes",
     "render": "api",
     "train": "api",
 }
@@ -50,12 +53,14 @@ __all__ = [
     "FrogError",
     "GaussianArrays",
     "Metrics",
+    "Recipe",
     "ScenePlayer",
     "Shot",
     "TrainResult",
     "evaluate",
     "load_scene",
     "open_capture",
+    "recipe",
     "render",
     "train",
 ]

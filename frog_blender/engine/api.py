@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
@@ -11,15 +12,17 @@ from typing import TYPE_CHECKING, Any
 from .capture.camera import Camera
 from .capture.capture import Capture
 from .capture.readers import open_capture as read_capture
+from .errors import FrogError, brief
 from .evaluation.evaluate import Figures, as_trained, open_training_capture
 from .evaluation.evaluate import evaluate as evaluate_images
 from .frames.store import FrameStore
+from .given_options import training_options
 from .notices import say
+from .options import OPTIONS
 from .playback.player import ScenePlayer
 from .playback.render import Drawing, draw
 
 if TYPE_CHECKING:
-    from .training.recipe import Recipe
     from .training.session.events import Event
 
 PathArgument = str | PathLike[str]
@@ -89,79 +92,47 @@ def open_capture(path: PathArgument, *, pixel_offsets: Mapping[str, tuple[float,
     return read_capture(Path(path), pixel_offsets=dict(pixel_offsets) if pixel_offsets else None)
 
 
+def _with_options(function: Callable[..., TrainResult]) -> Callable[..., TrainResult]:
+    """What ``help`` and editors show of ``train``: every option of the table in the place of ``**options``."""
+    *own, _ = inspect.signature(function).parameters.values()
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    shown = [inspect.Parameter(option.name, keyword, default=option.default) for option in OPTIONS.values()]
+    function.__signature__ = inspect.Signature([*own[:2], *shown, *own[2:]])  # type: ignore[attr-defined]
+    lines = [f"        {option.name}: {option.described}." for option in OPTIONS.values()]
+    function.__doc__ = (function.__doc__ or "").replace("        OPTIONS", "\n".join(lines))
+    return function
+
+
+@_with_options
 def train(
     capture: Capture | PathArgument,
     output: PathArgument,
     *,
-    recipe: str | Recipe = "standard",
-    method: str = "frog",
-    capacity: str = "auto",
-    steps: int | None = None,
-    seconds: float | None = None,
-    seed: int = 0,
-    scale: float | None = None,
-    holdout_frames: int | None = None,
-    device: str = "auto",
-    max_gaussians: int | None = None,
-    max_bytes: int | None = None,
-    lossless: bool = False,
-    overwrite: bool = False,
-    resume: bool = False,
     on_event: Callable[[Event], object] | None = None,
     cancelled: Callable[[], bool] = lambda: False,
+    **options: Any,
 ) -> TrainResult:
     """Trains a scene from a capture and writes it as a ``.frog`` file. Imports torch.
 
     Args:
         capture: opened, or its folder.
         output: the ``.frog`` to write. Its checkpoint lies beside it.
-        recipe: "draft", "standard", "paper", "hypernerf", "technicolor", or one of your own.
-        method: "frog" or a baseline: "ed3dgs", "static", "d3dgs", "hexplane", "curves".
-        capacity: "auto" keeps no more than the scene needs, "fixed" keeps everything; for a recipe given by name.
-        steps, seconds: limits; the recipe's own number of steps where neither is given.
-        seed: of everything random.
-        scale: image size factor; None shrinks to at most 1,600 pixels a side.
-        holdout_frames: hold out every n-th frame; None keeps what the capture's format says.
-        device: "cpu", "cuda" or "auto".
-        max_gaussians: of the scene, at most.
-        max_bytes: of the file, at most; only with automatic capacity.
-        lossless: write every number as it is, instead of quantized where that does not show.
-        overwrite: replace a scene or a checkpoint that is there; otherwise that is an error.
-        resume: go on from the checkpoint beside ``output``.
         on_event: called with every event of ``engine.training.session.events``, in this thread.
         cancelled: asked between steps; True ends the training and keeps what was learned.
+        OPTIONS
 
     Raises:
-        FrogError: in one sentence, for what the caller can mend.
+        FrogError: in one sentence, for what the caller can mend; for an argument before anything is decoded.
     """
-    from .training.compression.budget import recipe_within
-    from .training.recipe import recipe as recipe_named
     from .training.session import events
     from .training.session.job import TrainingJob
     from .training.session.run import run_training
 
-    if isinstance(capture, Capture):
-        path, opened = capture.path, capture
-    else:
-        path, opened = Path(capture), None
-    chosen = recipe_named(recipe, capacity=capacity) if isinstance(recipe, str) else recipe
-    job = TrainingJob(
-        path,
-        Path(output),
-        method=method,
-        recipe=recipe_within(chosen, method, max_gaussians=max_gaussians, max_bytes=max_bytes),
-        steps=steps,
-        seconds=seconds,
-        seed=seed,
-        scale=scale,
-        holdout_frames=holdout_frames,
-        overwrite=overwrite,
-        resume=resume,
-        device=device,
-        lossless=lossless,
-        max_bytes=max_bytes,
-        opened=opened,
-    )
+    chosen = training_options(options)
+    opened = capture if isinstance(capture, Capture) else None
+    folder = capture.path if isinstance(capture, Capture) else _path("capture", capture)
+    names = {name: name for name in (*options, *(chosen.settings or {}))}
+    job = TrainingJob.of_options(folder, _path("output", output), chosen, opened=opened, chosen=names)
     result = TrainResult(None, False, 0)
     for event in run_training(job, cancelled):
         if on_event is not None:
@@ -171,6 +142,13 @@ def train(
         elif isinstance(event, events.Cancelled):
             result = TrainResult(Path(event.path) if event.path else None, False, event.step)
     return result
+
+
+def _path(name: str, value: object) -> Path:
+    """FrogError where an argument is no path."""
+    if not isinstance(value, str | PathLike):
+        raise FrogError(f"{name} is {brief(repr(value))}, expected a path.")
+    return Path(value)
 
 
 def load_scene(path: PathArgument) -> ScenePlayer:

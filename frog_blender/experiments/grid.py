@@ -16,7 +16,7 @@ from .corruptions.catalogue import condition_named
 
 if TYPE_CHECKING:
     from ..engine.capture.capture import Capture
-    from ..engine.training.recipe import Recipe
+    from ..engine.recipes import Recipe
 
 AUTO_ROW, AUTO_LABEL, AUTO = "frog-auto", "FRoG auto", {"capacity": "auto"}
 """FRoG with automatic capacity (see training.compression), a row beside FRoG with a fixed capacity."""
@@ -86,7 +86,7 @@ class Run:
 
     def plain_recipe(self) -> Recipe:
         """The recipe before the method adapts it."""
-        from ..engine.training.recipe import recipe
+        from ..engine.recipes import recipe
 
         return recipe(self.recipe, **dict(self.overrides))
 
@@ -121,7 +121,7 @@ def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str,
         FrogError: for an ablation that does not exist.
     """
     from ..engine.field.names import FORMS, FUSIONS
-    from ..engine.training.recipe import SAMPLINGS
+    from ..engine.recipes import SAMPLINGS
 
     reduced = base.opacity_reduction if base.opacity_reduction != "off" else "unit"
     sampled = base.sampling if base.sampling != "off" else "anchors"

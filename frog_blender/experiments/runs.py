@@ -47,14 +47,14 @@ class RunEnvironment:
         device: see ``TrainingJob``.
         threads: of each run; 0 for one a core.
         dedicated: whether no other run of the grid works at the same time.
-        save_seconds: between checkpoints.
+        save_every: between checkpoints.
     """
 
     folder: Path
     device: str = "auto"
     threads: int = 0
     dedicated: bool = True
-    save_seconds: float = 180.0
+    save_every: float = 180.0
 
     @property
     def results(self) -> Path:
@@ -168,7 +168,7 @@ def perform(
             scale=run.scale,
             holdout_frames=run.holdout_frames,
             device=environment.device,
-            save_seconds=environment.save_seconds,
+            save_every=environment.save_every,
             opened=opened,
             evaluated_shots=_EVALUATED_SHOTS,
         )

@@ -3,6 +3,7 @@
 # Blender reads properties from annotations, which to a type checker are not types.
 # mypy: disable-error-code="valid-type"
 
+from functools import partial
 from typing import Any
 
 import bpy
@@ -16,6 +17,7 @@ from ..tasks.live_view import LiveView
 from ..tasks.remote_training import RemoteTraining
 from ..tasks.training import TrainingTask
 from ..tasks.training_request import (
+    REMOTE,
     TrainingRequest,
     can_train_longer,
     longer_request,
@@ -55,14 +57,13 @@ class StartsTraining:
         """Starts it; the scene's output becomes that of the request. FrogError if it cannot be started."""
         after = ResultImporter(settings.id_data) if settings.import_when_done else None
         prepare = after.prepare if after is not None else None
-        if settings.device == remote_settings.REMOTE:
+        if settings.device == REMOTE:
             remote = RemoteTraining(remote_settings.remote_command(), request)
             TrainingTask(remote.events, after, prepare=prepare, kill=remote.kill).begin()
         else:
             torch_environment.make_torch_importable()
             live = LiveView(settings.id_data)
-            request.job["live"] = live.source
-            TrainingTask(request.events, after, live=live, prepare=prepare).begin()
+            TrainingTask(partial(request.events, live=live.source), after, live=live, prepare=prepare).begin()
         if request.output == output_of(settings):
             return
         self.report({"INFO"}, f"{output_of(settings)} already exists. This training writes {request.output.name}.")

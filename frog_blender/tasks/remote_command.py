@@ -11,6 +11,8 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from ..engine.errors import FrogError, printable
+from ..engine.options import Door, Resume, options_at
+from ..engine.setting import text_of
 
 if TYPE_CHECKING:
     from .training_request import TrainingRequest
@@ -91,20 +93,22 @@ class RemoteCommand:
 
 
 def options_of(request: TrainingRequest) -> list[str]:
-    """The options of ``frog train`` that a request stands for, apart from the capture, the output and the device."""
-    job = request.job
-    options: dict[str, object] = {"steps": job.get("steps"), "seconds": job.get("seconds")}
-    if job.get("resume"):  # the others are those that it began with
-        return [*_given(options), "--resume"]
-    options |= {"recipe": request.recipe, "capacity": request.capacity, "max-gaussians": request.max_gaussians}
-    options |= {name: job.get(name) for name in ("scale", "masks", "key")}
-    options["holdout-frames"] = job.get("holdout_frames")
-    offsets = job.get("pixel_offsets") or {}
-    return [*_given(options), *(f"--pixel-offset={name}={x!r},{y!r}" for name, (x, y) in offsets.items())]
-
-
-def _given(options: Mapping[str, object]) -> list[str]:
-    return [f"--{name}={value}" for name, value in options.items() if value is not None]
+    """The options of ``frog train`` that a request stands for, apart from the capture, the output and the device: those
+    that differ from what they are by default; of a resumed training those that it may be given anew.
+    """
+    arguments = []
+    for option in options_at(Door.REMOTE):
+        value = getattr(request.options, option.name)
+        is_ignored = request.options.resume and option.resume is Resume.KEPT
+        if value == option.default or is_ignored:
+            continue
+        if option.is_switch:
+            arguments.append(option.flag)
+        elif isinstance(value, dict):
+            arguments += [f"{option.flag}={name}={text_of(part)}" for name, part in value.items()]
+        else:
+            arguments.append(f"{option.flag}={text_of(value)}")
+    return arguments
 
 
 def _words(text: str) -> list[str]:

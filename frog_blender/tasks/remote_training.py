@@ -59,7 +59,7 @@ class RemoteTraining:
         """Yields events until the command has ended; returns the training's last, which waits for that: what the
         command does after a training, such as copying the scene here, belongs to it.
         """
-        wishes = _Wishes(process, control, self._request.job.get("preview_camera"))
+        wishes = _Wishes(process, control, self._request.options.preview_camera)
 
         def is_over() -> bool:
             wishes.pass_on()

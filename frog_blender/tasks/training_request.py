@@ -5,61 +5,51 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-from ..engine.capture.pixel_offsets import parse_pixel_offsets
 from ..engine.errors import FrogError, found_instead
+from ..engine.options import TrainingOptions
 from ..engine.training.session.cancel_token import CancelToken
-from ..engine.training.session.output_paths import (
-    checkpoint_path,
-    is_of_another,
-    training_progress,
-    unused_output,
-)
+from ..engine.training.session.events import Event
+from ..engine.training.session.job import TrainingJob
+from ..engine.training.session.live_scene import LiveScene
+from ..engine.training.session.output_paths import checkpoint_path, is_of_another, training_progress, unused_output
+from ..option_properties import chosen_options
 from . import package_folders
 
+REMOTE, KEY_MASKS = "remote", "key"
+"""Choices of the panel's device and masks that are none of the option's: another computer, and a colour of its own."""
 
+
+@dataclass
 class TrainingRequest:
     """What to train, in plain values.
 
-    Args:
-        recipe, capacity: names; None leaves the capacity to the recipe.
-        max_gaussians: of the scene, at most; None for as many as the recipe allows.
+    Attributes:
         continued: the scene of a finished training that this one begins with, and leaves as it is.
-        job: fields of the engine's ``TrainingJob`` that are not to have their defaults. They are not repeated here,
-            and the class itself is not named: its module imports torch.
     """
 
-    def __init__(
-        self,
-        capture: Path,
-        output: Path,
-        recipe: str = "standard",
-        capacity: str | None = None,
-        *,
-        max_gaussians: int | None = None,
-        continued: Path | None = None,
-        **job: Any,
-    ) -> None:
-        self.capture, self.output, self.recipe, self.capacity, self.job = capture, output, recipe, capacity, job
-        self.max_gaussians, self.continued = max_gaussians, continued
+    capture: Path
+    output: Path
+    options: TrainingOptions = field(default_factory=TrainingOptions)
+    continued: Path | None = None
 
-    def events(self, control: CancelToken) -> Iterator[Any]:
-        """Run the training; called on the worker, because this is what imports torch."""
+    def events(self, control: CancelToken, live: LiveScene | None = None) -> Iterator[Event]:
+        """Run the training; called on the worker, because this is what imports torch.
+
+        Args:
+            live: takes snapshots of the scene.
+        """
         package_folders.hold()
-        from ..engine.training.compression.budget import recipe_within
-        from ..engine.training.recipe import recipe
-        from ..engine.training.session.job import TrainingJob
         from ..engine.training.session.run import run_training
         from ..engine.training.session.time_estimate import remembering
 
         self.copy_checkpoint()
-        chosen = recipe(self.recipe, capacity=self.capacity)
-        settings = recipe_within(chosen, "frog", max_gaussians=self.max_gaussians, max_bytes=None)
-        job = TrainingJob(self.capture, self.output, recipe=settings, **self.job)
+        job = TrainingJob.of_options(self.capture, self.output, self.options, live=live)
         return remembering(run_training(job, control), job)
 
     def copy_checkpoint(self) -> None:
@@ -92,9 +82,8 @@ def longer_request(settings: Any, steps: int) -> TrainingRequest:
     if not can_train_longer(settings):
         raise found_instead(checkpoint_path(done), "no finished training of this capture", "one to go on with")
     request = _request(settings, True)
-    request.output, request.continued = unused_output(done), done
-    request.job |= {"steps": steps, "seconds": None}
-    return request
+    options = replace(request.options, steps=steps, seconds=None)
+    return replace(request, output=unused_output(done), continued=done, options=options)
 
 
 def _request(settings: Any, resume: bool) -> TrainingRequest:
@@ -108,32 +97,18 @@ def _request(settings: Any, resume: bool) -> TrainingRequest:
     output = output_of(settings)
     if resume and is_of_another(output, capture):
         raise found_instead(checkpoint_path(output), "a training of another capture", f"one of {capture}")
-    return TrainingRequest(
-        capture,
-        output if resume else unused_output(output),
-        settings.recipe,
-        settings.capacity,
-        max_gaussians=settings.max_gaussians or None,
-        steps=settings.steps or None,
-        seconds=60.0 * settings.minutes or None,
-        scale=settings.image_scale or None,
-        pixel_offsets=parse_pixel_offsets(settings.pixel_offsets.split()),
-        holdout_frames=None if settings.holdout_frames < 0 else settings.holdout_frames,
-        masks="off" if settings.masks == "off" else "auto",
-        key=_key_of(settings),
-        device=settings.device,
-        preview_camera=settings.preview_camera or None,
-        resume=resume,
-        overwrite=False,
-    )
+    options = chosen_options(settings, **_from_panel(settings), resume=resume)
+    return TrainingRequest(capture, output if resume else unused_output(output), options)
 
 
-def _key_of(settings: Any) -> str | None:
-    """The chroma key of the panel's settings, as ``masking.chroma_key`` reads it."""
-    if settings.masks != "key":
-        return None
+def _from_panel(settings: Any) -> dict[str, Any]:
+    """Options that the panel has in another form than the table's: a colour beside its tolerance, and a device that is
+    another computer, which has a device of its own."""
+    device = {"device": "auto"} if settings.device == REMOTE else {}
+    if settings.masks != KEY_MASKS:
+        return {"key": None, **device}
     color = bytes(round(255 * min(max(value, 0.0), 1.0)) for value in settings.key_color)
-    return f"#{color.hex()},{settings.key_tolerance:.2f}"
+    return {"masks": "auto", "key": f"#{color.hex()},{settings.key_tolerance:.2f}", **device}
 
 
 def output_of(settings: Any) -> Path:

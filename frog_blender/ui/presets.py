@@ -6,18 +6,11 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
+from ..engine.options import Door, options_at
+from ..option_properties import property_name
+
 SUBFOLDER = "frog_blender/training"
-PRESET_SETTINGS = (
-    "recipe",
-    "device",
-    "capacity",
-    "steps",
-    "minutes",
-    "image_scale",
-    "holdout_frames",
-    "max_gaussians",
-    "import_when_done",
-)
+PRESET_SETTINGS = (*(property_name(option) for option in options_at(Door.PRESET)), "import_when_done")
 """Properties of ``Scene.frog`` that a preset stores: how to train, not what."""
 
 

@@ -9,10 +9,9 @@ import bpy
 from bpy.props import StringProperty
 
 from ..tasks.remote_command import RemoteCommand
+from ..tasks.training_request import REMOTE
 from . import torch_environment
 
-REMOTE = "remote"
-"""The device of trainings by the command."""
 EXAMPLE = "ssh gpu frog train {capture} --out {output} --events {options}"
 
 

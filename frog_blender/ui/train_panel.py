@@ -8,10 +8,13 @@ from typing import Any
 import bpy
 
 from ..engine.capture.capture import Capture
+from ..engine.options import Door, Option, options_at
+from ..engine.setting import Choice
+from ..option_properties import property_name
 from ..scene_import.capture_objects import plays
 from ..scene_import.scene_setup import is_set_up, start_cube
 from ..tasks.training import TrainingTask
-from ..tasks.training_request import can_resume, can_train_longer
+from ..tasks.training_request import REMOTE, can_resume, can_train_longer
 from ..tasks.training_state import TrainingState
 from . import presets, preview_image, remote_settings, torch_environment, training_choices
 from .sidebar_panel import SidebarPanel, split
@@ -95,6 +98,33 @@ class FROG_PT_train_advanced(SidebarPanel, bpy.types.Panel):
         layout.prop(settings, "pixel_offsets")
 
 
+class FROG_PT_train_more(SidebarPanel, bpy.types.Panel):
+    """Options of a training that no other panel has."""
+
+    bl_label = "More"
+    bl_parent_id = "FROG_PT_train_advanced"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = split(self.layout), context.scene.frog
+        for option in options_at(Door.PANEL):
+            if option.name not in _SHOWN_ELSEWHERE and not _has_one_value(option):
+                layout.prop(settings, property_name(option))
+
+
+_SHOWN_ELSEWHERE = frozenset(
+    {
+        *("recipe", "device", "capacity", "steps", "seconds", "scale", "max_gaussians", "holdout_frames"),
+        *("pixel_offsets", "masks", "key", "preview_camera"),
+    }
+)
+
+
+def _has_one_value(option: Option) -> bool:
+    """Whether there is nothing to choose, as of methods where the research package is not there."""
+    return isinstance(option.kind, Choice) and len(option.kind.values) == 1
+
+
 def _draw_choice(layout: bpy.types.UILayout, settings: Any, switch: str, name: str, usual: str) -> None:
     """Draws a check box, with the value behind it if it is on, otherwise with what holds without it."""
     layout.prop(settings, switch)
@@ -121,7 +151,7 @@ def _left_out(settings: Any) -> str:
 
 def _expected_time(settings: Any, capture: Capture) -> str:
     """How long the training will take, as far as that is known. Neither decodes nor imports torch."""
-    from ..engine.training.recipe import recipe
+    from ..engine.recipes import recipe
     from ..engine.training.session.job import usual_scale
     from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 
@@ -133,12 +163,12 @@ def _expected_time(settings: Any, capture: Capture) -> str:
 def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Context) -> None:
     """Draws the estimated duration and the buttons that start a training."""
     capture = training_choices.known_capture(settings)
-    if capture is not None and settings.device != remote_settings.REMOTE:
+    if capture is not None and settings.device != REMOTE:
         wrapped_label(layout, _expected_time(settings, capture), context, icon="TIME")
     needed = remote_settings.needed(settings)
     if needed:
         wrapped_label(layout, needed, context, icon="ERROR")
-    if needed and settings.device != remote_settings.REMOTE:
+    if needed and settings.device != REMOTE:
         torch_environment.draw_torch_installation(layout, context)
     row = layout.row()
     row.scale_y = 1.5
@@ -224,5 +254,5 @@ def _draw_figures(layout: bpy.types.UILayout, state: TrainingState, context: bpy
         column.label(text=f"Gaussians: {state.gaussians:,}{dynamic}")
 
 
-_CLASSES = (FROG_PT_train, FROG_PT_train_report, FROG_PT_train_advanced)
+_CLASSES = (FROG_PT_train, FROG_PT_train_report, FROG_PT_train_advanced, FROG_PT_train_more)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -35,7 +35,7 @@ def known_capture(settings: Any) -> Capture | None:
 
 def usual_steps(settings: Any) -> int:
     """The steps of the chosen recipe, for the capture if it is known."""
-    from ..engine.training.recipe import recipe
+    from ..engine.recipes import recipe
 
     chosen, capture = recipe(settings.recipe), known_capture(settings)
     return chosen.steps_for(capture.frame_count) if capture is not None else chosen.steps
@@ -51,7 +51,7 @@ def usual_image_scale(settings: Any) -> float:
 
 def usual_gaussians(settings: Any) -> int:
     """How many Gaussians a scene of the chosen recipe has at most."""
-    from ..engine.training.recipe import recipe
+    from ..engine.recipes import recipe
 
     return recipe(settings.recipe).max_gaussians
 

@@ -9,55 +9,27 @@ from typing import Any
 import bpy
 from bpy.props import (
     BoolProperty,
-    EnumProperty,
     FloatProperty,
     FloatVectorProperty,
-    IntProperty,
     PointerProperty,
     StringProperty,
 )
 
 from .. import redrawing, relative_paths
+from ..engine.options import OPTIONS, Door, options_at
 from ..engine.training.session.output_paths import free_output
+from ..option_properties import items_of, property_name, property_of
+from ..tasks.training_request import KEY_MASKS, REMOTE
 from .path_options import PATH_OPTIONS
-from .remote_settings import REMOTE
 from .rig_settings import FrogRigSettings
 from .training_choices import TrainingChoices
 
-RECIPES = (
-    ("draft", "Quick Look (Draft)", "A first look: at least 3,000 steps, a minute or two on a CPU"),
-    (
-        "standard",
-        "Good (Standard)",
-        "The usual choice: at least 10,000 steps, three to ten minutes on a CPU, longer for long captures",
-    ),
-    ("paper", "Final (Paper)", "The settings of the FRoG paper: 80,000 steps of a larger model, many hours"),
-)
-
-
 DEVICES = (
-    ("auto", "Automatic", "The NVIDIA GPU if torch and FRoG can use one, otherwise the CPU"),
-    ("cpu", "CPU", "All cores of the CPU"),
-    ("cuda", "CUDA", "The NVIDIA GPU; needs a torch with CUDA"),
+    *items_of(OPTIONS["device"]),
     (REMOTE, "Remote", "Another computer, by the Remote Command in the add-on's preferences"),
 )
-
-
-CAPACITIES = (
-    ("auto", "Automatic", "As much as the scene needs: static parts get no motion, files stay small"),
-    ("fixed", "Fixed", "Every Gaussian can move, and nothing is compressed"),
-)
-
-
-MASKS = (
-    (
-        "auto",
-        "From the Folder",
-        "Learn only what is opaque, or inside the folder's 'masks', and nothing inside those in 'ignore'",
-    ),
-    ("key", "Key Colour", "The same, and a backdrop of one colour is not learned"),
-    ("off", "None", "Whole images are learned, whatever masks there are"),
-)
+_FOLDER, *_OTHERS = items_of(OPTIONS["masks"])
+MASKS = (_FOLDER, (KEY_MASKS, "Key Colour", "The same, and a backdrop of one colour is not learned"), *_OTHERS)
 
 
 def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
@@ -115,28 +87,6 @@ class TrainingSettings(TrainingChoices):
         "is not changed by hand",
         options={"HIDDEN"},
     )
-    recipe: EnumProperty(
-        name="Quality", description="Length of the training and size of the model", items=RECIPES, default="standard"
-    )
-    device: EnumProperty(
-        name="Device",
-        description="The device that computes the training",
-        items=DEVICES,
-        default="auto",
-    )
-    preview_camera: StringProperty(
-        name="Preview",
-        description="Camera of the capture whose view is shown during training. Empty for the first held-out "
-        "camera. It can be changed during training",
-        search=camera_names,
-        update=_on_preview_camera,
-    )
-    masks: EnumProperty(
-        name="Masks",
-        description="Which pixels of the images are learned",
-        items=MASKS,
-        default="auto",
-    )
     key_color: FloatVectorProperty(
         name="Key Colour",
         description="Colour of the backdrop",
@@ -153,53 +103,6 @@ class TrainingSettings(TrainingChoices):
         min=0.0,
         max=0.95,
         default=0.4,
-    )
-    capacity: EnumProperty(
-        name="Capacity",
-        description="How much capacity the model of a scene gets",
-        items=CAPACITIES,
-        default="auto",
-    )
-    steps: IntProperty(
-        name="Steps",
-        description="Training steps. Zero for as many as the quality needs",
-        min=0,
-        default=0,
-    )
-    minutes: FloatProperty(
-        name="Minutes",
-        description="Time to train for, without reading the images and saving. Zero for a number of steps",
-        min=0.0,
-        soft_max=600.0,
-        precision=1,
-        step=50,
-        default=0.0,
-    )
-    image_scale: FloatProperty(
-        name="Image Scale",
-        description="Resize the training images by this factor. Zero to resize only images larger than 1600 pixels",
-        min=0.0,
-        max=1.0,
-        default=0.0,
-    )
-    holdout_frames: IntProperty(
-        name="Hold Out Every",
-        description="Hold out every n-th frame from training to measure quality on it. Zero for none, -1 for the "
-        "capture format's default",
-        min=-1,
-        default=-1,
-    )
-    max_gaussians: IntProperty(
-        name="Largest Number",
-        description="The scene has this many splats at most. Zero for as many as the quality allows",
-        min=0,
-        soft_max=1_000_000,
-        default=0,
-    )
-    pixel_offsets: StringProperty(
-        name="Pixel Offset",
-        description="For videos that were cropped after the calibration: the pixel of the calibrated image at a "
-        "video's upper left corner, such as cam01=8,0 cam02=8,0",
     )
     show_rig: BoolProperty(
         name="Draw Rig",
@@ -219,3 +122,22 @@ class TrainingSettings(TrainingChoices):
         "have changed are not touched",
         default=True,
     )
+
+
+def _properties() -> dict[str, Any]:
+    """By name, those that stand for options: as the table has them, with what the panel knows besides."""
+    more: dict[str, dict[str, Any]] = {
+        "seconds": {"soft_max": 600.0, "precision": 1, "step": 50},
+        "scale": {"max": 1.0},
+        "max_gaussians": {"soft_max": 1_000_000},
+        "device": {"items": DEVICES},
+        "masks": {"items": MASKS},
+        "preview_camera": {"search": camera_names, "update": _on_preview_camera},
+    }
+    options = [option for option in options_at(Door.PANEL) if property_name(option) not in _OWN]
+    return {property_name(option): property_of(option, **more.get(option.name, {})) for option in options}
+
+
+_OWN = frozenset(TrainingSettings.__annotations__)
+"""Properties that are written out."""
+TrainingSettings.__annotations__.update(_properties())

@@ -16,6 +16,7 @@ from support.blender_windows import another_blender
 from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
+from frog_blender.engine.options import TrainingOptions
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.scene_import.capture_objects import active_capture, cameras_of
 from frog_blender.tasks import background_task
@@ -205,7 +206,7 @@ def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch)
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     capture = film.write_capture(tmp_path / "capture")
     output = tmp_path / "x.frog"
-    request = TrainingRequest(capture, output, "draft", "auto", steps=100_000)
+    request = TrainingRequest(capture, output, TrainingOptions(recipe="draft", steps=100_000))
     task = TrainingTask(request.events).begin()
     deadline = 12_000
     while not task.state.step and deadline:

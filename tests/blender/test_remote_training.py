@@ -13,9 +13,12 @@ from pathlib import Path
 import bpy
 import pytest
 from support.builders import REPOSITORY
+from support.option_examples import EXAMPLES
 
 from frog_blender.cli.main import _parser
+from frog_blender.cli.train_command import _options_of
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.options import OPTIONS, Door, TrainingOptions
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.events import line_of
@@ -28,8 +31,8 @@ ODD = "/cap tures/it's; $(touch x) {output}"
 posix = pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")
 
 
-def request(capture="/captures/room", output="/out/room.frog", **job):
-    return TrainingRequest(Path(capture), Path(output), "draft", **job)
+def request(capture="/captures/room", output="/out/room.frog", **options):
+    return TrainingRequest(Path(capture), Path(output), TrainingOptions(recipe="draft", **options))
 
 
 def test_placeholders_become_arguments_as_they_are():
@@ -84,23 +87,12 @@ def test_a_folder_has_two_names(there):
     assert command.is_there(f"{plain}/x.frog", Path("/mnt/shared/x.frog"))
 
 
-def test_options_say_what_the_panel_says():
-    asked = request(
-        capacity="fixed",
-        max_gaussians=500,
-        seconds=90.0,
-        scale=0.5,
-        holdout_frames=0,
-        masks="off",
-        key="#00b140,0.40",
-        pixel_offsets={"-cam": (8.0, -1.5)},
-        device="remote",
-        resume=False,
-    )
-    found = _parser().parse_args(["train", "x", "--out", "x.frog", *options_of(asked)])
-    assert (found.recipe, found.capacity, found.max_gaussians, found.seconds) == ("draft", "fixed", 500, 90.0)
-    assert (found.scale, found.holdout_frames, found.masks, found.key) == (0.5, 0, "off", "#00b140,0.40")
-    assert (found.pixel_offset, found.device, found.resume) == (["-cam=8.0,-1.5"], "auto", False)
+def test_the_command_is_told_every_option():
+    for name, (value, _) in EXAMPLES.items():
+        asked = TrainingOptions(**{name: value})
+        words = options_of(TrainingRequest(Path("x"), Path("x.frog"), asked))
+        found, _ = _options_of(_parser().parse_args(["train", "x", "--out", "x.frog", *words]))
+        assert found == (TrainingOptions() if Door.REMOTE in OPTIONS[name].without else asked), name
     assert options_of(request(steps=20, scale=0.5, resume=True)) == ["--steps=20", "--resume"]
 
 
@@ -293,11 +285,13 @@ def test_a_real_training_is_cancelled(real, tmp_path):
 PARENT = """
 import sys
 from pathlib import Path
+from frog_blender.engine.options import TrainingOptions
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.tasks.remote_training import RemoteTraining
 from frog_blender.tasks.remote_command import RemoteCommand
 from frog_blender.tasks.training_request import TrainingRequest
-request = TrainingRequest(Path(sys.argv[2]), Path(sys.argv[3]), "draft", max_gaussians=250, steps=1000000)
+options = TrainingOptions(recipe="draft", max_gaussians=250, steps=1000000)
+request = TrainingRequest(Path(sys.argv[2]), Path(sys.argv[3]), options)
 for event in RemoteTraining(RemoteCommand(sys.argv[1]), request).events(CancelToken()):
     print(type(event).__name__, flush=True)
 """

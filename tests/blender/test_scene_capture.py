@@ -277,8 +277,8 @@ def test_the_panel_leads_through_it(cube, monkeypatch):
 def test_it_trains(cube, tmp_path, monkeypatch):
     pytest.importorskip("torch")
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    from frog_blender.engine.recipes import recipe
     from frog_blender.engine.scene.scene_file import read_scene
-    from frog_blender.engine.training.recipe import recipe
     from frog_blender.engine.training.session.job import TrainingJob
     from frog_blender.engine.training.session.run import run_training
 

@@ -11,12 +11,16 @@ import bpy
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
+from support.option_examples import EXAMPLES
 from support.training_panel import Written, told
 
+from frog_blender.engine.options import Door, TrainingOptions, options_at
 from frog_blender.engine.training.session import events
+from frog_blender.option_properties import property_name
 from frog_blender.tasks import background_task
 from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingTask
+from frog_blender.tasks.training_request import request_of
 from frog_blender.tasks.training_state import TrainingState
 from frog_blender.ui import capture_panel, capture_summary, preview_image, train_panel, training_choices
 
@@ -59,7 +63,7 @@ def test_a_capture_is_described_and_its_training_timed(empty, drawn, capture):
 
 
 def test_estimates_follow_what_finished_trainings_took(empty, drawn, capture):
-    from frog_blender.engine.training.recipe import recipe
+    from frog_blender.engine.recipes import recipe
     from frog_blender.engine.training.session.job import TrainingJob
     from frog_blender.engine.training.session.time_estimate import Workload, remembering
 
@@ -328,16 +332,41 @@ def test_training_longer_keeps_the_finished_scene(empty, capture, tmp_path):
         TrainingTask.forget()
 
 
-def test_budgets_and_offsets_reach_the_engine(empty, capture):
-    from frog_blender.tasks.training_request import request_of
+PANEL = {
+    "minutes": 1.5,
+    "image_scale": 0.5,
+    "max_megabytes": 3.0,
+    "key_color": (0, 177 / 255, 64 / 255),
+    "pixel_offsets": "-cam=8,-1.5 b=0.001,0",
+    "settings": "network_rate=2e-3 sh_growth=0.2,0.4",
+}
+"""Properties that say in another way what the examples say of their options."""
 
+
+def test_every_option_is_in_the_panel(empty, capture):
     settings = empty.frog
     settings.capture_folder = str(capture)
-    settings.max_gaussians, settings.minutes = 5000, 2.5
-    settings.pixel_offsets = "cam01=8,0 cam02=-1.5,2"
-    request = request_of(settings)
-    assert request.max_gaussians == 5000 and request.job["seconds"] == 150.0
-    assert request.job["pixel_offsets"] == {"cam01": (8.0, 0.0), "cam02": (-1.5, 2.0)}
+    assert request_of(settings).options == TrainingOptions()
+    for option in options_at(Door.PANEL):
+        name, (value, _) = property_name(option), EXAMPLES[option.name]
+        before = getattr(settings, name)
+        value = 90.0 if option.name == "seconds" else value
+        if option.name == "key":
+            settings.masks = "key"
+        else:
+            setattr(settings, name, PANEL.get(name, value))
+        assert request_of(settings).options == TrainingOptions(**{option.name: value}), name
+        setattr(settings, name, before)
+        settings.masks = "auto"
     settings.pixel_offsets = "cam01"
     with pytest.raises(RuntimeError, match="expected CAMERA=DX,DY"):
         bpy.ops.frog.train()
+    settings.pixel_offsets, settings.settings = "", "hiden_width=3"
+    with pytest.raises(RuntimeError, match="the nearest is 'hidden_width'"):
+        bpy.ops.frog.train()
+
+
+def test_the_panels_draw_every_option(drawn):
+    said = " ".join(drawn(panel) for panel in (train_panel.FROG_PT_train_advanced, train_panel.FROG_PT_train_more))
+    for name in ("seed", "max_megabytes", "lossless", "save_every", "views_per_step", "settings", "device"):
+        assert name in said

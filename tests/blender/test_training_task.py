@@ -253,37 +253,19 @@ def test_naming_a_folder_says_what_it_is(empty, tmp_path):
 
 
 def test_what_the_panel_asks_for(empty, tmp_path):
+    from frog_blender.engine.options import TrainingOptions
     from frog_blender.tasks.training_request import can_resume, request_of
 
     settings = empty.frog
     settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene")
     request = request_of(settings)
-    assert (request.output, request.capacity, request.job["resume"]) == (tmp_path / "scene.frog", "auto", False)
+    assert (request.output, request.options) == (tmp_path / "scene.frog", TrainingOptions())
     assert not can_resume(settings)
     (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
     assert not can_resume(settings), "what cannot be read is not resumed"
     state = json.dumps({"settings": {"capture": str(tmp_path.resolve())}, "progress": 0.5, "step_count": 7})
     save_file({"x": np.zeros(1)}, tmp_path / "scene.frog.checkpoint", metadata={"frog-checkpoint": state})
-    assert can_resume(settings) and request_of(settings, resume=True).job["resume"]
-    settings.capacity, settings.device, settings.preview_camera = "fixed", "cpu", "cam02"
-    request = request_of(settings)
-    assert (request.capacity, request.job["device"], request.job["preview_camera"]) == ("fixed", "cpu", "cam02")
-
-
-def test_a_request_names_what_the_engine_knows(empty, tmp_path):
-    pytest.importorskip("torch")
-    from dataclasses import fields
-
-    from frog_blender.engine.training.optimize.device import DEVICES
-    from frog_blender.engine.training.recipe import RECIPES
-    from frog_blender.engine.training.session.job import TrainingJob
-    from frog_blender.tasks.training_request import request_of
-    from frog_blender.ui import training_settings
-
-    empty.frog.capture_folder = str(tmp_path)
-    assert set(request_of(empty.frog).job) <= {field.name for field in fields(TrainingJob)}
-    assert [name for name, *_ in training_settings.DEVICES] == [*DEVICES, "remote"]
-    assert {name for name, *_ in training_settings.RECIPES} <= set(RECIPES)
+    assert can_resume(settings) and request_of(settings, resume=True).options.resume
 
 
 def test_resuming_what_is_no_checkpoint_is_one_sentence(empty, tmp_path):

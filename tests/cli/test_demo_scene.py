@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from frog_blender.engine.evaluation.evaluate import evaluate_file
-from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 

@@ -16,6 +16,7 @@ from support.builders import REPOSITORY, run_python, scene_file
 
 from frog_blender.cli.extras import EXTRAS, unusable
 from frog_blender.cli.main import main
+from frog_blender.engine.options import OPTIONS
 from frog_blender.engine.scene.scene_file import write_scene
 
 DISTRIBUTIONS = {"cv2": "opencv-contrib-python-headless", "flip_evaluator": "flip-evaluator", "pxr": "usd-core"}
@@ -120,6 +121,6 @@ def test_the_makefile_takes_a_blender_by_either_name(target: str, name: str) -> 
 
 
 def test_panel_and_readme_expect_the_same_of_the_standard_recipe() -> None:
-    panel = (REPOSITORY / "frog_blender" / "ui" / "training_settings.py").read_text(encoding="utf-8")
+    _, meaning = OPTIONS["recipe"].items["standard"]
     readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-    assert "three to ten minutes on a CPU" in panel and "`standard` three to ten, and" in readme
+    assert "three to ten minutes on a CPU" in meaning and "`standard` three to ten, and" in readme

@@ -180,7 +180,7 @@ def test_a_record_says_everything(filmed: Path, tmp_path: Path, quick_seeds: Non
 
 
 def test_a_killed_training_goes_on(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
-    environment = RunEnvironment(tmp_path, save_seconds=0.0)  # a checkpoint after every step
+    environment = RunEnvironment(tmp_path, save_every=0.0)  # a checkpoint after every step
     run = filmed_run(filmed, steps=40)
     asked = 0
 

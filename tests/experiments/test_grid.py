@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.recipes import recipe
 from frog_blender.experiments.grid import (
     ABLATIONS,
     MAIN_METHODS,

@@ -224,7 +224,7 @@ def test_an_average_weighs_segments_alike_and_costs_only_where_the_paper_measure
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_tables_are_data_of_methods_and_recipe_settings_that_exist(name: str) -> None:
     from frog_blender.engine.field.names import METHODS
-    from frog_blender.engine.training.recipe import recipe
+    from frog_blender.engine.recipes import recipe
 
     protocol = PROTOCOLS[name]
     rows = [*protocol.table, *protocol.elsewhere, *(row for table in protocol.ablations.values() for row in table)]

@@ -12,8 +12,8 @@ from frog_blender.engine.model.baselines.changes import bounds_of
 from frog_blender.engine.model.baselines.visible_rows import through_visible_rows
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.interface import FINISHED, SceneModel
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.methods import METHODS, ModelInit
-from frog_blender.engine.training.recipe import recipe
 
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
 BASELINES = ("d3dgs", "hexplane", "curves")

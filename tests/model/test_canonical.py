@@ -8,13 +8,13 @@ from support.builders import plain_camera
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.rasterizer import rasterize
+from frog_blender.engine.recipes import RECIPES
 from frog_blender.engine.training.optimize.neighbours import (
     add_embedding_smoothness,
     nearest,
     neighbour_weights,
     spacings,
 )
-from frog_blender.engine.training.recipe import RECIPES
 
 
 def test_fresh_gaussians_are_what_they_were_made_from() -> None:

@@ -15,9 +15,9 @@ from frog_blender.engine.model.canonical import CanonicalField
 from frog_blender.engine.model.interface import FINISHED, SceneModel
 from frog_blender.engine.playback.baselines.arrays import BLOCK
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 from frog_blender.engine.training.methods import METHODS, ModelInit
-from frog_blender.engine.training.recipe import recipe
 
 TIMES = (0.0, 0.013, 0.25, 0.5, 0.9, 1.0)
 FRAMES = 7

@@ -24,9 +24,9 @@ from support import synthetic_capture as film
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.io.tensor_files import read_tensors
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.events import Progress
 from frog_blender.engine.training.session.job import TrainingJob
@@ -105,7 +105,7 @@ def during_training(folder: Path, kills: int, seed: int, steps: int) -> dict[str
     while done < kills:
         rounds += 1
         output = folder / f"killed{rounds}.frog"
-        disturbed = replace(task, output=output, save_seconds=0.05)
+        disturbed = replace(task, output=output, save_every=0.05)
         while True:
             resumed += checkpoint_path(output).is_file()
             if done >= kills:

@@ -278,7 +278,7 @@ class Checkpoints(Kind):
     def __init__(self, folder: Path) -> None:
         import torch
 
-        from frog_blender.engine.training.recipe import recipe
+        from frog_blender.engine.recipes import recipe
         from frog_blender.engine.training.session.checkpoint import save_checkpoint
         from frog_blender.engine.training.session.job import TrainingJob
         from frog_blender.engine.training.session.output_paths import checkpoint_path

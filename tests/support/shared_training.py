@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from support import synthetic_capture as film
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.processes import joined
 from frog_blender.engine.training.session.run import run_training

@@ -13,14 +13,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from support import synthetic_capture as film
 
-from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 
 capture, disk, fault = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
 settings = recipe("draft", steps=40, steps_per_moment=0, max_gaussians=600)
-task = TrainingJob(capture, disk / "x.frog", recipe=settings, seeds=film.seeds(), save_seconds=0.0)
+task = TrainingJob(capture, disk / "x.frog", recipe=settings, seeds=film.seeds(), save_every=0.0)
 for event in run_training(task):
     if isinstance(event, events.Started) and fault == "read-only":
         subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)

@@ -16,10 +16,10 @@ from support.image_stores import ImageStore
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.recipes import Recipe, recipe
 from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.recipe import Recipe, recipe
 
 # Rates at which six hundred steps are enough to follow the ball (four hundred are not, with most seeds).
 LIVELY = {"steps_per_moment": 0, "network_rate": 1e-3, "embedding_rate": 3e-2, "mean_rate": 2e-4, "max_gaussians": 600}

@@ -22,8 +22,8 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeding.views import Images
 from frog_blender.engine.capture.seeds import Seeds, find_seeds
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.recipe import recipe
 
 STEPS = 40
 Writer = Callable[[Path], object]

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.recipes import RECIPES, Recipe, recipe, stored_recipe
 from frog_blender.engine.scene.scene_file import settings_json
+from frog_blender.engine.setting import Choice, Fractions, Name, Number, check_all, meanings_of
 from frog_blender.engine.training.methods import METHODS, method_named
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.recipe import RECIPES, Recipe, recipe, stored_recipe
-from frog_blender.engine.training.setting import Choice, Fractions, Name, Number, check_all, kinds_of
 
-KINDS = kinds_of(Recipe)
+KINDS = {name: meaning.kind for name, meaning in meanings_of(Recipe).items()}
 NEVER: list[Any] = [math.nan, math.inf, -math.inf, 10**400, -(10**400), None, [], {}, "", "x\ny" * 60, (0.5, "a", 1)]
 
 
@@ -28,7 +28,7 @@ def ends(name: str) -> list[Any]:
     if isinstance(kind, Number):
         return [kind.least, kind.most, *([0] if kind.or_zero else [])]
     if isinstance(kind, Choice):
-        return list(kind.known)
+        return list(kind.values)
     if isinstance(kind, Fractions):
         return [(0.0,) * kind.most, (1.0,) * kind.most]
     return ["", "x" * 100]
@@ -41,7 +41,7 @@ def beyond(name: str) -> list[Any]:
         numbers = [kind.least - 1e-9 if not kind.whole else kind.least - 1, kind.most + 1]
         return [*numbers, True, *([1.5] if kind.whole else []), *NEVER]
     if isinstance(kind, Choice):
-        return [1 if kind.known == (True, False) else "other", *NEVER]
+        return [1 if kind.values == (True, False) else "other", *NEVER]
     if isinstance(kind, Fractions):
         return [(0.5, 0.4), (0.0, 1.1), (math.nan, 0.5), (False, True), (0.1,) * 4, *NEVER]
     return [value for value in NEVER if value != ""]

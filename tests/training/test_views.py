@@ -13,8 +13,8 @@ from support import synthetic_capture as film
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.recipes import RECIPES, Recipe, recipe
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.recipe import RECIPES, Recipe, recipe
 from frog_blender.engine.training.views import fit_to, turn_between_images, views_per_moment
 
 

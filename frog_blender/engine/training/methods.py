@@ -17,7 +17,7 @@ from ..model.baselines.static import Static
 from ..model.canonical import CanonicalField
 from ..model.frog import Frog, FrogSettings
 from ..model.interface import SceneModel
-from .recipe import Recipe
+from ..recipes import Recipe
 
 MOTION_UNIT = 0.2
 """What a network's output of one moves a Gaussian by, times the scene's scale: the same for every method."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..capture.capture import Capture
-from .recipe import Recipe
+from ..recipes import Recipe
 
 _LEAP = 15.0
 """Degrees between the cameras of an image and the next, in the median, from which on neighbouring moments show

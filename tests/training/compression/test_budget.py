@@ -11,10 +11,10 @@ from support.training_steps import compression
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.compression.budget import fit_within, with_budget
 from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.recipe import recipe
 from frog_blender.engine.training.session.events import Cancelled, Finished, Started, WarningEvent
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training

@@ -17,10 +17,10 @@ from support.training_steps import train
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.training.compression.passes import is_static_capture, temporal_variance
 from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.recipe import Recipe
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 

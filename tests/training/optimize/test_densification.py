@@ -12,9 +12,9 @@ from support.training_steps import OnlyGaussians
 
 from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
 from frog_blender.engine.rasterizer import rasterize
+from frog_blender.engine.recipes import RECIPES
 from frog_blender.engine.training.optimize.densification import DensificationStrategy
 from frog_blender.engine.training.optimize.gaussian_state import GaussianState
-from frog_blender.engine.training.recipe import RECIPES
 
 COUNT = 10
 RECIPE = replace(RECIPES["draft"], densify_growth=1.0, max_gaussians=1000, split_scale=0.1)

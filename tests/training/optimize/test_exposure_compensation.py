@@ -17,10 +17,10 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.recipes import Recipe, recipe
 from frog_blender.engine.training.optimize import camera_refinement
 from frog_blender.engine.training.optimize.camera_refinement import ExposureCompensation
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.session.checkpoint import restore, state_of
 
 FACTORS = {"cam01": (0.7, 0.7, 0.7), "cam02": (1.0, 1.0, 1.0), "cam03": (0.8, 0.9, 0.7)}

@@ -16,13 +16,13 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.image_coding import halved_image
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.rasterizer import RasterizeOptions
+from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.training.optimize.mattes import (
     halved,
     halved_capture,
     sized,
 )
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.recipe import Recipe
 
 
 @pytest.mark.parametrize("size", [(64, 96), (65, 97)])

@@ -14,9 +14,9 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.model.interface import SceneModel
+from frog_blender.engine.recipes import RECIPES, Recipe, recipe
 from frog_blender.engine.training.methods import METHODS, method_named
 from frog_blender.engine.training.optimize.initialization import first_model
-from frog_blender.engine.training.recipe import RECIPES, Recipe, recipe
 
 LAST = synthetic_capture.FRAMES - 1
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.training.optimize.camera_refinement import (
     ExposureCompensation,
     PoseRefinement,
     learnable_cameras,
 )
-from frog_blender.engine.training.recipe import Recipe
 
 
 def is_learned(capture: Capture) -> bool:

@@ -7,8 +7,8 @@ import torch
 from support.training_steps import OnlyGaussians
 
 from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
+from frog_blender.engine.recipes import RECIPES
 from frog_blender.engine.training.optimize.gaussian_state import GaussianState
-from frog_blender.engine.training.recipe import RECIPES
 
 COUNT, MOVING = 12, 8
 

@@ -17,11 +17,11 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.evaluation.evaluate import open_training_capture
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.recipes import Recipe, recipe
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize import camera_refinement
 from frog_blender.engine.training.optimize.camera_refinement import CameraRig, PoseRefinement
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.recipe import Recipe, recipe
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.checkpoint import restore, state_of
 from frog_blender.engine.training.session.job import TrainingJob

@@ -11,8 +11,8 @@ import torch
 from support.builders import plain_camera
 
 from frog_blender.engine.capture.capture import Capture, Shot
+from frog_blender.engine.recipes import RECIPES, recipe
 from frog_blender.engine.training.optimize.schedule import Every, ViewSampler, ramp
-from frog_blender.engine.training.recipe import RECIPES, recipe
 
 
 def rounds(every: Every, steps: int) -> list[int]:

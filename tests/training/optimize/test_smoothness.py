@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import torch
 
+from frog_blender.engine.recipes import RECIPES
 from frog_blender.engine.training.optimize.neighbours import NeighbourGraph
-from frog_blender.engine.training.recipe import RECIPES
 
 
 def drawn(count: int) -> NeighbourGraph:

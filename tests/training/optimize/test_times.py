@@ -16,9 +16,9 @@ from frog_blender.engine.evaluation.evaluate import evaluate
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import RasterizeOptions
+from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.training.compression.sensitivity import sample_views
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.recipe import Recipe
 
 LATE = 0.25  # frames
 

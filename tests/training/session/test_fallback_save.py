@@ -89,7 +89,7 @@ def test_frames_make_room_where_none_could_be_kept(
 
 def test_a_folder_that_is_taken_away_is_made_again(task: TrainingJob) -> None:
     taken = False
-    for event in run_training(replace(task, save_seconds=0.0, event_seconds=0.0)):
+    for event in run_training(replace(task, save_every=0.0, event_seconds=0.0)):
         if isinstance(event, events.Progress) and event.step >= STEPS // 2 and not taken:
             shutil.rmtree(task.output.parent)
             taken = True

@@ -301,7 +301,7 @@ def test_a_resume_takes_over_what_the_training_began_with(task: TrainingJob) -> 
 
 def test_a_disk_that_takes_no_checkpoint_costs_no_scene(task: TrainingJob) -> None:
     stream = []
-    for event in run_training(replace(task, save_seconds=0.0)):
+    for event in run_training(replace(task, save_every=0.0)):
         stream.append(event)
         if isinstance(event, events.Started):
             checkpoint_path(task.output).mkdir()  # where the checkpoint is to lie

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.training.recipe import Recipe
+from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.training.session import events, pictures
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.live_scene import LiveScene, Rest

@@ -125,7 +125,7 @@ def finite(checkpoint: Path) -> bool:
 
 
 def test_no_checkpoint_holds_numbers_that_are_none(task: TrainingJob) -> None:
-    seen, stream = [], run_training(replace(task, save_seconds=0.0), trainer_type=losing_a_gaussian(8))
+    seen, stream = [], run_training(replace(task, save_every=0.0), trainer_type=losing_a_gaussian(8))
     for event in stream:
         if checkpoint_path(task.output).is_file():
             seen.append(finite(checkpoint_path(task.output)))

@@ -12,7 +12,7 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.evaluation.evaluate import evaluate
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 

@@ -12,7 +12,7 @@ import pytest
 from support import synthetic_capture as film
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.training.recipe import recipe
+from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.job import TrainingJob, usual_scale
 from frog_blender.engine.training.session.run import run_training
@@ -138,7 +138,7 @@ def test_the_device_that_automatic_will_be(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_asking_needs_no_torch() -> None:
     code = "import sys; sys.modules['torch'] = None\n"
-    code += "from frog_blender.engine.training import recipe\n"
+    code += "from frog_blender.engine import recipes\n"
     code += "from frog_blender.engine.training.session import time_estimate\n"
     code += "work = time_estimate.Workload(recipe.recipe('draft'), 3000, 1e5, 9)\n"
     code += "print(time_estimate.estimate(work, time_estimate.likely_device('cpu')))"

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ...errors import FrogError
+from ...recipes import Recipe
 from ...scene.compression_report import StepKind
 from ...scene.quantization import BITS
 from ..methods import method_named
 from ..optimize.gaussian_state import mask_excluding
-from ..recipe import Recipe
 from .context import CompressionContext
 
 _DYNAMIC_SHARE = 0.35  # of the Gaussians; what a training really freezes is known only at its end

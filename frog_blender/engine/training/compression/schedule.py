@@ -10,11 +10,11 @@ from __future__ import annotations
 import torch
 
 from ...capture.capture import Capture
+from ...recipes import Recipe
 from ...scene.compression_report import StepKind
 from ..methods import method_named
 from ..optimize.hooks import Hook, Training
 from ..optimize.stateful import Tensors, Values
-from ..recipe import Recipe
 from .context import CompressionContext, CompressionRecord
 from .passes import freeze_motion, freeze_static_regions, is_static_capture, prune, prune_unmissed
 from .settings import DEFAULT, CompressionSettings, Milestone

@@ -18,7 +18,7 @@ from ...capture.camera import NEUTRAL, Camera, rotation_about
 from ...capture.capture import Capture
 from ...capture.seeding.exposures import matched_exposures
 from ...capture.seeding.views import Images
-from ..recipe import Recipe
+from ...recipes import Recipe
 from .device import OnItsWay, image_on
 from .mattes import Truth
 from .schedule import Every

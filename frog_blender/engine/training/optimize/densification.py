@@ -15,7 +15,7 @@ from ...capture.camera import Camera
 from ...model.canonical import ATTRIBUTES
 from ...rasterizer import Image
 from ...rasterizer.reference import rotation_matrices
-from ..recipe import Recipe
+from ...recipes import Recipe
 from .gaussian_state import GaussianState, Reindexing
 from .stateful import Tensors, Values, expect
 

@@ -18,8 +18,8 @@ from ...capture.capture import Capture
 from ...model.canonical import ATTRIBUTES, CanonicalField
 from ...model.frog import total_deformation
 from ...model.interface import SceneModel
+from ...recipes import Recipe
 from ...scene.quantization import morton_order_by_range
-from ..recipe import Recipe
 from .optimizer import SceneOptimizer
 from .stateful import Tensors, Values, expect
 

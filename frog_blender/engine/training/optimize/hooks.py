@@ -12,7 +12,7 @@ from ...frames.store import FrameStore
 from ...gaussians import TorchGaussians
 from ...io.plain_values import JsonObject
 from ...model.interface import ScheduleState
-from ..recipe import Recipe
+from ...recipes import Recipe
 from .gaussian_state import GaussianState
 from .stateful import Stateful, Tensors, Values
 

@@ -17,8 +17,8 @@ from ...model.frog import Frog
 from ...model.interface import SceneModel
 from ...model.time_windows import open_windows
 from ...rasterizer import RasterizeOptions
+from ...recipes import Recipe
 from ..methods import ModelInit, method_named
-from ..recipe import Recipe
 from .neighbours import spacings
 
 

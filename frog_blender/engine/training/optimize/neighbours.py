@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..recipe import Recipe
+from ...recipes import Recipe
 from .gaussian_state import GaussianState, Reindexing
 from .stateful import Tensors, Values, expect
 

@@ -18,7 +18,7 @@ from ...model.interface import SceneModel
 from ...model.time_windows import has_windows, keep_apart
 from ...native import structs
 from ...native.binding import library
-from ..recipe import Recipe
+from ...recipes import Recipe
 from .stateful import Tensors, expect
 
 _EPSILON = 1e-15  # 3DGS's: gradients of means are tiny

@@ -21,9 +21,9 @@ from ...frames.store import FrameStore
 from ...io.plain_values import JsonObject
 from ...model.interface import RenderResult
 from ...rasterizer import RasterizeOptions
+from ...recipes import Recipe
 from ...scene.scene_file import settings_json
 from ..methods import method_named
-from ..recipe import Recipe
 from ..views import fit_to
 from .camera_refinement import CameraRig, ExposureCompensation, PoseRefinement
 from .canonical_sampling import inject_anchors

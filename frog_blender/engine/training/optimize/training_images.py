@@ -15,7 +15,7 @@ from ...evaluation.metrics import psnr_of
 from ...gaussians import TorchGaussians
 from ...model.interface import RenderResult, SceneModel, ScheduleState
 from ...rasterizer import RasterizeOptions, rasterize
-from ..recipe import Recipe
+from ...recipes import Recipe
 from .camera_refinement import CameraRig
 from .gaussian_state import GaussianState
 from .mattes import Color, Mattes, Truth, halved, is_halved

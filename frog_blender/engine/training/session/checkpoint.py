@@ -25,9 +25,9 @@ from ...io.atomic_files import write_atomically
 from ...io.paths import is_network_path
 from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
+from ...recipes import stored_recipe
 from ..optimize.hooks import Training
 from ..optimize.view_pass import Peers, shared
-from ..recipe import stored_recipe
 from .job import TrainingJob, restored_settings
 from .output_paths import checkpoint_path
 
@@ -134,9 +134,6 @@ def restore(training: Training, state: State) -> None:
     training.load_state({name: torch.from_numpy(array.copy()) for name, array in arrays.items()}, values)
 
 
-_OF_RECIPE = {"recipe": "name", "capacity": "capacity", "views_per_step": "views_per_step"}
-
-
 def restore_job(job: TrainingJob) -> tuple[TrainingJob, str | None]:
     """The job with the settings that its training began with; only its limits can be set anew.
 
@@ -191,7 +188,7 @@ def _described(job: TrainingJob) -> str:
 
 
 def _setting(job: TrainingJob, name: str) -> Any:
-    """A setting by its name; ``Any`` because fields have types of their own."""
-    if name == "max_gaussians":  # with automatic capacity the final count
-        return job.recipe.kept_at_most
-    return getattr(job.recipe, _OF_RECIPE[name]) if name in _OF_RECIPE else getattr(job, name)
+    """An option, or a setting of the recipe, by its name; ``Any`` because they have types of their own."""
+    if name == "recipe":
+        return job.recipe.name
+    return getattr(job if hasattr(job, name) else job.recipe, name)

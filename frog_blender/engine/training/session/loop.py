@@ -106,7 +106,7 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
     while not trainer.finished:
         ended, paused = cancel.ended, cancel.paused  # asked once: a pause that comes later holds the next step
         # A pause may last for days: before it, what was learned goes to disk.
-        saves = paused or time.monotonic() - last_save >= job.save_seconds
+        saves = paused or time.monotonic() - last_save >= job.save_every
         if session.peers.size > 1:
             (ended, saves), same = agreed(session.peers, (ended, saves and shows), _facts(session))
             if not same:  # processors and GPUs may round differently what every process computes for itself

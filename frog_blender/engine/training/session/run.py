@@ -10,7 +10,7 @@ from .. import passive_threads  # noqa: F401
 import os
 import queue
 import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Mapping
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +25,7 @@ from ...frames.seed_store import stored_seeds
 from ...frames.store import FrameStore
 from ...io.atomic_files import check_writable, remove_partial_files
 from ...memory import gc_frozen
+from ..compression.budget import recipe_within
 from ..compression.schedule import compression_hooks
 from ..methods import method_named
 from ..optimize.device import choose_device
@@ -96,7 +97,7 @@ def prepare_capture(
     path: Path,
     scale: float | None,
     holdout_frames: int | None,
-    pixel_offsets: dict[str, tuple[float, float]] | None,
+    pixel_offsets: Mapping[str, tuple[float, float]] | None,
     opened: Capture | None = None,
     masks: MaskSettings = EVERY_MASK,
 ) -> tuple[Capture, float]:
@@ -155,6 +156,10 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
         job, message = restore_job(job)
         if message:
             yield events.WarningEvent(message)
+    else:
+        job = replace(
+            job, recipe=recipe_within(job.recipe, job.method, max_gaussians=job.max_gaussians, max_bytes=job.max_bytes)
+        )
     if peers.size > job.recipe.views_per_step:
         job = replace(job, recipe=replace(job.recipe, views_per_step=peers.size))
     adapted = method_named(job.method).adapt(job.recipe)

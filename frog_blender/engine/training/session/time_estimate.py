@@ -17,7 +17,7 @@ from ...capture.capture import Capture
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.cache_folder import default_cache_folder
-from ..recipe import Recipe
+from ...recipes import Recipe
 from . import events
 from .job import TrainingJob
 
