@@ -33,7 +33,6 @@ from capture.calibration import sightings
 
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
-from frog_blender.engine.capture.calibration.verdict import refusal, warnings
 from frog_blender.engine.capture.readers import open_capture
 
 FRAMES, RATE = 12, 12.0
@@ -143,17 +142,14 @@ def measure_points(case: Case) -> dict[str, Any]:
     cameras = [sightings.camera_of(eye.name, (eye.width, eye.height), eye.focal, eye.pose) for eye in case.eyes]
     sizes = sorted({(eye.width, eye.height) for eye in case.eyes})
     groups = [sizes.index((eye.width, eye.height)) for eye in case.eyes]
-    names = [eye.name for eye in case.eyes]
-    record: dict[str, Any] = {"rig": case.name, "room": case.room, "cameras": len(names), "points": POINTS[case.room]}
+    record: dict[str, Any] = {"rig": case.name, "room": case.room, "cameras": len(cameras), "points": POINTS[case.room]}
     before, started = _cpu(), time.perf_counter()
-    solution = sightings.solved(cameras, surfaces, 7, k1=case.eyes[0].k1, groups=groups)
+    solved = sightings.solved(cameras, surfaces, 7, k1=case.eyes[0].k1, groups=groups)
     record["seconds"], record["cpu_seconds"] = time.perf_counter() - started, _cpu() - before
-    if why := refusal(solution, names):
-        return record | {"refusal": why}
-    assert solution.adjusted is not None
-    model = solution.adjusted.model
-    lenses = [(lens.focal, lens.k1) for lens in model.lenses]
-    return record | errors(model.poses, lenses, case.eyes) | {"warnings": warnings(solution, names)}
+    if solved.refusal:
+        return record | {"refusal": solved.refusal}
+    lenses = [(lens.focal, lens.k1) for lens in solved.model.lenses]
+    return record | errors(solved.model.poses, lenses, case.eyes) | {"warnings": solved.warnings}
 
 
 def _cpu() -> float:

@@ -69,7 +69,7 @@ def _calibrate(options: argparse.Namespace) -> int:
 
 def _choose(options: argparse.Namespace) -> int:
     """Changes which of two calibrations is used."""
-    from ..engine.capture.calibration.found_cameras import use_found, use_given
+    from ..engine.capture.calibration.camera_files import use_found, use_given
 
     if options.use_given:
         say(f"{use_given(options.folder)}: in use again; what was found is kept beside it.")

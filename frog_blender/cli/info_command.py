@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..engine.capture.calibration.report_lines import report_lines
+from ..engine.capture.calibration.report import report_lines
 from ..engine.capture.capture import Capture
 from ..engine.capture.contact_sheet import mask_lines, write_contact_sheet
 from ..engine.capture.quality.check import check_capture

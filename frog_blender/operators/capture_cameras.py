@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 from bpy.props import FloatProperty, StringProperty
 
-from ..engine.capture.calibration.found_cameras import found_beside, given_beside, use_found, use_given
+from ..engine.capture.calibration.camera_files import found_beside, given_beside, use_found, use_given
 from ..engine.errors import FrogError
 from ..tasks.calibration import CalibrationTask
 from ..tasks.clocks import OFFSETS, RATES, CameraClock, write_clock

@@ -69,8 +69,8 @@ def raw_footage(folder: Path) -> str:
 
     Decodes nothing.
     """
-    from ..engine.capture.calibration.moving import still_images
-    from ..engine.capture.calibration.result_files import is_calibrated
+    from ..engine.capture.calibration.camera_files import is_calibrated
+    from ..engine.capture.calibration.sequences import still_images
     from ..engine.capture.video import find_videos
 
     try:

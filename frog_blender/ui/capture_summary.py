@@ -99,7 +99,7 @@ def stamp(folder: str) -> object:
 def read(folder: Path) -> CaptureSummary:
     """The summary of a folder, not stored. Any thread may call it; small videos are decoded, which takes a while."""
     try:
-        from ..engine.capture.calibration.found_cameras import found_beside, given_beside
+        from ..engine.capture.calibration.camera_files import found_beside, given_beside
         from ..engine.capture.readers import open_capture
         from ..engine.capture.video import find_videos
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..engine.capture.calibration.films import Film
-from ..engine.capture.calibration.ways import read_points
+from ..engine.capture.calibration.points import read_points
 from ..engine.io.atomic_files import write_atomically
 
 FILE = "clicked_points.json"
@@ -125,6 +125,6 @@ def points_of(path: Path, films: Sequence[Film]) -> ClickedPoints:
         return ClickedPoints(names)
     found = {
         name: [None if pixel != pixel else (pixel, other) for pixel, other in points.tolist()]  # NaN
-        for name, points in read_points(path, films).items()
+        for name, points in read_points(path, {film.name: film.size for film in films}).items()
     }
     return ClickedPoints(names, found)

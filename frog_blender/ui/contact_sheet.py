@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from .. import addon_state, redrawing
-from ..engine.capture.calibration.moving import still_images
+from ..engine.capture.calibration.sequences import still_images
 from ..engine.capture.contact_sheet import first_shots, marked_image
 from ..engine.capture.video import VIDEO_SUFFIXES, composed, decode, find_videos, load_opencv, read_image
 from ..engine.errors import FrogError, brief

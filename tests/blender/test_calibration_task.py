@@ -11,15 +11,14 @@ import time
 import bpy
 import pytest
 
-from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
-from frog_blender.engine.capture.calibration.child_process import run
+from frog_blender.engine.capture.calibration.calibration import CalibrationRefused, child_task
 from frog_blender.engine.errors import FrogError
 from frog_blender.tasks.calibration import CalibrationTask
 
 
 def started(folder, calibrator=None):
     """A calibration by the real process, which reads its request in a folder."""
-    standing = lambda progress, stopped: run("standing", folder, progress, stopped)  # noqa: E731
+    standing = lambda progress, stopped: child_task("placing_task:place_images").run(folder, progress, stopped)  # noqa: E731
     return CalibrationTask(folder, calibrator or standing).start()
 
 

@@ -12,7 +12,7 @@ from support.training_panel import Written
 
 from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.calibration.films import find_films
-from frog_blender.engine.capture.calibration.ways import read_points
+from frog_blender.engine.capture.calibration.points import read_points
 from frog_blender.engine.errors import FrogError
 from frog_blender.operators import click_points
 from frog_blender.tasks import background_task
@@ -84,7 +84,7 @@ def test_what_is_saved_is_what_a_calibration_reads(raw):
     points.skip()
     points.click((10, 11))
     points.save(raw / FILE)
-    found = read_points(raw / FILE, films)
+    found = read_points(raw / FILE, {film.name: film.size for film in films})
     assert found["cam00"].tolist() == [[1.5, 2.25], [47, 35]] and np.isnan(found["cam01"][0]).all()
     assert found["cam01"][1].tolist() == [10, 11] and np.isnan(found["cam03"]).all()
     again = points_of(raw / FILE, films)

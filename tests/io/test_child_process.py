@@ -14,11 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from frog_blender.engine.capture.calibration.child_process import run, run_several
+from frog_blender.engine.capture.calibration.calibration import child_task
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io import child_process
 from frog_blender.engine.io.child_process import ChildProcess, Stopped, bounded_lines
 
+PLACING = child_task("placing_task:place_images")
 CHILD = [sys.executable, "-m", "frog_blender.engine.io.child_process"]
 posix = pytest.mark.skipif(os.name != "posix", reason="starts scripts and sends signals")
 Stand = Callable[[str], None]
@@ -37,8 +38,8 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Stand:
     return put
 
 
-def run_standing(folder: Path) -> object:
-    return run("standing", folder, lambda *_: None, lambda: False)
+def run_placing(folder: Path) -> object:
+    return PLACING.run(folder, lambda *_: None, lambda: False)
 
 
 def is_gone(process: int) -> bool:
@@ -54,7 +55,7 @@ def is_gone(process: int) -> bool:
 def test_an_error_in_the_child_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "request.json").write_text(json.dumps({"views": [{"key": "0"}], "work": str(tmp_path / "nothing")}))
     with pytest.raises(FrogError, match=r"ended with status 1 .*nothing was written"):
-        run_standing(tmp_path)
+        run_placing(tmp_path)
 
 
 @posix
@@ -71,7 +72,7 @@ def test_an_end_of_the_child_is_one_sentence(tmp_path: Path, stand_in: Stand, co
     (tmp_path / "result.json").write_text("{}")
     stand_in(code)
     with pytest.raises(FrogError, match=sentence):
-        run_standing(tmp_path)
+        run_placing(tmp_path)
 
 
 @posix
@@ -82,7 +83,7 @@ def test_a_child_that_is_stopped_has_ended(tmp_path: Path, stand_in: Stand) -> N
     )
     told: list[tuple[str, int, int]] = []
     with pytest.raises(Stopped):
-        run("standing", tmp_path, lambda *step: told.append(step), lambda: bool(told))
+        PLACING.run(tmp_path, lambda *step: told.append(step), lambda: bool(told))
     assert told == [("poses", 1, 2)]
     assert is_gone(int((tmp_path / "pid").read_text()))
 
@@ -100,7 +101,7 @@ def test_what_one_of_several_fails_at_ends_the_others(tmp_path: Path, stand_in: 
     for folder in folders:
         folder.mkdir()
     with pytest.raises(FrogError, match="no memory"):
-        run_several("features", folders, 2, lambda *_: None, lambda: False)
+        PLACING.run_several(folders, 2, lambda *_: None, lambda: False)
     assert is_gone(int((folders[0] / "pid").read_text()))
 
 

@@ -197,7 +197,7 @@ class Task:
     """A function of the engine that runs in a Python of its own, on a request in a folder.
 
     Attributes:
-        name: of its module below the engine, and its own: ``capture.calibration.standing_task:standing``. It takes the
+        name: of its module below the engine, and its own: ``capture.calibration.clocks:synchronization``. It takes the
             request and where to tell its progress, and returns a result.
         failure: the sentence for a process that failed, of how it ended.
         kind: of FrogError that it may raise, which is raised here as such.

@@ -9,17 +9,17 @@ from itertools import combinations
 import numpy as np
 
 from frog_blender.engine.arrays import Array, Float64s
-from frog_blender.engine.capture.calibration.calibration import CalibratedCamera, Calibration
-from frog_blender.engine.capture.calibration.evidence import CameraEvidence
-from frog_blender.engine.capture.calibration.features import Features
-from frog_blender.engine.capture.calibration.lens import Lens
-from frog_blender.engine.capture.calibration.solve import Solution, solve
-from frog_blender.engine.capture.calibration.two_view import verified
+from frog_blender.engine.capture.calibration.calibration import CalibratedCamera, Calibration, CameraSupport
+from frog_blender.engine.capture.calibration.checks import refusal, warnings
+from frog_blender.engine.capture.calibration.colmap import verified
+from frog_blender.engine.capture.calibration.model import Lens, Model
+from frog_blender.engine.capture.calibration.structure import Images, Solution, solve
+from frog_blender.engine.capture.calibration.support import Support, support_of
 from frog_blender.engine.capture.camera import Camera
 
 from .rigs import pixels_of, rig_errors
 
-_NOTHING = CameraEvidence(0, 0.0, 0, 0.0, 0.0, 0.0, 0.0)
+_NOTHING = CameraSupport(0, 0.0, 0, 0.0, 0.0, 0.0, 0.0)
 _NOISE = 0.3  # pixels
 _FALSE = 0.15  # of the matches of a pair
 _FURTHEST = 40.0  # degrees between two views of a feature that are still alike
@@ -61,6 +61,30 @@ def _rectangle(
     return points, np.broadcast_to(normal, points.shape).astype(float)
 
 
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What comes of the sightings of cameras by name."""
+
+    solution: Solution
+    support: Support
+
+    @property
+    def refusal(self) -> str | None:
+        """Why the cameras must not be used."""
+        return refusal(self.solution, self.support)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is in doubt."""
+        return warnings(self.solution, self.support)
+
+    @property
+    def model(self) -> Model:
+        """All cameras have a place in it."""
+        assert self.solution.adjusted is not None
+        return self.solution.adjusted.model
+
+
 def solved(
     cameras: Sequence[Camera],
     surfaces: Surfaces,
@@ -69,21 +93,19 @@ def solved(
     k1: float = 0.0,
     false: float = _FALSE,
     groups: Sequence[int] | None = None,
-) -> Solution:
-    """What ``solve`` makes of them."""
+) -> Solved:
+    """What structure from motion makes of them."""
     random = np.random.default_rng(seed)
     seen = [_seen(random, camera, surfaces, k1) for camera in cameras]
-    features = [
-        Features(pixels, np.zeros((len(pixels), 128), np.uint8), np.full(len(pixels), -1)) for pixels, _, _ in seen
-    ]
-    sizes = [(camera.width, camera.height) for camera in cameras]
-    lenses = [Lens(*size, 1.2 * size[0]) for size in sizes]
+    lenses = tuple(Lens(camera.width, camera.height, 1.2 * camera.width) for camera in cameras)
     matches, checked = {}, {}
     for one, other in combinations(range(len(cameras)), 2):
         found = _matches(random, seen[one], seen[other], false)
         matches[one, other] = found
         checked[one, other] = verified(lenses[one], seen[one][0], lenses[other], seen[other][0], found)
-    return solve(features, sizes, groups or [0] * len(cameras), (matches, checked), lambda *_: None)
+    images = Images(lenses, tuple(groups or [0] * len(cameras)), tuple(pixels for pixels, _, _ in seen), len(cameras))
+    solution = solve(images, matches, checked, lambda *_: None)
+    return Solved(solution, support_of(solution, images, matches, [camera.name for camera in cameras]))
 
 
 Seen = tuple[Float64s, Array, Float64s]  # pixels, indices of the points, unit vectors towards the camera
@@ -111,13 +133,11 @@ def _matches(random: np.random.Generator, one: Seen, other: Seen, false: float) 
     return both
 
 
-def as_cameras(solution: Solution) -> list[Camera]:
+def as_cameras(solved: Solved) -> list[Camera]:
     """The cameras of a solution that places all."""
-    assert solution.adjusted is not None
-    model = solution.adjusted.model
     return [
         camera_of(f"cam{number}", (lens.width, lens.height), lens.focal, pose)
-        for number, (lens, pose) in enumerate(zip(model.lenses, model.poses, strict=True))
+        for number, (lens, pose) in enumerate(zip(solved.model.lenses, solved.model.poses, strict=True))
     ]
 
 

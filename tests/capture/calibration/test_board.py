@@ -43,7 +43,7 @@ def test_the_rig_its_lenses_and_its_scale_are_found(k1: float) -> None:
     assert found.is_metric
     assert found.warnings == ()
     assert np.allclose([each.distortion[0] for each in found.cameras], k1, atol=0.03)
-    assert all(each.evidence.residual < 0.5 for each in found.cameras)
+    assert all(each.support.residual < 0.5 for each in found.cameras)
 
 
 def test_a_board_of_unknown_size_gives_a_rig_of_any_scale() -> None:

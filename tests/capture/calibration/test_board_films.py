@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.arrays import ImageArray
+from frog_blender.engine.capture.calibration.board import board_in_films, calibrate_board, corners_in_films, images_at
 from frog_blender.engine.capture.calibration.board_detection import Board
-from frog_blender.engine.capture.calibration.board_films import board_in_films, calibrate_board_films, images_at
 from frog_blender.engine.capture.calibration.films import Film, find_films
 from frog_blender.engine.capture.video import load_opencv
 
-from .rigs import around, board_poses, rig_errors
+from .rigs import around, board_poses, facts_of, rig_errors
 from .test_board import photographed
 
 RATE = 10.0
@@ -70,7 +70,8 @@ def test_films_of_a_board_become_cameras(tmp_path: Path) -> None:
     films, times, stages = find_films(tmp_path), [number / RATE for number in range(16)], []
 
     known = board_in_films(films, times, go_on)
-    found = calibrate_board_films(films, times, board, lambda *stage: stages.append(stage), go_on)
+    corners = corners_in_films(films, times, board, lambda *stage: stages.append(stage), go_on)
+    found = calibrate_board(facts_of(cameras), board, corners)
 
     assert known is not None
     assert (known.columns, known.rows, known.dictionary) == (5, 4, "DICT_4X4_50")

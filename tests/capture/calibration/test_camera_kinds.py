@@ -9,7 +9,7 @@ import pytest
 from support.films import encode, numbered, photograph
 
 from frog_blender.engine.capture.calibration.camera_kinds import kind_by, kind_of
-from frog_blender.engine.capture.calibration.films import find_films, look, with_groups
+from frog_blender.engine.capture.calibration.films import find_films, view_film, with_groups
 
 IMAGE = np.random.default_rng(0).integers(0, 255, (24, 32, 3), np.uint8)
 
@@ -44,5 +44,5 @@ def test_frames_of_two_makes_of_one_size_are_of_two_kinds(tmp_path: Path) -> Non
     for name, make in {"a": "Sony", "b": "Canon", "c": "Sony"}.items():
         frames(tmp_path, name, make=make, model="X", focal_length=35)
     films = find_films(tmp_path)
-    views = [look(film, [], lambda: None) for film in films]
+    views = [view_film(film, [], lambda: None) for film in films]
     assert [view.group for view in with_groups(views, kinds=[film.kind for film in films])] == [1, 0, 1]

@@ -7,7 +7,7 @@ import pytest
 
 from frog_blender.engine.arrays import Float64s
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
-from frog_blender.engine.capture.calibration.clicked_points import MANY_ENOUGH, calibrate_clicks
+from frog_blender.engine.capture.calibration.points import MANY_ENOUGH, calibrate_clicks
 from frog_blender.engine.capture.camera import Camera
 
 from .rigs import TALL, WIDE, around, facts_of, pixels_of, rig_errors
@@ -49,7 +49,7 @@ def test_exact_clicks_give_the_exact_rig() -> None:
     assert centers < 1e-3
     assert rotation < 1e-3
     assert focal < 1e-3
-    assert max(each.evidence.residual for each in found.cameras) < 1e-3
+    assert max(each.support.residual for each in found.cameras) < 1e-3
 
 
 def test_cameras_of_different_kinds_have_focal_lengths_of_their_own() -> None:
@@ -72,7 +72,7 @@ def test_a_point_that_is_another_one_is_found_out() -> None:
     found = calibrate_clicks(facts_of(cameras), [0] * 4, seen)
 
     assert rig_errors(found, cameras)[0] < 0.6
-    assert found.cameras[1].evidence.share < 1.0
+    assert found.cameras[1].support.share < 1.0
     assert (found.cameras[1].observations[:, 2] == 0).sum() == 1
 
 

@@ -9,7 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.films import Film, common_times, find_films, is_standing, look, with_groups
+from frog_blender.engine.capture.calibration.films import (
+    Film,
+    common_times,
+    find_films,
+    is_standing,
+    view_film,
+    with_groups,
+)
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
 
@@ -24,8 +31,8 @@ def test_the_plate_is_the_background(tmp_path: Path) -> None:
     base = image(rig()[0])
     film(tmp_path / "a.mp4", [with_ball(base, frame) for frame in range(20)])
     (found,) = find_films(tmp_path)
-    view = look(found, [0.5, 1.0], lambda: None)
-    assert np.abs(view.plate.astype(int) - base).mean() < 4
+    view = view_film(found, [0.5, 1.0], lambda: None)
+    assert np.abs(view.background.astype(int) - base).mean() < 4
     assert view.changing[120, 60:240].all() and view.changing[:80].mean() < 0.1
     assert [each is not None for each in view.images] == [True, True]
     assert view.nexts == (None, None)
@@ -33,7 +40,7 @@ def test_the_plate_is_the_background(tmp_path: Path) -> None:
 
 def test_a_time_between_frames_has_a_neighbour(tmp_path: Path) -> None:
     film(tmp_path / "a.mp4", [with_ball(image(rig()[0]), frame) for frame in range(20)])
-    view = look(find_films(tmp_path)[0], [0.52, 1.98], lambda: None)
+    view = view_film(find_films(tmp_path)[0], [0.52, 1.98], lambda: None)
     assert view.shares[0] == pytest.approx(0.2, abs=1e-6)
     assert view.nexts[0] is not None
     assert view.images[1] is None  # after the last frame
@@ -70,7 +77,7 @@ def test_images_are_taken_at_their_numbers(tmp_path: Path) -> None:
     assert [film.name for film in films] == ["a", "b"]
     assert films[1].stamps * 30 == pytest.approx([4, 5, 6, 9])
     assert films[0].frame_at(6 / 30) == pytest.approx(1) and films[1].frame_at(6 / 30) == pytest.approx(2)
-    views = [look(film, [6 / 30], lambda: None) for film in films]
+    views = [view_film(film, [6 / 30], lambda: None) for film in films]
     one, other = views[0].images[0], views[1].images[0]
     assert one is not None and other is not None and np.array_equal(one, other)
 
@@ -80,7 +87,7 @@ def test_an_image_of_another_size_is_named(tmp_path: Path) -> None:
     for number in range(4):
         cv2.imwrite(str(tmp_path / "a" / f"{number}.png"), np.zeros((48, 64 + 16 * (number == 2)), np.uint8))
     with pytest.raises(FrogError, match=r"2\.png: found an image of 80 x 48 pixels, expected 64 x 48"):
-        look(find_films(tmp_path)[0], [], lambda: None)
+        view_film(find_films(tmp_path)[0], [], lambda: None)
 
 
 def test_a_folder_without_videos_says_what_is_expected(tmp_path: Path) -> None:

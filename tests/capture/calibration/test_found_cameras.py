@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 
 from frog_blender.cli.main import main
-from frog_blender.engine.capture.calibration import found_cameras
-from frog_blender.engine.capture.calibration.found_cameras import found_beside, given_beside, use_found, use_given
-from frog_blender.engine.capture.calibration.result_files import write_cameras
+from frog_blender.engine.capture.calibration import camera_files
+from frog_blender.engine.capture.calibration.camera_files import (
+    found_beside,
+    given_beside,
+    use_found,
+    use_given,
+    write_cameras,
+)
 from frog_blender.engine.capture.readers import layout_of
 from frog_blender.engine.errors import FrogError
 
@@ -104,7 +109,7 @@ def test_what_ends_it_early_leaves_one_in_use(tmp_path: Path, broken: int, monke
     np.save(tmp_path / "poses_bounds.npy", np.zeros((3, 17)))
     (tmp_path / "cameras_opencv.json").write_text('{"mine": 1}')
     found = write_cameras(tmp_path, calibration, films)
-    before, whole, written = contents(tmp_path), found_cameras.write_atomically, []
+    before, whole, written = contents(tmp_path), camera_files.write_atomically, []
 
     def write(path: Path, content: bytes) -> None:
         written.append(path)
@@ -112,7 +117,7 @@ def test_what_ends_it_early_leaves_one_in_use(tmp_path: Path, broken: int, monke
             raise FrogError(f"{path}: the disk is full.")
         whole(path, content)
 
-    monkeypatch.setattr(found_cameras, "write_atomically", write)
+    monkeypatch.setattr(camera_files, "write_atomically", write)
     with pytest.raises(FrogError, match="the disk is full"):
         use_found(tmp_path)
     assert contents(tmp_path) == before and layout_of(tmp_path) == "n3dv"

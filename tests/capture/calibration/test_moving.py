@@ -12,8 +12,8 @@ import pytest
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
 from frog_blender.engine.capture.calibration.clocks import find_moving_clocks
 from frog_blender.engine.capture.calibration.films import Film
-from frog_blender.engine.capture.calibration.moving_films import sampled
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
+from frog_blender.engine.capture.calibration.sequences import sampled
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from frog_blender.cli.info_command import _checked
+from frog_blender.engine.capture.calibration.camera_files import write_cameras
 from frog_blender.engine.capture.calibration.clocks import FoundClocks
-from frog_blender.engine.capture.calibration.films import look
-from frog_blender.engine.capture.calibration.report import REPORT, write_report
-from frog_blender.engine.capture.calibration.report_lines import report_lines
-from frog_blender.engine.capture.calibration.result_files import write_cameras
+from frog_blender.engine.capture.calibration.films import view_film
+from frog_blender.engine.capture.calibration.report import REPORT, report_lines, write_moving_report, write_report
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization import CameraClock, Synchronization
@@ -37,7 +36,7 @@ def capture(tmp_path: Path) -> Capture:
     calibration, films = calibrated(tmp_path)
     calibration = replace(calibration, warnings=(WARNING,), halves_apart=0.0012)
     write_cameras(tmp_path, calibration, films)
-    views = [look(film, [], lambda: None) for film in films]
+    views = [view_film(film, [], lambda: None) for film in films]
     found = synchronization([film.name for film in films])
     write_report(tmp_path, calibration, films, views, FoundClocks({}, synchronization=found))
     return open_capture(tmp_path)
@@ -74,19 +73,16 @@ def test_a_report_of_other_cameras_says_so(capture: Capture) -> None:
     assert report_lines(capture)[0] == "This report is of another calibration than the one in use."
 
 
-def test_many_cameras_are_one_line(capture: Capture) -> None:
-    path = capture.path / REPORT
-    facts = json.loads(path.read_text())
-    facts["cameras"] = [facts["cameras"][0] | {"name": f"c{i}", "residual": 0.1 * i} for i in range(30)]
-    path.write_text(json.dumps(facts))
-    assert "median residual 1.45 px, at most 2.90 (c29)" in report_lines(capture)
-    assert len(report_lines(capture)) == 5
-
-
 def test_a_moving_cameras_report(capture: Capture) -> None:
-    facts = {"kind": "one moving camera", "images": 86, "focal": 500.0, "residual": 0.41, "warnings": []}
-    (capture.path / REPORT).write_text(json.dumps(facts))
-    assert report_lines(capture) == ["one moving camera, 86 images, median residual 0.41 px"]
+    pose = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
+    result = {"lenses": [{"focal": 500.0, "k1": 0.0, "k2": 0.0}], "poses": [pose] * 86, "points": [], "residual": 0.41}
+    result |= {"focal_uncertainty": 0.001, "halves_apart": 0.002, "costs": [0.1]}
+    write_moving_report(capture.path, result, ["One image could not be placed."])
+    assert report_lines(capture) == [
+        "one moving camera, 86 images, median residual 0.41 px, two halves of what was seen put the cameras 0.2 % of "
+        "their extent apart",
+        "One image could not be placed.",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -95,12 +91,10 @@ def test_a_moving_cameras_report(capture: Capture) -> None:
         "",
         "[]",
         "{}",
-        '{"kind": 3, "warnings": []}',
-        '{"kind": "x", "warnings": [4]}',
-        '{"kind": "x", "warnings": [], "cameras": [1]}',
-        '{"kind": "x", "warnings": [], "cameras": [{"name": "a", "focal": "b"}]}',
-        '{"kind": "x", "warnings": [], "residual": NaN}',
-        '{"kind": "x", "warnings": [], "synchronization": {"frame": 0}}',
+        '{"lines": 3}',
+        '{"lines": [4]}',
+        '{"lines": [], "cameras": [1]}',
+        '{"lines": [], "cameras": [{"name": "a", "focal": "b"}]}',
     ],
 )
 def test_a_damaged_report_is_one_sentence(capture: Capture, content: str) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
-from frog_blender.engine.capture.calibration.standing import calibrate_standing
+from frog_blender.engine.capture.calibration.placing import Run, place_views
 from frog_blender.engine.capture.calibration.work_folder import WorkFolder
 
 from .walls import FOCAL, camera, center_errors, distorted_view, rig, view
@@ -23,7 +23,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> WorkFolder:
 
 @pytest.fixture(scope="module")
 def found(work: WorkFolder) -> Calibration:
-    return calibrate_standing([view(camera) for camera in rig()], work, lambda *_: None, lambda: False)
+    return place_views([view(camera) for camera in rig()], Run(work, lambda *_: None, lambda: False))
 
 
 def test_the_rig_is_found(found: Calibration) -> None:
@@ -55,8 +55,8 @@ def test_a_second_run_continues(found: Calibration, work: WorkFolder) -> None:
     kept = {path: path.stat().st_mtime_ns for path in work.path.glob("*.npz")}
     assert {path.name.split("-")[0] for path in kept} == {"view", "features", "pairs"}
     stages = set()
-    again = calibrate_standing(
-        [view(camera) for camera in rig()], work, lambda stage, *_: stages.add(stage), lambda: False
+    again = place_views(
+        [view(camera) for camera in rig()], Run(work, lambda stage, *_: stages.add(stage), lambda: False)
     )
     assert "matches" not in stages
     assert {path: path.stat().st_mtime_ns for path in work.path.glob("*.npz")} == kept
@@ -68,26 +68,26 @@ def test_damaged_stages_are_made_again(found: Calibration, work: WorkFolder) -> 
     damaged = [next(work.path.glob(f"{stage}-*.npz")) for stage in ("view", "features", "pairs")]
     for path in damaged:
         path.write_bytes(b"PK\x03\x04 cut off")
-    calibrate_standing([view(camera) for camera in rig()], work, lambda *_: None, lambda: False)
+    place_views([view(camera) for camera in rig()], Run(work, lambda *_: None, lambda: False))
     assert all(path.stat().st_size > 1000 for path in damaged)
 
 
 def test_cameras_of_another_room_are_refused_by_name(tmp_path: Path) -> None:
     views = [view(camera, 1 if index < 3 else 50) for index, camera in enumerate(rig())]
     with pytest.raises(CalibrationRefused, match=r"cam3 and cam4 share no points .* Next time") as refused:
-        calibrate_standing(views, WorkFolder(tmp_path), lambda *_: None, lambda: False)
+        place_views(views, Run(WorkFolder(tmp_path), lambda *_: None, lambda: False))
     assert "cam0-cam1 (" in str(refused.value)
 
 
 def test_two_cameras_prove_nothing(tmp_path: Path) -> None:
     with pytest.raises(CalibrationRefused, match="a single pair proves nothing"):
-        calibrate_standing([view(camera) for camera in rig()[:2]], WorkFolder(tmp_path), lambda *_: None, lambda: False)
+        place_views([view(camera) for camera in rig()[:2]], Run(WorkFolder(tmp_path), lambda *_: None, lambda: False))
 
 
 def test_distortion_is_found_where_there_is_some(tmp_path: Path) -> None:
     cameras = rig()[:4]
     views = [distorted_view(each, -0.2) for each in cameras]
-    found = calibrate_standing(views, WorkFolder(tmp_path), lambda *_: None, lambda: False)
+    found = place_views(views, Run(WorkFolder(tmp_path), lambda *_: None, lambda: False))
     assert all(abs(each.distortion[0] + 0.2) < 0.02 for each in found.cameras)
     assert center_errors([each.camera for each in found.cameras], cameras).max() < 0.005
     assert abs(found.cameras[0].camera.intrinsics[0, 0] / FOCAL - 1) < 0.01
@@ -97,4 +97,4 @@ def test_a_rig_that_does_not_fix_its_focal_length_is_refused(tmp_path: Path) -> 
     """All cameras look the same way: nearly any focal length explains them."""
     line = [camera(f"cam{i}", (-1.2 + 0.6 * i, 0, -3.3), (-1.2 + 0.6 * i, 0, 10)) for i in range(4)]
     with pytest.raises(CalibrationRefused, match="focal length"):
-        calibrate_standing([view(each) for each in line], WorkFolder(tmp_path), lambda *_: None, lambda: False)
+        place_views([view(each) for each in line], Run(WorkFolder(tmp_path), lambda *_: None, lambda: False))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.lens import Lens
+from frog_blender.engine.capture.calibration.model import Lens
 from frog_blender.engine.capture.calibration.tracks import Tracks, cost, join, located, residuals, triangulate
 
 from .walls import FOCAL, HEIGHT, WIDTH, rig

@@ -1,4 +1,8 @@
-"""Cameras from raw footage: films of standing cameras, or one of a moving camera, to poses and lenses.
+"""Raw films or images to cameras: ``pipeline.calibrate`` does all of it, what else is public stands beside.
 
-``pipeline`` runs the stages. Everything that calls pycolmap runs in a child process (``child``).
+``films`` and ``sequences`` say what is looked at, ``features`` and ``matching`` what images share. ``structure`` turns
+that into a model by ``colmap``, ``checks`` say whether it is to be used, and ``placing`` asks a process of its own for
+it (``placing_task``). ``sources`` are what cameras may come from: besides features, a board (``board``,
+``rig_solver``) and named points (``points``), such as a person's joints. ``camera_files`` and ``report`` write what was
+found.
 """

@@ -24,7 +24,7 @@ from ..readers.geometry import distortion
 from ..synchronization import NamedTracks, Synchronization, draw_curves, synchronize
 from ..synchronization.starts import read_timecode, timecode_lag
 from ..video import load_opencv
-from .child_process import run
+from .calibration import child_task
 from .films import Film
 from .work_folder import WorkFolder
 
@@ -116,7 +116,7 @@ def find_clocks(
     folder = work.path / "synchronization"
     request = _request_of({film.name: film.path for film in films}, cameras, tracks, work)
     write_atomically(folder / REQUEST, json.dumps(request).encode())
-    result = run("synchronization", folder, progress, cancelled)
+    result = child_task("clocks:synchronization").run(folder, progress, cancelled)
     try:
         found = Synchronization.from_json(result)
     except UnfitValue as error:

@@ -1,11 +1,33 @@
-"""pycolmap, loaded when it is needed, in the child process alone: a C++ error in it ends the process."""
+"""What pycolmap does for calibration: two-view checks, the incremental mapper, and bundle adjustment.
+
+It is loaded where it is needed, in the child process alone: a C++ error in it ends the process.
+"""
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import ceil
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ...arrays import Bools, Float64s, Ints
 from ...errors import FrogError
 from ...optional_imports import is_missing, not_loaded
+from ..video import load_opencv
+from .model import Lens, Model
+from .tracks import Pairs, Tracks, located
+
+LEAST_MATCHES = 15
+"""Matches that a pair of cameras must have after the check."""
+_UNCALIBRATED = 3  # pycolmap.TwoViewGeometryConfiguration
+MODELS = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+_TOLERANCES = (1e-5, 1e-7)
+"""Of the cost, in each round: the first only tells which observations are false."""
+_SOFT = 0.5  # of a false observation's residual: from there on the loss grows slowly
 
 
 def load_pycolmap() -> Any:  # pycolmap's own types do not pass mypy's strict checks
@@ -23,3 +45,308 @@ def load_pycolmap() -> Any:  # pycolmap's own types do not pass mypy's strict ch
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     pycolmap.set_random_seed(0)
     return pycolmap
+
+
+def _two_view_options(limit: float, *, with_pose: bool = False) -> Any:  # pycolmap.TwoViewGeometryOptions
+    """The options of every two-view check: equal seeds give equal results.
+
+    Args:
+        limit: pixels by which a true match may miss its epipolar line.
+    """
+    found = load_pycolmap().TwoViewGeometryOptions()
+    found.min_num_inliers = LEAST_MATCHES
+    found.ransac.max_error = limit
+    found.ransac.random_seed = 0
+    found.ransac.confidence = 0.9999
+    found.detect_watermark = False  # which asks whether matches lie at the edge and do not move
+    found.compute_relative_pose = with_pose
+    return found
+
+
+def verified(one: Lens, pixels: Float64s, other: Lens, other_pixels: Float64s, matches: Ints) -> Ints:
+    """Those of the matches (M, 2) that agree with one geometry; the lenses' sizes count, their focal lengths do not."""
+    if len(matches) < LEAST_MATCHES:
+        return np.empty((0, 2), np.int64)
+    geometry = load_pycolmap().estimate_two_view_geometry(
+        colmap_camera(one, 1, "SIMPLE_PINHOLE"),
+        pixels,
+        colmap_camera(other, 2, "SIMPLE_PINHOLE"),
+        other_pixels,
+        matches.astype(np.uint32),
+        _two_view_options(max(one.limit, other.limit)),
+    )
+    inliers = np.asarray(geometry.inlier_matches, np.int64).reshape(-1, 2)
+    return inliers if len(inliers) >= LEAST_MATCHES else np.empty((0, 2), np.int64)
+
+
+def relative_rotation(
+    one: Lens, pixels: Float64s, other: Lens, other_pixels: Float64s, matches: Ints
+) -> Float64s | None:
+    """(3, 3) rotation from one camera's axes to the other's, by the lenses' focal lengths; None where none is found."""
+    pycolmap = load_pycolmap()
+    geometry = pycolmap.estimate_calibrated_two_view_geometry(
+        colmap_camera(one, 1, "SIMPLE_PINHOLE"),
+        undistorted_pixels(one, pixels),
+        colmap_camera(other, 2, "SIMPLE_PINHOLE"),
+        undistorted_pixels(other, other_pixels),
+        matches.astype(np.uint32),
+        _two_view_options(max(one.limit, other.limit), with_pose=True),
+    )
+    pose = geometry.cam2_from_cam1
+    return None if pose is None else np.asarray(pose.rotation.matrix(), np.float64)
+
+
+def colmap_camera(lens: Lens, number: int, model: str) -> Any:  # pycolmap.Camera
+    """The lens as pycolmap's camera; a model without distortion leaves k1 and k2 out."""
+    parameters = {
+        "SIMPLE_PINHOLE": [lens.focal, lens.width / 2, lens.height / 2],
+        "SIMPLE_RADIAL": [lens.focal, lens.width / 2, lens.height / 2, lens.k1],
+        "RADIAL": [lens.focal, lens.width / 2, lens.height / 2, lens.k1, lens.k2],
+    }[model]
+    camera = load_pycolmap().Camera.create_from_model_name(number, model, lens.focal, lens.width, lens.height)
+    camera.params = np.array(parameters)
+    return camera
+
+
+def undistorted_pixels(lens: Lens, pixels: Float64s) -> Float64s:
+    """(N, 2) where a lens of the same focal length without distortion would see the same points."""
+    if not (lens.k1 or lens.k2):
+        return pixels
+    moved: Float64s = lens.focal * lens.rays(pixels) + np.array([lens.width / 2, lens.height / 2])
+    return moved
+
+
+def incremental(
+    lenses: Sequence[Lens], groups: Sequence[int], pixels: Sequence[Float64s], pairs: Pairs
+) -> Model | None:
+    """The largest model that the incremental mapper finds; None where it finds none.
+
+    Args:
+        lenses: sizes, and focal lengths to start from.
+        groups: cameras of one group share their focal length.
+        pixels: (N, 2) of all features, for each camera.
+        pairs: verified matches.
+    """
+    pycolmap = load_pycolmap()
+    pixels, pairs = _enough(pixels, pairs)
+    with tempfile.TemporaryDirectory(prefix="frog-mapping-") as name:
+        folder = Path(name)
+        _write_database(folder / "database.db", lenses, groups, pixels, pairs)
+        models = pycolmap.incremental_mapping(
+            folder / "database.db", folder, folder, _mapper_options(max(lens.limit for lens in lenses), len(lenses))
+        )
+    return _largest(models, lenses)
+
+
+def _enough(pixels: Sequence[Float64s], pairs: Pairs) -> tuple[Sequence[Float64s], Pairs]:
+    """The same, or each feature several times where a pair has fewer matches than COLMAP starts from.
+
+    Its least number is fixed for photographs, of whose matches some are false; that of points that were named is not.
+    """
+    fewest = min((len(matches) for matches in pairs.values() if len(matches)), default=LEAST_MATCHES)
+    if fewest >= LEAST_MATCHES:
+        return pixels, pairs
+    times = ceil(2 * LEAST_MATCHES / fewest)
+    counts = [len(features) for features in pixels]
+    return [np.concatenate([features] * times) for features in pixels], {
+        (one, other): np.concatenate([matches + np.array([counts[one], counts[other]]) * copy for copy in range(times)])
+        for (one, other), matches in pairs.items()
+    }
+
+
+def _largest(models: Any, lenses: Sequence[Lens]) -> Model | None:  # pycolmap.Reconstruction by number
+    """The model that places most images; None without any."""
+    if not models:
+        return None
+    best = max(models.values(), key=lambda model: (model.num_reg_images(), model.compute_num_observations()))
+    poses = np.full((len(lenses), 3, 4), np.nan)
+    found = list(lenses)
+    for number in best.reg_image_ids():
+        image = best.image(number)
+        poses[number - 1] = image.cam_from_world().matrix()
+        lens = lenses[number - 1]
+        found[number - 1] = replace(lens, focal=float(image.camera.params[0]))
+    return Model(poses, tuple(found))
+
+
+def _mapper_options(limit: float, images: int) -> Any:  # pycolmap.IncrementalPipelineOptions
+    pipeline = load_pycolmap().IncrementalPipelineOptions()
+    pipeline.min_num_matches = LEAST_MATCHES
+    pipeline.multiple_models = False
+    pipeline.min_model_size = min(3, images)
+    pipeline.extract_colors = False
+    pipeline.random_seed = 0
+    pipeline.num_threads = 1  # several starts are mapped at once
+    pipeline.ba_refine_extra_params = False
+    pipeline.ba_refine_principal_point = False
+    pipeline.mapper.init_min_num_inliers = 2 * LEAST_MATCHES
+    pipeline.mapper.init_max_error = limit
+    pipeline.mapper.abs_pose_max_error = 3 * limit
+    pipeline.mapper.abs_pose_min_num_inliers = LEAST_MATCHES
+    pipeline.mapper.filter_max_reproj_error = limit
+    pipeline.triangulation.merge_max_reproj_error = limit
+    pipeline.triangulation.complete_max_reproj_error = limit
+    pipeline.triangulation.ignore_two_view_tracks = False
+    return pipeline
+
+
+def _fundamental(one: Float64s, other: Float64s) -> Float64s | None:
+    """(3, 3) the fundamental matrix of verified matches (M, 2) each; None where they do not fix it."""
+    cv2 = load_opencv()
+    found, _ = cv2.findFundamentalMat(one, other, cv2.FM_8POINT)
+    return None if found is None or found.shape != (3, 3) else np.asarray(found, np.float64)
+
+
+def _write_database(
+    path: Path, lenses: Sequence[Lens], groups: Sequence[int], pixels: Sequence[Float64s], pairs: Pairs
+) -> None:
+    """COLMAP's database: image i + 1 is camera i, and the camera's number is its group's."""
+    pycolmap = load_pycolmap()
+    database = pycolmap.Database.open(path)
+    try:
+        with pycolmap.DatabaseTransaction(database):
+            for group in sorted(set(groups)):
+                lens = lenses[list(groups).index(group)]
+                database.write_camera(colmap_camera(lens, group + 1, "SIMPLE_PINHOLE"), True)
+            for index, group in enumerate(groups):
+                number = index + 1
+                database.write_image(pycolmap.Image(f"{number:06d}", camera_id=group + 1, image_id=number), True)
+                database.write_keypoints(number, pixels[index].astype(np.float32))
+            for (one, other), matches in pairs.items():
+                if not len(matches):
+                    continue
+                indices = matches.astype(np.uint32)
+                database.write_matches(one + 1, other + 1, indices)
+                geometry = pycolmap.TwoViewGeometry(
+                    config=pycolmap.TwoViewGeometryConfiguration(_UNCALIBRATED), inlier_matches=indices
+                )
+                fundamental = _fundamental(pixels[one][matches[:, 0]], pixels[other][matches[:, 1]])
+                if fundamental is None:
+                    continue
+                geometry.F = fundamental
+                database.write_two_view_geometry(one + 1, other + 1, geometry)
+    finally:
+        database.close()
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """A model after bundle adjustment.
+
+    Attributes:
+        model: with the adjusted poses and lenses.
+        points: (count, 3) of the tracks' points, NaN for those that were not located.
+        distances: (N,) residuals in pixels of all observations.
+        uncertainty: standard deviation of the focal length over the focal length, for each camera; infinite where the
+            data do not fix it.
+    """
+
+    model: Model
+    points: Float64s
+    distances: Float64s
+    uncertainty: Float64s
+
+
+def adjust(model: Model, tracks: Tracks, groups: Sequence[int], coefficients: Sequence[int]) -> Adjusted:
+    """Poses, focal lengths, distortion and points that fit the tracks best.
+
+    Args:
+        model: where to start; cameras without a pose stay so.
+        groups: cameras of one group share their lens.
+        coefficients: for each camera how many of k1 and k2 are free: 0, 1 or 2. The others are taken as zero.
+    """
+    limits = np.array([lens.limit for lens in model.lenses])
+    uncertainty = np.full(len(model.lenses), np.inf)
+    for tolerance in _TOLERANCES:
+        points, distances = located(tracks, model.poses, model.lenses, limits)
+        used = (distances <= limits[tracks.cameras]) & np.isfinite(points).all(axis=1)[tracks.points]
+        lengths = np.bincount(tracks.points[used], minlength=tracks.count)
+        used &= lengths[tracks.points] >= 2
+        if not used.any():
+            break
+        model, uncertainty = _solve(model, (tracks, used, points, distances), groups, coefficients, tolerance)
+    points, distances = located(tracks, model.poses, model.lenses, limits)
+    return Adjusted(model, points, distances, uncertainty)
+
+
+def _solve(
+    model: Model,
+    seen: tuple[Tracks, Bools, Float64s, Float64s],
+    groups: Sequence[int],
+    coefficients: Sequence[int],
+    tolerance: float,
+) -> tuple[Model, Float64s]:
+    """One adjustment of the used observations, and the focal lengths' relative standard deviations."""
+    pycolmap = load_pycolmap()
+    reconstruction, config = _reconstruction(model, seen, groups, coefficients)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.ceres.solver_options.function_tolerance = tolerance
+    options.ceres.solver_options.max_num_iterations = 60
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = _SOFT * min(lens.limit for lens in model.lenses)
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
+    adjuster.solve()
+    covariance = pycolmap.estimate_ba_covariance(_intrinsics_only(), reconstruction, adjuster)
+    _, used, _, distances = seen
+    noise = np.sqrt(np.mean(distances[used] ** 2) / 2)  # a coordinate's
+    poses, lenses = model.poses.copy(), list(model.lenses)
+    uncertainty = np.full(len(lenses), np.inf)
+    for index in model.placed:
+        image = reconstruction.image(index + 1)
+        poses[index] = image.cam_from_world().matrix()
+        parameters = np.asarray(image.camera.params, np.float64)
+        k1, k2 = (*parameters[3:].tolist(), 0.0, 0.0)[:2]
+        lenses[index] = replace(lenses[index], focal=float(parameters[0]), k1=k1, k2=k2)
+        found = covariance.get_other_params_cov(image.camera.params) if covariance is not None else None
+        if found is not None and parameters[0] > 0:
+            uncertainty[index] = noise * np.sqrt(max(float(found[0, 0]), 0.0)) / parameters[0]
+    return Model(poses, tuple(lenses)), uncertainty
+
+
+def _intrinsics_only() -> Any:  # pycolmap.BACovarianceOptions
+    pycolmap = load_pycolmap()
+    options = pycolmap.BACovarianceOptions()
+    options.params = pycolmap.BACovarianceOptionsParams.ALL
+    return options
+
+
+def _reconstruction(
+    model: Model,
+    seen: tuple[Tracks, Bools, Float64s, Float64s],
+    groups: Sequence[int],
+    coefficients: Sequence[int],
+) -> tuple[Any, Any]:  # pycolmap.Reconstruction, pycolmap.BundleAdjustmentConfig
+    """The model and its used observations as pycolmap's; image i + 1 is camera i."""
+    pycolmap = load_pycolmap()
+    tracks, used, points, _ = seen
+    reconstruction, config = pycolmap.Reconstruction(), pycolmap.BundleAdjustmentConfig()
+    known: set[int] = set()
+    places = np.zeros(len(tracks.points), np.int64)
+    for index in model.placed:
+        group = groups[index]
+        if group not in known:
+            known.add(group)
+            lens = _within(model.lenses[index], coefficients[index])
+            camera = colmap_camera(lens, group + 1, MODELS[coefficients[index]])
+            reconstruction.add_camera_with_trivial_rig(camera)
+        own = np.flatnonzero(used & (tracks.cameras == index))
+        places[own] = np.arange(len(own))
+        image = pycolmap.Image(
+            f"{index + 1:06d}", keypoints=tracks.pixels[own], camera_id=group + 1, image_id=index + 1
+        )
+        reconstruction.add_image_with_trivial_frame(image, pycolmap.Rigid3d(model.poses[index]))
+        config.add_image(index + 1)
+    order = np.flatnonzero(used)
+    for own in np.split(order, np.flatnonzero(np.diff(tracks.points[order])) + 1):
+        track = pycolmap.Track()
+        for camera, place in zip(tracks.cameras[own].tolist(), places[own].tolist(), strict=True):
+            track.add_element(camera + 1, place)
+        reconstruction.add_point3D(points[tracks.points[own[0]]], track)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    return reconstruction, config
+
+
+def _within(lens: Lens, coefficients: int) -> Lens:
+    """The lens without the coefficients that are not free."""
+    return replace(lens, k1=lens.k1 if coefficients > 0 else 0.0, k2=lens.k2 if coefficients > 1 else 0.0)

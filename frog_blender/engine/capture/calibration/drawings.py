@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import Float64s, ImageArray
 from ..video import load_opencv
-from .evidence import PairEvidence
+from .calibration import PairSupport
 
 _SIDE, _MARGIN = 560, 40
 _DOTS = 1500  # points in the drawing of a rig
@@ -31,7 +31,7 @@ def rig_from_above(
         ahead: x and y of its viewing direction.
         points: x, y and z each.
     """
-    cameras, looks = np.array(places).reshape(-1, 2), np.array(ahead).reshape(-1, 2)
+    cameras, directions = np.array(places).reshape(-1, 2), np.array(ahead).reshape(-1, 2)
     dots = np.array([point[:2] for point in points]).reshape(-1, 2)[:: max(1, len(points) // _DOTS)]
     middle, reach = frame_from_above(cameras, dots)
     near = dots[np.abs(dots - middle).max(axis=1, initial=0.0) <= reach]
@@ -42,8 +42,8 @@ def rig_from_above(
         return round(float(x) + _SIDE / 2, 1), round(_SIDE / 2 - float(y), 1)
 
     parts = [f"<circle cx='{x}' cy='{y}' r='1' fill='#999'/>" for x, y in map(at, near)]
-    for name, camera, look in zip(names, cameras, looks, strict=True):
-        (x, y), (ex, ey) = at(camera), at(camera + look * 22 / scale)
+    for name, camera, direction in zip(names, cameras, directions, strict=True):
+        (x, y), (ex, ey) = at(camera), at(camera + direction * 22 / scale)
         parts.append(f"<line x1='{x}' y1='{y}' x2='{ex}' y2='{ey}' stroke='#27c' stroke-width='2'/>")
         parts.append(f"<circle cx='{x}' cy='{y}' r='4' fill='#27c'/>")
         if name:
@@ -69,7 +69,7 @@ def frame_from_above(cameras: Float64s, points: Float64s) -> tuple[Float64s, flo
     return (low + high) / 2, max(float((high - low).max()) / 2, 1e-9)
 
 
-def matches_table(names: Sequence[str], pairs: Sequence[PairEvidence]) -> str:
+def matches_table(names: Sequence[str], pairs: Sequence[PairSupport]) -> str:
     """A square table of the points that agree for each pair; the more, the darker."""
     counts = {(pair.one, pair.other): pair for pair in pairs}
     most = max((pair.agreeing for pair in pairs), default=1) or 1
@@ -88,7 +88,7 @@ def matches_table(names: Sequence[str], pairs: Sequence[PairEvidence]) -> str:
     return f"<table>{''.join(rows)}</table>"
 
 
-def camera_image(plate: ImageArray, size: tuple[int, int], observations: Float64s) -> str:
+def camera_image(background: ImageArray, size: tuple[int, int], observations: Float64s) -> str:
     """A camera's background with observations in it, as an ``img`` element.
 
     Args:
@@ -97,7 +97,7 @@ def camera_image(plate: ImageArray, size: tuple[int, int], observations: Float64
     """
     cv2 = load_opencv()
     scale = _WIDE / size[0]
-    small = cv2.resize(plate, (_WIDE, max(1, round(size[1] * scale))), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(background, (_WIDE, max(1, round(size[1] * scale))), interpolation=cv2.INTER_AREA)
     image = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
     for x, y, agrees in observations.tolist():
         cv2.circle(image, (int(x * scale), int(y * scale)), 2, _GREEN if agrees else _RED, -1, cv2.LINE_AA)

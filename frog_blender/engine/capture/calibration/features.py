@@ -1,23 +1,26 @@
-"""SIFT features of a camera, pooled: those of its background, and those of what moves at each common time."""
+"""SIFT features: of a standing camera's background and of what moves at each common time, pooled, and of single images.
+
+pycolmap finds features inside Python's lock, so that threads win nothing: several processes share the images.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from ...arrays import Array, Bools, Float32s, ImageArray, Ints
-from ..video import load_opencv
+from ..video import load_opencv, read_gray
 from .colmap import load_pycolmap
-from .films import View
+from .films import View, resized
+from .work_folder import WorkFolder, key_of, key_of_file
 
 BACKGROUND = -1
 """The moment of features that are there at all times."""
 _PEAK = 0.003  # COLMAP's 0.0067 loses small and dark images
 _MOST = 4096  # features of an image
-SMALL = 900
-"""Pixels of the longer side up to which features are sought at twice the size as well."""
+_SMALL = 900  # pixels of the longer side up to which features are sought at twice the size as well
 _MARGIN = 24  # pixels around what changes that its features see
 _LEAST_SHIFT = 1e-3  # of a frame
 
@@ -37,24 +40,15 @@ class Features:
     moments: Ints
 
 
-def background_features(view: View) -> Features:
-    """The features of a standing camera's plate, outside what changes; in pixels of the film."""
-    extractor = Extractor(upsampled=max(view.plate.shape) < SMALL)
-    return _scaled(_kept(*extractor.of(view.plate), ~view.changing, BACKGROUND), view)
+def missing_features(work: WorkFolder, view: View) -> list[int]:
+    """The moments, BACKGROUND among them, whose features were not kept yet."""
+    moments = range(BACKGROUND, len(view.images))
+    return [moment for moment in moments if not work.file("features", _key(view, moment)).is_file()]
 
 
-def moment_features(view: View, moment: int) -> Features:
-    """Those of what moves at one of the common times, none where the film has no image then; in pixels of the film."""
-    image = view.images[moment]
-    if image is None or not view.changing.any():
-        return Features(np.empty((0, 2)), np.empty((0, 128), np.uint8), np.empty(0, np.int64))
-    extractor = Extractor(upsampled=max(view.plate.shape) < SMALL)
-    found = _kept(*_within(extractor, image, view.changing), view.changing, moment)
-    return _scaled(_carried(found, image, view.nexts[moment], abs(view.shares[moment])), view)
-
-
-def pooled(parts: Sequence[Features]) -> Features:
-    """All of them as one camera's."""
+def view_features(work: WorkFolder, view: View) -> Features:
+    """All features of a standing camera, in pixels of its film: each moment's of an earlier run or new."""
+    parts = [moment_features(work, view, moment) for moment in range(BACKGROUND, len(view.images))]
     return Features(
         np.concatenate([part.pixels for part in parts]),
         np.concatenate([part.descriptors for part in parts]),
@@ -62,21 +56,64 @@ def pooled(parts: Sequence[Features]) -> Features:
     )
 
 
+def moment_features(work: WorkFolder, view: View, moment: int) -> Features:
+    """Those of the background outside what changes, or of what moves at one of the common times."""
+    key = _key(view, moment)
+    kept = work.load("features", key)
+    if kept is None:
+        found = _of_background(view) if moment == BACKGROUND else _of_moment(view, moment)
+        kept = {"pixels": found.pixels, "descriptors": found.descriptors, "moments": found.moments}
+        work.keep("features", key, kept)
+    return Features(kept["pixels"], kept["descriptors"], kept["moments"])
+
+
+def image_features(work: WorkFolder, path: Path, size: tuple[int, int]) -> Features:
+    """The features of an image file of a camera that moves, of an earlier run or new; FrogError if it is unreadable."""
+    key = key_of(key_of_file(path))
+    kept = work.load("image", key)
+    if kept is None:
+        gray = resized(read_gray(path), size)
+        pixels, descriptors = _Extractor(gray).of(gray)
+        kept = {"pixels": pixels.astype(np.float64) * (np.array(size) / gray.shape[::-1]), "descriptors": descriptors}
+        work.keep("image", key, kept)
+    return Features(kept["pixels"], kept["descriptors"], np.full(len(kept["pixels"]), BACKGROUND, np.int64))
+
+
+def _key(view: View, moment: int) -> str:
+    if moment == BACKGROUND:
+        return key_of(view.background, view.changing)
+    images = [np.empty(0) if image is None else image for image in (view.images[moment], view.nexts[moment])]
+    return key_of(*images, view.shares[moment], view.changing, moment)
+
+
+def _of_background(view: View) -> Features:
+    return _scaled(_kept(*_Extractor(view.background).of(view.background), ~view.changing, BACKGROUND), view)
+
+
+def _of_moment(view: View, moment: int) -> Features:
+    """None where the film has no image then."""
+    image = view.images[moment]
+    if image is None or not view.changing.any():
+        return Features(np.empty((0, 2)), np.empty((0, 128), np.uint8), np.empty(0, np.int64))
+    found = _kept(*_within(_Extractor(image), image, view.changing), view.changing, moment)
+    return _scaled(_carried(found, image, view.nexts[moment], abs(view.shares[moment])), view)
+
+
 def _scaled(found: Features, view: View) -> Features:
     """From pixels of the view's images to those of its film."""
-    return replace(found, pixels=found.pixels * (np.array(view.size) / view.plate.shape[::-1]))
+    return replace(found, pixels=found.pixels * (np.array(view.size) / view.background.shape[::-1]))
 
 
-class Extractor:
+class _Extractor:
     """pycolmap's SIFT on the CPU. OpenCV's lies a quarter of a pixel to the right and below: never mix them."""
 
-    def __init__(self, *, upsampled: bool) -> None:
-        """Args: upsampled: features are sought at twice the size as well, which small images need."""
+    def __init__(self, example: ImageArray) -> None:
+        """Args: example: an image (H, W) of the size that is to come: small ones are searched at twice theirs too."""
         pycolmap = load_pycolmap()
         options = pycolmap.FeatureExtractionOptions()
         options.sift.peak_threshold = _PEAK
         options.sift.max_num_features = _MOST
-        options.sift.first_octave = -1 if upsampled else 0
+        options.sift.first_octave = -1 if max(example.shape) < _SMALL else 0
         options.use_gpu = False
         self._extractor = pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
         self._as_matrix = pycolmap.keypoints_to_matrix
@@ -88,7 +125,7 @@ class Extractor:
         return matrix[:, :2], np.asarray(descriptors.data, np.uint8).reshape(len(keypoints), -1)
 
 
-def _within(extractor: Extractor, image: ImageArray, changing: Bools) -> tuple[Float32s, ImageArray]:
+def _within(extractor: _Extractor, image: ImageArray, changing: Bools) -> tuple[Float32s, ImageArray]:
     """The features of the part of an image in which something changes: the rest would be thrown away."""
     rows, columns = np.flatnonzero(changing.any(axis=1)), np.flatnonzero(changing.any(axis=0))
     top, left = max(int(rows[0]) - _MARGIN, 0), max(int(columns[0]) - _MARGIN, 0)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray
 from ...errors import FrogError, found_instead
+from ...io.plain_values import JsonObject
 from ..readers.film_frames import decode_film, film_facts
 from ..readers.footage import find_footage
 from ..video import VideoFacts, composed, find_videos, load_opencv
@@ -17,8 +18,8 @@ from .camera_kinds import kind_of, numbered
 
 LONGEST_SIDE = 1600
 """Pixels of the images that features are sought in: more of them cost time and win nothing."""
-_PLATE_IMAGES = 30
-_PLATE_FRAMES = 1200  # frames from the start among which they are spread: all before the last one are decoded
+_BACKGROUND_IMAGES = 30
+_BACKGROUND_FRAMES = 1200  # frames from the start among which they are spread: all before the last one are decoded
 _CHANGES = 6.0  # of 255: standard deviation over time of what moves
 _STILL = 0.5  # pixels that the background of a standing camera moves by, at 500 pixels of width
 _STILL_SHARE = 0.15  # of the corners: people may cover the rest, and of a moving camera none stays
@@ -72,9 +73,9 @@ class View:
 
     Attributes:
         name, size: of the camera; width and height in pixels of its film.
-        plate: (h, w) uint8 brightness of the background: the median over time, at most LONGEST_SIDE a side.
+        background: (h, w) uint8 brightness of the background: the median over time, at most LONGEST_SIDE a side.
         changing: (h, w) bool, where something moves.
-        images: brightness like ``plate``, one at each common time; None where the film has none then.
+        images: brightness like ``background``, one at each common time; None where the film has none then.
         shares: for each of them by how many frames the common time is later than the image, and ``nexts`` the image
             one frame later or earlier, towards it; None where the image was taken at that time.
         group: cameras of one group are of one kind and share their focal length.
@@ -82,7 +83,7 @@ class View:
 
     name: str
     size: tuple[int, int]
-    plate: ImageArray
+    background: ImageArray
     changing: Bools
     images: tuple[ImageArray | None, ...] = ()
     shares: tuple[float, ...] = ()
@@ -114,7 +115,7 @@ def find_films(folder: Path) -> list[Film]:
 def is_standing(film: Film) -> bool:
     """Whether the background rests between the film's first, middle and last image."""
     cv2 = load_opencv()
-    last = min(film.facts.frame_count, _PLATE_FRAMES) - 1
+    last = min(film.facts.frame_count, _BACKGROUND_FRAMES) - 1
     frames = sorted({0, last // 2, last})
     first, *others = [_gray(image, film.size) for image in decode_film(film.path, frames)]
     corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.01, max(4, first.shape[1] / 60))
@@ -136,7 +137,7 @@ def common_times(films: Sequence[Film], count: int) -> list[float]:
         FrogError: if the films share no time.
     """
     start = max(film.time_of(0) for film in films)
-    end = min(film.time_of(min(film.facts.frame_count, _PLATE_FRAMES) - 1) for film in films)
+    end = min(film.time_of(min(film.facts.frame_count, _BACKGROUND_FRAMES) - 1) for film in films)
     if end < start:
         raise FrogError("The films have no time in common: each starts when another has ended.")
     first = films[0]  # at the times of its frames: where films are in step nothing has to be carried
@@ -144,14 +145,16 @@ def common_times(films: Sequence[Film], count: int) -> list[float]:
     return sorted({min(max(first.time_of(round(first.frame_at(time))), start), end) for time in spread})
 
 
-def look(film: Film, times: Sequence[float], cancelled: Callable[[], None]) -> View:
-    """A standing camera's view: its plate, and its images at capture times in seconds.
+def view_film(film: Film, times: Sequence[float], cancelled: Callable[[], None]) -> View:
+    """A standing camera's view: its background, and its images at capture times in seconds.
 
     Args:
         cancelled: called before each image; it raises what ends the work.
     """
     count = film.facts.frame_count
-    spread = np.unique(np.linspace(0, min(count, _PLATE_FRAMES) - 1, _PLATE_IMAGES).round().astype(int)).tolist()
+    spread = np.unique(
+        np.linspace(0, min(count, _BACKGROUND_FRAMES) - 1, _BACKGROUND_IMAGES).round().astype(int)
+    ).tolist()
     exact = [film.frame_at(time) for time in times]
     nearest = [round(frame) for frame in exact]
     towards = [near + (1 if frame > near else -1) for near, frame in zip(nearest, exact, strict=True)]
@@ -175,6 +178,37 @@ def look(film: Film, times: Sequence[float], cancelled: Callable[[], None]) -> V
     )
 
 
+def arrays_of(view: View) -> dict[str, Array]:
+    """A view's arrays for the work folder; ``view_of`` reads them back."""
+    arrays: dict[str, Array] = {
+        "background": view.background,
+        "changing": view.changing,
+        "shares": np.array(view.shares),
+    }
+    for kind, images in (("image", view.images), ("next", view.nexts)):
+        arrays |= {f"{kind}{index}": image for index, image in enumerate(images) if image is not None}
+    return arrays
+
+
+def view_of(entry: JsonObject, arrays: dict[str, Array]) -> View:
+    """The view of a request's entry and its arrays."""
+    shares = tuple(arrays["shares"].tolist())
+
+    def images(kind: str) -> tuple[ImageArray | None, ...]:
+        return tuple(arrays.get(f"{kind}{index}") for index in range(len(shares)))
+
+    return View(
+        entry["name"],
+        (int(entry["size"][0]), int(entry["size"][1])),
+        arrays["background"],
+        arrays["changing"],
+        images("image"),
+        shares,
+        images("next"),
+        int(entry["group"]),
+    )
+
+
 def with_groups(views: Sequence[View], alike: float = 0.0, kinds: Sequence[str] = ()) -> list[View]:
     """The views, with equal groups for films of one kind of camera: of equal size, and of one make and model.
 
@@ -186,7 +220,7 @@ def with_groups(views: Sequence[View], alike: float = 0.0, kinds: Sequence[str] 
     for size in sorted(view.size for view in views):
         if not any(_are_alike(size, other, alike) for other in sizes):
             sizes.append(size)
-    likes = [next(place for place, size in enumerate(sizes) if _are_alike(view.size, size, alike)) for view in views]
+    likes = [next(index for index, size in enumerate(sizes) if _are_alike(view.size, size, alike)) for view in views]
     groups = numbered([*zip(likes, kinds or [""] * len(views), strict=True)])
     return [replace(view, group=group) for view, group in zip(views, groups, strict=True)]
 

@@ -20,21 +20,19 @@ from ...arrays import Float64s
 from ...io.child_process import Progress
 from ..epipolar import fundamental
 from ..synchronization import NamedTracks
-from .board_films import images_at
+from .board import images_at
 from .calibration import Calibration, CalibrationRefused
 from .clocks import FoundClocks, with_clocks
 from .films import Film, View, common_times
 from .joints import agreed_sides, find_joints, heights, steady_sides, with_sides, without_strays
 from .landmarks import JOINTS, LandmarkNetwork
-from .point_rig import PointRig, PointViews, solve_points
-from .rig_result import CameraFacts
-from .rig_solver import Rig
+from .model import Model
+from .points import CameraFacts, PointRig, PointViews, solve_points
 
 TIMES = 40
 """Common times at which joints are looked for: 30 are enough, and each costs a quarter of a second a camera."""
 REMEDY = "film one person who walks about alone for ten seconds or more, near and far, where all cameras see them whole"
 _LIMIT = 0.016  # of the longer side: a joint that is farther off is another one (left for right), or guessed
-_USUAL = 0.008  # of the longer side
 _LEAST_JOINTS = 120  # of each camera, seen by another at the same time
 _APART, _DOUBTFUL_APART = 0.05, 0.01  # of the rig's diameter: where two halves of the times put a camera
 _LEAST_SHARE = 0.5  # of a camera's joints that must fit
@@ -141,7 +139,7 @@ def _joints_of_films(
     joints = []
     for index, (film, view, film_times) in enumerate(zip(films, views, times, strict=True)):
         progress("joints", index, len(films))
-        joints.append(find_joints(loaded, images_at(film, film_times, cancelled), view.plate, view.changing))
+        joints.append(find_joints(loaded, images_at(film, film_times, cancelled), view.background, view.changing))
     return joints
 
 
@@ -166,7 +164,7 @@ def _rig_of(
     pixels: Float64s,
     moving: Float64s | None = None,
     *,
-    start: Rig | None = None,
+    start: Model | None = None,
     halves: bool = False,
 ) -> PointRig:
     """The rig before it is judged.
@@ -178,7 +176,7 @@ def _rig_of(
     """
     pixels = np.where(np.isfinite(pixels[..., :1]).sum(0) < 2, np.nan, pixels)  # of no use, and no fault
     sides = np.array([camera.side for camera in facts])
-    views = PointViews(facts, np.array(groups), pixels.reshape(len(facts), -1, 2), _LIMIT * sides, REMEDY)
+    views = PointViews(facts, np.array(groups), pixels.reshape(len(facts), -1, 2), _LIMIT, REMEDY)
     for camera, count in zip(facts, views.seen.sum(1).tolist(), strict=True):
         if count < _LEAST_JOINTS:
             raise CalibrationRefused(
@@ -188,10 +186,10 @@ def _rig_of(
     times = np.repeat(np.arange(pixels.shape[1]), len(JOINTS))
     early = 2 * times < pixels.shape[1] if halves else None
 
-    def solved(start: Rig | None) -> PointRig:
+    def solved(start: Model | None) -> PointRig:
         velocities = None if moving is None else moving.reshape(len(facts), -1, 2)
         given = replace(views, pixels=pixels.reshape(len(facts), -1, 2), velocities=velocities)
-        return solve_points(given, float(_USUAL * sides.max()), halves=early, start=start)
+        return solve_points(given, halves=early, start=start)
 
     fitted = solved(start)
     for _ in range(_SIDE_ROUNDS):
@@ -203,7 +201,7 @@ def _rig_of(
             break
         pixels = with_sides(pixels, swapped)
         moving = None if moving is None else with_sides(moving, swapped)
-        fitted = solved(fitted.rig)
+        fitted = solved(fitted.model)
     return fitted
 
 
@@ -313,7 +311,7 @@ def calibrate_unsynchronised(
     is_in_step = np.ptp(best.offsets) <= max(_LEAST_SHIFT * frame, 2 * float(sigmas.max()))
     offsets = in_step if is_in_step else best.offsets - best.offsets.min()
     pixels, _ = _read(tracks, offsets, _MOST_IMAGES)
-    return _judged(facts, _rig_of(facts, groups, pixels, start=best.rig.rig, halves=True)), offsets
+    return _judged(facts, _rig_of(facts, groups, pixels, start=best.rig.model, halves=True)), offsets
 
 
 def _timed(
@@ -323,7 +321,7 @@ def _timed(
     offsets, rig = start, None
     for turn in range(_ROUNDS):
         pixels, moving = _read(tracks, offsets, _MOST_IMAGES if turn else _FIRST_TIMES)
-        rig = _rig_of(facts, groups, pixels, moving, start=None if rig is None else rig.rig)
+        rig = _rig_of(facts, groups, pixels, moving, start=None if rig is None else rig.model)
         offsets = offsets - rig.delays
         if turn and np.ptp(rig.delays) < _SETTLED * max(track.interval for track in tracks):
             break

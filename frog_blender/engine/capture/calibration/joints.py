@@ -33,7 +33,7 @@ _MOST_TOGETHER = 6  # cameras of which all combinations are tried; more are trie
 
 
 def find_joints(
-    network: LandmarkNetwork, images: Iterable[ImageArray | None], plate: ImageArray, changing: Bools
+    network: LandmarkNetwork, images: Iterable[ImageArray | None], background: ImageArray, changing: Bools
 ) -> Float64s:
     """(T, 16, 2) pixels of the joints of whoever moves most in a standing camera's images; NaN where none is surely
     seen.
@@ -41,7 +41,7 @@ def find_joints(
     Args:
         network: of the landmark file.
         images: (H, W, 3) RGB or (H, W), in order of time; None where the camera has none.
-        plate: (h, w) brightness of the background, of the images' shape, possibly smaller.
+        background: (h, w) brightness, of the images' shape, possibly smaller.
         changing: (h, w) where something moves at any time.
     """
     whole = _largest_box(changing, 0)
@@ -50,7 +50,7 @@ def find_joints(
     for image in images:
         person = None
         if image is not None and whole is not None:
-            person = _person_in(network, image, _boxes(image, plate, changing, whole, previous), previous)
+            person = _person_in(network, image, _boxes(image, background, changing, whole, previous), previous)
         previous = None if person is None else person.box
         if person is None:
             pixels.append(np.full((len(JOINTS), 2), np.nan))
@@ -171,13 +171,17 @@ def _person_in(
     return None
 
 
-def _boxes(image: ImageArray, plate: ImageArray, changing: Bools, whole: Box, previous: Box | None) -> list[Box]:
+def _boxes(image: ImageArray, background: ImageArray, changing: Bools, whole: Box, previous: Box | None) -> list[Box]:
     """Where to look, in this order, in the image's pixels: where the person was, what moves now, what ever moves."""
     cv2 = load_opencv()
-    scale = image.shape[1] / plate.shape[1]
+    scale = image.shape[1] / background.shape[1]
     gray = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    small = gray if gray.shape == plate.shape else cv2.resize(gray, plate.shape[::-1], interpolation=cv2.INTER_AREA)
-    moving = (cv2.absdiff(small, plate) > _CHANGES) & changing
+    small = (
+        gray
+        if gray.shape == background.shape
+        else cv2.resize(gray, background.shape[::-1], interpolation=cv2.INTER_AREA)
+    )
+    moving = (cv2.absdiff(small, background) > _CHANGES) & changing
     now = _largest_box(moving, _LEAST_MOTION * float(changing.sum()))
     boxes = [box._replace(x=box.x * scale, y=box.y * scale, side=box.side * scale) for box in (now, whole) if box]
     if previous is None:

@@ -1,4 +1,4 @@
-"""What a calibration found, for programs (``calibration_report.json``) and for people (one page with images)."""
+"""What a calibration found: for programs (``calibration_report.json``), and for people as a page and as lines."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from dataclasses import asdict
 from html import escape
 from pathlib import Path
 
+from ...errors import FrogError
 from ...io.atomic_files import write_atomically
-from ...io.plain_values import JsonObject
+from ...io.plain_values import JsonObject, UnfitValue, entries, items, number, text
+from ..capture import Capture
+from ..readers.checks import read_json
 from .calibration import Calibration
 from .clocks import FoundClocks
 from .drawings import camera_image, matches_table, rig_from_above, wide_image
@@ -18,6 +21,9 @@ from .films import Film, View
 
 REPORT, PAGE = "calibration_report.json", "calibration_report.html"
 """Names of the two files; a later run replaces them."""
+_SHOWN = 16  # cameras, a line each
+_SAME = 1e-3  # of a focal length: two calibrations seldom agree so well in every camera
+_MOST_LINES, _LONGEST_LINE, _MOST_CAMERAS = 1100, 10_000, 10_000
 _STYLE = (
     "body{font:15px sans-serif;max-width:64rem;margin:2rem auto;color:#222}table{border-collapse:collapse}"
     "td,th{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #ddd}figure{display:inline-block;margin:.4rem}"
@@ -38,7 +44,7 @@ def write_report(
         FrogError: if one cannot be written.
     """
     facts = _facts(calibration, films) | {"synchronization": clocks.facts}
-    write_atomically(folder / REPORT, json.dumps(facts, indent=1).encode())
+    write_atomically(folder / REPORT, json.dumps(facts | {"lines": _lines(facts)}, indent=1).encode())
     write_atomically(folder / PAGE, _page(calibration, facts, views, clocks).encode())
     return folder / REPORT, folder / PAGE
 
@@ -58,7 +64,7 @@ def write_moving_report(folder: Path, result: JsonObject, warnings: Sequence[str
         "costs": result["costs"],
         "warnings": list(warnings),
     }
-    write_atomically(folder / REPORT, json.dumps(facts, indent=1).encode())
+    write_atomically(folder / REPORT, json.dumps(facts | {"lines": _lines(facts)}, indent=1).encode())
     places = [_center(pose) for pose in poses]
     ahead = [(pose[2][0], pose[2][1]) for pose in poses]
     drawn = rig_from_above([""] * len(poses), [(x, y) for x, y, _ in places], ahead, result["points"])
@@ -72,14 +78,64 @@ def write_moving_report(folder: Path, result: JsonObject, warnings: Sequence[str
     return folder / REPORT, folder / PAGE
 
 
+def report_lines(capture: Capture) -> list[str]:
+    """What the report beside a capture's cameras says; empty without one, one sentence for one that cannot be read."""
+    path = capture.path / REPORT
+    if not path.is_file():
+        return []
+    try:
+        facts = read_json(path)
+        lines = [text(line, "a line", _LONGEST_LINE) for line in items(facts.get("lines"), "lines", _MOST_LINES)]
+        found = {}
+        for camera in items(facts.get("cameras", []), "cameras", _MOST_CAMERAS):
+            entry = entries(camera, "a camera")
+            found[text(entry.get("name"), "a name", 1000)] = number(entry.get("focal"), "a focal length", 0, 1e12)
+    except FrogError as error:
+        return [str(error)]
+    except UnfitValue as error:
+        return [f"{path}: found {error.found}, expected {error.expected}."]
+    used = {camera.name: float(camera.intrinsics[0, 0]) for camera in capture.cameras}
+    if not found or (
+        found.keys() == used.keys() and all(abs(found[name] - used[name]) <= _SAME * used[name] for name in used)
+    ):
+        return lines
+    return ["This report is of another calibration than the one in use.", *lines]
+
+
+def _lines(facts: JsonObject) -> list[str]:
+    """All of it in lines for a terminal."""
+    cameras = facts.get("cameras", [])
+    parts = [f"{len(cameras)} {facts['kind']} from {facts['source']}" if cameras else str(facts["kind"])]
+    parts += [f"{facts[name]} {name}" for name in ("images", "points") if name in facts]
+    if facts.get("residual") is not None:
+        parts.append(f"median residual {facts['residual']:.2f} px")
+    if facts["halves_apart"] is not None:
+        apart = 100 * facts["halves_apart"]
+        parts.append(f"two halves of what was seen put the cameras {apart:.2g} % of their extent apart")
+    lines = [", ".join(parts)]
+    known = sorted((camera["residual"], camera["name"]) for camera in cameras if camera["residual"] is not None)
+    if len(cameras) > _SHOWN and known:
+        usual = (known[(len(known) - 1) // 2][0] + known[len(known) // 2][0]) / 2
+        lines.append(f"median residual {usual:.2f} px, at most {known[-1][0]:.2f} ({known[-1][1]})")
+    for camera in cameras if len(cameras) <= _SHOWN else []:
+        told = "no residual" if camera["residual"] is None else f"median residual {camera['residual']:.2f} px"
+        within = "" if camera["focal_uncertainty"] is None else f" within {100 * camera['focal_uncertainty']:.2g} %"
+        lines.append(f"{camera['name']}: {told}, focal length {camera['focal']:.1f} px{within}")
+    clocks = facts.get("synchronization") or {}
+    if "frame" in clocks:
+        frames = clocks["residual"] / clocks["frame"]
+        lines.append(f"synchronisation: residual {clocks['residual']:.4f} s ({frames:.2f} frames)")
+    return [*lines, *([clocks["refusal"]] if clocks.get("refusal") else []), *facts["warnings"]]
+
+
 def _facts(calibration: Calibration, films: Sequence[Film]) -> JsonObject:
     """All figures as plain values; what is not finite is null."""
     cameras = []
     for found, film in zip(calibration.cameras, films, strict=True):
-        evidence = {key: _finite(value) for key, value in asdict(found.evidence).items()}
+        support = {key: _finite(value) for key, value in asdict(found.support).items()}
         lens = {"focal": float(found.camera.intrinsics[0, 0]), "distortion": list(found.distortion)}
         clock = {"offset": film.offset, "rate": film.rate}
-        cameras.append({"name": found.camera.name, **lens, **clock, **evidence})
+        cameras.append({"name": found.camera.name, **lens, **clock, **support})
     names = [found.camera.name for found in calibration.cameras]
     return {
         "kind": "standing cameras",
@@ -113,7 +169,7 @@ def _page(calibration: Calibration, facts: JsonObject, views: Sequence[View], cl
         sentence += f"Two halves of the points put the cameras {apart}. "
     sentence += "A low residual alone proves nothing."
     figures = [
-        f"<figure>{camera_image(view.plate, view.size, found.observations)}"
+        f"<figure>{camera_image(view.background, view.size, found.observations)}"
         f"<figcaption>{escape(view.name)}: observations that agree (green) and do not (red)</figcaption></figure>"
         for view, found in zip(views, calibration.cameras, strict=True)
     ]

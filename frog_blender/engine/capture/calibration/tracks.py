@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array, Bools, Float64s, Ints
-from .lens import Lens
+from .model import Lens
 
 Pairs = Mapping[tuple[int, int], Ints]
 """Indices of matching features (M, 2) by the indices of two cameras."""

@@ -1,4 +1,7 @@
-"""The hidden folder of a calibration's stages: each result is kept under a hash of all that decides it."""
+"""The hidden folder of a calibration's stages: each result is kept under a hash of all that decides it.
+
+A hash of the arrays lies beside them: what is not as it was kept is done again.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,12 @@ from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.numpy_files import read_npz
 from ..readers.film_frames import state_of
-from .stage_forms import fits
 
 NAME = ".frog_calibration"
 """The folder's name, beside the result."""
-_VERSION = 1  # raise it when the same input would give another result
+_VERSION = 2  # raise it when the same input would give another result
 _MOST = 2**28  # numbers of one stage
+_SEAL = "seal"
 
 
 def key_of(*parts: object) -> str:
@@ -52,7 +55,7 @@ class WorkFolder:
         return self.path / f"{stage}-{key}.npz"
 
     def load(self, stage: str, key: str) -> dict[str, Array] | None:
-        """The arrays of a stage; None where it was not kept, or its file is damaged or holds something else."""
+        """The arrays of a stage; None where it was not kept, or its file is not as it was."""
         path = self.file(stage, key)
         if not path.is_file():
             return None
@@ -60,12 +63,19 @@ class WorkFolder:
             arrays = read_npz(path, "a stage of a calibration", lambda name, shape: None, _MOST)
         except FrogError:
             return None
-        return arrays if fits(stage, arrays) else None
+        seal = arrays.pop(_SEAL, None)
+        return arrays if seal is not None and np.array_equal(seal, _seal(stage, arrays)) else None
 
     def keep(self, stage: str, key: str, arrays: Mapping[str, Array]) -> Path:
         """Writes a stage's arrays, whole or not at all; older results of the stage's name stay."""
         content = io.BytesIO()
-        np.savez(content, **arrays)
+        np.savez(content, **arrays, **{_SEAL: _seal(stage, arrays)})
         path = self.file(stage, key)
         write_atomically(path, content.getvalue())
         return path
+
+
+def _seal(stage: str, arrays: Mapping[str, Array]) -> Array:
+    """(12,) uint8 hash of a stage's arrays and their names."""
+    parts = [part for name in sorted(arrays) for part in (name, arrays[name])]
+    return np.frombuffer(bytes.fromhex(key_of(stage, *parts)), np.uint8)

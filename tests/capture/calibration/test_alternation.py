@@ -12,8 +12,7 @@ import pytest
 from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
 from frog_blender.engine.capture.calibration.clocks import FoundClocks
 from frog_blender.engine.capture.calibration.films import Film
-from frog_blender.engine.capture.calibration.in_turns import TIMES, calibrate_in_turns
-from frog_blender.engine.capture.calibration.ways import Way
+from frog_blender.engine.capture.calibration.sources import TIMES, Source, alternated
 
 TOGETHER = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
 LATER = {"a": (0.0, 1.0), "b": (0.5, 1.0)}
@@ -41,8 +40,8 @@ class Solver:
 
 def turns(*found: FoundClocks, has_background: bool) -> tuple[Calibration, list[Film], FoundClocks]:
     answers = iter(found)
-    way = Way("features", Solver(has_background=has_background), needs_step=False)
-    return calibrate_in_turns(way, films(), lambda *_: next(answers))
+    source = Source("features", Solver(has_background=has_background), needs_step=False)
+    return alternated(source, films(), lambda *_: next(answers))
 
 
 def test_clocks_that_are_confirmed_are_used() -> None:

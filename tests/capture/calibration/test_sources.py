@@ -1,4 +1,4 @@
-"""Which way to the cameras is taken, from films and files to a capture."""
+"""From which source the cameras come, from films and files to a capture."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ import numpy as np
 import pytest
 
 from frog_blender.cli.main import main
-from frog_blender.engine.capture.calibration import landmark_file, pipeline, ways
+from frog_blender.engine.capture.calibration import landmark_file, sources
 from frog_blender.engine.capture.calibration.board_detection import Board
 from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
-from frog_blender.engine.capture.calibration.clicked_points import calibrate_clicks
 from frog_blender.engine.capture.calibration.films import Film, View, find_films
 from frog_blender.engine.capture.calibration.pipeline import Options, Outcome, calibrate
-from frog_blender.engine.capture.calibration.rig_result import CameraFacts
+from frog_blender.engine.capture.calibration.points import CameraFacts, calibrate_clicks, read_points
 from frog_blender.engine.capture.calibration.work_folder import NAME
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
@@ -72,7 +71,7 @@ def looked_at(board_footage: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     out = tmp_path_factory.mktemp("looked at")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FROG_CACHE", str(out / "cache"))
-        patch.setattr(pipeline, "board_in_films", lambda *_: None)
+        patch.setattr(sources, "board_in_films", lambda *_: None)
         with pytest.raises(CalibrationRefused):
             run(board_footage, Options(out=out))
     return out / NAME
@@ -132,7 +131,7 @@ def test_a_board_is_looked_for_where_features_are_refused(board_footage: Path, l
 
 def test_films_without_a_board_are_refused_where_one_was_asked_for(room_footage: Path, tmp_path: Path) -> None:
     with pytest.raises(FrogError, match="found no board in the films"):
-        run(room_footage, Options(out=tmp_path, board=pipeline.AUTO))
+        run(room_footage, Options(out=tmp_path, board=sources.AUTO))
     (tmp_path / "mine.toml").write_text(BOARD_FILE)
     with pytest.raises(CalibrationRefused, match="shows the board in 0 of 3 images"):
         run(room_footage, Options(out=tmp_path, board=tmp_path / "mine.toml"))
@@ -163,7 +162,7 @@ def test_other_files_than_clicked_points_are_refused(
     path = tmp_path / "clicks.json"
     path.write_text(content)
     with pytest.raises(FrogError) as refusal:
-        ways.read_points(path, find_films(room_footage))
+        read_points(path, {film.name: film.size for film in find_films(room_footage)})
     assert str(path) in str(refusal.value) and sentence in str(refusal.value)
 
 
@@ -180,11 +179,11 @@ def test_a_person_is_looked_for_last(
         clicks = {each.name: pixels_of(each, seen) for each in cameras}
         return calibrate_clicks([CameraFacts(film.name, *film.size) for film in films], [0, 0], clicks)
 
-    monkeypatch.setattr(pipeline, "board_in_films", lambda *_: None)
+    monkeypatch.setattr(sources, "board_in_films", lambda *_: None)
     with pytest.raises(CalibrationRefused, match=r"2 standing cameras.* their joints will do.*--fetch-landmarks"):
         run(board_footage, Options(out=tmp_path))
-    monkeypatch.setattr(pipeline, "landmark_file", lambda: network)
-    monkeypatch.setattr(ways, "calibrate_joint_films", of_joints)
+    monkeypatch.setattr(sources, "landmark_file", lambda: network)
+    monkeypatch.setattr(sources, "calibrate_joint_films", of_joints)
     outcome = run(board_footage, Options(out=tmp_path))
     assert report_of(outcome)["source"] == "a person's joints"
     assert outcome.warnings[0].startswith("The cameras come from a person's joints, because features failed: 2 stand")

@@ -1,0 +1,267 @@
+"""The files that a calibration writes and readers take: never over one that is there, and back again.
+
+``cameras_opencv.json`` holds standing cameras, ``transforms.json`` the posed images of moving ones. What is in use has
+the name that readers look for. What is set aside keeps its name with ``_given`` or ``_found`` at its end, and a number
+where another file has that name. No content is ever lost.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...arrays import Float64s
+from ...errors import FrogError, brief
+from ...io.atomic_files import write_atomically
+from ...io.plain_values import JsonObject
+from ..readers import layout_of
+from ..readers.frame_times import frame_times
+from .calibration import Calibration
+from .films import Film
+from .sequences import ImageSequence
+
+_CAMERAS, _FOUND = "cameras_opencv.json", "cameras_found"
+_TRANSFORMS, _TRANSFORMS_FOUND = "transforms.json", "transforms_found"
+_IN_USE = {_FOUND: _CAMERAS, _TRANSFORMS_FOUND: _TRANSFORMS}
+"""Under which name readers take what a calibration found."""
+_SOONER = ("poses_bounds.npy", "transforms.json", "transforms_train.json", "dataset.json", "cameras_parameters.txt")
+"""What readers take sooner than ``cameras_opencv.json``; ``poses_bounds.npy`` sooner than the others as well."""
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV's axes to OpenGL's
+_FRAMES_PER_SECOND = 30.0
+
+
+def write_cameras(folder: Path, calibration: Calibration, films: Sequence[Film]) -> Path:
+    """Writes standing cameras, with each film's clock and path, and returns the file.
+
+    Beside a calibration that was given it is ``cameras_found.json``, or that with a number, unless a file of that name
+    holds the same.
+
+    Raises:
+        FrogError: if it cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    return _written(folder, _CAMERAS, _FOUND, _plain(folder, calibration, films))
+
+
+def write_transforms(
+    folder: Path, sequences: Sequence[ImageSequence], times: Sequence[float], result: JsonObject, *, timed: bool
+) -> Path:
+    """Writes the list of posed images that every reader of captures knows, and returns the file.
+
+    Args:
+        times: of each image of each sequence, in seconds where they are ``timed``.
+        result: the child's (``placing_task.place_images``).
+
+    Raises:
+        FrogError: if it cannot be written, or the result is damaged.
+    """
+    rate = _rate(times, folder / _TRANSFORMS) if timed else _FRAMES_PER_SECOND
+    try:
+        listed = _transforms(folder, sequences, times, result) | {"fps": rate}
+    except (KeyError, TypeError, ValueError) as error:
+        raise FrogError(f"{folder}: found a damaged result ({brief(error)}), expected a whole one.") from error
+    return _written(folder, _TRANSFORMS, _TRANSFORMS_FOUND, listed)
+
+
+def _written(folder: Path, name: str, other: str, plain: JsonObject) -> Path:
+    content = json.dumps(plain, indent=1).encode()
+    path = _free_path(folder, name, other, content, given=is_calibrated(folder))
+    if not path.exists():
+        write_atomically(path, content)
+    return path
+
+
+def is_calibrated(folder: Path) -> bool:
+    """Whether a reader knows this very folder as a capture already, whatever lies in the folders below it."""
+    try:
+        return layout_of(folder) is not None
+    except FrogError:
+        return False
+
+
+def _free_path(folder: Path, name: str, other: str, content: bytes, *, given: bool) -> Path:
+    """The file to write ``content`` to, or one that holds it already.
+
+    Args:
+        name: of the file in a folder that nobody calibrated.
+        other: what it is called instead, without its ending, where ``name`` or another calibration was ``given``.
+    """
+    suffix = Path(name).suffix
+    candidates = [folder / name, *(folder / f"{other}{'' if i < 2 else f'_{i}'}{suffix}" for i in range(1, 1000))]
+    for candidate in candidates:
+        if candidate.is_file() and candidate.read_bytes() == content:
+            return candidate
+    free = [path for path in candidates if not os.path.lexists(path)]
+    return free[0] if not given else next(path for path in free if path.name != name)
+
+
+def found_beside(folder: Path) -> Path | None:
+    """The newest calibration that was found and is not in use; None where there is none. FrogError if unreadable."""
+    return _newest(folder, [(path, name) for stem, name in _IN_USE.items() for path in _named(folder, stem, name)])
+
+
+def given_beside(folder: Path) -> Path | None:
+    """The newest calibration that was given and set aside; None where there is none. FrogError if unreadable."""
+    names = dict.fromkeys((*_SOONER, *_IN_USE.values()))
+    return _newest(folder, [(path, name) for name in names for path in _named(folder, _given(name), name)])
+
+
+def use_found(folder: Path) -> tuple[Path, list[Path]]:
+    """Makes the newest found calibration the one in use; returns its file, and those that keep what was in use before.
+
+    Whatever ends this early leaves one of the two in use, whole.
+
+    Raises:
+        FrogError: if none was found, or a file cannot be read or written.
+    """
+    found = found_beside(folder)
+    if found is None:
+        raise FrogError(f"{folder}: found no cameras_found.json that is not in use, expected one of frog calibrate.")
+    name = next(name for stem, name in _IN_USE.items() if found.stem.startswith(stem))
+    path, content = folder / name, _content(found)
+    kept = [_kept(path, _given(name))] if path.is_file() else []
+    write_atomically(path, content)
+    sooner = _SOONER if name == _CAMERAS else _SOONER[:1]
+    for other in (folder / each for each in sooner):
+        if other.is_file():
+            kept.append(_kept(other, _given(other.name)))
+            other.unlink()
+    return path, kept
+
+
+def use_given(folder: Path) -> Path:
+    """Takes ``use_found`` back: the newest calibration that was set aside is in use again, and the found one kept.
+
+    Raises:
+        FrogError: if none was set aside, or a file cannot be read or written.
+    """
+    given = given_beside(folder)
+    if given is None:
+        raise FrogError(f"{folder}: found no calibration that was set aside, such as cameras_given.json.")
+    names = dict.fromkeys((*_SOONER, *_IN_USE.values()))
+    name = next(name for name in names if given in _named(folder, _given(name), name))
+    path, content = folder / name, _content(given)
+    for stem, used in _IN_USE.items():
+        if used == name and path.is_file():
+            _kept(path, stem)
+    write_atomically(path, content)
+    for stem, used in _IN_USE.items():
+        if used != name and any(_is_same(found, folder / used) for found in _named(folder, stem, used)):
+            (folder / used).unlink()
+    return path
+
+
+def _given(name: str) -> str:
+    return f"{Path(name).stem.removesuffix('_opencv')}_given"
+
+
+def _named(folder: Path, stem: str, name: str) -> list[Path]:
+    """``stem``, or that with a number, with the ending of ``name``."""
+    suffix = Path(name).suffix
+    paths = folder.glob(f"{stem}*{suffix}")
+    return [path for path in paths if path.stem == stem or path.stem.removeprefix(f"{stem}_").isdigit()]
+
+
+def _newest(folder: Path, paths: list[tuple[Path, str]]) -> Path | None:
+    """Of files, with the names under which they would be in use, the newest that is not."""
+    unused = [path for path, name in paths if path.is_file() and not _is_same(path, folder / name)]
+    return max(unused, key=lambda path: (path.stat().st_mtime_ns, len(path.name), path.name), default=None)
+
+
+def _is_same(path: Path, other: Path) -> bool:
+    return other.is_file() and os.path.getsize(path) == os.path.getsize(other) and _content(path) == _content(other)
+
+
+def _kept(path: Path, stem: str) -> Path:
+    """A file with the same content, under a name that nothing else has."""
+    content = _content(path)
+    copy = _free_path(path.parent, f"{stem}{path.suffix}", stem, content, given=False)
+    if not copy.exists():
+        write_atomically(copy, content)
+    return copy
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FrogError(f"{path}: could not be read ({error.strerror or error}), expected a calibration.") from error
+
+
+def _plain(folder: Path, calibration: Calibration, films: Sequence[Film]) -> JsonObject:
+    cameras = []
+    for found, film in zip(calibration.cameras, films, strict=True):
+        camera = found.camera
+        entry: JsonObject = {
+            "name": camera.name,
+            "width": camera.width,
+            "height": camera.height,
+            "K": camera.intrinsics.tolist(),
+            "dist": [*found.distortion, 0.0, 0.0] if any(found.distortion) else [],
+            "R": camera.rotation.tolist(),
+            "t": camera.world_to_camera[:3, 3].tolist(),
+        }
+        if film.path.parent.resolve() != folder.resolve():
+            entry["video"] = _path_from(folder, film.path)
+        if (film.offset, film.rate) != (0.0, 1.0):
+            entry |= {"offset": film.offset, "rate": film.rate}
+        cameras.append(entry)
+    return {"made_by": "frog calibrate", "cameras": cameras, "points": np.round(calibration.points, 4).tolist()}
+
+
+def _path_from(folder: Path, video: Path) -> str:
+    """Relative to the calibration's folder where both lie on one disk, so that they can move together."""
+    try:
+        return Path(os.path.relpath(video.resolve(), folder.resolve())).as_posix()
+    except ValueError:  # two drives of Windows
+        return str(video.resolve())
+
+
+def _rate(times: Sequence[float], path: Path) -> float:
+    """Frames a second as readers will count them: those of several cameras may lie between each other."""
+    frames = frame_times(times, [0] * len(times), path).frames
+    span = max(times) - min(times)
+    return float((frames.max() - frames.min()) / span) if span > 0 else _FRAMES_PER_SECOND
+
+
+def _transforms(
+    out: Path, sequences: Sequence[ImageSequence], times: Sequence[float], result: JsonObject
+) -> JsonObject:
+    """nerfstudio's list: camera to world in OpenGL's axes, and a time for each image.
+
+    The lens of one camera is everyone's; of several each image has its own.
+    """
+    lenses = [_lens(lens) for lens in result["lenses"]]
+    images = [(path, index) for index, sequence in enumerate(sequences) for path in sequence.images]
+    frames = []
+    for image, pose in zip(result["placed"], result["poses"], strict=True):
+        matrix: Float64s = np.vstack([np.asarray(pose, np.float64).reshape(3, 4), [[0.0, 0.0, 0.0, 1.0]]])
+        path, sequence = images[image]
+        frame = {
+            "file_path": path.resolve().relative_to(out.resolve()).as_posix(),
+            "transform_matrix": (np.linalg.inv(matrix) @ _FLIP).tolist(),
+            "time": times[image],
+        }
+        frames.append(frame if len(sequences) == 1 else frame | lenses[sequence])
+    return (lenses[0] if len(sequences) == 1 else {}) | {"frames": frames}
+
+
+def _lens(lens: JsonObject) -> JsonObject:
+    width, height, focal = int(lens["width"]), int(lens["height"]), float(lens["focal"])
+    return {
+        "camera_model": "OPENCV",
+        "w": width,
+        "h": height,
+        "fl_x": focal,
+        "fl_y": focal,
+        "cx": width / 2,
+        "cy": height / 2,
+        "k1": float(lens["k1"]),
+        "k2": float(lens["k2"]),
+        "p1": 0.0,
+        "p2": 0.0,
+    }

@@ -1,0 +1,264 @@
+"""Whether a solution is to be used: what is not gets a sentence that names cameras, and says what to film.
+
+A low residual proves nothing, so none of these checks looks at it. What they ask is whether independent parts of the
+data agree: three cameras about a point, three rotations around a triangle, two starts, two halves.
+
+All limits stand in one table, each with the rig that needs it: of docs/experiments/calibration.md where nothing else is
+said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..epipolar import fundamental, sampson_distances
+from .calibration import CameraSupport, PairSupport
+from .colmap import LEAST_MATCHES, undistorted_pixels, verified
+from .model import Model
+from .structure import Images, Solution
+from .support import CLOSES, Support
+from .tracks import Pairs
+
+# The table of limits. Refused beyond:
+LEAST_SHARED = 15  # points seen with two other images at once: "arc of 5, 40 degrees apart", "tele", "back to back"
+MOST_UNSURE = (
+    0.05  # standard deviation of a focal length, over it: "row of 6, parallel", "before a flat wall, parallel"
+)
+MOST_APART = 0.03  # of the rig or path, between two halves of the points: "studio, box that sways" (3.1 %)
+LEAST_CLOSING = 0.3  # share of a camera's triangles: equal tiles, where all tracks agree
+LEAST_PLACED = 0.8  # of a moving camera's images: "studio, box that goes along, 28 %" (9 of 24)
+BOARD_RESIDUAL = 0.004  # of the longer side, median of a camera's corners: films out of step, another board
+# A warning from:
+FEW_SHARED = 60  # points: "3 cameras, little texture" (focal length 1 % off), "dark", "ring of 8"
+DOUBTFUL_UNSURE = 0.02  # focal length: "3 cameras, little texture"
+DOUBTFUL_APART = 0.005  # what is asked of centres: the wrong paths of "attic, box that sways" lay 1 to 3 % apart
+LEAST_AGREEING = 0.5  # of a camera's observations: "arc of 5 in a workshop, not in step" (16 % wrong)
+MOST_MOVING = 0.08  # of near matches: "studio, box that goes along, 50 %" has 13 %, the real ``hand_mono`` 4 %
+DOUBTFUL_BOARD_RESIDUAL = 0.0015  # films of a board a little out of step
+# What a sentence says:
+PARALLEL = 5.0  # degrees between the directions of all cameras: so little fixes no focal length; "row of 6, parallel"
+
+_NAMED = 6  # pairs in a sentence
+_GAPS = (1, 2)  # images between two that are compared: farther ones share too little to tell motion from false matches
+_MOST_PAIRS = 120
+_COHERENT = 0.5  # of the matches that contradict: a false geometry takes a quarter of false matches
+
+REMEDY = (
+    "Next time hold a ChArUco board into the views of neighbouring cameras, set the cameras closer together, or film "
+    "a slow walk through the empty set with one more camera"
+)
+"""What to film where standing cameras are not connected."""
+_PATH_REMEDY = (
+    "Next time start the walk-through beside that camera, at its height, and walk on slowly, so that the film shows "
+    "what the camera sees from near its place"
+)
+_MOVING_REMEDY = (
+    "Next time move the camera sideways, slowly and without turning on the spot, past textured things that rest, or "
+    "film with several standing cameras"
+)
+
+
+def refusal(solution: Solution, support: Support) -> str | None:
+    """Why standing cameras must not be used, in one sentence; None where nothing speaks against them."""
+    names, cameras = support.names, support.cameras
+    remedy = _PATH_REMEDY if support.connected else REMEDY
+    if len(names) < 3 and not support.connected:
+        return (
+            f"{len(names)} standing cameras cannot be calibrated from their images: a single pair proves nothing. "
+            "Next time film with at least three cameras, or hold a ChArUco board into the views."
+        )
+    placed = solution.adjusted.model.placed if solution.adjusted is not None else []
+    lost = [name for index, name in enumerate(names) if index not in placed]
+    weak = [name for name, camera in zip(names, cameras, strict=False) if camera.shared_by_three < LEAST_SHARED]
+    if lost or weak:
+        return (_unseen if support.connected else _unconnected)(solution, support, lost or weak)
+    if contradicted := [name for name, camera in zip(names, cameras, strict=True) if is_contradicted(camera)]:
+        return (
+            f"The views of {listed(contradicted)} contradict the others: the rotations of most triangles of cameras do "
+            f"not close within {CLOSES:g} degrees. {remedy}."
+        )
+    return _open(solution, max(camera.focal_uncertainty for camera in cameras), "the cameras", "the rig's size", remedy)
+
+
+def moving_refusal(solution: Solution, sequences: Sequence[tuple[str, int]]) -> str | None:
+    """The same for moving cameras, by name and number of images."""
+    if solution.adjusted is None:
+        return f"No two images of the moving camera could be placed. {_MOVING_REMEDY}."
+    for sentence, lost, count in _unplaced(solution, sequences):
+        if lost > (1 - LEAST_PLACED) * count:
+            beside = " beside those of the other cameras: film past the same things" if len(sequences) > 1 else ""
+            return f"{sentence}{beside}. {_MOVING_REMEDY}."
+    return _open(solution, _path_uncertainty(solution), "the camera", "its path", _MOVING_REMEDY)
+
+
+def warnings(solution: Solution, support: Support) -> list[str]:
+    """Sentences about what is in doubt though nothing speaks against it."""
+    names, cameras, found = support.names, support.cameras, []
+    if weak := [name for name, camera in zip(names, cameras, strict=True) if camera.shared_by_three < FEW_SHARED]:
+        others = "the walk-through" if support.connected else "two other cameras at once"
+        found.append(f"Few points are seen by {listed(weak)} and {others}: look at the result.")
+    alone = [name for name, camera in zip(names, cameras, strict=True) if np.isnan(camera.closing)]
+    if alone and not support.connected:
+        found.append(f"No triangle of matching pairs tests {listed(alone)}: look at the result.")
+    found += _doubts(solution, max(camera.focal_uncertainty for camera in cameras), "the rig's size")
+    if doubted := [name for name, camera in zip(names, cameras, strict=True) if camera.share < LEAST_AGREEING]:
+        found.append(f"Most matches of {listed(doubted)} disagree with the solution: look at the result.")
+    return found
+
+
+def moving_warnings(solution: Solution, sequences: Sequence[tuple[str, int]], moving: float) -> list[str]:
+    """The same for moving cameras; ``moving`` is the share of matches that ``moving_share`` tells."""
+    found = [f"{sentence}." for sentence, lost, _ in _unplaced(solution, sequences) if lost]
+    found += _doubts(solution, _path_uncertainty(solution), "the path's size")
+    if moving > MOST_MOVING:
+        found.append(
+            f"{100 * moving:.0f} % of the matches between neighbouring images move otherwise than the rest: something "
+            "large moves, and the camera's path may be wrong, or relative to it. Look at the result; next time let "
+            "more of what rests be seen around it."
+        )
+    return found
+
+
+def is_contradicted(camera: CameraSupport) -> bool:
+    """Whether triangles of pairs speak against a camera, and too few points about which three cameras agree for it.
+
+    Rotations of pairs that few matches determine are off by degrees, so that they alone prove nothing either.
+    """
+    is_supported = camera.shared_by_three >= FEW_SHARED and camera.share >= LEAST_AGREEING
+    return camera.closing < LEAST_CLOSING and not is_supported
+
+
+def listed(names: Sequence[str], most: int = _NAMED) -> str:
+    """Names in a sentence, the first ``most`` of more."""
+    shown = list(names[:most])
+    if len(names) > most:
+        return f"{', '.join(shown)} and {len(names) - most} more"
+    return ", ".join(shown[:-1]) + (" and " if len(shown) > 1 else "") + shown[-1] if shown else "none"
+
+
+def _open(solution: Solution, unsure: float, what: str, size: str, remedy: str) -> str | None:
+    """Why the data leave a solution open: its focal length, another solution, or its places."""
+    if not unsure <= MOST_UNSURE:
+        return f"The images do not fix the focal length (within {_percent(unsure)}). {_fixing(solution, remedy)}."
+    if solution.rivals:
+        factor = max(solution.rivals, key=lambda ratio: abs(np.log(ratio)))
+        return (
+            f"Two solutions fit the images equally well, with focal lengths a factor {factor:.2f} apart. "
+            f"{_fixing(solution, remedy)}."
+        )
+    if not solution.halves_apart <= MOST_APART:
+        return (
+            f"Two halves of the points put {what} {_percent(solution.halves_apart)} of {size} apart: there are too "
+            f"few. {remedy}."
+        )
+    return None
+
+
+def _doubts(solution: Solution, unsure: float, size: str) -> list[str]:
+    found = []
+    if unsure > DOUBTFUL_UNSURE:
+        found.append(f"The focal length is known within {_percent(unsure)} only.")
+    if solution.halves_apart > DOUBTFUL_APART:
+        found.append(f"Camera positions are known within about {_percent(solution.halves_apart)} of {size} only.")
+    return found
+
+
+def _fixing(solution: Solution, remedy: str) -> str:
+    """What to film so that focal lengths are fixed.
+
+    Cameras that only shift leave them open whatever they see: the depth of everything and the focal length trade off.
+    """
+    if remedy != REMEDY or solution.adjusted is None:
+        return remedy
+    model = solution.adjusted.model
+    ahead = model.poses[model.placed][:, 2, :3]
+    if np.degrees(np.arccos(np.clip((ahead @ ahead.T).min(), -1, 1))) < PARALLEL:
+        return "Turn the cameras towards one place: they look in the same direction; or hold a ChArUco board"
+    return "Next time fill more of the images with textured things at different depths, or hold a ChArUco board"
+
+
+def _unconnected(_solution: Solution, support: Support, lost: Sequence[str]) -> str:
+    """The refusal for cameras that share no points with two others, with the pairs that do match."""
+    names, pairs = support.names, support.pairs
+
+    def named(pair: PairSupport) -> str:
+        return f"{names[pair.one]}-{names[pair.other]}"
+
+    good = sorted((pair for pair in pairs if pair.agreeing >= LEAST_SHARED), key=lambda pair: -pair.agreeing)
+    apart = [
+        named(pair)
+        for pair in pairs
+        if pair.agreeing < LEAST_SHARED and not {names[pair.one], names[pair.other]}.isdisjoint(lost)
+    ]
+    matching = [f"{named(pair)} ({pair.agreeing} points)" for pair in good]
+    only = f"only {listed(matching)} match" + ("es" if len(matching) == 1 else "") if matching else "no pair matches"
+    return (
+        f"{listed(lost)} share{'s' if len(lost) == 1 else ''} no points with two other cameras at once: {only}, "
+        f"and {listed(apart)} do not. {REMEDY}."
+    )
+
+
+def _unseen(solution: Solution, support: Support, lost: Sequence[str]) -> str:
+    """The refusal for standing cameras that the walk-through does not connect."""
+    indices = [support.names.index(name) for name in lost]
+    most = [
+        max((len(found) for pair, found in solution.verified.items() if index in pair), default=0) for index in indices
+    ]
+    matches = ", ".join(f"{name} (at most {count})" for name, count in zip(lost, most, strict=True))
+    return (
+        f"The walk-through does not show enough of what {listed(lost, len(lost))} see{'s' if len(lost) == 1 else ''}: "
+        f"too few points match in three images or more; matches with one image: {matches}. {_PATH_REMEDY}."
+    )
+
+
+def _unplaced(solution: Solution, sequences: Sequence[tuple[str, int]]) -> list[tuple[str, int, int]]:
+    """For each sequence a sentence about its images without a pose, how many those are, and how many there are."""
+    placed, start, found = solution.adjusted.model.placed if solution.adjusted is not None else [], 0, []
+    for name, count in sequences:
+        lost = count - sum(start <= index < start + count for index in placed)
+        start += count
+        whose = f" of {name}" if len(sequences) > 1 else ""
+        found.append((f"{lost} of {count} images{whose} could not be placed", lost, count))
+    return found
+
+
+def _path_uncertainty(solution: Solution) -> float:
+    assert solution.adjusted is not None
+    return float(solution.adjusted.uncertainty[solution.adjusted.model.placed].max())
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if share < float("inf") else "any amount"
+
+
+def moving_share(images: Images, model: Model, matches: Pairs, lengths: Sequence[int]) -> float:
+    """Median share of the matches of two near images that contradict the cameras' poses, and do so in one way.
+
+    A fundamental matrix follows whatever has most features. Where a large subject has them, poses are relative to it,
+    or to neither, and fit all the same: their residuals, costs and halves look as they do where nothing moves.
+
+    Args:
+        lengths: images of each sequence.
+    """
+    placed, sequence = set(model.placed), np.repeat(np.arange(len(lengths)), lengths)
+    near = [
+        pair
+        for pair in sorted(matches)
+        if pair[1] - pair[0] in _GAPS and sequence[pair[0]] == sequence[pair[1]] and placed.issuperset(pair)
+    ]
+    shares = []
+    for pair in near[:: max(1, -(-len(near) // _MOST_PAIRS))]:
+        found = matches[pair]
+        if len(found) < LEAST_MATCHES:
+            continue
+        lenses = [model.lenses[index] for index in pair]
+        matrix = fundamental(*(lens.camera("", model.poses[index]) for lens, index in zip(lenses, pair, strict=True)))
+        pixels = [undistorted_pixels(lens, images.pixels[index]) for lens, index in zip(lenses, pair, strict=True)]
+        missed = np.abs(sampson_distances(matrix, pixels[0][found[:, 0]], pixels[1][found[:, 1]]))
+        rest = found[missed > max(lens.limit for lens in lenses)]
+        together = verified(lenses[0], pixels[0], lenses[1], pixels[1], rest)
+        is_motion = len(together) >= _COHERENT * len(rest)
+        shares.append(len(together) / len(found) if is_motion else 0.0)
+    return float(np.median(shares)) if shares else 0.0

@@ -1,0 +1,313 @@
+"""Standing cameras from points that are known by name: what a person clicked, or a person's joints.
+
+Nobody has to match them, so that they may be few, or seen from far apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from ...arrays import Array, Bools, Float64s, Ints
+from ...errors import brief, found_instead
+from ...io.plain_values import JsonList, UnfitValue, entries, items, number, plain_json
+from ...io.regular_file import regular_file
+from .calibration import Calibration, CalibrationRefused
+from .checks import MOST_UNSURE
+from .colmap import Adjusted, adjust, verified
+from .model import Lens, Model, disagreement
+from .rig_solver import FOCAL, Options, Rig, Sightings, solve
+from .structure import Images, agreeing, propose, rivals
+from .support import calibration_of, camera_support
+from .tracks import Tracks, join
+
+MANY_ENOUGH = 16
+"""Points that are asked for: as many as leave little open where each lies 2 pixels off."""
+_LEAST_PAIR = 8  # points that two cameras share, before they are asked how they stand
+_MANY = 60  # points of a pair, of which some may be false
+_LEAST_CLICKS = 8  # points of each camera, which other cameras have as well
+_CLICK = 0.008  # of the longer side: a click that is farther off is another point
+_LEAST_SHARE = 0.75  # of a camera's clicks that must fit
+_CLICK_REMEDY = "click more points, nearer and farther than these"
+_MOST_BYTES = 2**22
+_MOST_POINTS = 10_000
+
+
+@dataclass(frozen=True)
+class CameraFacts:
+    """What is known of a camera before its calibration: its name, and its size in pixels."""
+
+    name: str
+    width: int
+    height: int
+
+    @property
+    def side(self) -> int:
+        """Pixels of the longer side."""
+        return max(self.width, self.height)
+
+
+@dataclass(frozen=True, eq=False)
+class PointViews:
+    """Points as cameras saw them.
+
+    Attributes:
+        facts: of the cameras.
+        groups: (C,) cameras of one number share their focal length.
+        pixels: (C, P, 2), NaN where a camera did not see a point; pixel centres at +0.5.
+        limit: pixels over the longer side beyond which a sighting is taken for false.
+        remedy: what a person should do where the points leave something open.
+        velocities: (C, P, 2) pixels a second, where the cameras' clocks are to be corrected; else None.
+    """
+
+    facts: Sequence[CameraFacts]
+    groups: Ints
+    pixels: Float64s
+    limit: float
+    remedy: str
+    velocities: Float64s | None = None
+
+    @property
+    def seen(self) -> Bools:
+        """(C, P) who saw what."""
+        return np.asarray(np.isfinite(self.pixels[:, :, 0]))
+
+    @property
+    def images(self) -> Images:
+        """As structure from motion takes them."""
+        lenses = [
+            Lens(camera.width, camera.height, 1.2 * camera.side, tolerance=self.limit * camera.side / camera.width)
+            for camera in self.facts
+        ]
+        groups = np.unique(self.groups, return_inverse=True)[1].reshape(-1).tolist()
+        return Images(tuple(lenses), tuple(groups), tuple(np.nan_to_num(self.pixels)), 0)
+
+    @property
+    def pairs(self) -> dict[tuple[int, int], Ints]:
+        """The points that two cameras share."""
+        both = {
+            (one, other): np.flatnonzero(self.seen[one] & self.seen[other])
+            for one, other in combinations(range(len(self.facts)), 2)
+        }
+        return {pair: np.stack([points, points], axis=1) for pair, points in both.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class PointRig:
+    """A rig that points fit.
+
+    Attributes:
+        calibration: the cameras.
+        model: the same, to start from.
+        shares: (C,) what part of each camera's sightings lies within the limit.
+        cost: mean over all sightings of the squared residual over the limit's, each at most 1.
+        delays, delay_sigmas: (C,) seconds by which each film should be read later than it was, the first one's 0, and
+            their standard deviations; zeros where clocks are known.
+    """
+
+    calibration: Calibration
+    model: Model
+    shares: Float64s
+    cost: float
+    delays: Float64s
+    delay_sigmas: Float64s
+
+
+def solve_points(views: PointViews, *, halves: Bools | None = None, start: Model | None = None) -> PointRig:
+    """The rig that the points fit.
+
+    Args:
+        views: what was seen.
+        halves: (P,) the points of one half, where each half is enough by itself to see whether the other agrees.
+        start: a model near the answer: no other one is looked for.
+
+    Raises:
+        CalibrationRefused: if the points do not join all cameras, leave a focal length open, or fit two rigs.
+    """
+    images, pairs = views.images, views.pairs
+    tracks = join(pairs, images.pixels)
+    if start is None:
+        adjusted = _found(views, images, pairs, tracks)
+    else:
+        adjusted = adjust(start, tracks, images.groups, [0] * len(images.lenses))
+    delays = sigmas = np.zeros(len(views.facts))
+    if views.velocities is not None:
+        adjusted, delays, sigmas = _timed(views, adjusted, tracks)
+    worst = int(np.argmax(adjusted.uncertainty))
+    if not adjusted.uncertainty[worst] < MOST_UNSURE:
+        raise CalibrationRefused(
+            f"The focal length of camera {views.facts[worst].name} stays uncertain by "
+            f"{100 * adjusted.uncertainty[worst]:.0f} %: {views.remedy}."
+        )
+    limits = np.array([lens.limit for lens in images.lenses])
+    agree = agreeing(adjusted, tracks)
+    shares = np.bincount(tracks.cameras[agree], minlength=len(limits)) / np.maximum(views.seen.sum(1), 1)
+    squares = np.minimum(adjusted.distances / limits[tracks.cameras], 1.0) ** 2
+    cost = float(squares.sum() + views.seen.sum() - len(squares)) / max(int(views.seen.sum()), 1)
+    supports = camera_support(adjusted, tracks, np.full(len(limits), np.nan))
+    found = calibration_of([camera.name for camera in views.facts], adjusted, tracks, supports)
+    if halves is not None:
+        parts = [tracks.chosen(half[tracks.features]) for half in (halves, ~halves)]
+        one, other = (adjust(adjusted.model, part, images.groups, [0] * len(limits)).model for part in parts)
+        found = replace(found, halves_apart=disagreement(one, other))
+    return PointRig(found, adjusted.model, shares, cost, delays, sigmas)
+
+
+def calibrate_clicks(facts: Sequence[CameraFacts], groups: Sequence[int], clicks: Mapping[str, Array]) -> Calibration:
+    """The rig that a person's clicks fit, at an arbitrary scale.
+
+    Args:
+        facts: of the cameras.
+        groups: cameras of one number share their focal length.
+        clicks: for each camera's name (N, 2) pixels of the same N points, NaN where it does not see one; pixel
+            centres at +0.5.
+
+    Raises:
+        CalibrationRefused: if a camera has too few points, or they leave the rig open.
+        ValueError: for clicks of other shapes.
+    """
+    count = max((len(points) for points in clicks.values()), default=0)
+    missing = np.full((count, 2), np.nan)
+    pixels = np.stack([np.asarray(clicks.get(camera.name, missing), np.float64) for camera in facts])
+    if pixels.shape != (len(facts), count, 2):
+        raise ValueError(f"clicks of shape {pixels.shape}")
+    views = PointViews(facts, np.array(groups), pixels, _CLICK, _CLICK_REMEDY)
+    useful = (views.seen & (views.seen.sum(0) >= 2)).sum(1)
+    for camera, count in zip(facts, useful.tolist(), strict=True):
+        if count < _LEAST_CLICKS:
+            raise CalibrationRefused(
+                f"Camera {camera.name} has {count} points that another camera has as well, expected {_LEAST_CLICKS} or "
+                f"more ({MANY_ENOUGH} are good): click corners that lie near and far, not all on one plane."
+            )
+    found = solve_points(views)
+    for camera, share, count in zip(facts, found.shares.tolist(), useful.tolist(), strict=True):
+        if share < _LEAST_SHARE:
+            raise CalibrationRefused(
+                f"{round((1 - share) * count)} of the {count} points of camera {camera.name} do not fit the others: "
+                "look at whether each is the same point in every image."
+            )
+    warnings = []
+    if useful.min() < MANY_ENOUGH:
+        warnings.append(f"{useful.min()} points in a camera are few: with {MANY_ENOUGH} the rig is more certain.")
+    return replace(found.calibration, warnings=tuple(warnings))
+
+
+def read_points(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, Array]:
+    """Clicked points of a JSON file: for each camera's name a list of [x, y] in pixels, or null where it sees none.
+
+    Args:
+        sizes: width and height of each camera's film, by name.
+
+    Returns:
+        (N, 2) float64 for each camera, NaN for null; pixel centres at +0.5.
+
+    Raises:
+        FrogError: if the file cannot be read, names another camera, or holds anything but points of the images.
+    """
+    regular_file(path, "clicked points")
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise UnfitValue(f"a file of {path.stat().st_size} bytes", f"at most {_MOST_BYTES}")
+        listed = entries(plain_json(path.read_text("utf-8"), "a text"), "clicked points")
+        clicks: dict[str, Array] = {}
+        for name, points in listed.items():
+            if name not in sizes:
+                raise UnfitValue(f"camera {brief(name)}", f"one of {', '.join(sizes)}")
+            clicks[name] = _clicked(items(points, f"points of {name}", _MOST_POINTS), name, sizes[name])
+        counts = {len(points) for points in clicks.values()}
+        if len(counts) != 1 or 0 in counts:
+            numbers = ", ".join(f"{len(points)} of {name}" for name, points in clicks.items()) or "no points"
+            raise UnfitValue(numbers, "the same points for each camera, null where it does not see one")
+    except (OSError, UnicodeDecodeError) as error:
+        raise found_instead(path, f"a file that cannot be read ({brief(error)})", "clicked points") from error
+    except UnfitValue as error:
+        raise found_instead(path, error.found, error.expected) from error
+    return clicks
+
+
+def _clicked(listed: JsonList, name: str, size: tuple[int, int]) -> Array:
+    points = np.full((len(listed), 2), np.nan)
+    for row, pair in enumerate(listed):
+        if pair is None:
+            continue
+        what = f"point {row + 1} of {name}"
+        if type(pair) is not list or len(pair) != 2:
+            raise UnfitValue(f"{what} = {brief(pair)}", "[x, y] or null")
+        points[row] = [number(value, what, 0, most) for value, most in zip(pair, size, strict=True)]
+    return points
+
+
+def _found(views: PointViews, images: Images, pairs: Mapping[tuple[int, int], Ints], tracks: Tracks) -> Adjusted:
+    """The best of all starts; CalibrationRefused where none joins all cameras, or another one fits as well."""
+    enough = {pair: points for pair, points in pairs.items() if len(points) >= _LEAST_PAIR}
+    for (one, other), points in enough.items():
+        if len(points) >= _MANY:  # a camera may have seen another person
+            first, second = ((images.lenses[index], images.pixels[index]) for index in (one, other))
+            enough[one, other] = verified(*first, *second, points)
+    hypotheses = propose(images, tracks, enough, lambda *_: None)
+    whole = [hypothesis for hypothesis in hypotheses if hypothesis.placed == len(views.facts)]
+    best = min(whole, key=lambda hypothesis: hypothesis.cost, default=None)
+    if best is None or best.adjusted is None:
+        raise CalibrationRefused(_unjoined(views, pairs))
+    if factors := rivals(whole, best):
+        raise CalibrationRefused(
+            f"The points fit two rigs equally well, with focal lengths a factor {factors[0]:.2f} apart: {views.remedy}."
+        )
+    return best.adjusted
+
+
+def _unjoined(views: PointViews, pairs: Mapping[tuple[int, int], Ints]) -> str:
+    fewest = sorted(pairs, key=lambda pair: len(pairs[pair]))[:6]
+    poor = ", ".join(
+        f"{views.facts[one].name} and {views.facts[other].name} ({len(pairs[one, other])})" for one, other in fewest
+    )
+    return f"The points do not join all cameras to one rig, the fewest are shared by {poor}: {views.remedy}."
+
+
+def _timed(views: PointViews, adjusted: Adjusted, tracks: Tracks) -> tuple[Adjusted, Float64s, Float64s]:
+    """The model with the cameras' clocks free, and these (C,) with their standard deviations: COLMAP has no clocks."""
+    assert views.velocities is not None
+    model, groups = adjusted.model, views.images.groups
+    lens_rows = [groups.index(group) for group in sorted(set(groups))]
+    lenses = np.array([[model.lenses[row].focal, 0.0, 0.0, *_middle(model.lenses[row])] for row in lens_rows])
+    known = np.isfinite(adjusted.points).all(axis=1)
+    used = known[tracks.points]
+    bodies = np.cumsum(known) - 1
+    rig = Rig(
+        model.poses[:, :, :3],
+        model.poses[:, :, 3],
+        lenses,
+        np.array([sorted(set(groups)).index(group) for group in groups]),
+        np.tile(np.eye(3), (int(known.sum()), 1, 1)),
+        adjusted.points[known],
+        np.zeros(len(groups)),
+    )
+    cameras, features = tracks.cameras[used], tracks.features[used]
+    velocities = views.velocities[cameras, features]
+    seen = Sightings(cameras, bodies[tracks.points[used]], np.zeros((len(cameras), 3)), tracks.pixels[used], velocities)
+    free = np.zeros(lenses.shape, bool)
+    free[:, FOCAL] = True
+    loss = 0.5 * min(lens.limit for lens in model.lenses)
+    solved = solve(rig, seen, Options(free, turning=False, loss_scale=loss, timing=True))
+    found, points = solved.rig, np.full_like(adjusted.points, np.nan)
+    points[known] = found.body_positions
+    distances = np.full(len(tracks.points), np.inf)
+    distances[used] = np.linalg.norm(found.residuals(seen), axis=1)
+    moved = Model(
+        np.concatenate([found.rotations, found.translations[:, :, None]], axis=2),
+        tuple(
+            replace(lens, focal=float(found.lenses[row, FOCAL]))
+            for lens, row in zip(model.lenses, found.lens_of.tolist(), strict=True)
+        ),
+    )
+    sigmas = solved.lens_sigmas[found.lens_of, FOCAL]
+    delays = np.zeros(len(groups)) if found.delays is None else found.delays
+    return Adjusted(moved, points, distances, sigmas), delays, solved.delay_sigmas
+
+
+def _middle(lens: Lens) -> tuple[float, float]:
+    return lens.width / 2, lens.height / 2

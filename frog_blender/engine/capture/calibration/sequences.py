@@ -1,0 +1,228 @@
+"""Images of cameras that move, in order: which frames of a film are used, and those frames as files."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+
+from ...arrays import ImageArray
+from ...errors import FrogError
+from ...io.atomic_files import write_atomically
+from ...io.child_process import Progress, Stopped
+from ...io.plain_values import JsonObject
+from ..video import decode, find_images, find_videos, image_size, load_opencv
+from .camera_kinds import numbered
+from .films import Film
+from .work_folder import WorkFolder, key_of, key_of_file
+
+_LEAST_IMAGES = 8  # of a camera, below which it is not taken for a moving one
+_MOST_IMAGES = 300  # of all cameras together
+_FOLDERS = (".", "images", "input", "frames")
+_NAME = re.compile(r"scan(_.*)?", re.IGNORECASE)  # of a walk-through
+_SHARP_RATE = 3.0  # images a second of a walk-through
+_FEWEST_SHARP, _MOST_SHARP = 24, 90
+_CANDIDATES = 5  # frames among which the sharpest is taken
+
+
+@dataclass(frozen=True)
+class ImageSequence:
+    """The images of one moving camera, in order.
+
+    Attributes:
+        name: of the camera.
+        images: the files.
+        size: width and height in pixels of each.
+        group: cameras of one group share their lens.
+    """
+
+    name: str
+    images: tuple[Path, ...]
+    size: tuple[int, int]
+    group: int = 0
+
+    def plain(self) -> JsonObject:
+        """As a request to the child holds it; ``of_plain`` reads it back."""
+        images = [str(path) for path in self.images]
+        return {"name": self.name, "images": images, "size": list(self.size), "group": self.group}
+
+    @classmethod
+    def of_plain(cls, entry: JsonObject) -> ImageSequence:
+        """The sequence that a request holds."""
+        size = (int(entry["size"][0]), int(entry["size"][1]))
+        return cls(str(entry["name"]), tuple(Path(name) for name in entry["images"]), size, int(entry["group"]))
+
+
+def still_images(folder: Path) -> list[Path]:
+    """The images of a moving camera in order of their names, where a folder holds such and no video; else none."""
+    if find_videos(folder):
+        return []
+    for name in _FOLDERS:
+        if (folder / name).is_dir():
+            images = find_images(folder / name)
+            if len(images) >= _LEAST_IMAGES:
+                return images
+    return []
+
+
+def walk_throughs(folder: Path, films: Sequence[Film], standing: Sequence[bool]) -> tuple[list[Film], list[str]]:
+    """Those of the films that are walk-throughs beside standing cameras, and what to tell about them.
+
+    They are named scan or scan_..., and move; or the one film that moves is one.
+
+    Raises:
+        FrogError: if several others move.
+    """
+    moving = [film for film, stands in zip(films, standing, strict=True) if not stands]
+    if not moving or len(moving) == len(films):
+        return [], []
+    others = [film for film in moving if not _NAME.fullmatch(film.name)]
+    if len(others) > 1 or (others and len(moving) > 1):
+        names = ", ".join(film.name for film in others)
+        raise FrogError(
+            f"{folder}: found {names} moving beside standing cameras, expected one walk-through (scan.mp4, or several: "
+            "scan_1.mp4, scan_2.mp4), or standing cameras alone."
+        )
+    told = [f"{film.path.name} moves while the others stand: it was used as a walk-through." for film in others]
+    return moving, told
+
+
+def sharp_images(
+    films: Sequence[Film], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]
+) -> list[ImageSequence]:
+    """The sharp images of walk-throughs, in the work folder, of an earlier run or new.
+
+    Raises:
+        Stopped: if ``cancelled`` said so.
+        FrogError: if a film cannot be decoded.
+    """
+    sequences = []
+    for index, (film, group) in enumerate(zip(films, _groups(films), strict=True)):
+        progress("images", index, len(films))
+        key = key_of(key_of_file(film.path))
+        kept = work.load("sharp", key)
+        if kept is None:
+            kept = {"frames": np.array(_sharpest(film, cancelled), np.int64)}
+            work.keep("sharp", key, kept)
+        paths = _written(film, kept["frames"].tolist(), work.path / f"scan-{key}", progress, cancelled)
+        sequences.append(ImageSequence(film.name, tuple(paths), film.size, group))
+    return sequences
+
+
+def film_images(
+    films: Sequence[Film], out: Path, progress: Progress, cancelled: Callable[[], bool]
+) -> tuple[list[ImageSequence], list[float], list[str]]:
+    """The images of moving cameras' films below ``out``, when each was taken in seconds, and warnings.
+
+    Raises:
+        Stopped: if ``cancelled`` said so.
+        FrogError: for a film of too few frames, or one that cannot be decoded.
+    """
+    frames, step = sampled(films)
+    names = ", ".join(film.path.name for film in films)
+    warnings = [f"{names}: every {step}. frame is used."] if step > 1 else []
+    sequences, times = [], []
+    for film, own, group in zip(films, frames, _groups(films), strict=True):
+        paths = _written(film, own, out / f"{film.name}_images", progress, cancelled)
+        sequences.append(ImageSequence(film.name, tuple(paths), film.size, group))
+        times += [film.time_of(frame) for frame in own]
+    first = min(times)
+    return sequences, [round(time - first, 6) for time in times], warnings  # to what readers tell apart
+
+
+def image_files(images: Sequence[Path], out: Path) -> tuple[list[ImageSequence], list[float], list[str]]:
+    """One camera's images, copied into ``out`` where they lie elsewhere, their times from 0 to 1, and no warnings."""
+    sizes = {image_size(path) for path in images}
+    if len(sizes) > 1:
+        raise FrogError(f"{images[0].parent}: found images of {len(sizes)} sizes, expected those of one camera.")
+    listed = list(images)
+    if not all(path.resolve().is_relative_to(out.resolve()) for path in images):
+        listed = [out / "images" / path.name for path in images]
+        listed[0].parent.mkdir(parents=True, exist_ok=True)
+        for image, copy in zip(images, listed, strict=True):
+            if not copy.is_file():
+                shutil.copyfile(image, copy)
+    times = (np.arange(len(listed)) / max(len(listed) - 1, 1)).tolist()
+    return [ImageSequence("camera", tuple(listed), sizes.pop())], times, []
+
+
+def sampled(films: Sequence[Film]) -> tuple[list[list[int]], int]:
+    """The frames of each film to use, ascending, and every which frame of the slowest film that makes.
+
+    Those of several films lie as near to each other in time as their frames do.
+
+    Raises:
+        FrogError: for a film of too few frames.
+    """
+    for film in films:
+        if film.facts.frame_count < _LEAST_IMAGES:
+            raise FrogError(
+                f"{film.path}: found {film.facts.frame_count} frames, expected at least {_LEAST_IMAGES} of a moving "
+                "camera."
+            )
+    first = films[0]
+    coarsest = max(film.rate / film.facts.frames_per_second for film in films)
+    seconds = sum(film.rate * film.facts.frame_count / film.facts.frames_per_second for film in films)
+    step = max(1, ceil(seconds / coarsest / _MOST_IMAGES - 1e-6))
+    if len(films) == 1:
+        return [list(range(0, first.facts.frame_count, step))], step
+    interval = step * coarsest
+    start, end = min(film.time_of(0) for film in films), max(film.time_of(film.facts.frame_count) for film in films)
+    # At the first film's frames: films that are in step have theirs at the same times.
+    start = first.time_of(0) - interval * np.ceil((first.time_of(0) - start) / interval)
+    times = start + interval * np.arange(int((end - start) / interval) + 2)
+    nearest = [{round(film.frame_at(time)) for time in times.tolist()} for film in films]
+    return [
+        sorted(frame for frame in frames if 0 <= frame < film.facts.frame_count)
+        for film, frames in zip(films, nearest, strict=True)
+    ], step
+
+
+def _groups(films: Sequence[Film]) -> list[int]:
+    return numbered([(film.size, film.kind) for film in films])
+
+
+def _sharpest(film: Film, cancelled: Callable[[], bool]) -> list[int]:
+    """Sharp frames of a walk-through, ascending, evenly spread: the sharpest of a few around each place."""
+    count = film.facts.frame_count
+    images = int(np.clip(_SHARP_RATE * count / film.facts.frames_per_second, _FEWEST_SHARP, _MOST_SHARP))
+    edges = np.linspace(0, count, min(images, count) + 1).round().astype(int).tolist()
+    windows = [sorted(set(np.linspace(a, b - 1, _CANDIDATES).round().astype(int).tolist())) for a, b in pairwise(edges)]
+    frames = [frame for window in windows for frame in window]
+    sharpness = {}
+    for frame, image in zip(frames, decode(film.path, frames), strict=True):
+        if cancelled():
+            raise Stopped
+        sharpness[frame] = _sharpness(image)
+    return [max(window, key=lambda frame: sharpness[frame]) for window in windows]
+
+
+def _sharpness(image: ImageArray) -> float:
+    """The variance of the Laplacian at a quarter of the size, at which noise does not count."""
+    cv2 = load_opencv()
+    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    scale = min(1.0, 480 / max(gray.shape))
+    small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else gray
+    return float(cv2.Laplacian(small, cv2.CV_64F).var())
+
+
+def _written(
+    film: Film, frames: Sequence[int], target: Path, progress: Progress, cancelled: Callable[[], bool]
+) -> list[Path]:
+    """The frames as images without loss in a folder; those that are there already stay."""
+    cv2 = load_opencv()
+    paths = {frame: target / f"{frame:06d}.png" for frame in frames}
+    missing = [frame for frame in frames if not paths[frame].is_file()]
+    for index, (frame, image) in enumerate(zip(missing, decode(film.path, missing), strict=True)):
+        progress("images", index, len(missing))
+        if cancelled():
+            raise Stopped
+        _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+        write_atomically(paths[frame], content.tobytes())
+    return [paths[frame] for frame in frames]

@@ -1,0 +1,371 @@
+"""Structure from motion: matches between images to poses, lenses and points, from several focal lengths.
+
+Every start of the mapper is compared by one measure over the same observations, and whatever frees a parameter must
+lower the cost of tracks that the model was not adjusted to.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...arrays import Bools, Float64s
+from ...io.child_process import Progress
+from .colmap import Adjusted, adjust, incremental
+from .matching import verified_again
+from .model import Lens, Model, disagreement
+from .tracks import Pairs, Tracks, cost, join, located, summed
+
+STARTS = (0.7, 0.9, 1.2, 1.7)
+"""Focal lengths to start from, over the width of the image."""
+_FEW_STARTS = (0.9, 1.3)
+_MANY_IMAGES = 40  # from which on the mapper is asked less often
+_PER_IMAGE = 500  # observations that a comparison needs; more of them take longer and change nothing
+_PER_PAIR = 40
+_SAME_FOCAL, _SAME_PLACES = 0.01, 0.01  # of the focal length and of the images' diameter
+_OWN_GAINS = 0.02  # of the cost, that focal lengths of their own must save: together they drift
+_DISTORTION_GAINS = 0.002  # of the held-out cost, before a coefficient is believed
+_SURE = 0.02  # standard deviation of the focal length with it, over the focal length
+_CHANCE = 3.0  # standard errors that a gain must exceed: a rig asks up to five such questions, and most must be no
+_AS_GOOD, _ELSEWHERE = 1.05, 0.03  # of the cost, and of the logarithm of the focal length: two answers
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """What structure from motion knows of images before it places them: standing cameras, then those that move.
+
+    Attributes:
+        lenses: sizes; focal lengths are not known.
+        groups: images of one group are of one kind of camera.
+        pixels: (N, 2) of the features of each.
+        standing: how many stand, each of which may be given a focal length of its own.
+    """
+
+    lenses: tuple[Lens, ...]
+    groups: tuple[int, ...]
+    pixels: tuple[Float64s, ...]
+    standing: int
+
+    def sharing(self, *, own: bool) -> list[int]:
+        """By image: those of one number share their focal length; with ``own`` each standing camera has one alone."""
+        first = 1 + max(self.groups)
+        alone = list(range(first, first + self.standing)) if own else list(self.groups[: self.standing])
+        return [*alone, *self.groups[self.standing :]]
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One start and what became of it.
+
+    Attributes:
+        start: focal length over the width.
+        own: every standing camera has a focal length of its own.
+        adjusted: the model; None where the mapper found none.
+        cost: of the observations of all images, 1 for those of an image without a pose.
+    """
+
+    start: float
+    own: bool
+    adjusted: Adjusted | None
+    cost: float
+
+    @property
+    def placed(self) -> int:
+        """How many images have a pose."""
+        return 0 if self.adjusted is None else len(self.adjusted.model.placed)
+
+    @property
+    def focals(self) -> Float64s:
+        """(images,) pixels; NaN for those without a pose."""
+        if self.adjusted is None:
+            return np.empty(0)
+        model = self.adjusted.model
+        placed = np.isfinite(model.poses).all(axis=(1, 2))
+        return np.where(placed, [lens.focal for lens in model.lenses], np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What came of the images; ``checks`` say whether it is to be used.
+
+    Attributes:
+        adjusted: the model; None where there is none.
+        tracks: its observations.
+        verified: the matches that they join.
+        hypotheses: all starts.
+        chosen: the start that it came from.
+        rivals: by what factor other focal lengths fit as well.
+        coefficients: for each image how many of k1 and k2 were freed.
+        halves_apart: how far images lie apart when half of the tracks are used each, over the rig's or path's size.
+    """
+
+    adjusted: Adjusted | None
+    tracks: Tracks
+    verified: Pairs
+    hypotheses: tuple[Hypothesis, ...] = ()
+    chosen: Hypothesis | None = None
+    rivals: tuple[float, ...] = ()
+    coefficients: tuple[int, ...] = ()
+    halves_apart: float = np.inf
+
+    @property
+    def costs(self) -> list[float]:
+        """Of all starts that found a model."""
+        return [hypothesis.cost for hypothesis in self.hypotheses if hypothesis.adjusted is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Distorted:
+    """A model with the coefficients that held-out tracks ask for.
+
+    Attributes:
+        fits: the model adjusted to each half of the tracks.
+        coefficients: for each image how many of k1 and k2 are free.
+        costs: (count,) of all tracks, each when it was held out.
+    """
+
+    fits: tuple[Adjusted, Adjusted]
+    coefficients: list[int]
+    costs: Float64s
+
+
+def solve(images: Images, matches: Pairs, verified: Pairs, tell: Progress) -> Solution:
+    """Poses and lenses of the images.
+
+    Args:
+        matches, verified: as of ``matching.match_pairs``.
+        tell: told a stage's name, and how much of how much is done.
+    """
+    tracks, few = _thinned(join(verified, images.pixels), verified, len(images.lenses))
+    hypotheses = propose(images, tracks, few, tell)
+    starts = _candidates(hypotheses)
+    if not starts:
+        return Solution(None, tracks, verified, tuple(hypotheses))
+    tell("bundle adjustment", 0, 3)
+    fitted = [(start, _with_distortion(start, tracks, images)) for start in starts]
+    chosen, best = fitted[0]
+    for rival, other in fitted[1:]:
+        if gains(best.costs, other.costs, _OWN_GAINS):
+            chosen, best = rival, other
+    tell("bundle adjustment", 1, 3)
+    model = best.fits[0].model
+    apart = disagreement(model, best.fits[1].model, images.standing or None)
+    if any(best.coefficients):
+        verified = verified_again(matches, images.pixels, model.lenses)
+    everything = join(verified, images.pixels)
+    adjusted = adjust(model, everything, images.sharing(own=chosen.own), best.coefficients)
+    tell("bundle adjustment", 2, 3)
+    final = _settled(hypotheses, tracks, images, best.coefficients)
+    factors = rivals(final, final[hypotheses.index(chosen)])
+    coefficients = tuple(best.coefficients)
+    return Solution(adjusted, everything, verified, tuple(hypotheses), chosen, tuple(factors), coefficients, apart)
+
+
+def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> list[Hypothesis]:
+    """What the mapper finds from several focal lengths, shared and, where that differs, own ones.
+
+    Args:
+        tracks: that they are compared by; ``pairs`` are those tracks' matches.
+    """
+    kinds = [False, True] if len(set(images.groups[: images.standing])) < images.standing else [False]
+    focals = STARTS if len(images.lenses) < _MANY_IMAGES else _FEW_STARTS
+    starts = [(start, own) for start in focals for own in kinds]
+
+    def mapped(start: tuple[float, bool]) -> Model | None:
+        ratio, own = start
+        lenses = [replace(lens, focal=ratio * lens.width) for lens in images.lenses]
+        return incremental(lenses, images.sharing(own=own), images.pixels, pairs)
+
+    found: list[Hypothesis] = []
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # the mapper works outside Python's lock, on one processor
+        for index, ((start, own), model) in enumerate(zip(starts, threads.map(mapped, starts), strict=True)):
+            tell("poses", index, len(starts))
+            found.append(_weighed(Hypothesis(start, own, None, 1.0), model, tracks, images, found))
+    for own in kinds if len(kinds) > 1 else []:
+        found += _of_the_other_kind(found, own, images, tracks)
+    return found
+
+
+def rivals(hypotheses: Sequence[Hypothesis], chosen: Hypothesis) -> list[float]:
+    """By what factor the focal lengths of hypotheses differ that fit the images as well."""
+    found = []
+    for other in hypotheses:
+        if other is chosen or other.adjusted is None or other.cost > _AS_GOOD * chosen.cost:
+            continue
+        ratio = np.nanmedian(other.focals / chosen.focals) if len(other.focals) else np.nan
+        if np.isfinite(ratio) and abs(np.log(ratio)) > _ELSEWHERE:
+            found.append(float(ratio))
+    return found
+
+
+def gains(before: Float64s, after: Float64s, least: float) -> bool:
+    """Whether the costs of the same tracks (count,) fell by that share of their sum, and by more than by chance.
+
+    A paired test: with few tracks one false match that happens to fit would decide otherwise.
+    """
+    fell = before - after
+    chance = _CHANCE * np.sqrt(len(fell)) * fell.std() if len(fell) else 0.0
+    return bool(fell.sum() > max(least * before.sum(), chance))
+
+
+def _thinned(tracks: Tracks, pairs: Pairs, images: int) -> tuple[Tracks, Pairs]:
+    """Enough tracks to compare solutions by, and their matches.
+
+    Long tracks come first. Images and pairs that see little keep all that they have.
+    """
+    random = np.random.default_rng(0)
+    lengths = np.bincount(tracks.points, minlength=tracks.count)
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    seen = np.zeros(images, np.int64)
+    shared = np.zeros((images, images), np.int64)
+    chosen = np.zeros(tracks.count, bool)
+    for point in np.lexsort((random.random(tracks.count), -lengths)).tolist():
+        own = tracks.cameras[starts[point] : starts[point + 1]]
+        among = np.ix_(own, own)
+        if seen[own].min() < _PER_IMAGE or shared[among].min() < _PER_PAIR:
+            chosen[point] = True
+            seen[own] += 1
+            shared[among] += 1
+    kept = tracks.chosen(chosen[tracks.points])
+    known = [set(kept.features[kept.cameras == image].tolist()) for image in range(images)]
+    few = {
+        (one, other): matches[np.array([a in known[one] and b in known[other] for a, b in matches.tolist()], bool)]
+        for (one, other), matches in pairs.items()
+    }
+    return kept, {pair: matches for pair, matches in few.items() if len(matches)}
+
+
+def _of_the_other_kind(found: Sequence[Hypothesis], own: bool, images: Images, tracks: Tracks) -> list[Hypothesis]:
+    """The best hypothesis of the other kind, with this kind's focal lengths.
+
+    The mapper gets lost by chance where data are few: of one kind from all starts, of the other from none.
+    """
+    models = [hypothesis for hypothesis in found if hypothesis.own != own and hypothesis.adjusted is not None]
+    best = min(models, key=lambda hypothesis: (-hypothesis.placed, hypothesis.cost), default=None)
+    if best is None or best.adjusted is None:
+        return []
+    model, groups = best.adjusted.model, np.array(images.sharing(own=own))
+    focals = np.array([lens.focal for lens in model.lenses])
+    placed = np.isin(np.arange(len(focals)), model.placed)
+    lenses = []
+    for lens, group in zip(model.lenses, groups.tolist(), strict=True):
+        alike = placed & (groups == group)
+        lenses.append(replace(lens, focal=float(np.median(focals[alike]))) if alike.any() else lens)
+    return [_weighed(Hypothesis(best.start, own, None, 1.0), Model(model.poses, tuple(lenses)), tracks, images, found)]
+
+
+def _weighed(
+    empty: Hypothesis, model: Model | None, tracks: Tracks, images: Images, others: Sequence[Hypothesis]
+) -> Hypothesis:
+    """A start with its adjusted model, or that of another start which the mapper led to the same place."""
+    if model is None or len(model.placed) < 2 or not _is_possible(model):
+        return empty
+    for other in others:
+        if other.own == empty.own and other.adjusted is not None and _same(model, other.adjusted.model):
+            return replace(other, start=empty.start)
+    adjusted = adjust(model, tracks, images.sharing(own=empty.own), [0] * len(images.lenses))
+    if not _is_possible(adjusted.model):
+        return empty
+    return replace(empty, adjusted=adjusted, cost=_whole_cost(adjusted, tracks))
+
+
+def _is_possible(model: Model) -> bool:
+    """Whether focal lengths are above zero, which adjustment does not see to."""
+    return all(model.lenses[image].focal > 0 for image in model.placed)
+
+
+def _same(one: Model, other: Model) -> bool:
+    """Equal but for what another adjustment would settle."""
+    focals = np.array([[a.focal, b.focal] for a, b in zip(one.lenses, other.lenses, strict=True)])[one.placed]
+    return (
+        one.placed == other.placed
+        and bool(np.abs(np.log(focals[:, 0] / focals[:, 1])).max() < _SAME_FOCAL)
+        and disagreement(one, other) < _SAME_PLACES
+    )
+
+
+def _whole_cost(adjusted: Adjusted, tracks: Tracks) -> float:
+    """Truncated squared residuals of all observations, in units of each image's limit."""
+    limits = np.array([lens.limit for lens in adjusted.model.lenses])
+    return cost(adjusted.distances, limits[tracks.cameras])
+
+
+def _candidates(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The best hypothesis of one focal length a group; and the best of own ones, where those gain much.
+
+    Both place as many images as any. Own focal lengths imitate lens distortion, so that a choice between the two must
+    wait for it.
+    """
+    most = max((hypothesis.placed for hypothesis in hypotheses), default=0)
+    models = [hypothesis for hypothesis in hypotheses if most and hypothesis.placed == most]
+    shared, own = (
+        min((model for model in models if model.own == kind), key=lambda model: model.cost, default=None)
+        for kind in (False, True)
+    )
+    if shared is not None and own is not None and own.cost * (1 + _OWN_GAINS) > shared.cost:
+        own = None
+    return [model for model in (shared, own) if model is not None]
+
+
+def _with_distortion(start: Hypothesis, tracks: Tracks, images: Images) -> _Distorted:
+    """Frees k1, then k2, of all images of a kind together, where that lowers the cost of held-out tracks."""
+    assert start.adjusted is not None
+    is_first = np.random.default_rng(1).random(tracks.count) < 0.5
+    one, other = tracks.chosen(is_first[tracks.points]), tracks.chosen(~is_first[tracks.points])
+    sharing = images.sharing(own=start.own)
+
+    def fitted(models: tuple[Model, Model], free: list[int]) -> _Distorted:
+        fits = adjust(models[0], one, sharing, free), adjust(models[1], other, sharing, free)
+        return _Distorted(fits, free, np.concatenate([_held_out(fits[0], other), _held_out(fits[1], one)]))
+
+    best = fitted((start.adjusted.model, start.adjusted.model), [0] * len(images.lenses))
+    for kind in sorted(set(images.groups)):
+        for more in (1, 2):
+            tried = [
+                more if group == kind else had for group, had in zip(images.groups, best.coefficients, strict=True)
+            ]
+            new = fitted((best.fits[0].model, best.fits[1].model), tried)
+            own = [image for image in best.fits[0].model.placed if images.groups[image] == kind]
+            is_sure = all(float(np.max(fit.uncertainty[own], initial=0.0)) < _SURE for fit in new.fits)
+            if not (is_sure and gains(best.costs, new.costs, _DISTORTION_GAINS)):
+                break
+            best = new
+    return best
+
+
+def _held_out(adjusted: Adjusted, tracks: Tracks) -> Float64s:
+    """(count,) the cost of each track that the model was not adjusted to: only its point is fitted."""
+    model = adjusted.model
+    limits = np.array([lens.limit for lens in model.lenses])
+    _, distances = located(tracks, model.poses, model.lenses, limits)
+    return summed(np.minimum(distances / limits[tracks.cameras], 1.0) ** 2, tracks)
+
+
+def _settled(
+    hypotheses: Sequence[Hypothesis], tracks: Tracks, images: Images, coefficients: Sequence[int]
+) -> list[Hypothesis]:
+    """The hypotheses with those of k1 and k2 free: without, wrong focal lengths imitate them."""
+    if not any(coefficients):
+        return list(hypotheses)
+    found: list[Hypothesis] = []
+    for hypothesis in hypotheses:
+        if hypothesis.adjusted is None:
+            found.append(hypothesis)
+            continue
+        same = [index for index in range(len(found)) if hypotheses[index].adjusted is hypothesis.adjusted]
+        if same:  # two starts that led to one place
+            found.append(replace(found[same[0]], start=hypothesis.start))
+            continue
+        again = adjust(hypothesis.adjusted.model, tracks, images.sharing(own=hypothesis.own), coefficients)
+        found.append(replace(hypothesis, adjusted=again, cost=_whole_cost(again, tracks)))
+    return found
+
+
+def agreeing(adjusted: Adjusted, tracks: Tracks) -> Bools:
+    """(N,) which observations lie within the limit of a point that is located."""
+    limits = np.array([lens.limit for lens in adjusted.model.lenses])
+    return np.asarray(adjusted.distances <= limits[tracks.cameras])

@@ -1,0 +1,34 @@
+"""What an earlier run kept is taken as it was, or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frog_blender.engine.capture.calibration.films import arrays_of, view_of
+from frog_blender.engine.capture.calibration.work_folder import WorkFolder
+
+from .walls import rig, view
+
+
+def test_what_was_kept_is_loaded(tmp_path: Path) -> None:
+    work, seen = WorkFolder(tmp_path), view(rig()[0])
+    work.keep("view", "0", arrays_of(seen))
+    arrays = work.load("view", "0")
+    assert arrays is not None
+    again = view_of({"name": seen.name, "size": seen.size, "group": 0}, arrays)
+    assert np.array_equal(again.background, seen.background) and again.images == ()
+
+
+@pytest.mark.parametrize("other", [{"a": np.arange(4)}, {"a": np.arange(3.0)}, {"b": np.arange(3)}, {}])
+def test_other_arrays_are_not_loaded(tmp_path: Path, other: dict[str, np.ndarray]) -> None:
+    work = WorkFolder(tmp_path)
+    path = work.keep("stage", "0", {"a": np.arange(3)})
+    with np.load(path) as kept:
+        seal = kept["seal"]
+    np.savez(path, **other, seal=seal)
+    assert work.load("stage", "0") is None
+    np.savez(path, **other)
+    assert work.load("stage", "0") is None and work.load("stage", "1") is None
