@@ -12,12 +12,11 @@ from ..errors import FrogError
 from .capture import Capture
 from .hull import VisualHull
 from .seeding.completion import ConfirmedDepth, points_seen_once
-from .seeding.given import given_points
 from .seeding.matching import triangulate
+from .seeding.moving import background_points
 from .seeding.plane_sweep import DepthMap, consistent, sweep, world_points
-from .seeding.single_views import background_points
 from .seeding.subject import subject_points
-from .seeding.views import Images, View, load_view, neighbours, scene_depth, spread
+from .seeding.views import Images, View, load_view, neighbours, sample_view, scene_depth, spread
 from .seeding.volume import fill_volume, points_at_times
 
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
@@ -30,6 +29,7 @@ _FEW_VIEWS = 4  # cameras: of more, other pairs see most of what two do not
 _BACKGROUND_SHARE = 0.4  # of the points, where no two cameras match
 _BEHIND = 0.8  # of the farthest depth that is searched
 _FEWEST_CAMERAS = 8  # whose silhouettes enclose what moves closely enough: seeds in it cost scenes of six or fewer
+_GIVEN_VIEWS, _GIVEN_SIDE, _MOST_GIVEN = 16, 400, 100_000  # images, pixels, points that came with the capture
 _MOVING_SHARE = 0.25  # of all seed points, those at moments of their own, at most
 
 
@@ -94,7 +94,7 @@ def find_seeds(
 
     cameras = [capture.cameras[capture.shots[index].camera] for index in train]
     depth = _typical(capture.near_far) if capture.near_far else scene_depth(cameras)
-    found, given = _match(capture, store, train, depth), given_points(capture, store, train)
+    found, given = _match(capture, store, train, depth), _given_points(capture, store, train)
     matched = np.concatenate([found[0], given[0]]), np.concatenate([found[1], given[1]])
     report(1)
     near, far = _depth_range(capture, matched[0], depth)
@@ -314,3 +314,25 @@ def merge_points(cloud: Cloud, centers: Float64s, count_limit: int) -> Cloud:
             some = first[np.linspace(0, len(first) - 1, count_limit).astype(int)]
             return points[some], colors[some]
         voxel *= 1.12
+
+
+def _given_points(capture: Capture, store: Images, train: list[int]) -> tuple[Float64s, Float32s]:
+    """The capture's own points (N, 3) that training images see, and their colours (N, 3) float32 in [0, 1].
+
+    N is 0 for captures without points. A point's colour is the median over the views that it projects into, which is
+    robust against occlusion in some of them.
+    """
+    points, colors = np.zeros((0, 3)), np.zeros((0, 3), np.float32)
+    if capture.points is None or not len(capture.points):
+        return points, colors
+    points = capture.points[:: -(-len(capture.points) // _MOST_GIVEN)]
+    values, seen = [], []
+    for index in spread(train, _GIVEN_VIEWS):
+        view = load_view(capture, store, index, _GIVEN_SIDE)
+        value, is_seen = sample_view(view, points, view.image)
+        values.append(np.where(is_seen[:, None], value, np.nan))
+        seen.append(is_seen)
+    kept = np.any(seen, axis=0)
+    if kept.any():
+        colors = np.nanmedian(np.array(values)[:, kept], axis=0).astype(np.float32)
+    return points[kept], colors

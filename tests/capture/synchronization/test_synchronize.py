@@ -15,6 +15,7 @@ from frog_blender.engine.capture.synchronization import Synchronization, synchro
 from frog_blender.engine.io.child_process import Stopped
 
 from .moving_scene import MovingScene, Start, cards, ring, write_film, write_films
+from .test_tracks import seen
 
 SIZE = (200, 150)
 
@@ -101,6 +102,23 @@ def test_the_clocks_of_a_child_are_those_of_this_process(tmp_path: Path) -> None
     for name, clock in here.clocks.items():
         assert found.clocks[name] == pytest.approx(clock, abs=1e-6)
     assert found.curves is not None and told[-1] == ("synchronisation", 1000, 1000)
+
+
+def test_sound_alone_and_named_points_are_asked_in_the_child(tmp_path: Path) -> None:
+    cameras = ring(2, *SIZE)
+    write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20.0) for name in cameras}, 0.5)
+    films, work = find_films(tmp_path), WorkFolder(tmp_path / "work")
+    silent = find_clocks(films, {}, {}, work, lambda *_: None, lambda: False)
+    assert silent.refusal is not None and not silent.by_sound  # though their motion is alike
+    tracks = {"cam00": seen(0, 1.0, 60, 1.5), "cam01": seen(2, 1.287, 60, 1.5)}
+    found = find_clocks(films, {}, tracks, work, lambda *_: None, lambda: False)
+    assert found.clocks["cam01"][0] - found.clocks["cam00"][0] == pytest.approx(0.287, abs=0.34 / 30)
+    assert found.refusal is None and not found.by_sound
+    first, *moved = found.likely_offsets(3)
+    assert first.tolist() == [offset for offset, _ in found.clocks.values()] and len(moved) <= 2
+    closer = found.with_offsets({"cam00": 0.0, "cam01": 0.29})
+    assert closer.clocks == {"cam00": (0.0, 1.0), "cam01": (0.29, 1.0)}
+    assert closer.facts is not None and "0.29" in str(closer.facts)
 
 
 def test_a_film_that_shares_nothing_is_refused(tmp_path: Path) -> None:

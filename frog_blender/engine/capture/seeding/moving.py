@@ -155,3 +155,30 @@ def _in_hull(
     color /= np.maximum(seen_by, 1)[:, None]
     variance = np.maximum(square / np.maximum(seen_by, 1)[:, None] - color**2, 0).sum(axis=1)
     return inside, color, np.sqrt(variance)
+
+
+def background_points(
+    capture: Capture, store: Images, distance: float, *, count: int, random: np.random.Generator
+) -> tuple[Float64s, Float64s]:
+    """Points for what each of a few cameras far apart sees alone: its background.
+
+    Nothing says how deep it is, and from its own camera any depth behind what moves shows the same. Without such points
+    the Gaussians of the common volume are stretched over the background, and are missing where something moves.
+
+    Returns:
+        At most ``count`` world points (N, 3) at ``distance`` from static training cameras, as many before each, and
+    their colours (N, 3) in [0, 1] in the median of its images.
+    """
+    by_frame: dict[int, list[int]] = {}
+    for index in capture.train_indices:
+        by_frame.setdefault(capture.shots[index].frame, []).append(index)
+    medians = median_images(capture, store, by_frame)
+    points, colors = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for index, median in sorted(medians.items()):
+        height, width = median.shape[:2]
+        spots = random.random((count // len(medians), 2))
+        camera = capture.cameras[index]
+        points.append(camera.unproject(spots * (camera.width, camera.height), np.full(len(spots), distance)))
+        columns, lines = (spots * (width, height)).astype(int).T
+        colors.append(median[lines, columns].astype(np.float64))
+    return np.concatenate(points), np.concatenate(colors)
