@@ -52,7 +52,7 @@ def reported(
     warnings += _coarse_sentence(cameras)
     residual = float(np.median(np.abs(solution.misses))) if len(solution.misses) else 0.0
     refusal = _refusal(films, solution, cameras)
-    return Synchronization(tuple(cameras), frame, residual, tuple(warnings), refusal, tuple(pairs))
+    return Synchronization(tuple(cameras), frame, residual, tuple(warnings), refusal)
 
 
 def _better(first: RunnerUp | None, second: RunnerUp | None) -> RunnerUp | None:

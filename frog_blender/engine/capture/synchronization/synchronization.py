@@ -10,10 +10,9 @@ import numpy as np
 from ...arrays import Float64s
 from ...io.plain_values import UnfitValue, entries, items, number, numbers, text
 from . import limits
-from .pairs import Curve, PairLag, Source
+from .pairs import Curve, Source
 
-LONGEST = 1e7
-"""Seconds: no offset lies beyond."""
+_LONGEST = 1e7  # seconds: no offset lies beyond
 _VERSION = 1
 _MOST_CAMERAS = 1000
 _MOST_WARNINGS = 10_000
@@ -85,12 +84,12 @@ class CameraClock:
         if runner_up is not None:
             given = dict.fromkeys(("offset", "share")) | entries(runner_up, f"the runner-up {of}")
             runner_up = RunnerUp(
-                number(given["offset"], f"the runner-up's offset {of}", -LONGEST, LONGEST),
+                number(given["offset"], f"the runner-up's offset {of}", -_LONGEST, _LONGEST),
                 number(given["share"], f"the runner-up's share {of}", 0, 1e6),
             )
         return cls(
             name,
-            number(data.get("offset"), f"the offset {of}", -LONGEST, LONGEST),
+            number(data.get("offset"), f"the offset {of}", -_LONGEST, _LONGEST),
             number(data.get("rate", 1.0), f"the rate {of}", *_RATES),
             number(data.get("confidence"), f"the confidence {of}", 0, 1),
             sources,
@@ -109,7 +108,6 @@ class Synchronization:
         residual: seconds by which the pairs of films miss the clocks (median).
         warnings: sentences for the user.
         refusal: a sentence, where the offsets must not be used; else None.
-        pairs: the lags between films that the clocks were solved from; not kept in JSON.
     """
 
     cameras: tuple[CameraClock, ...]
@@ -117,7 +115,6 @@ class Synchronization:
     residual: float
     warnings: tuple[str, ...] = ()
     refusal: str | None = None
-    pairs: tuple[PairLag, ...] = ()
 
     @property
     def clocks(self) -> dict[str, tuple[float, float]]:
@@ -125,7 +122,7 @@ class Synchronization:
         return {camera.name: (camera.offset, camera.rate) for camera in self.cameras}
 
     def to_json(self) -> dict[str, object]:
-        """A plain dictionary for a file; ``from_json`` reads it back, all but the pairs."""
+        """A plain dictionary for a file; ``from_json`` reads it back."""
         return {
             "version": _VERSION,
             "frame": self.frame,
@@ -150,7 +147,7 @@ class Synchronization:
         return cls(
             cameras,
             number(data.get("frame"), "the frame interval", 1e-6, 1e4),
-            number(data.get("residual"), "the residual", 0, LONGEST),
+            number(data.get("residual"), "the residual", 0, _LONGEST),
             tuple(text(warning, "a warning", _SENTENCE) for warning in warnings),
             None if refusal is None else text(refusal, "the refusal", _SENTENCE),
         )
@@ -159,7 +156,7 @@ class Synchronization:
 def _curve(value: object, what: str) -> Curve:
     given = dict.fromkeys(("offsets", "scores")) | entries(value, what)
     scores = items(given["scores"], f"scores in {what}", _MOST_LAGS)
-    offsets = numbers(given["offsets"], f"offsets in {what}", (len(scores),), LONGEST)
+    offsets = numbers(given["offsets"], f"offsets in {what}", (len(scores),), _LONGEST)
     held = [float("nan") if one is None else number(one, f"a score in {what}", -1e6, 1e6) for one in scores]
     result: Float64s = np.array(held, dtype=np.float64)
     return Curve(np.asarray(offsets, dtype=np.float64), result)
