@@ -85,7 +85,6 @@ TRAINING = (
             "open_capture",
             "show_result",
             "train",
-            "training_result",
         )
     ),
     *(

@@ -16,7 +16,6 @@ _FAMILIES = (
     "bake",
     "relink",
     "pick",
-    "cameras",
     "clips",
     "align",
     "set_up_scene",

@@ -10,7 +10,8 @@ from bpy.props import BoolProperty, CollectionProperty, StringProperty
 
 from ..engine.capture.video import VIDEO_SUFFIXES
 from ..engine.errors import FrogError
-from ..ui import capture_reading, sidebar_tab
+from ..ui import capture_reading
+from ..ui.sidebar_panel import show_tab
 from .modal_operator import ModalOperator
 
 _WAIT = 0.01  # seconds: shorter than what anybody notices
@@ -129,7 +130,7 @@ def _show_panel(context: bpy.types.Context) -> None:
     area = context.area if context.area in views else max(views, key=lambda each: each.width * each.height)
     area.spaces.active.show_region_ui = True
     if not bpy.app.background:
-        sidebar_tab.show(area)
+        show_tab(area)
 
 
 def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:

@@ -1,4 +1,4 @@
-"""Set Up Scene, as an option of importers and as an operator."""
+"""Set Up Scene, as an option of importers and as an operator; colours as filmed; Look Through Camera."""
 
 # mypy: disable-error-code="valid-type"
 
@@ -16,6 +16,7 @@ from ..scene_import.scene_setup import (
     are_colors_unchanged,
     frame_range,
     is_untouched,
+    look_through,
     set_up,
     show_colors_unchanged,
 )
@@ -177,5 +178,22 @@ everything in the scene"""
         return {"FINISHED"}
 
 
-_CLASSES = (FROG_OT_set_up_scene, FROG_OT_show_as_filmed)
+class FROG_OT_look_through(bpy.types.Operator):
+    """Make the selected camera active and render at the size of its captured images"""
+
+    bl_idname = "frog.look_through"
+    bl_label = "Look Through Camera"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        cls.poll_message_set("Select a camera first.")
+        return context.object is not None and context.object.type == "CAMERA"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        look_through(context.scene, context.object)
+        return {"FINISHED"}
+
+
+_CLASSES = (FROG_OT_set_up_scene, FROG_OT_show_as_filmed, FROG_OT_look_through)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

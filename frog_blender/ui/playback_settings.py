@@ -20,10 +20,10 @@ from bpy.props import (
 from .. import capture_files, point_cloud, relative_paths
 from ..engine.errors import FrogError
 from ..nodes import ellipsoid_nodes
+from ..relative_paths import PATH_OPTIONS
 from ..scene_import import camera_clips
 from ..timeline import edits_in_progress, playback
 from ..timeline.retiming import LAST_FRAME
-from .path_options import PATH_OPTIONS
 
 DISPLAYS = (
     ("POINTS", "Splats", "Soft Gaussians, as close to FRoG's own rendering as other engines get"),

@@ -10,8 +10,8 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ..engine.errors import FrogError
+from ..relative_paths import PATH_OPTIONS
 from ..scene_capture import placing
-from .path_options import PATH_OPTIONS
 
 _SHAPES = (
     ("RINGS", "Rings", "One ring around the box, two from 8 cameras, three from 24"),

@@ -1,8 +1,15 @@
-"""What the panels of the FRoG tab share."""
+"""What the panels of the FRoG tab share, and bringing it to the front."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import Any
+
+import bpy
+
+_EVERY = 0.05  # seconds
+_MOST_TRIES = 40  # a sidebar has no tabs until it was drawn, which may take a while in a busy window
 
 
 class SidebarPanel:
@@ -18,3 +25,29 @@ def split(layout: Any) -> Any:
     layout.use_property_split = True
     layout.use_property_decorate = False
     return layout
+
+
+def show_tab(area: bpy.types.Area) -> None:
+    """Selects the tab as soon as Blender allows it, unless the sidebar was closed again."""
+    bpy.app.timers.register(partial(_choose, area.as_pointer(), [_MOST_TRIES]), first_interval=0.0)
+
+
+def _choose(wanted: int, tries_left: list[int]) -> float | None:
+    region = next(_sidebars(wanted), None)
+    if region is None:
+        return None
+    try:
+        region.active_panel_category = SidebarPanel.bl_category
+        region.tag_redraw()
+    except (AttributeError, TypeError):  # read-only, or none of the tabs, until it was drawn with them
+        tries_left[0] -= 1
+        return _EVERY if tries_left[0] > 0 else None
+    return None
+
+
+def _sidebars(wanted: int) -> Iterator[bpy.types.Region]:
+    """The sidebars of the viewport with that address, if it still exists. Blender's UI objects cannot be kept."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.as_pointer() == wanted and area.type == "VIEW_3D" and area.spaces.active.show_region_ui:
+                yield from (region for region in area.regions if region.type == "UI")

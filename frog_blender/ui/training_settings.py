@@ -19,8 +19,8 @@ from .. import redrawing, relative_paths
 from ..engine.options import OPTIONS, Door, options_at
 from ..engine.training.session.output_paths import free_output
 from ..option_properties import items_of, property_name, property_of
+from ..relative_paths import PATH_OPTIONS
 from ..tasks.training_request import KEY_MASKS, REMOTE
-from .path_options import PATH_OPTIONS
 from .rig_settings import FrogRigSettings
 from .training_choices import TrainingChoices
 

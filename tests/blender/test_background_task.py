@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
+from support.training_panel import finish
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
@@ -60,14 +61,6 @@ class Work(BackgroundTask):
 
     def work(self):
         return self.function(self)
-
-
-def finish(task):
-    """Pump until it ends, as a headless run does."""
-    assert task.join(20.0)
-    task.pump_all()
-    assert not task.is_running and not task.is_stopping
-    return task
 
 
 def until_stopped(task):

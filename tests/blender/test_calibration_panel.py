@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from support.training_panel import Written
+from support.training_panel import finish, panel_says
 
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
 from frog_blender.engine.capture.synchronization import CameraClock as CameraClockFound
@@ -77,12 +77,7 @@ def drawn(empty):
     """A function that draws a panel and gives what it says, label lines joined."""
 
     def draw(panel=capture_panel.FROG_PT_capture):
-        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-        context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=280), preferences=preferences)
-        layout = Written()
-        if not hasattr(panel, "poll") or panel.poll(context):
-            panel.draw(SimpleNamespace(layout=layout), context)
-        return " ".join(layout.said)
+        return panel_says(panel, scene=empty) or ""
 
     yield draw
     background_task.stop()
@@ -93,13 +88,6 @@ def begin(folder, calibrator):
     """As the operator does."""
     opening = CaptureOpening(folder, calibrator)
     return CalibrationTask(folder, opening.calibrate, opening.show).begin()
-
-
-def ended(task):
-    assert task.join(20.0)
-    while task.pump():
-        pass
-    return task
 
 
 def test_raw_videos_say_so_and_offer_to_be_calibrated(empty, drawn, raw):
@@ -116,8 +104,7 @@ def test_raw_videos_say_so_and_offer_to_be_calibrated(empty, drawn, raw):
 def test_from_videos_to_a_capture(empty, drawn, raw):
     empty.frog.capture_folder = str(raw)
     task = begin(raw, calibrator_of(raw))
-    state = ended(task)
-    assert not state.error
+    assert not finish(task).error
     said = drawn()
     assert "Read as calibrated videos" in said and "4 cameras" in said, "it opens by itself"
     assert "Calibrated: cameras_opencv.json" in said and "cam03 sees little" in said and "wm.path_open" in said
@@ -145,8 +132,7 @@ def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, drawn
     task = begin(raw, calibrate)
     assert "frog.calibrate" not in drawn(calibration_panel.FROG_PT_cameras).split(), "it runs"
     gate.set()
-    state = ended(task)
-    assert not state.error and (raw / "cameras_opencv.json").read_bytes() == before
+    assert not finish(task).error and (raw / "cameras_opencv.json").read_bytes() == before
     said = drawn()
     assert "Calibrated: cameras_found.json" in said and "What was found lies beside it." in said
     assert "frog.calibrate" in drawn(calibration_panel.FROG_PT_cameras).split()
@@ -170,7 +156,7 @@ def test_a_refusal_says_what_to_film_and_leaves_the_button(empty, drawn, raw):
     def refuse(progress, cancelled):
         raise CalibrationRefused("cam00 and cam03 share nothing. Film a walk from one to the other.")
 
-    ended(begin(raw, refuse))
+    finish(begin(raw, refuse))
     said = drawn()
     assert "Film a walk from one to the other." in said and "frog.calibrate" in said.split()
     assert said.split().count("frog.fetch_landmarks") == 1, "joints may help"
@@ -191,8 +177,8 @@ def test_the_real_pipeline_says_which_film_it_cannot_use(empty, drawn, tmp_path)
         (tmp_path / name).write_bytes(b"x" * 100)
     empty.frog.capture_folder = str(tmp_path)
     assert bpy.ops.frog.calibrate() == {"FINISHED"}
-    state = ended(CalibrationTask.current())
-    assert "a.mp4: found a file that cannot be decoded" in state.error and not state.is_refused
+    task = finish(CalibrationTask.current())
+    assert "a.mp4: found a file that cannot be decoded" in task.error and not task.is_refused
     assert "a.mp4: found a file" in drawn()
 
 
@@ -207,7 +193,7 @@ def test_a_cancelled_calibration(empty, drawn, raw):
     task = begin(raw, calibrate)
     assert bpy.ops.frog.cancel_calibration() == {"FINISHED"}
     assert "Cancelling frog.cancel_calibration" in drawn()
-    ended(task)
+    finish(task)
     assert "Cancelled. The next calibration continues" in drawn() and "frog.calibrate" in drawn()
     assert not bpy.ops.frog.cancel_calibration.poll()
 

@@ -10,6 +10,7 @@ import time
 
 import bpy
 import pytest
+from support.training_panel import finish
 
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused, child_task
 from frog_blender.engine.errors import FrogError
@@ -20,12 +21,6 @@ def started(folder, calibrator=None):
     """A calibration by the real process, which reads its request in a folder."""
     standing = lambda progress, stopped: child_task("placing_task:place_images").run(folder, progress, stopped)  # noqa: E731
     return CalibrationTask(folder, calibrator or standing).start()
-
-
-def finish(task):
-    assert task.join(20.0)
-    task.pump_all()
-    return task
 
 
 @pytest.mark.parametrize("kind", [CalibrationRefused, FrogError])

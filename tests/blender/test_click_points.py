@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from support.training_panel import Written
+from support.training_panel import finish, panel_says
 
 from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.calibration.films import find_films
@@ -204,17 +204,12 @@ def test_too_few_points_are_refused_in_the_panel(empty, tmp_path):
     points = clicked(points_of(raw / FILE, find_films(raw)), (1, 1), (40, 30))
     points.turn(1)
     clicked(points, (2, 2), (30, 30)).save(raw / FILE)
-    layout = Written()
-    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-    context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=280), preferences=preferences)
     try:
         assert bpy.ops.frog.calibrate_from_points() == {"FINISHED"}
-        task = CalibrationTask.current()
-        assert task.join(60.0)
-        task.pump_all()
+        task = finish(CalibrationTask.current())
         assert task.is_refused and "expected 8 or more" in task.error
-        capture_panel.FROG_PT_capture.draw(SimpleNamespace(layout=layout), context)
+        said = panel_says(capture_panel.FROG_PT_capture).split()
     finally:
         background_task.stop()
         CalibrationTask.forget()
-    assert "frog.click_points" in layout.said and "frog.calibrate_from_points" in layout.said
+    assert "frog.click_points" in said and "frog.calibrate_from_points" in said

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import bpy
 import numpy as np
 import pytest
 from support.small_scenes import read_png, rig_of_three, write_scene
-from support.training_panel import Written
+from support.training_panel import panel_says
 from support.undo_steps import check_undo_and_redo
 
 from frog_blender import point_cloud
@@ -454,18 +452,9 @@ def test_panels_draw_every_edit_and_say_what_does_not_fit(empty, capture, path):
     bpy.ops.frog.select_gaussians(by="SIZE", size=0.3)
 
     def said(panel):
-        layout = Written()
-        context = SimpleNamespace(
-            scene=empty,
-            object=bpy.context.object,
-            region=None,
-            preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
-        )
-        assert panel.poll(context)
-        for draw in (getattr(panel, "draw_header", None), panel.draw):
-            if draw is not None:
-                draw(SimpleNamespace(layout=layout), context)
-        return " ".join(layout.said)
+        if hasattr(panel, "draw_header"):
+            panel_says(panel, "draw_header")
+        return panel_says(panel)
 
     assert "frog.save_edits" in said(edit_panel.FROG_PT_edit)
     assert "feather" in said(edit_panel.FROG_PT_crop)

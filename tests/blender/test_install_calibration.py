@@ -8,7 +8,8 @@ import time
 
 import bpy
 import pytest
-from support.wheels import finished, wheel
+from support.training_panel import finish
+from support.wheels import wheel
 
 from frog_blender.tasks.installation import Installation, LandmarkDownload
 from frog_blender.tasks.package_folders import installed
@@ -32,16 +33,16 @@ def test_what_calibration_needs_is_installed_by_itself(tmp_path, monkeypatch):
     folder = tmp_path / "data" / "calibration"
     if not has_pycolmap_wheel():
         pytest.skip("there is no pycolmap for this computer")
-    done = finished(Installation(folder, packages=CALIBRATION_PACKAGES).start())
+    done = finish(Installation(folder, packages=CALIBRATION_PACKAGES).start())
     assert done.result and not done.error and installed(folder) == folder
     assert (folder / "pycolmap" / "__init__.py").is_file() and not (folder / "torch").exists()
-    again = finished(Installation(folder, packages=CALIBRATION_PACKAGES).start())
+    again = finish(Installation(folder, packages=CALIBRATION_PACKAGES).start())
     assert installed(folder) == again.result == folder.with_name("calibration-2") and not folder.exists()
 
 
 def test_pycolmap_that_did_not_come_is_named(tmp_path):
     silent = [sys.executable, "-c", "print('all is well')"]
-    failed = finished(Installation(tmp_path / "data" / "calibration", pip=silent).start())
+    failed = finish(Installation(tmp_path / "data" / "calibration", pip=silent).start())
     assert failed.error == "pycolmap could not be installed: pip brought none (all is well)."
 
 
@@ -70,13 +71,13 @@ with zipfile.ZipFile(f"{folder}/mediapipe-0.10.21-cp311-cp311-manylinux_2_28_x86
 print("Saved", folder)
 """
     download = LandmarkDownload(pip=[sys.executable, "-c", code], cache=tmp_path / "cache").start()
-    failed = finished(download)
+    failed = finish(download)
     assert failed.result is None and "checksum" in failed.error and failed.progress.stage.startswith("Saved")
     assert not list(tmp_path.rglob("*.tflite"))
     silent = LandmarkDownload(
         pip=[sys.executable, "-c", "print('ERROR: no such thing'); raise SystemExit(1)"], cache=tmp_path
     )
-    assert finished(silent.start()).error == "The landmark file could not be fetched: no such thing"
+    assert finish(silent.start()).error == "The landmark file could not be fetched: no such thing"
 
 
 def test_a_cancelled_download_of_landmarks_says_nothing(tmp_path):
@@ -86,7 +87,7 @@ def test_a_cancelled_download_of_landmarks_says_nothing(tmp_path):
     while download.progress.stage != "Collecting" and time.monotonic() < deadline:
         download.pump()
     download.cancel()
-    finished(download)
+    finish(download)
     assert download.is_cancelled and not download.error
 
 

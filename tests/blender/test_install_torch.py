@@ -16,7 +16,8 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from support.wheels import finished, wheel
+from support.training_panel import finish
+from support.wheels import wheel
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.pip import pip_command
@@ -44,7 +45,7 @@ def index(tmp_path, monkeypatch):
 
 def test_it_is_whole(tmp_path, index):
     before = threading.active_count()
-    done = finished(Installation(tmp_path / "data" / "torch").start())
+    done = finish(Installation(tmp_path / "data" / "torch").start())
     assert done.result is not None and not done.error
     assert (tmp_path / "data" / "torch" / "torch" / "__init__.py").read_text() == "answer = 42\n"
     assert [path.name for path in (tmp_path / "data").iterdir()] == ["torch"], "nothing is left beside it"
@@ -62,23 +63,23 @@ def test_a_bar_shows_how_much_of_the_space_is_taken(tmp_path, monkeypatch):
         shares.append(running.progress.fraction)
     assert sorted(set(shares)) == [0.0, 0.25, 0.99] and shares == sorted(shares), "it never goes back"
     running.cancel()
-    assert finished(running).is_cancelled
+    assert finish(running).is_cancelled
 
 
 def test_what_cannot_be_found_is_one_sentence_and_leaves_nothing(tmp_path, index):
     for path in index.glob("torch*"):
         path.unlink()
-    failed = finished(Installation(tmp_path / "data" / "torch").start())
+    failed = finish(Installation(tmp_path / "data" / "torch").start())
     assert failed.result is None and "torch could not be installed" in failed.error and "\n" not in failed.error
     assert "torch" in failed.error and not list((tmp_path / "data").iterdir())
 
 
 def test_an_older_one_stays_until_a_new_one_is_whole(tmp_path, index):
     folder = tmp_path / "data" / "torch"
-    finished(Installation(folder).start())
+    finish(Installation(folder).start())
     for path in index.glob("torch*"):
         path.unlink()
-    assert finished(Installation(folder).start()).error
+    assert finish(Installation(folder).start()).error
     assert (folder / "torch" / "__init__.py").is_file()
 
 
@@ -90,7 +91,7 @@ def test_cancelled_it_leaves_nothing(tmp_path):
         installation.pump()
     assert installation.progress.stage == "Collecting torch"
     installation.cancel()
-    finished(installation)
+    finish(installation)
     assert installation.result is None and not installation.error and not list((tmp_path / "data").iterdir())
 
 
@@ -112,7 +113,7 @@ time.sleep(60 * {cancelled:d})
         installation.pump()
     if cancelled:
         installation.cancel()
-    finished(installation)
+    finish(installation)
     unpacked = Path(installation.progress.stage)
     assert unpacked.is_relative_to(data) and not unpacked.exists()
     assert [str(path.relative_to(data)) for path in sorted(data.rglob("*"))] == (
@@ -128,20 +129,20 @@ def test_no_room_is_said_before_anything_is_fetched(tmp_path):
 def test_a_folder_that_cannot_be_written_ends_in_a_sentence(tmp_path):
     """Its name is as long as names may be, and what is beside it while pip runs would have a longer one."""
     folder = tmp_path / "data" / ("t" * 250)
-    failed = finished(Installation(folder, pip=[sys.executable, "-c", ""]).start())
+    failed = finish(Installation(folder, pip=[sys.executable, "-c", ""]).start())
     assert failed.result is None and "\n" not in failed.error
     assert failed.error.startswith(f"{folder}: torch could not be installed (")
 
 
 def test_whatever_goes_wrong_ends_in_a_sentence(tmp_path):
-    failed = finished(Installation(tmp_path / "data" / "torch", packages=["torch\0"]).start())
+    failed = finish(Installation(tmp_path / "data" / "torch", packages=["torch\0"]).start())
     assert failed.result is None and failed.error.startswith("torch could not be installed: ")
     assert "\n" not in failed.error and not list((tmp_path / "data").iterdir())
 
 
 def test_what_pip_says_may_be_no_text(tmp_path):
     speaks = [sys.executable, "-c", "import sys; sys.stdout.buffer.write(b'ERROR: caf\\xe9\\n'); sys.exit(1)"]
-    failed = finished(Installation(tmp_path / "data" / "torch", pip=speaks).start())
+    failed = finish(Installation(tmp_path / "data" / "torch", pip=speaks).start())
     assert failed.error.startswith("torch could not be installed: caf")
 
 
@@ -172,14 +173,14 @@ def test_nothing_in_the_current_folder_runs_in_pips_place(tmp_path, index, eithe
         (trap / f"{name}.py").write_text(f"open({str(tmp_path / 'caught')!r}, 'w').write({name!r})\n")
     monkeypatch.chdir(trap)
     monkeypatch.setenv("PYTHONPATH", str(trap))
-    done = finished(Installation(tmp_path / "data" / "torch", pip=either_pip).start())
+    done = finish(Installation(tmp_path / "data" / "torch", pip=either_pip).start())
     assert done.result is not None, done.error
     assert not (tmp_path / "caught").exists()
 
 
 def test_a_pip_that_brings_no_torch_has_not_installed_it(tmp_path):
     silent = [sys.executable, "-c", "print('all is well')"]
-    failed = finished(Installation(tmp_path / "data" / "torch", pip=silent).start())
+    failed = finish(Installation(tmp_path / "data" / "torch", pip=silent).start())
     assert failed.result is None and "pip brought none (all is well)" in failed.error
     assert not list((tmp_path / "data").iterdir())
 
@@ -193,7 +194,7 @@ def test_a_source_package_is_not_run(tmp_path, index):
     (source / "PKG-INFO").write_text("Metadata-Version: 2.1\nName: torch\nVersion: 9.9\n")
     with tarfile.open(index / "torch-9.9.tar.gz", "w:gz") as archive:
         archive.add(source, "torch-9.9")
-    failed = finished(Installation(tmp_path / "data" / "torch").start())
+    failed = finish(Installation(tmp_path / "data" / "torch").start())
     assert failed.result is None and failed.error and not (tmp_path / "caught").exists()
 
 
@@ -211,21 +212,21 @@ torch.mkdir()
 
 def test_another_installation_is_switched_to(tmp_path, quick_pip):
     folder = tmp_path / "data" / "torch"
-    first = finished(Installation(folder, pip=quick_pip).start())
+    first = finish(Installation(folder, pip=quick_pip).start())
     assert installed(folder) == first.result == folder
-    second = finished(Installation(folder, pip=quick_pip).start())
+    second = finish(Installation(folder, pip=quick_pip).start())
     assert second.result is not None and installed(folder) == second.result == folder.with_name("torch-2")
     assert not folder.exists() and (second.result / "torch" / "__init__.py").is_file()
-    third = finished(Installation(folder, pip=quick_pip).start())
+    third = finish(Installation(folder, pip=quick_pip).start())
     assert installed(folder) == third.folder == folder
     assert [path.name for path in folder.parent.iterdir()] == ["torch"]
 
 
 def test_what_is_in_use_stays_until_the_next_start(tmp_path, quick_pip, monkeypatch):
     folder = tmp_path / "data" / "torch"
-    finished(Installation(folder, pip=quick_pip).start())
+    finish(Installation(folder, pip=quick_pip).start())
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(__file__=str(folder / "torch" / "__init__.py")))
-    second = finished(Installation(folder, pip=quick_pip).start())
+    second = finish(Installation(folder, pip=quick_pip).start())
     assert folder.is_dir() and installed(folder) == second.result == folder.with_name("torch-2")
     monkeypatch.delitem(sys.modules, "torch")
     clear_remains(folder)
@@ -234,7 +235,7 @@ def test_what_is_in_use_stays_until_the_next_start(tmp_path, quick_pip, monkeypa
 
 def test_what_another_blender_trains_with_stays_until_that_ends(tmp_path, quick_pip):
     folder = tmp_path / "data" / "torch"
-    finished(Installation(folder, pip=quick_pip).start())
+    finish(Installation(folder, pip=quick_pip).start())
     code = f"""
 import sys; sys.path[:0] = {[str(folder), str(ROOT), *sys.path]!r}
 from frog_blender.tasks import package_folders
@@ -245,7 +246,7 @@ sys.stdin.read()
     command = [sys.executable, "-c", code]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout.readline() == "held\n"
-        second = finished(Installation(folder, pip=quick_pip).start())
+        second = finish(Installation(folder, pip=quick_pip).start())
         clear_remains(folder)
         assert second.result is not None and installed(folder) == second.result and has_package(folder)
     clear_remains(folder)
@@ -371,7 +372,7 @@ def test_the_button(empty, index, own_folder):
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
         assert bpy.app.timers.is_registered(background_task.tick), "another file does not end it"
         system = bpy.context.preferences.system
-        finished(PipTask.current())
+        finish(PipTask.current())
         assert background_task.tick() is None and str(own_folder) in sys.path
         assert torch_environment.site_packages(own_folder) == own_folder
     finally:
@@ -425,14 +426,13 @@ def test_it_can_be_removed(empty, own_folder, tmp_path, monkeypatch):
 
 
 def test_the_preferences_tell_what_there_is_and_what_it_takes(empty, own_folder, online, monkeypatch):
-    from support.training_panel import Written
+    from support.training_panel import Written, drawing_context
 
     from frog_blender.ui import torch_environment
 
     def said():
         layout = Written()
-        ui = SimpleNamespace(preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)), region=None)
-        torch_environment.draw_torch_installation(layout, ui)
+        torch_environment.draw_torch_installation(layout, drawing_context())
         return " ".join(layout.said)
 
     monkeypatch.setattr(torch_environment, "suitable_build", lambda: "CPU")

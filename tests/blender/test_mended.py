@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from support.small_scenes import rig_of_three, write_scene
+from support.training_panel import drawing_context
 
 from frog_blender import addon_state, capture_files, point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
@@ -40,11 +41,7 @@ def said(empty):
 
     def draw(panel):
         lines = []
-        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-        context = SimpleNamespace(
-            scene=bpy.context.scene, region=SimpleNamespace(width=280), preferences=preferences, object=None
-        )
-        panel.draw(SimpleNamespace(layout=Layout(lines)), context)
+        panel.draw(SimpleNamespace(layout=Layout(lines)), drawing_context(object=None))
         if bpy.app.timers.is_registered(refreshing.tick):
             bpy.app.timers.unregister(refreshing.tick)
             refreshing.tick()  # no timer runs without a window

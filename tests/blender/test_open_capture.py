@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import bpy
 import pytest
 from support.blender_windows import event, in_window
-from support.training_panel import Written
+from support.training_panel import panel_says
 
 from frog_blender.operators.open_capture import FROG_OT_drop_videos
 from frog_blender.tasks import background_task
@@ -26,15 +27,7 @@ def capture(tmp_path):
 @pytest.fixture
 def drawn_panel(empty):
     """A function that gives what the panel Capture says."""
-
-    def draw():
-        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-        context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=280), preferences=preferences)
-        layout = Written()
-        capture_panel.FROG_PT_capture.draw(SimpleNamespace(layout=layout), context)
-        return " ".join(layout.said)
-
-    return draw
+    return partial(panel_says, capture_panel.FROG_PT_capture)
 
 
 def drop(folder, *names):

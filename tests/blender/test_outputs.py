@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import bpy
-import numpy as np
 import pytest
-from safetensors.numpy import save_file
 from support.small_scenes import rig_of_three, write_scene
+from support.training_panel import leave_checkpoint
 
 from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
@@ -25,8 +23,7 @@ def trained(path, capture):
     """What a training of a folder leaves: a scene and a checkpoint."""
     scene = read_scene(write_scene(path, rig_of_three()))
     write_file(path, SceneFile(replace(scene.header, capture_path=str(capture.resolve())), scene.arrays))
-    state = json.dumps({"settings": {"capture": str(capture.resolve())}, "progress": 0.5, "step_count": 7})
-    save_file({"x": np.zeros(1)}, f"{path}.checkpoint", metadata={"frog-checkpoint": state})
+    leave_checkpoint(path, capture)
 
 
 def train():

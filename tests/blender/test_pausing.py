@@ -9,6 +9,7 @@ from pathlib import Path
 
 import bpy
 import pytest
+from support.training_panel import finish
 
 from frog_blender.engine.training.session import events
 from frog_blender.tasks import background_task
@@ -46,16 +47,7 @@ def held(addon):
     assert source.asked.wait(20.0)
     yield task, source
     task.cancel()
-    assert task.join(20.0)
-    while task.pump():
-        pass
-
-
-def ended(task):
-    assert task.join(20.0)
-    while task.pump():
-        pass
-    assert not task.is_running and task.is_cancelled and not TrainingTask.is_any_running()
+    finish(task)
 
 
 def test_a_paused_training_does_nothing_and_goes_on(held):
@@ -75,7 +67,7 @@ def test_a_paused_training_does_nothing_and_goes_on(held):
 def test_cancelled_while_paused(held):
     task, _ = held
     assert bpy.ops.frog.cancel_training() == {"FINISHED"}
-    ended(task)
+    assert finish(task).is_cancelled and not TrainingTask.is_any_running()
     assert not task.paused and not bpy.ops.frog.pause_training.poll()
 
 

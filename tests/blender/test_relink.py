@@ -235,7 +235,7 @@ def test_a_pasted_capture_plays(beside):
 
 
 def test_another_training_of_the_same_file_is_not_imported_again(beside, tmp_path):
-    from frog_blender.operators.training_result import ResultImporter
+    from frog_blender.operators.train import ResultImporter
 
     other = tmp_path / "other"
     other.mkdir()

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 from support.builders import REPOSITORY
-from support.training_panel import Written
+from support.training_panel import Written, finish, panel_says
 
 from frog_blender.engine.training.session import events
 from frog_blender.tasks import background_task
@@ -42,11 +42,7 @@ def capture(tmp_path, monkeypatch):
 
 
 def drawn(scene):
-    panel = SimpleNamespace(layout=Written())
-    system = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-    context = SimpleNamespace(scene=scene, region=SimpleNamespace(width=280), preferences=system)
-    train_panel.FROG_PT_train.draw(panel, context)
-    return " ".join(panel.layout.said)
+    return panel_says(train_panel.FROG_PT_train, scene=scene)
 
 
 def preferences_drawn(chosen):
@@ -123,15 +119,12 @@ def test_cancelled_from_the_panel_and_trained_on(chosen, capture):
     while not task.state.step:
         assert background_task.tick() is not None, task.error
     assert bpy.ops.frog.cancel_training() == {"FINISHED"}
-    assert task.join(60.0)
-    task.pump_all()
+    finish(task)
     assert task.is_cancelled and not task.error and task.state.result.is_file()
     assert "Import What There Is" not in drawn(scene) and "frog.train" in drawn(scene)
     settings.steps = task.state.step + 2000  # it was told to the panel a few times a second: more may be done
     assert bpy.ops.frog.train(resume=True) == {"FINISHED"}
-    task = TrainingTask.current()
-    assert task.join(120.0)
-    task.pump_all()
+    task = finish(TrainingTask.current())
     assert not task.error and task.state.step == settings.steps
 
 

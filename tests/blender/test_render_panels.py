@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import bpy
 import numpy as np
 import pytest
-from support.training_panel import Written
+from support.training_panel import panel_says
 
 from frog_blender.render import blur
 from frog_blender.render.world import background_of
@@ -19,16 +17,7 @@ def said(empty):
     """A function that gives what a panel says, or None where it is not shown."""
     empty.render.engine = "FROG"
 
-    def draw(panel, part="draw"):
-        layout = Written()
-        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-        context = SimpleNamespace(scene=empty, engine=empty.render.engine, region=None, preferences=preferences)
-        if not panel.poll(context):
-            return None
-        getattr(panel, part)(SimpleNamespace(layout=layout), context)
-        return " ".join(layout.said)
-
-    return draw
+    return lambda panel, part="draw": panel_says(panel, part, scene=empty, engine=empty.render.engine)
 
 
 def shown_under_frog():

@@ -8,13 +8,12 @@ import math
 import sys
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 from support.small_scenes import read_png
-from support.training_panel import Written
+from support.training_panel import panel_says
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.scene_capture import rig
@@ -254,11 +253,7 @@ def test_the_panel_leads_through_it(cube, monkeypatch):
     scene = bpy.context.scene
 
     def said():
-        layout = Written()
-        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-        context = SimpleNamespace(scene=scene, region=None, preferences=preferences)
-        scene_capture_panel.FROG_PT_scene_capture.draw(SimpleNamespace(layout=layout), context)
-        return " ".join(layout.said)
+        return panel_says(scene_capture_panel.FROG_PT_scene_capture)
 
     assert "frog.place_rig" in said() and "frog.capture_scene" not in said()
     assert "arc" not in said().split()

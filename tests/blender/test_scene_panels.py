@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 from support.small_scenes import rig_of_three, write_scene
-from support.training_panel import Written, told
+from support.training_panel import Written, panel_says, told
 
 from frog_blender.engine.interchange.ply import write_splats
 from frog_blender.engine.playback.player import ScenePlayer
@@ -26,20 +26,7 @@ from frog_blender.ui.capture_list import FROG_UL_captures
 def said(empty):
     """A function that gives what a panel says, or None where it is not shown."""
 
-    def draw(panel):
-        layout = Written()
-        context = SimpleNamespace(
-            scene=empty,
-            object=bpy.context.object,
-            region=None,
-            preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
-        )
-        if hasattr(panel, "poll") and not panel.poll(context):
-            return None
-        panel.draw(SimpleNamespace(layout=layout), context)
-        return " ".join(layout.said)
-
-    return draw
+    return lambda panel: panel_says(panel, scene=empty)
 
 
 def test_one_capture_is_a_handful_of_rows(empty, static_rig, said):

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
-from safetensors.numpy import save_file
 from support.option_examples import EXAMPLES
-from support.training_panel import Written, told
+from support.training_panel import finish, leave_checkpoint, panel_says, told
 
 from frog_blender.engine.options import Door, TrainingOptions, options_at
 from frog_blender.engine.training.session import events
@@ -30,12 +27,7 @@ def drawn(empty):
     """A function that draws the panel and gives what it says, label lines joined."""
 
     def draw(kind=train_panel.FROG_PT_train):
-        panel = SimpleNamespace(layout=Written())
-        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-        context = SimpleNamespace(scene=empty, region=SimpleNamespace(width=280), preferences=preferences)
-        if not hasattr(kind, "poll") or kind.poll(context):
-            kind.draw(panel, context)
-        return " ".join(panel.layout.said)
+        return panel_says(kind, scene=empty) or ""
 
     yield draw
     background_task.stop()
@@ -285,22 +277,16 @@ def test_a_time_limit_is_part_of_the_estimate(empty, drawn, capture):
     assert "Roughly 3" in drawn() and "hours on this processor" in drawn()
 
 
-def checkpoint(path: Path, folder: Path, progress: float, steps: int) -> None:
-    """What a training leaves beside its scene, as far as the panel looks at it."""
-    state = {"settings": {"capture": str(folder.resolve())}, "progress": progress, "step_count": steps}
-    save_file({"x": np.zeros(1)}, f"{path}.checkpoint", metadata={"frog-checkpoint": json.dumps(state)})
-
-
 def test_resume_is_offered_where_it_does_something(empty, drawn, capture, tmp_path):
     pytest.importorskip("torch")
     settings = empty.frog
     settings.capture_folder = str(capture)
     scene = Path(settings.output_path)
     assert "frog.train_longer" not in drawn() and drawn().count("frog.train") == 1
-    checkpoint(scene, capture, 0.4, 1200)
+    leave_checkpoint(scene, capture, 0.4, 1200)
     assert drawn().count("frog.train") == 2 and "frog.train_longer" not in drawn(), "Resume"
     assert not bpy.ops.frog.train_longer.poll()
-    checkpoint(scene, capture, 1.0, 3000)
+    leave_checkpoint(scene, capture, 1.0, 3000)
     assert drawn().split().count("frog.train") == 1 and "frog.train_longer" in drawn()
     with pytest.raises(RuntimeError, match="has had 3,000 steps already"):
         bpy.ops.frog.train_longer(steps=3000)
@@ -315,15 +301,11 @@ def test_training_longer_keeps_the_finished_scene(empty, capture, tmp_path):
     scene = Path(settings.output_path)
     assert bpy.ops.frog.train() == {"FINISHED"}
     try:
-        task = TrainingTask.current()
-        assert task.join(120.0)
-        task.pump_all()
+        task = finish(TrainingTask.current())
         assert not task.error and task.state.step == 12
         before = scene.read_bytes()
         assert bpy.ops.frog.train_longer(steps=20) == {"FINISHED"}
-        task = TrainingTask.current()
-        assert task.join(120.0)
-        task.pump_all()
+        task = finish(TrainingTask.current())
         assert not task.error and task.state.step == 20
         assert task.state.result == scene.with_name("capture_2.frog") == Path(settings.output_path)
         assert scene.read_bytes() == before

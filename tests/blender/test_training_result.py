@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 from support.small_scenes import rig_of_three, write_scene
-from support.training_panel import Written, told
+from support.training_panel import Written, panel_says, told
 from support.users_scene import users_scene, views
 
 from frog_blender import point_cloud
@@ -17,7 +17,7 @@ from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.output_paths import unused_output
 from frog_blender.operators import set_up_scene
-from frog_blender.operators.training_result import ResultImporter
+from frog_blender.operators.train import ResultImporter
 from frog_blender.scene_import.capture_objects import plays
 from frog_blender.scene_import.scene_setup import PARTS, start_cube
 from frog_blender.scene_import.transaction import values
@@ -37,14 +37,23 @@ def start(use_empty=False):
     return bpy.context.scene
 
 
-def test_in_a_new_file_a_training_that_ends_changes_nothing_but_adds_its_scene(addon, static_rig):
-    scene = start()
-    before, shading, selected = values(scene), [view.shading.type for view in views()], bpy.context.selected_objects
+@pytest.mark.parametrize("is_new", [True, False], ids=["a new file", "a scene of the user's"])
+def test_a_training_that_ends_changes_nothing_but_adds_its_scene(addon, static_rig, is_new):
+    scene = start(use_empty=not is_new)
+    if not is_new:
+        users_scene(scene)
+        mine = bpy.data.objects.new("Mine", None)
+        scene.collection.objects.link(mine)
+        mine.select_set(True)
+        bpy.context.view_layer.objects.active = mine
+    before, shading = values(scene), [view.shading.type for view in views()]
+    selected, active = bpy.context.selected_objects, bpy.context.object
+    collections = [collection.name for collection in scene.collection.children]
     assert ResultImporter(scene)(static_rig) == ""
     assert files(scene) == ["figure.frog"] and values(scene) == before
     assert [view.shading.type for view in views()] == shading
-    assert bpy.context.selected_objects == selected and bpy.context.object.name == "Cube"
-    assert [each.name for each in scene.collection.children] == ["Collection", "figure"], "cameras are a level below"
+    assert bpy.context.selected_objects == selected and bpy.context.object == active
+    assert [collection.name for collection in scene.collection.children] == [*collections, "figure"]
 
 
 def test_one_click_shows_it_and_one_question_sets_the_scene_up(addon, static_rig):
@@ -113,7 +122,7 @@ def test_the_default_cube_is_told_and_hidden(addon, static_rig, drawn):
     ResultImporter(scene)(static_rig)
     told(events.Finished(str(static_rig), 9, 1.0, 20.0, 5), Ended(""))
     said = drawn(scene)
-    assert {"frog.show_result", "frog.set_up_scene", "frog.hide_start_cube"} <= set(said)
+    assert {"frog.show_result", "frog.set_up_scene", "frog.hide_start_cube"} <= set(said.split())
     assert bpy.ops.frog.hide_start_cube() == {"FINISHED"} and bpy.data.objects["Cube"].hide_render
     assert "frog.hide_start_cube" not in drawn(scene) and not bpy.ops.frog.hide_start_cube.poll()
 
@@ -123,19 +132,6 @@ def test_a_cube_that_was_changed_is_the_users(addon):
     assert start_cube(scene) is not None
     scene.objects["Cube"].location.z = 1.0
     assert start_cube(scene) is None
-
-
-def test_a_scene_of_the_users_gets_the_capture_alone(empty, static_rig):
-    users_scene(empty)
-    mine = bpy.data.objects.new("Mine", None)
-    empty.collection.objects.link(mine)
-    mine.select_set(True)
-    bpy.context.view_layer.objects.active = mine
-    before, shading = values(empty), [view.shading.type for view in views()]
-    assert ResultImporter(empty)(static_rig) == ""
-    assert files(empty) == ["figure.frog"] and values(empty) == before
-    assert [view.shading.type for view in views()] == shading
-    assert bpy.context.view_layer.objects.active == mine and mine.select_get()
 
 
 def test_one_undo_takes_it_back(empty, static_rig):
@@ -214,14 +210,7 @@ def test_outputs_are_counted_on(tmp_path):
 def drawn(empty):
     """A function that draws the panel and gives what it says."""
 
-    def draw(scene=None):
-        panel = SimpleNamespace(layout=Written())
-        preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-        context = SimpleNamespace(scene=scene or empty, region=SimpleNamespace(width=2800), preferences=preferences)
-        train_panel.FROG_PT_train.draw(panel, context)
-        return panel.layout.said
-
-    yield draw
+    yield lambda scene=None: panel_says(train_panel.FROG_PT_train, scene=scene or empty)
     TrainingTask.forget()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,24 +9,16 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from safetensors.numpy import save_file
+from support.training_panel import finish, leave_checkpoint
 
 from frog_blender import addon_state, unsaved_changes
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session import events
-from frog_blender.operators import training_result
+from frog_blender.operators.train import ResultImporter
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask, watch
 from frog_blender.timeline import playback
 from frog_blender.ui import capture_summary
-
-
-def finish(task):
-    """Pump until the training ends, as a headless run does."""
-    assert task.join(20.0)
-    task.pump_all()
-    assert not task.is_running
-    return task
 
 
 def steps(count):
@@ -113,7 +104,7 @@ def test_what_an_import_needs_is_made_a_tick_before_it(addon):
 
 
 def test_a_scene_that_was_renamed_meanwhile_gets_the_import(empty, static_rig):
-    show = training_result.ResultImporter(empty)
+    show = ResultImporter(empty)
     empty.name = "Another"
     bpy.data.scenes.new("Scene")
     show(static_rig)
@@ -263,8 +254,7 @@ def test_what_the_panel_asks_for(empty, tmp_path):
     assert not can_resume(settings)
     (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
     assert not can_resume(settings), "what cannot be read is not resumed"
-    state = json.dumps({"settings": {"capture": str(tmp_path.resolve())}, "progress": 0.5, "step_count": 7})
-    save_file({"x": np.zeros(1)}, tmp_path / "scene.frog.checkpoint", metadata={"frog-checkpoint": state})
+    leave_checkpoint(tmp_path / "scene.frog", tmp_path)
     assert can_resume(settings) and request_of(settings, resume=True).options.resume
 
 
@@ -275,8 +265,5 @@ def test_resuming_what_is_no_checkpoint_is_one_sentence(empty, tmp_path):
     (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
     addon_state.reset(capture_summary.Inspected)  # as in a file that was just opened
     assert bpy.ops.frog.train(resume=True) == {"FINISHED"}
-    task = TrainingTask.current()
-    assert task.join(60)
-    while task.pump():
-        pass
+    task = finish(TrainingTask.current())
     assert "scene.frog.checkpoint" in task.error and "\n" not in task.error

@@ -1,8 +1,13 @@
-"""A layout that keeps what a panel writes, and trainings in any state for the panel to show."""
+"""What panels write, and background tasks in any state for them to show."""
 
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
+
+import bpy
+import numpy as np
+from safetensors.numpy import save_file
 
 from frog_blender.tasks.training import TrainingTask
 
@@ -50,6 +55,42 @@ class Written:
         return Written(self.said)
 
     row = column = grid_flow = split = box
+
+
+def panel_says(panel, part="draw", **values):
+    """What a panel writes into its layout, label lines joined; None where it is not shown.
+
+    Args:
+        part: the function that draws.
+        values: of the context, in place of the real ones.
+    """
+    layout = Written()
+    context = drawing_context(**values)
+    if hasattr(panel, "poll") and not panel.poll(context):
+        return None
+    getattr(panel, part)(SimpleNamespace(layout=layout), context)
+    return " ".join(layout.said)
+
+
+def drawing_context(**values):
+    """What a panel is drawn with in a sidebar of the usual width."""
+    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+    usual = {"scene": bpy.context.scene, "object": bpy.context.object, "region": SimpleNamespace(width=280)}
+    return SimpleNamespace(**(usual | {"preferences": preferences} | values))
+
+
+def finish(task):
+    """Pumps a background task until it ends, as a headless run does."""
+    assert task.join(120.0)
+    task.pump_all()
+    assert not task.is_running
+    return task
+
+
+def leave_checkpoint(path, capture, progress=0.5, steps=7):
+    """What a training of a capture leaves beside its scene, as far as the panel looks at it."""
+    state = {"settings": {"capture": str(capture.resolve())}, "progress": progress, "step_count": steps}
+    save_file({"x": np.zeros(1)}, f"{path}.checkpoint", metadata={"frog-checkpoint": json.dumps(state)})
 
 
 def told(*said):

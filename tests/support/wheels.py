@@ -1,4 +1,4 @@
-"""Packages of the tests' own for pip to find, and installations that have ended."""
+"""Packages of the tests' own for pip to find."""
 
 from __future__ import annotations
 
@@ -20,10 +20,3 @@ def wheel(folder: Path, requirement: str, content: str = "") -> None:
             f"{info}/WHEEL", "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
         )
         file.writestr(f"{info}/RECORD", "")
-
-
-def finished(installation):
-    assert installation.join(120.0)
-    installation.pump_all()
-    assert not installation.is_running
-    return installation
