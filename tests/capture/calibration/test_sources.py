@@ -199,8 +199,9 @@ def test_looking_for_a_board_can_be_cancelled(board_footage: Path, tmp_path: Pat
 
 
 def test_a_failed_download_of_the_landmark_file_is_said(
-    room_footage: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    room_footage: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path))  # this computer's may hold the file
     failing = [sys.executable, "-c", "print('ERROR: no such thing'); raise SystemExit(1)"]
     monkeypatch.setattr(landmark_file, "run_pip", partial(landmark_file.run_pip, pip=failing))
     assert main(["calibrate", str(room_footage), "--fetch-landmarks"]) == 1
