@@ -26,7 +26,8 @@ _NEWEST = 0.5  # share of the newest training in a factor
 # Reference seconds, on two cores with AVX2 at 3.2 GHz. Of a step: fixed, for a thousand Gaussians, for a thousand of
 # them and a thousand weights of the network, and for a million pixels. Of an image's million pixels that are decoded.
 _FIXED, _GAUSSIANS, _WEIGHTS, _PIXELS, _DECODED = 6e-3, 0.53e-3, 0.054e-3, 113e-3, 40e-3
-_BESIDES = {"fixed": 55, "auto": 185}  # evaluations, compression and saving take as long as so many steps, by capacity
+# Evaluations, compression and saving take as long as so many steps, by capacity: before the last step, and after it.
+_BESIDES = {"fixed": (40, 15), "auto": (140, 45)}
 _HALF = 0.4  # time of a step on images of half the size
 
 
@@ -60,7 +61,7 @@ class Workload:
         cropped = 1 - r.region_share + r.region_share * r.region_size**2
         of_gaussians = (_GAUSSIANS + _WEIGHTS * weights / 1e3) * r.max_gaussians / 1e3
         step = _FIXED + of_gaussians + _PIXELS * cropped * self.pixels / 1e6
-        return (self.steps + _BESIDES[r.capacity]) * step * r.views_per_step * _spent(r, 1.0)
+        return (self.steps + sum(_BESIDES[r.capacity])) * step * r.views_per_step * _spent(r, 1.0)
 
 
 def _spent(recipe: Recipe, progress: float) -> float:
@@ -74,8 +75,7 @@ def estimate(work: Workload, device: str = "cpu", limit: float | None = None) ->
     where = "on the GPU" if device == "cuda" else "on this processor"
     if device == "cuda" and not trainings:
         return f"Time {where}: not known before a first training has finished there"
-    decoding = _DECODED * work.images * work.pixels / 1e6
-    seconds = factor * (decoding + work.seconds) if limit is None else factor * decoding + limit
+    seconds = factor * _DECODED * work.images * work.pixels / 1e6 + (limit or factor * work.seconds)
     known = "as earlier trainings went" if trainings else "a guess until a training has finished here"
     return f"{'About' if trainings else 'Roughly'} {about(seconds)} {where}, {known}"
 
@@ -90,7 +90,8 @@ class TimeLeft:
     """
 
     def __init__(self, work: Workload, device: str, progress: float, seconds: float) -> None:
-        self._recipe, self._whole = work.recipe, _spent(work.recipe, 1.0)
+        self._recipe, after = work.recipe, _BESIDES[work.recipe.capacity][1]
+        self._whole = _spent(work.recipe, 1.0) * (1 + after / work.steps)
         self._rate = history(device)[1] * work.seconds / self._whole
         self._spent, self._seconds = _spent(work.recipe, progress), seconds
 
