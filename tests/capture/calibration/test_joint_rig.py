@@ -145,6 +145,11 @@ def test_nothing_is_made_up_where_the_films_say_too_little() -> None:
         moving_tracks(facts, [walk, still])
     with pytest.raises(CalibrationRefused, match="cam01 shows no person"):
         moving_tracks(facts, [walk, nobody])
+    # Seen from the side, nothing tells whether left and right changed: they fit a lag that is a stride off as well.
+    side = around(SPREAD[1:2], TALL, 1680.0, distance=4.0)[0]
+    turned = filmed(side, 0.317, 1, times=FRAME * np.arange(64), swapped=(12, 33))
+    with pytest.raises(CalibrationRefused, match="cam00 nothing tells left from right"):
+        moving_tracks(facts[:1], [turned])
     assert track_lags([walk, nobody], TALL[1]) == []
     apart = [np.array([0.0, 99.0])]
     with pytest.raises(CalibrationRefused):

@@ -24,7 +24,15 @@ from .board import images_at
 from .calibration import Calibration, CalibrationRefused
 from .clocks import FoundClocks, with_clocks
 from .films import Film, View, common_times
-from .joints import agreed_sides, find_joints, heights, steady_sides, with_sides, without_strays
+from .joints import (
+    agreed_sides,
+    find_joints,
+    heights,
+    leaves_sides_open,
+    steady_sides,
+    with_sides,
+    without_strays,
+)
 from .landmarks import JOINTS, LandmarkNetwork
 from .model import Model
 from .points import CameraFacts, PointRig, PointViews, solve_points
@@ -235,10 +243,15 @@ def moving_tracks(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks]) -
     """Each film's joints without changes of left for right and without strays.
 
     Raises:
-        CalibrationRefused: for a film in which too few joints move.
+        CalibrationRefused: for a film in which too few joints move, or nothing tells left from right.
     """
     clean = []
     for camera, track in zip(facts, tracks, strict=True):
+        if leaves_sides_open(track.positions):  # a wrong side fits a wrong offset as well, a stride away
+            raise CalibrationRefused(
+                f"In the film of camera {camera.name} nothing tells left from right, nor, therefore, when it began: "
+                f"{REMEDY}."
+            )
         pixels = without_strays(with_sides(track.positions, steady_sides(track.positions)))
         seen = np.isfinite(pixels[:, :, 0]).sum(0) >= _LEAST_IMAGES
         if not seen.any():

@@ -28,6 +28,7 @@ _BESIDE = 2  # images before and after
 _STRAY = 0.06  # of the height of what is seen of the person
 _JUMP = 0.25  # of the person's height: a joint that goes farther between two images costs no more
 _DOUBT = 0.02  # of a jump of all joints: what it costs to contradict the network in one image
+_FEW_OPEN = 0.05  # of a film's images: so few with the wrong sides do no harm
 _SURER = 0.8  # of the cost as it was: a change of sides must gain so much
 _MOST_TOGETHER = 6  # cameras of which all combinations are tried; more are tried one by one
 
@@ -85,8 +86,23 @@ def with_sides(pixels: Float64s, swapped: Bools) -> Float64s:
     return np.where(swapped[..., None, None], pixels[..., OTHER_SIDE, :], pixels)
 
 
-def steady_sides(pixels: Float64s) -> Bools:
-    """(T,) in which images of a film left and right must change places for the joints (T, 16, 2) not to jump."""
+def leaves_sides_open(pixels: Float64s) -> bool:
+    """Whether a film's joints (T, 16, 2) may change left for right elsewhere as well as where ``steady_sides`` says.
+
+    Seen from the side both names of a joint lie in almost one place, and nothing tells whether they changed there: then
+    it matters how far the network is trusted.
+    """
+    seen = np.isfinite(pixels[:, :, 0]).any(1)
+    differ = (steady_sides(pixels) != steady_sides(pixels, _DOUBT / max(int(seen.sum()), 1)))[seen]
+    return bool(len(differ)) and _FEW_OPEN < float(differ.mean()) < 1 - _FEW_OPEN
+
+
+def steady_sides(pixels: Float64s, doubt: float = _DOUBT) -> Bools:
+    """(T,) in which images of a film left and right must change places for the joints (T, 16, 2) not to jump.
+
+    Args:
+        doubt: of a jump of all joints, what it costs to contradict the network in one image.
+    """
     seen = np.flatnonzero(np.isfinite(pixels[:, :, 0]).any(1))
     swapped = np.zeros(len(pixels), dtype=bool)
     if len(seen) < 2:
@@ -96,11 +112,11 @@ def steady_sides(pixels: Float64s) -> Bools:
     stays = _moved(shown[:-1], shown[1:], size)
     jumps = _moved(shown[:-1], shown[1:, OTHER_SIDE], size)
     # The cheapest path through the images (Viterbi), of the two names that each may have.
-    costs, came_from = np.array([0.0, _DOUBT]), []
+    costs, came_from = np.array([0.0, doubt]), []
     for stay, jump in zip(stays.tolist(), jumps.tolist(), strict=True):
         paths = costs[:, None] + np.array([[stay, jump], [jump, stay]])
         came_from.append(paths.argmin(0))
-        costs = paths.min(0) + np.array([0.0, _DOUBT])
+        costs = paths.min(0) + np.array([0.0, doubt])
     state = int(costs.argmin())
     for image in range(len(seen) - 1, -1, -1):
         swapped[seen[image]] = state == 1
