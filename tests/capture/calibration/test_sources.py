@@ -7,14 +7,13 @@ import shutil
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from frog_blender.cli.main import main
-from frog_blender.engine.capture.calibration import landmark_file, sources
+from frog_blender.engine.capture.calibration import sources
 from frog_blender.engine.capture.calibration.board_detection import Board
 from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
 from frog_blender.engine.capture.calibration.films import Film, View, find_films
@@ -203,6 +202,6 @@ def test_a_failed_download_of_the_landmark_file_is_said(
 ) -> None:
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))  # this computer's may hold the file
     failing = [sys.executable, "-c", "print('ERROR: no such thing'); raise SystemExit(1)"]
-    monkeypatch.setattr(landmark_file, "run_pip", partial(landmark_file.run_pip, pip=failing))
+    monkeypatch.setattr("frog_blender.engine.io.pip.pip_command", lambda: failing)
     assert main(["calibrate", str(room_footage), "--fetch-landmarks"]) == 1
     assert "could not be fetched: no such thing" in capsys.readouterr().err
