@@ -3,6 +3,6 @@
 ``films`` and ``sequences`` say what is looked at, ``features`` and ``matching`` what images share. ``structure`` turns
 that into a model by ``colmap``, ``checks`` say whether it is to be used, and ``placing`` asks a process of its own for
 it (``placing_task``). ``sources`` are what cameras may come from: besides features, a board (``board``,
-``rig_solver``) and named points (``points``), such as a person's joints. ``camera_files`` and ``report`` write what was
-found.
+``board_rig``) and named points (``points``, with clocks ``clocked_points``), such as a person's joints.
+``camera_files`` and ``report`` write what was found.
 """

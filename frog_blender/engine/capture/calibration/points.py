@@ -18,9 +18,9 @@ from ...io.plain_values import JsonList, UnfitValue, entries, items, number, pla
 from ...io.regular_file import regular_file
 from .calibration import Calibration, CalibrationRefused
 from .checks import MOST_UNSURE
+from .clocked_points import adjust_clocks
 from .colmap import Adjusted, adjust, verified
 from .model import Lens, Model, disagreement
-from .rig_solver import FOCAL, Options, Rig, Sightings, solve
 from .structure import Images, agreeing, propose, rivals
 from .support import calibration_of, camera_support
 from .tracks import Tracks, join
@@ -136,7 +136,11 @@ def solve_points(views: PointViews, *, halves: Bools | None = None, start: Model
         adjusted = adjust(start, tracks, images.groups, [0] * len(images.lenses))
     delays = sigmas = np.zeros(len(views.facts))
     if views.velocities is not None:
-        adjusted, delays, sigmas = _timed(views, adjusted, tracks)
+        moving, loss = (
+            views.velocities[tracks.cameras, tracks.features],
+            0.5 * min(lens.limit for lens in images.lenses),
+        )
+        adjusted, delays, sigmas = adjust_clocks(adjusted, tracks, moving, images.groups, loss)
     worst = int(np.argmax(adjusted.uncertainty))
     if not adjusted.uncertainty[worst] < MOST_UNSURE:
         raise CalibrationRefused(
@@ -266,48 +270,3 @@ def _unjoined(views: PointViews, pairs: Mapping[tuple[int, int], Ints]) -> str:
         f"{views.facts[one].name} and {views.facts[other].name} ({len(pairs[one, other])})" for one, other in fewest
     )
     return f"The points do not join all cameras to one rig, the fewest are shared by {poor}: {views.remedy}."
-
-
-def _timed(views: PointViews, adjusted: Adjusted, tracks: Tracks) -> tuple[Adjusted, Float64s, Float64s]:
-    """The model with the cameras' clocks free, and these (C,) with their standard deviations: COLMAP has no clocks."""
-    assert views.velocities is not None
-    model, groups = adjusted.model, views.images.groups
-    lens_rows = [groups.index(group) for group in sorted(set(groups))]
-    lenses = np.array([[model.lenses[row].focal, 0.0, 0.0, *_middle(model.lenses[row])] for row in lens_rows])
-    known = np.isfinite(adjusted.points).all(axis=1)
-    used = known[tracks.points]
-    bodies = np.cumsum(known) - 1
-    rig = Rig(
-        model.poses[:, :, :3],
-        model.poses[:, :, 3],
-        lenses,
-        np.array([sorted(set(groups)).index(group) for group in groups]),
-        np.tile(np.eye(3), (int(known.sum()), 1, 1)),
-        adjusted.points[known],
-        np.zeros(len(groups)),
-    )
-    cameras, features = tracks.cameras[used], tracks.features[used]
-    velocities = views.velocities[cameras, features]
-    seen = Sightings(cameras, bodies[tracks.points[used]], np.zeros((len(cameras), 3)), tracks.pixels[used], velocities)
-    free = np.zeros(lenses.shape, bool)
-    free[:, FOCAL] = True
-    loss = 0.5 * min(lens.limit for lens in model.lenses)
-    solved = solve(rig, seen, Options(free, turning=False, loss_scale=loss, timing=True))
-    found, points = solved.rig, np.full_like(adjusted.points, np.nan)
-    points[known] = found.body_positions
-    distances = np.full(len(tracks.points), np.inf)
-    distances[used] = np.linalg.norm(found.residuals(seen), axis=1)
-    moved = Model(
-        np.concatenate([found.rotations, found.translations[:, :, None]], axis=2),
-        tuple(
-            replace(lens, focal=float(found.lenses[row, FOCAL]))
-            for lens, row in zip(model.lenses, found.lens_of.tolist(), strict=True)
-        ),
-    )
-    sigmas = solved.lens_sigmas[found.lens_of, FOCAL]
-    delays = np.zeros(len(groups)) if found.delays is None else found.delays
-    return Adjusted(moved, points, distances, sigmas), delays, solved.delay_sigmas
-
-
-def _middle(lens: Lens) -> tuple[float, float]:
-    return lens.width / 2, lens.height / 2
