@@ -11,7 +11,7 @@ import pytest
 
 from frog_blender.engine.arrays import Float64s, ImageArray
 from frog_blender.engine.capture.calibration.board import calibrate_board
-from frog_blender.engine.capture.calibration.board_detection import Board, Corners, find_board, find_corners
+from frog_blender.engine.capture.calibration.board_detection import Board, find_board, find_corners
 from frog_blender.engine.capture.calibration.board_file import read_board
 from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
 from frog_blender.engine.capture.camera import Camera
@@ -264,27 +264,6 @@ def test_images_without_the_board_give_none() -> None:
     blank = np.full((300, 400, 3), 127, np.uint8)
 
     assert list(find_corners(BOARD, [blank, blank])) == [None, None]
-
-
-def test_from_images_to_a_rig() -> None:
-    board = Board(4, 5, square=0.1, marker=0.75, dictionary="DICT_4X4_50", inverted=True)
-    cameras = around([0.0, 35.0], (640, 480), 620.0, distance=1.4)
-    rng = np.random.default_rng(2)
-    poses = []
-    for pose in board_poses(14, 3, tilt=0.5):
-        upright = pose.copy()
-        upright[:3, :3] = cameras[0].rotation.T @ pose[:3, :3]
-        upright[:3, 3] = np.array([0.0, 0.0, 0.9]) + rng.uniform(-0.15, 0.15, 3)
-        upright[:3, 3] -= upright[:3, :3] @ [0.2, 0.25, 0.0]
-        poses.append(upright)
-    images = [[photographed(board, camera, pose) for pose in poses] for camera in cameras]
-
-    corners: list[list[Corners | None]] = [list(find_corners(board, seen)) for seen in images]
-    found = calibrate_board(facts_of(cameras), board, corners)
-
-    baseline = np.linalg.norm(found.cameras[0].camera.center - found.cameras[1].camera.center)
-    assert baseline == pytest.approx(np.linalg.norm(cameras[0].center - cameras[1].center), rel=0.02)
-    assert rig_errors(found, cameras)[2] < 2.0
 
 
 # --- boards described in files
