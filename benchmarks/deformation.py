@@ -35,7 +35,7 @@ from frog_blender.engine.model.frog import FINISHED, Frog, FrogSettings
 from frog_blender.engine.model.fused import FieldPass, field_arrays, forward_field
 from frog_blender.engine.native import binding
 from frog_blender.engine.playback.deformation import DeformationPlayer
-from frog_blender.experiments.timing import spread_times
+from frog_blender.research.timing import spread_times
 
 NETWORKS: dict[str, dict[str, Any]] = {
     "shared 64": {"hidden_width": 64, "head_width": 0, "deformed_sh": 1},

@@ -27,7 +27,7 @@ INTEGRATION = (
     "capture/test_seeds.py",
     "capture/test_shipped_captures.py",
     "cli",
-    "experiments",
+    "research",
     "playback/test_without_torch.py",
     "rasterizer/cuda",
     "rasterizer/test_bands.py",

@@ -38,7 +38,7 @@ TAGS = {
 }
 """The platforms that Blender runs on, each with the tags of wheels that it takes for certain, the newest first."""
 LIBRARY_SUFFIXES = (".so", ".dylib", ".dll")
-LEFT_OUT = ("cli", "experiments", "engine/distributed")
+LEFT_OUT = ("cli", "research", "engine/distributed")
 """Rooms of the package that nothing in Blender uses: the command line and what it alone calls."""
 TRAINING = (
     "scene_capture",

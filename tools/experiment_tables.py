@@ -33,12 +33,12 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import raster_report  # noqa: E402
 
-from frog_blender.engine.training.methods import method_named  # noqa: E402
-from frog_blender.experiments import charts, heat_map, stability  # noqa: E402
-from frog_blender.experiments.grid import AUTO_LABEL  # noqa: E402
-from frog_blender.experiments.results import read  # noqa: E402
-from frog_blender.experiments.summary import Row, Section, differences, sections  # noqa: E402
-from frog_blender.experiments.tables import markdown, table  # noqa: E402
+from frog_blender.engine.registry import METHODS  # noqa: E402
+from frog_blender.research import charts, heat_map, stability  # noqa: E402
+from frog_blender.research.grid import AUTO_LABEL  # noqa: E402
+from frog_blender.research.results import read  # noqa: E402
+from frog_blender.research.summary import Row, Section, differences, sections  # noqa: E402
+from frog_blender.research.tables import markdown, table  # noqa: E402
 
 Record = dict[str, Any]
 BLOCK = re.compile(r"(<!-- table ([\w-]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
@@ -66,7 +66,7 @@ def overview(name: str, group: str = "methods") -> str:
     found = comparable(name)
     labels = [row.label for row in found[0].rows[group]]
     if group == "time":
-        labels.insert(0, method_named("frog").title)
+        labels.insert(0, METHODS["frog"].title)
     lines = []
     for label in labels:
         rows = [section.row(label, group) or section.row(label) for section in found]
@@ -135,7 +135,7 @@ def sweep(name: str) -> str:
 def under_conditions(name: str) -> str:
     """PSNR by seed under every condition of the stability suite."""
     found = stability.outcome(results(name))
-    frog, base, static, curves = (method_named(name).title for name in ("frog", "ed3dgs", "static", "curves"))
+    frog, base, static, curves = (METHODS[name].title for name in ("frog", "ed3dgs", "static", "curves"))
 
     def ahead(condition: str, first: str, second: str) -> list[float]:
         here, there = (found.cell(condition, label).psnr for label in (first, second))

@@ -34,3 +34,26 @@ def opened_cluster(scheduler: str, workers: int) -> Iterator[Cluster]:
     with Cluster(scheduler, workers) as cluster:
         print(f"Dask: {cluster.slots} at once; {cluster.dashboard}", file=sys.stderr, flush=True)
         yield cluster
+
+
+@contextmanager
+def limited_threads(count: int) -> Iterator[None]:
+    """At most ``count`` threads each for the native library, torch and OpenCV inside the block; 0 changes nothing."""
+    if not count:
+        yield
+        return
+    import cv2
+    import torch
+
+    from ..engine.native import binding
+
+    before, torch_before = cv2.getNumThreads(), torch.get_num_threads()
+    cv2.setNumThreads(count)
+    torch.set_num_threads(count)
+    binding.set_thread_count(count)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+        torch.set_num_threads(torch_before)
+        binding.set_thread_count(0)

@@ -18,6 +18,7 @@ def add_eval_parser(commands: Any) -> None:
     evaluate.add_argument("--mask", type=Path, help="an image, or an .npz with a mask for each camera")
     evaluate.add_argument("--split", choices=["auto", "held-out", "training"], default="auto")
     evaluate.add_argument("--perceptual", action="store_true", help="also FLIP and LPIPS, where they are installed")
+    evaluate.add_argument("--metric", action="append", default=[], metavar="NAME", help="also this one, of a package")
     evaluate.add_argument("--json", action="store_true")
     evaluate.set_defaults(run=_eval)
 
@@ -33,6 +34,7 @@ def _eval(options: argparse.Namespace) -> int:
             split=options.split,
             mask_file=options.mask,
             perceptual=options.perceptual,
+            metrics=options.metric,
             progress=report,
         )
     if options.json:

@@ -11,9 +11,9 @@ from typing import NoReturn
 
 from ..engine.errors import FrogError
 from ..engine.notices import as_sentences
+from ..engine.registry import COMMANDS
 from .cache_command import add_cache_parser
 from .calibrate import add_calibrate_parser
-from .chart_command import add_chart_parser
 from .demo_command import add_demo_parser
 from .eval_command import add_eval_parser
 from .export_command import add_export_parser
@@ -22,7 +22,6 @@ from .import_command import add_import_parser
 from .info_command import add_info_parser
 from .printing import complain
 from .render_command import add_render_parser
-from .stability_command import add_stability_parser
 from .stopping import leaving_cleanly
 from .train_command import add_recipes_parser, add_train_parser
 
@@ -87,7 +86,10 @@ def _parser() -> argparse.ArgumentParser:
     add_export_parser(commands)
     add_import_parser(commands)
     add_cache_parser(commands)
-    add_chart_parser(commands)
-    add_stability_parser(commands)
     add_demo_parser(commands)
+    for name in COMMANDS:
+        try:
+            COMMANDS[name](commands)
+        except FrogError as error:  # of a package that is not ours: the other commands work
+            complain(error)
     return parser

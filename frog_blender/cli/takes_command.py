@@ -156,7 +156,7 @@ def train_take(task: Mapping[str, Any], tell: Callable[[float], None], cancelled
     """
     from ..engine.training.session.job import TrainingJob
     from ..engine.training.session.run import run_training
-    from ..experiments.machine import limited_threads
+    from .cluster import limited_threads
 
     output = Path(task["output"])
     fields = {"device": task["device"], "save_every": task["save_every"], "overwrite": task["overwrite"]}

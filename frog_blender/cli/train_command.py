@@ -45,6 +45,7 @@ def add_train_parser(commands: Any) -> None:
     train.add_argument(
         "--config", type=Path, metavar="FILE.toml", help="the same from a file; options and --set override it"
     )
+    train.add_argument("--sink", action="append", default=[], metavar="NAME", help="tell a package's sink every event")
     train.add_argument(
         "--events",
         action="store_true",
@@ -102,7 +103,7 @@ def _train(arguments: argparse.Namespace) -> int:
     options, names = _options_of(arguments)
 
     def job_of(capture: Path, output: Path) -> TrainingJob:
-        return TrainingJob.of_options(capture, output, options, chosen=names)
+        return TrainingJob.of_options(capture, output, options, chosen=names, sinks=tuple(arguments.sink))
 
     if arguments.takes:
         return _train_takes(arguments, job_of)

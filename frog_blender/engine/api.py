@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,8 +13,7 @@ from .capture.camera import Camera
 from .capture.capture import Capture
 from .capture.readers import open_capture as read_capture
 from .errors import FrogError, brief
-from .evaluation.evaluate import Figures, as_trained, open_training_capture
-from .evaluation.evaluate import evaluate as evaluate_images
+from .evaluation.evaluate import Figures, as_trained, evaluate_images, metrics_named, open_training_capture
 from .frames.store import FrameStore
 from .given_options import training_options
 from .notices import say
@@ -58,12 +57,14 @@ class CameraMetrics:
         ssim: mean over the images, with the window of 3DGS.
         psnr_moving: dB over the pixels that change over time; None where nothing does, or the camera moves.
         images: how many there were.
+        more: what ``metrics`` asked for, by name, means over the images.
     """
 
     psnr: float
     ssim: float
     psnr_moving: float | None
     images: int
+    more: Mapping[str, float] = field(default_factory=dict, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,7 @@ def train(
     capture: Capture | PathArgument,
     output: PathArgument,
     *,
+    sinks: Sequence[str] = (),
     on_event: Callable[[Event], object] | None = None,
     cancelled: Callable[[], bool] = lambda: False,
     **options: Any,
@@ -117,6 +119,7 @@ def train(
     Args:
         capture: opened, or its folder.
         output: the ``.frog`` to write. Its checkpoint lies beside it.
+        sinks: names of ``engine.registry.SINKS`` that are told every event.
         on_event: called with every event of ``engine.training.session.events``, in this thread.
         cancelled: asked between steps; True ends the training and keeps what was learned.
         OPTIONS
@@ -132,7 +135,8 @@ def train(
     opened = capture if isinstance(capture, Capture) else None
     folder = capture.path if isinstance(capture, Capture) else _path("capture", capture)
     names = {name: name for name in (*options, *(chosen.settings or {}))}
-    job = TrainingJob.of_options(folder, _path("output", output), chosen, opened=opened, chosen=names)
+    more = {"opened": opened, "chosen": names, "sinks": tuple(sinks)}
+    job = TrainingJob.of_options(folder, _path("output", output), chosen, **more)
     result = TrainResult(None, False, 0)
     for event in run_training(job, cancelled):
         if on_event is not None:
@@ -184,6 +188,7 @@ def evaluate(
     *,
     split: str = "auto",
     mask: PathArgument | None = None,
+    metrics: Sequence[str] = (),
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Metrics:
     """Compares a scene with the images of the capture that it was trained on. No torch.
@@ -193,6 +198,7 @@ def evaluate(
         split: "held-out", "training", or "auto" for held-out images if there are any.
         mask: an image (white counts) or an ``.npz`` with a mask by camera, for ``psnr_moving``; None finds the pixels
             that change over time.
+        metrics: names of further ones, of ``engine.registry.METRICS``.
         on_progress: called with the number of images that are done, and of all.
 
     Raises:
@@ -202,17 +208,20 @@ def evaluate(
         seen = as_trained(scene.header, capture)
     else:
         seen = open_training_capture(scene, Path(capture))
+    more = metrics_named(metrics)
     figures = evaluate_images(
         scene,
         seen,
         FrameStore.open(seen),
         split=split,
         mask_file=Path(mask) if mask is not None else None,
+        more_metrics=more,
         progress=on_progress,
     )
-    cameras = {name: CameraMetrics(**_metrics(values)) for name, values in figures["cameras"].items()}
-    return Metrics(**_metrics(figures), split=figures["split"], cameras=cameras)
+    cameras = {name: CameraMetrics(**_metrics(values, more)) for name, values in figures["cameras"].items()}
+    return Metrics(**_metrics(figures, more), split=figures["split"], cameras=cameras)
 
 
-def _metrics(figures: Figures) -> dict[str, Any]:
-    return {**{name: figures[name] for name in ("psnr", "ssim", "psnr_moving")}, "images": figures["frames"]}
+def _metrics(figures: Figures, more: Iterable[str]) -> dict[str, Any]:
+    plain = {name: figures[name] for name in ("psnr", "ssim", "psnr_moving")}
+    return {**plain, "images": figures["frames"], "more": {name: figures[name] for name in more}}

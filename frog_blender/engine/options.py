@@ -11,8 +11,8 @@ from typing import Any
 
 from .capture.masking import MaskSettings, chroma_key
 from .errors import FrogError
-from .field.names import METHODS
 from .recipes import RECIPES, Recipe, recipe
+from .registry import METHODS
 from .setting import (
     MEANING,
     Choice,
@@ -181,7 +181,7 @@ _RESUMED = "the buttons Resume and Train Longer are for it"
 class JobOptions:
     """Options of a training besides its recipe's."""
 
-    method: str = _option("frog", Choice(METHODS), "how motion is modelled", label="Method")
+    method: str = _option("frog", Choice(lambda: tuple(METHODS)), "how motion is modelled", label="Method")
     steps: int | None = _option(
         None,
         OrNone(Number(1, 10**12, whole=True)),

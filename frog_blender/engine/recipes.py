@@ -9,7 +9,22 @@ from typing import Any
 
 from .errors import FrogError, brief
 from .field.names import FORMS, FUSIONS, WINDOW_COLUMNS, network_count
-from .setting import Name, check_all, choice, flag, fractions, meanings_of, nearest, number, plain, setting, whole
+from .registry import DENSITY, LOSSES, RASTERIZERS
+from .setting import (
+    Choice,
+    Name,
+    Weights,
+    check_all,
+    choice,
+    flag,
+    fractions,
+    meanings_of,
+    nearest,
+    number,
+    plain,
+    setting,
+    whole,
+)
 
 SAMPLINGS = ("anchors", "inverse", "off")
 _MOST_COARSE_ROWS = 30
@@ -176,6 +191,16 @@ class Recipe:
     sampling_until: float = number(0.7, 0, _NEVER, "until when")
     sampling_every: float = number(0.01, _OFTENEST, _NEVER, "how often")
     sampling_share: float = number(0.002, 0, 1, "new anchors a round, as a share of the Gaussians")
+
+    density: str = setting(
+        "adaptive", Choice(lambda: tuple(DENSITY)), "strategy that adds and removes Gaussians", group="Of packages"
+    )
+    losses: str = setting("", Weights(LOSSES, 1e4), "terms of the loss besides, as NAME:WEIGHT,NAME:WEIGHT")
+    rasterizer: str = setting(
+        "auto",
+        Choice(lambda: ("auto", *RASTERIZERS)),
+        "what draws; auto is the fastest on the device, and with any other a model is computed by torch alone",
+    )
 
     def steps_for(self, frames: int) -> int:
         """Steps for a capture of so many frames: more motion takes longer to learn."""

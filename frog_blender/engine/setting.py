@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from typing import Any, Protocol, TypeAlias
 
 from .errors import FrogError, brief
+from .registry import Registry
 
 Field: TypeAlias = Any  # what dataclasses.field gives stands for a value of the annotated type
 Settings: TypeAlias = Any  # an instance of any dataclass, or one
@@ -79,6 +80,36 @@ class Choice:
     @property
     def expected(self) -> str:
         return f"one of {', '.join(text_of(known) for known in self.values)}"
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Names of a registry with a weight each, as "NAME:WEIGHT,NAME:WEIGHT"; "" for none."""
+
+    known: Registry[Any]
+    most: float
+
+    def accepts(self, value: object) -> bool:
+        try:
+            weights = weights_of(value) if isinstance(value, str) and len(value) <= 1000 else None
+        except ValueError:
+            return False
+        return weights is not None and all(
+            name in self.known and 0 <= weight <= self.most for name, weight in weights.items()
+        )
+
+    def parse(self, text: str) -> str:
+        return text
+
+    @property
+    def expected(self) -> str:
+        return f"NAME:WEIGHT, with commas between several, of {', '.join(self.known)}, from 0 to {self.most:g}"
+
+
+def weights_of(text: str) -> dict[str, float]:
+    """Weights by name of what ``Weights`` accepts; ValueError for other text."""
+    pairs = [part.split(":") for part in text.split(",") if part]
+    return {name.strip(): float(weight) for name, weight in pairs}
 
 
 @dataclass(frozen=True)

@@ -190,7 +190,7 @@ def test_zip_holds_what_playing_needs_and_no_more(extension):
     names = zipfile.ZipFile(extension).namelist()
     assert "blender_manifest.toml" in names and "__init__.py" in names and "LICENSE" in names
     assert not any("__pycache__" in name or name.startswith("tests") for name in names)
-    assert not any(name.startswith(("cli/", "experiments/")) for name in names), "nothing in Blender uses these"
+    assert not any(name.startswith(("cli/", "research/")) for name in names), "nothing in Blender uses these"
 
 
 class Unguarded(ast.NodeTransformer):

@@ -10,11 +10,10 @@ import torch
 from torch.nn import functional
 
 from frog_blender.engine.field.names import FUSIONS, fused_size, network_count
-from frog_blender.engine.model.baselines.static import Static
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.deformation import DeformationField, fuse
 from frog_blender.engine.model.frog import Frog, FrogSettings, initial_table, total_deformation
-from frog_blender.engine.model.interface import FINISHED, ScheduleState
+from frog_blender.engine.model.interface import FINISHED, ScheduleState, Static
 
 SETTINGS = FrogSettings(temporal_rows=6, coarse_rows=3, temporal_size=7, embedding_size=5, hidden_width=20)
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")

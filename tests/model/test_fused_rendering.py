@@ -18,7 +18,8 @@ from frog_blender.engine.field.names import FUSIONS
 from frog_blender.engine.model.frog import Frog, FrogSettings
 from frog_blender.engine.model.fused import FusedRenderResult
 from frog_blender.engine.model.interface import RenderResult, SceneModel, ScheduleState
-from frog_blender.engine.rasterizer import Image, RasterizeOptions, backend_named
+from frog_blender.engine.rasterizer import Image, RasterizeOptions
+from frog_blender.engine.registry import RASTERIZERS
 
 SETTINGS = FrogSettings(temporal_rows=6, coarse_rows=3, temporal_size=9, embedding_size=8, hidden_width=32)
 BACKGROUND = (0.2, 0.5, 0.1)
@@ -141,7 +142,7 @@ def test_a_model_is_drawn_by_the_backend_it_is_given() -> None:
 
     def backend(*arguments: Any) -> Image:
         drawn_with.append(arguments[1])
-        return backend_named("reference")(*arguments)
+        return RASTERIZERS["reference"](*arguments)
 
     model.backend = backend
     camera = view()
@@ -150,8 +151,3 @@ def test_a_model_is_drawn_by_the_backend_it_is_given() -> None:
     model.backend = None
     expected = model.draw(0.37, camera, BACKGROUND, RasterizeOptions(), HALFWAY, 4)
     torch.testing.assert_close(drawn.image.rgb, expected.image.rgb, atol=1e-4, rtol=1e-3)
-
-
-def test_an_unknown_backend_is_refused() -> None:
-    with pytest.raises(ValueError, match="no backend 'gpu'"):
-        backend_named("gpu")

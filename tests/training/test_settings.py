@@ -12,9 +12,9 @@ import pytest
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.recipes import RECIPES, Recipe, recipe, stored_recipe
+from frog_blender.engine.registry import METHODS
 from frog_blender.engine.scene.scene_file import settings_json
 from frog_blender.engine.setting import Choice, Fractions, Name, Number, check_all, meanings_of
-from frog_blender.engine.training.methods import METHODS, method_named
 from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Trainer
 
@@ -67,7 +67,7 @@ def test_a_recipe_comes_back_from_a_file(name: str) -> None:
     stored = json.loads(json.dumps(settings_json(RECIPES[name])))
     assert stored_recipe(stored) == RECIPES[name]
     for method in METHODS:
-        check_all(method_named(method).adapt(RECIPES[name]))
+        check_all(METHODS[method].adapted(RECIPES[name]))
 
 
 def test_every_setting_has_to_be_in_a_file() -> None:
@@ -103,8 +103,8 @@ def test_a_network_that_could_not_tell_gaussians_apart() -> None:
     nothing = recipe("draft", embedding_size=0)
     for method in ("frog", "ed3dgs"):
         with pytest.raises(FrogError, match="embedding_size is 0"):
-            method_named(method).adapt(nothing)
-    method_named("static").adapt(nothing)
+            METHODS[method].adapted(nothing)
+    METHODS["static"].adapted(nothing)
 
 
 def train_with(make_trainer: Callable[..., Trainer], names: list[str]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from ..frames.store import FrameStore
 from ..notices import say
 from ..playback.player import ScenePlayer
 from ..playback.render import draw
+from ..registry import METRICS
 from ..scene.header import SceneHeader
 from .masks import Mask, load_masks, moving_mask
 from .metrics import Image, Metric, gradient_energy, psnr_of, ssim
@@ -51,11 +52,17 @@ def _facts(capture: Capture, header: SceneHeader) -> Iterator[tuple[str, str]]:
         )
 
 
+ALWAYS = ("psnr", "ssim")
+"""Metrics that every evaluation has."""
+_FIGURES = frozenset(
+    {"psnr_moving", "psnr_inside", "sharpness_moving", "frames", "split", "method", "gaussians", "bytes", "cameras"}
+    | {"steps", "train_seconds", "missing"}
+)
 Figures = dict[str, Any]
 """Metrics by name, as JSON has them: numbers, None, names, and such dictionaries by camera (hence the Any)."""
 
 
-def evaluate(
+def evaluate_images(
     scene: ScenePlayer,
     capture: Capture,
     store: FrameStore,
@@ -78,7 +85,7 @@ def evaluate(
         split: "held-out", "training", or "auto": held-out images if there are any.
         mask_file: see ``load_masks``. Without one the mask is ``moving_mask``, which a moving camera does not have.
         file_bytes: size of the scene's file, reported as "bytes".
-        more_metrics: further metrics by name, reported as means over images (see ``perceptual_metrics``).
+        more_metrics: further metrics by name, reported as means over images (see ``metrics_named``).
         progress: called with the number of images done and of all.
 
     Raises:
@@ -111,6 +118,19 @@ def evaluate(
         "train_seconds": scene.header.train_seconds,
         "cameras": {name: _figures([part]) for name, part in sums.items()},
     }
+
+
+def metrics_named(names: Iterable[str]) -> dict[str, Metric]:
+    """Further metrics, of ``registry.METRICS``.
+
+    Raises:
+        FrogError: for a name that there is not, or that a figure of ours has.
+    """
+    metrics = {name: METRICS[name] for name in names if name not in ALWAYS}
+    for name in metrics:
+        if name in _FIGURES:
+            raise FrogError(f"The metric {name!r} has the name of a figure of every evaluation, expected another name.")
+    return metrics
 
 
 def held_out_shots(scene: ScenePlayer, capture: Capture) -> list[int]:
@@ -232,31 +252,33 @@ def evaluate_file(
     split: str = "auto",
     mask_file: Path | None = None,
     perceptual: bool = False,
+    metrics: Sequence[str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Figures:
-    """Metrics of a scene file on the capture it was trained on; see ``evaluate``.
+    """Metrics of a scene file on the capture it was trained on; see ``evaluate_images``.
 
     Args:
         perceptual: "flip" and "lpips" as well. Where one cannot be computed it is None, and "missing" says why by name.
+        metrics: names of further ones, see ``registry.METRICS``.
 
     Raises:
         FrogError: if a file cannot be read, or the capture is another one than that of the training.
     """
     scene = ScenePlayer.load(scene_path)
     capture = open_training_capture(scene, capture_path)
-    metrics: dict[str, Metric] = {}
-    missing: Figures = {}
+    more, missing = metrics_named(metrics), Figures()
     if perceptual:
-        metrics, reasons = perceptual_metrics()
+        installed, reasons = perceptual_metrics()
+        more |= installed
         missing = {**dict.fromkeys(reasons), "missing": reasons}
-    figures = evaluate(
+    figures = evaluate_images(
         scene,
         capture,
         FrameStore.open(capture),
         split=split,
         mask_file=mask_file,
         file_bytes=scene_path.stat().st_size,
-        more_metrics=metrics,
+        more_metrics=more,
         progress=progress,
     )
     return {**figures, **missing}

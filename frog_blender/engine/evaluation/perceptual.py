@@ -6,12 +6,14 @@ built only where the file is already in torch's cache.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
+from ..errors import FrogError
 from .metrics import Image, Metric, flip
 
 _ALEXNET = "alexnet-owt-*.pth"  # torchvision's name for it in the folder of torch.hub
@@ -58,8 +60,24 @@ def _alexnet_weights() -> list[Path]:
     return sorted((Path(torch.hub.get_dir()) / "checkpoints").glob(_ALEXNET))
 
 
+def lpips(image: Image, truth: Image) -> float:
+    """LPIPS 0.1 with AlexNet (Zhang et al. 2018): the mean over an image, 0 for equal ones.
+
+    Raises:
+        FrogError: where it cannot be computed without a download.
+    """
+    return _lpips_here()(image, truth)
+
+
+@functools.cache
+def _lpips_here() -> Metric:
+    if reason := _why_no_lpips(is_installed):
+        raise FrogError(f"LPIPS cannot be computed here: {reason}.")
+    return _lpips()
+
+
 def _lpips() -> Metric:
-    """LPIPS 0.1 with AlexNet (Zhang et al. 2018): the mean over an image, 0 for equal ones."""
+    """Builds the network."""
     import lpips
     import torch
 

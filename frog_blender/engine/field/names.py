@@ -5,9 +5,6 @@ from __future__ import annotations
 FIELD_METHODS = ("frog", "ed3dgs")
 """Methods with a temporal table and a deformation network: FRoG and its base."""
 
-METHODS = (*FIELD_METHODS, "static", "d3dgs", "hexplane", "curves")
-"""Every method, in the order of the tables."""
-
 SEQUENCE = "sequence"
 """``method`` of a scene whose frames are stored one by one: nothing was trained, another program made them."""
 

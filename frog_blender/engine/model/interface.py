@@ -120,3 +120,17 @@ class SceneModel(nn.Module):
     def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
         """Plain values that playback needs, with the schedules as they stand at the end."""
         return {}
+
+
+class Static(SceneModel):
+    """3D Gaussian Splatting without time, the floor that every dynamic method must beat: the canonical Gaussians."""
+
+    def __init__(self, canonical: CanonicalField) -> None:
+        super().__init__()
+        self.canonical: CanonicalField = canonical
+
+    def deform(
+        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
+        """See SceneModel; nothing changes."""
+        return self.canonical.gaussians(sh_count), {}

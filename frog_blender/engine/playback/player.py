@@ -7,7 +7,6 @@ import math
 import threading
 import uuid
 from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,13 +16,12 @@ import numpy as np
 
 from ..arrays import Array, SceneArrays
 from ..capture.time import frame_to_time
-from ..field.names import CANONICAL, FIELD_METHODS
+from ..field.names import CANONICAL
 from ..gaussians import GaussianArrays, NumpyGaussians
-from ..io.plain_values import JsonMapping
+from ..registry import METHODS
 from ..scene.frame_rows import KEEPS_IDENTITY
 from ..scene.header import SceneHeader
 from ..scene.scene_file import VISIBILITY, SceneFile, read_scene
-from .baselines import BASELINES
 from .deformation import DeformationPlayer
 from .frame_delta import (
     BufferPool,
@@ -55,12 +53,6 @@ class Deformation(Protocol):
         """The Gaussians at a time in [0, 1], activated. Quaternions may have any length, arrays any layout."""
         ...
 
-
-PLAYABLE: dict[str, Callable[[SceneArrays, JsonMapping], Deformation]] = {
-    **dict.fromkeys(FIELD_METHODS, DeformationPlayer),
-    **BASELINES,
-}
-"""What plays each method that moves Gaussians. A file with nothing but CANONICAL is static, whatever its method."""
 
 _BY_COLUMN = DeformationPlayer | PlayableSequence
 
@@ -264,9 +256,10 @@ def _deformation(scene: SceneFile) -> Deformation | None:
     """What moves a scene's Gaussians; None for a static one."""
     if scene.rows is not None:
         return PlayableSequence(scene.arrays, scene.rows)
-    is_static_capture = not scene.header.model and scene.arrays.keys() <= CANONICAL
-    playable = None if is_static_capture else PLAYABLE.get(scene.header.method)
-    return playable(scene.arrays, scene.header.model) if playable else None
+    if not scene.header.model and scene.arrays.keys() <= CANONICAL:  # static, whatever its method
+        return None
+    deformation: Deformation | None = METHODS[scene.header.method].player(scene.arrays, scene.header.model)
+    return deformation
 
 
 def _copy(gaussians: NumpyGaussians) -> NumpyGaussians:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 from ..capture.camera import NEUTRAL, Camera
 from ..gaussians import GaussianArrays, TorchGaussians
 from ..native.options import RasterizeOptions
+from ..registry import RASTERIZERS
 
 if TYPE_CHECKING:
     import torch
@@ -83,7 +84,7 @@ def rasterize(
         options: RasterizeOptions.
         pose: (3, 4) or (4, 4) world_to_camera to use in place of the camera's, which receives gradients too.
         depth_limit: (H, W) planar depth of what hides Gaussians behind it, world units, infinite where nothing does.
-        backend: what draws: a Backend, the name of one (see ``backend_named``), or None for the fastest that the
+        backend: what draws: a Backend, the name of one in ``registry.RASTERIZERS``, or None for the fastest that the
             tensors' device and type allow.
     """
     options = options or RasterizeOptions()
@@ -94,8 +95,9 @@ def rasterize(
     if backend is None:
         backend = default_backend(gaussians.means)
     elif isinstance(backend, str):
-        backend = backend_named(backend)
-    return exposed(backend(gaussians, camera, (red, green, blue), options, pose, depth_limit), camera)
+        backend = RASTERIZERS[backend]
+    drawn: Image = backend(gaussians, camera, (red, green, blue), options, pose, depth_limit)
+    return exposed(drawn, camera)
 
 
 def exposed(image: Image, camera: Camera) -> Image:
@@ -122,22 +124,5 @@ def rasterize_batch(
 def default_backend(means: torch.Tensor) -> Backend:
     """The fastest for the device and type of these tensors; the reference where there is no other."""
     if means.dtype.itemsize == 4 and means.device.type in ("cpu", "cuda"):
-        return backend_named(means.device.type)
-    return backend_named("reference")
-
-
-def backend_named(name: str) -> Backend:
-    """ "cpu" and "cuda" (float32 tensors there), or "reference" (any tensors, slowly); ValueError for another name."""
-    if name == "cpu":
-        from . import cpu
-
-        return cpu.rasterize
-    if name == "cuda":
-        from .cuda.rasterize import rasterize as cuda_rasterize
-
-        return cuda_rasterize
-    if name == "reference":
-        from . import reference
-
-        return reference.rasterize
-    raise ValueError(f"there is no backend {name!r}, expected cpu, cuda or reference")
+        return RASTERIZERS[means.device.type]
+    return RASTERIZERS["reference"]

@@ -11,7 +11,7 @@ from ..capture.camera import Camera, cameras_move
 from ..capture.masking import EVERY_MASK, MaskSettings
 from ..capture.world import FILES_OWN, World
 from ..errors import brief
-from ..field.names import METHODS, SEQUENCE
+from ..field.names import SEQUENCE
 from ..io.plain_values import (
     JsonMapping,
     JsonObject,
@@ -25,6 +25,7 @@ from ..io.plain_values import (
     text,
     whole,
 )
+from ..registry import METHODS
 from .compression_report import readable_report
 
 FORMAT_VERSION = 1
@@ -46,7 +47,7 @@ class SceneHeader:
     """What a scene file says of itself.
 
     Attributes:
-        method: one of METHODS, or SEQUENCE.
+        method: a name of ``registry.METHODS``, or SEQUENCE.
         recipe: every setting of the training, as plain values.
         model: the model's settings (see FrogSettings), empty for a scene in which nothing moves.
         cameras: the capture's cameras at the size they were trained at; none for splats from elsewhere.
@@ -122,8 +123,8 @@ class SceneHeader:
         if missing:
             raise UnfitValue(f"a header without {', '.join(missing)}", "all that a scene needs")
         method = text(data["method"], "the method", _LONGEST_NAME)
-        if method not in (*METHODS, SEQUENCE):
-            raise UnfitValue(f"the method {method!r}", f"one of {', '.join(METHODS)}")
+        if method != SEQUENCE and method not in METHODS:
+            raise UnfitValue(f"the method {method!r}", f"one of {', '.join(METHODS)}, or the package that has it")
         red, green, blue = numbers(data["background"], "background", (3,), 1e3).tolist()
         header = cls(
             method=method,

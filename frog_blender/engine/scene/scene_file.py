@@ -18,10 +18,11 @@ from safetensors.numpy import save as serialize
 
 from ..arrays import SceneArrays
 from ..errors import FrogError, found_instead
-from ..field.names import CANONICAL, FIELD_METHODS, SEQUENCE
+from ..field.names import CANONICAL, SEQUENCE
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, plain_json
 from ..io.tensor_files import read_tensors
+from ..registry import METHODS, Method
 from .frame_rows import FrameRows, find_rows
 from .header import SceneHeader
 from .quantization import Packed, pack, unpack_scene
@@ -30,8 +31,6 @@ VISIBILITY = "lifetimes"
 """Name of the array of bits that say when groups of Gaussians are visible (playback.groups)."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
-_FROG = {"embeddings", "temporal_table", "attention_weight", "attention_query", VISIBILITY}
-_OF_METHOD = {**dict.fromkeys(FIELD_METHODS, _FROG), "curves": {"embeddings"}}
 _NETWORK = re.compile(r"network\.[a-z0-9_.]{1,80}")
 
 
@@ -94,12 +93,16 @@ def read_scene(path: str | Path) -> SceneFile:
 
     Arrays that no scene of its method has are passed over.
     """
-    arrays, metadata = read_tensors(path, "a .frog scene", _is_known)
+    field = METHODS["frog"]  # whose scenes have all arrays that others have, but for what a guest names
+    arrays, metadata = read_tensors(path, "a .frog scene", lambda name: _is_known(name, field))
     try:
         if _HEADER_KEY not in metadata:
             raise UnfitValue("a file without a scene's header", "a .frog scene")
         header = SceneHeader.from_json(metadata[_HEADER_KEY])
-        arrays = {name: array for name, array in arrays.items() if _is_known(name, header.method)}
+        method = None if header.method == SEQUENCE else METHODS[header.method]
+        arrays = {name: array for name, array in arrays.items() if _is_known(name, method)}
+        if method is not None and (own := method.arrays - field.arrays):
+            arrays |= read_tensors(path, "a .frog scene", own.__contains__)[0]
         packing = entries(plain_json(metadata.get(_PACKING_KEY, "{}"), "packing"), "packing")
         described = {name: entries(packing[name], f"packing of {name}") for name in arrays if name in packing}
         if described:
@@ -123,10 +126,11 @@ def _contiguous(arrays: SceneArrays) -> SceneArrays:
     return {name: np.ascontiguousarray(array) for name, array in arrays.items()}
 
 
-def _is_known(name: str, method: str = "frog") -> bool:
-    """Whether a scene of that method has such an array; FRoG's have all that others have, but for the networks'."""
-    named = name in CANONICAL or name in _OF_METHOD.get(method, ())
-    return named or (method not in ("static", SEQUENCE) and _NETWORK.fullmatch(name) is not None)
+def _is_known(name: str, method: Method | None) -> bool:
+    """Whether a scene of that method, or of none, has such an array."""
+    if name in CANONICAL or method is None:
+        return name in CANONICAL
+    return name in method.arrays or (method.play is not None and _NETWORK.fullmatch(name) is not None)
 
 
 def _check_arrays(arrays: SceneArrays) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -182,11 +182,11 @@ def one_step(trainer: Trainer, masked: bool) -> tuple[dict[str, torch.Tensor], t
     trainer.density.gradient_sum.zero_()
 
     def flattering(
-        image: torch.Tensor, pixels: np.ndarray, *, weight: float, square_weight: float, **_: float
+        image: torch.Tensor, pixels: np.ndarray, terms: Mapping[str, float], weight: float
     ) -> PhotometricLoss:
         truth = image.detach().clone()
         cut(truth, REGION)[:] = cut(image_on(image.device, pixels), REGION)
-        return photometric_loss_reference(image, truth, weight=weight, square_weight=square_weight)
+        return photometric_loss_reference(image, truth, {"square": terms["square"]}, weight)
 
     def read() -> None:
         gradients.update({n: p.grad.clone() for n, p in trainer.model.named_parameters() if p.grad is not None})

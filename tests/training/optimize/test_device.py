@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -57,15 +57,10 @@ Make = Callable[..., Trainer]
 
 
 def photometric_loss_on_any_device(
-    image: torch.Tensor,
-    pixels: np.ndarray,
-    *,
-    square_weight: float = 0.0,
-    dssim_weight: float = 0.0,
-    weight: float = 1.0,
+    image: torch.Tensor, pixels: np.ndarray, terms: Mapping[str, float], weight: float
 ) -> PhotometricLoss:
     """As a GPU has it: the library's differs in the last bits."""
-    return photometric_loss_reference(image, image_on(image.device, pixels), dssim_weight, weight, square_weight)
+    return photometric_loss_reference(image, image_on(image.device, pixels), terms, weight)
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.recipes import RECIPES, Recipe, recipe
-from frog_blender.engine.training.methods import METHODS, method_named
+from frog_blender.engine.registry import METHODS
 from frog_blender.engine.training.optimize.initialization import first_model
 
 LAST = synthetic_capture.FRAMES - 1
@@ -35,7 +35,7 @@ def timed_seeds() -> Seeds:
 
 def begun(capture: Capture, seeds: Seeds, method: str = "frog", **settings: bool) -> SceneModel:
     torch.manual_seed(0)
-    chosen = method_named(method).adapt(recipe("draft", **{"moment_seeds": True} | settings))
+    chosen = METHODS[method].adapted(recipe("draft", **{"moment_seeds": True} | settings))
     return first_model(capture, seeds, chosen, method, 4.0, torch.device("cpu"))
 
 
@@ -70,6 +70,6 @@ def test_who_has_points_at_how_many_times() -> None:
     ]
     assert not any(replace(chosen, **change).moments_for(30, 330) for change in none)
     for method in METHODS:
-        adapted = method_named(method).adapt(Recipe(moment_seeds=True))
+        adapted = METHODS[method].adapted(Recipe(moment_seeds=True))
         assert bool(adapted.moments_for(30, 330)) == (method == "frog")
     assert {name for name, each in RECIPES.items() if each.moments_for(30, 330)} == {"draft", "standard"}

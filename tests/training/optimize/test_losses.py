@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from frog_blender.engine.native import binding
+from frog_blender.engine.registry import LOSSES, register_loss
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss, photometric_loss_reference
 
 # Smaller than the window and than a cell, one row or column, strips of rows that are full, cut, and one row long.
@@ -22,22 +23,30 @@ def images(height: int, width: int) -> tuple[torch.Tensor, np.ndarray]:
     return torch.from_numpy(drawn), truth
 
 
-def exactly(
-    image: torch.Tensor, truth: np.ndarray, dssim_weight: float, weight: float, square_weight: float
-) -> PhotometricLoss:
+def exactly(image: torch.Tensor, truth: np.ndarray, terms: dict[str, float], weight: float) -> PhotometricLoss:
     """In float64, where what is equal in float32 must stay equal."""
     wanted = torch.from_numpy(truth.astype(np.float32) / 255).double()
-    return photometric_loss_reference(image.double(), wanted, dssim_weight, weight, square_weight)
+    return photometric_loss_reference(image.double(), wanted, terms, weight)
 
 
-@pytest.mark.parametrize("square_weight", [0.0, 3.0])
-@pytest.mark.parametrize("dssim_weight", [0.0, 0.4])
+def fourth_powers(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    return (image - truth).pow(4).mean()
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [{}, {"square": 3.0, "dssim": 0.0}, {"square": 0.0, "dssim": 0.4}, {"dssim": 0.4, "fourth": 2.0, "square": 3.0}],
+    ids=str,
+)
 @pytest.mark.parametrize("size", SIZES)
-def test_values_and_gradient(size: tuple[int, int], dssim_weight: float, square_weight: float) -> None:
+def test_values_and_gradient(size: tuple[int, int], terms: dict[str, float]) -> None:
     image, truth = images(*size)
-    weights = {"dssim_weight": dssim_weight, "square_weight": square_weight, "weight": 0.7}
-    found = photometric_loss(image.requires_grad_(), truth, **weights)
-    expected = exactly(image, truth, dssim_weight, 0.7, square_weight)
+    register_loss("fourth", fourth_powers)
+    try:
+        found = photometric_loss(image.requires_grad_(), truth, terms, 0.7)
+        expected = exactly(image, truth, terms, 0.7)
+    finally:
+        LOSSES.unregister("fourth")
     assert abs(float(found.loss) - float(expected.loss)) < 1e-6
     assert not any(
         value.requires_grad for each in (found, expected) for value in vars(each).values() if value is not None
@@ -61,7 +70,7 @@ def test_cells_hold_the_mean_square_of_their_pixels(size: tuple[int, int]) -> No
 
 def test_the_squares_are_their_weight_times_the_mean_square() -> None:
     image, truth = images(40, 30)
-    plain, found = (photometric_loss(image, truth, square_weight=weight, weight=0.5) for weight in (0.0, 4.0))
+    plain, found = (photometric_loss(image, truth, {"square": weight}, 0.5) for weight in (0.0, 4.0))
     difference = image.double() - torch.from_numpy(truth.astype(np.float32) / 255)
     assert float(found.loss - plain.loss) == pytest.approx(0.5 * 4 * float(difference.square().mean()), rel=1e-5)
     expected = 0.5 * 4 * 2 * difference / difference.numel()
@@ -72,8 +81,8 @@ def test_the_squares_are_their_weight_times_the_mean_square() -> None:
 def test_a_part_of_a_larger_image() -> None:
     image, truth = images(60, 70)
     part = image[10:50, 20:60].contiguous()
-    found = photometric_loss(part, truth[10:50, 20:60], dssim_weight=0.2)
-    expected = photometric_loss(part, np.ascontiguousarray(truth[10:50, 20:60]), dssim_weight=0.2)
+    found = photometric_loss(part, truth[10:50, 20:60], {"dssim": 0.2})
+    expected = photometric_loss(part, np.ascontiguousarray(truth[10:50, 20:60]), {"dssim": 0.2})
     assert float(found.loss) == float(expected.loss)
     assert torch.equal(found.cell_errors, expected.cell_errors)
 
@@ -81,13 +90,13 @@ def test_a_part_of_a_larger_image() -> None:
 def test_a_drawing_that_is_not_contiguous() -> None:
     image, truth = images(40, 30)
     turned = np.ascontiguousarray(truth.transpose(1, 0, 2))
-    found = photometric_loss(image.transpose(0, 1), turned, dssim_weight=0.3).loss
-    assert float(found) == pytest.approx(float(photometric_loss(image, truth, dssim_weight=0.3).loss), abs=1e-6)
+    found = photometric_loss(image.transpose(0, 1), turned, {"dssim": 0.3}).loss
+    assert float(found) == pytest.approx(float(photometric_loss(image, truth, {"dssim": 0.3}).loss), abs=1e-6)
 
 
 def test_equal_images() -> None:
     _, truth = images(50, 60)
-    found = photometric_loss(torch.from_numpy(truth.astype(np.float32) / 255), truth, dssim_weight=0.5)
+    found = photometric_loss(torch.from_numpy(truth.astype(np.float32) / 255), truth, {"dssim": 0.5})
     assert float(found.loss) == pytest.approx(0, abs=1e-6)
     assert float(found.gradient.abs().max()) < 1e-6 and not found.cell_errors.any()
 
@@ -104,7 +113,7 @@ def test_the_same_bits_on_any_number_of_threads() -> None:
     for threads in (1, 2, 7):
         binding.set_thread_count(threads)
         image, truth = images(100, 64)
-        found = photometric_loss(image, truth, dssim_weight=0.2)
+        found = photometric_loss(image, truth, {"dssim": 0.2})
         results.append((float(found.loss), found.gradient, found.cell_errors))
     binding.set_thread_count(0)
     for value, gradient, cells in results[1:]:

@@ -21,7 +21,7 @@ from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import over
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import find_seeds
-from frog_blender.engine.evaluation.evaluate import evaluate
+from frog_blender.engine.evaluation.evaluate import evaluate_images
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
@@ -70,7 +70,7 @@ def test_what_is_ignored_weighs_nothing(dssim_weight: float) -> None:
     truth, alpha = replace(truth, ignored=ignored), torch.rand(40, 52)
 
     def loss(rgb: torch.Tensor, alpha: torch.Tensor) -> Any:
-        return matte_loss(drawing(rgb, alpha), truth, 0.2, dssim_weight=dssim_weight, weight=0.7)
+        return matte_loss(drawing(rgb, alpha), truth, 0.2, {"dssim": dssim_weight}, 0.7)
 
     found = loss(rgb, alpha)
     changed, other = rgb.clone(), alpha.clone()
@@ -86,7 +86,7 @@ def test_the_loss_on_alpha_has_its_own_gradient() -> None:
     rgb, truth = random_truth()
     alpha = torch.rand(40, 52, dtype=torch.float64, generator=torch.Generator().manual_seed(2)).requires_grad_()
     assert truth.alpha is not None
-    found = matte_loss(drawing(rgb.double(), alpha), truth, 0.2, dssim_weight=0.0, weight=0.7)
+    found = matte_loss(drawing(rgb.double(), alpha), truth, 0.2, {"dssim": 0.0}, 0.7)
     plain = photometric_loss(rgb.double(), truth.pixels, weight=0.7)
     extra = 0.7 * 0.2 * (alpha - torch.from_numpy(truth.alpha.astype(np.float64)) / 255).abs().mean()
     torch.testing.assert_close(found.loss, plain.loss + extra.detach(), atol=1e-7, rtol=0)
@@ -97,8 +97,8 @@ def test_the_loss_on_alpha_has_its_own_gradient() -> None:
 def test_whole_images_have_the_loss_and_the_random_numbers_they_had(capture: Capture, store: FrameStore) -> None:
     rgb, truth = random_truth()
     whole = replace(truth, alpha=None)
-    found = matte_loss(drawing(rgb, rgb[..., 0]), whole, 0.2, dssim_weight=0.3, weight=0.7)
-    plain = photometric_loss(rgb, truth.pixels, dssim_weight=0.3, weight=0.7)
+    found = matte_loss(drawing(rgb, rgb[..., 0]), whole, 0.2, {"dssim": 0.3}, 0.7)
+    plain = photometric_loss(rgb, truth.pixels, {"dssim": 0.3}, 0.7)
     assert torch.equal(found.loss, plain.loss) and torch.equal(found.gradient, plain.gradient)
     assert found.alpha_gradient is None
     generator, mattes = torch.Generator().manual_seed(5), Mattes(capture, store)
@@ -178,7 +178,7 @@ def test_a_training_with_masks_learns_the_subject_alone(
     everything = trained(folder, tmp_path / "all.frog", lively, masks="off")
     capture = open_capture(folder)
     store = FrameStore.open(capture)
-    found, other = (evaluate(scene, capture, store, split="training") for scene in (subject, everything))
+    found, other = (evaluate_images(scene, capture, store, split="training") for scene in (subject, everything))
     assert found["psnr_inside"] > 22 and found["psnr_inside"] > other["psnr_inside"] - 1
     hull = VisualHull(capture, store, capture.train_indices)
     for frame in range(film.FRAMES):

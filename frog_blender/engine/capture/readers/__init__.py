@@ -7,46 +7,17 @@ from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
-from ...errors import FrogError, brief
+from ...errors import FrogError, brief, reason
+from ...notices import say
+from ...registry import READERS
 from ..capture import Capture
 from ..masking import EVERY_MASK, MaskSettings
 from ..video import find_videos
-from . import (
-    calibrated_videos,
-    calibration_toml,
-    colmap,
-    easyvolcap,
-    hypernerf,
-    immersive,
-    multipleview,
-    n3dv,
-    panoptic_sports,
-    polycam,
-    record3d,
-    technicolor,
-    transforms_json,
-)
 from .assembly import localized
 from .checks import checked
 from .mask_files import with_masks
 from .near_layouts import not_a_folder, unknown_folder
 
-# In the order in which they are tried: a folder may hold what several programs wrote.
-_READERS = {
-    "n3dv": n3dv,
-    "transforms": transforms_json,
-    "hypernerf": hypernerf,
-    "technicolor": technicolor,
-    "calibrated_videos": calibrated_videos,
-    "panoptic_sports": panoptic_sports,
-    "immersive": immersive,
-    "easyvolcap": easyvolcap,
-    "multipleview": multipleview,
-    "colmap": colmap,
-    "calibration_toml": calibration_toml,
-    "record3d": record3d,
-    "polycam": polycam,
-}
 _LOOKED_BELOW = 200  # folders
 
 
@@ -84,7 +55,20 @@ def _located(path: Path) -> tuple[Path, str]:
 
 def _layout(path: Path) -> str | None:
     """The layout of a folder; None if no reader knows it."""
-    return next((name for name, reader in _READERS.items() if reader.matches(path)), None)
+    return next((name for name in READERS if _matches(name, path)), None)
+
+
+def _matches(name: str, path: Path) -> bool:
+    """Whether a reader knows a folder. One that cannot say so, of a package that is not ours, stops no other."""
+    try:
+        return bool(READERS[name].matches(path))
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:
+        if READERS.is_ours(name):
+            raise
+        say(f"The reader {name!r} is passed over: {reason(error)}.")
+        return False
 
 
 def open_capture(
@@ -106,7 +90,7 @@ def open_capture(
     """
     folder, layout = _located(Path(path))
     with _readable(folder):
-        capture = with_masks(localized(checked(_READERS[layout].read(folder))), masks)
+        capture = with_masks(localized(checked(READERS[layout].read(folder))), masks)
     return capture.with_pixel_offsets(pixel_offsets) if pixel_offsets else capture
 
 

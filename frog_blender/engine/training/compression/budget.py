@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from ...errors import FrogError
 from ...recipes import Recipe
+from ...registry import METHODS
 from ...scene.compression_report import StepKind
 from ...scene.quantization import BITS
-from ..methods import method_named
 from ..optimize.gaussian_state import mask_excluding
 from .context import CompressionContext
 
@@ -26,7 +26,7 @@ def with_budget(recipe: Recipe, count: int, method: str) -> Recipe:
     With automatic capacity a training grows as it would without a budget, to twice as many at most, and prunes what
     adds least. That is better than never having had them (docs/experiments).
     """
-    if method_named(method).adapt(recipe).capacity != "auto":
+    if METHODS[method].adapted(recipe).capacity != "auto":
         return replace(recipe, max_gaussians=count)
     return replace(recipe, kept_gaussians=count, max_gaussians=max(count, min(recipe.max_gaussians, 2 * count)))
 

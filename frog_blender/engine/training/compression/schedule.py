@@ -11,8 +11,8 @@ import torch
 
 from ...capture.capture import Capture
 from ...recipes import Recipe
+from ...registry import METHODS
 from ...scene.compression_report import StepKind
-from ..methods import method_named
 from ..optimize.hooks import Hook, Training
 from ..optimize.stateful import Tensors, Values
 from .context import CompressionContext, CompressionRecord
@@ -129,7 +129,7 @@ def compression_hooks(
     recipe: Recipe, method: str, capture: Capture, seed: int, settings: CompressionSettings = DEFAULT
 ) -> list[Hook]:
     """What a trainer of ``recipe`` needs: nothing, where the recipe as ``method`` adapts it has a fixed capacity."""
-    adapted = method_named(method).adapt(recipe)
+    adapted = METHODS[method].adapted(recipe)
     return [CompressionSchedule(capture, seed, settings)] if adapted.capacity == "auto" else []
 
 

@@ -17,7 +17,7 @@ from ...capture.camera import Camera
 from ...model.canonical import ATTRIBUTES, new_gaussians
 from ...model.interface import RenderResult
 from ...rasterizer import Image
-from .densification import DensificationStrategy
+from .densification import DensityStrategy
 from .device import image_on
 from .gaussian_state import GaussianState, calmest_embedding, mask_excluding
 from .mattes import Truth
@@ -130,7 +130,7 @@ def new_anchors(
 @torch.no_grad()
 def inject_anchors(
     gaussians: GaussianState,
-    density: DensificationStrategy,
+    density: DensityStrategy,
     limit: int,
     draw: Callable[[], tuple[Truth, RenderResult, Camera]],
     generator: torch.Generator,

@@ -72,8 +72,11 @@ class Statistics:
         self.seen += other.seen.to(self.seen.dtype)
 
 
-class DensificationStrategy(Statistics):
-    """Collects screen gradients between rounds.
+class DensityStrategy(Statistics):
+    """Who adds and removes Gaussians: made of the Gaussians, the recipe and the scene's scale (world units).
+
+    Statistics are collected here whatever a strategy makes of them. A strategy of another kind is a subclass with a
+    ``round`` of its own; ``DensificationStrategy`` is ours.
 
     Args:
         gaussians: to follow.
@@ -87,6 +90,16 @@ class DensificationStrategy(Statistics):
         for name, first in COLLECTED.items():
             setattr(self, name, torch.full((gaussians.count,), first, device=gaussians.device))
         gaussians.register(self)
+
+    def round(self, gaussians: GaussianState, limit: int, generator: torch.Generator) -> tuple[int, int]:
+        """One round, ``recipe.densify_every`` after the last; returns how many were added and removed.
+
+        Args:
+            gaussians: to change by ``replace``, ``keep`` and ``reindex``.
+            limit: Gaussians at most, afterwards.
+            generator: of random numbers, so that a seed decides them.
+        """
+        raise NotImplementedError
 
     def reindex(self, change: Reindexing) -> None:
         """See RowFollower."""
@@ -112,6 +125,10 @@ class DensificationStrategy(Statistics):
         weights = self.peak_weight if among is None else torch.where(among, self.peak_weight, torch.inf)
         least = weights.topk(min(max(count, 0), len(weights)), largest=False)
         return least.indices[least.values < self.recipe.replaced_below]
+
+
+class DensificationStrategy(DensityStrategy):
+    """That of 3DGS; see the module."""
 
     @torch.no_grad()
     def round(self, gaussians: GaussianState, limit: int, generator: torch.Generator) -> tuple[int, int]:

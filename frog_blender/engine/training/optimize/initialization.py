@@ -18,7 +18,8 @@ from ...model.interface import SceneModel
 from ...model.time_windows import open_windows
 from ...rasterizer import RasterizeOptions
 from ...recipes import Recipe
-from ..methods import ModelInit, method_named
+from ...registry import METHODS
+from ..methods import ModelInit
 from .neighbours import spacings
 
 
@@ -63,7 +64,7 @@ def first_model(
     size = recipe.embedding_size + (0 if frames is None else WINDOW_COLUMNS)
     canonical = CanonicalField(new_gaussians(points, colors, spacings(points), sh_count, size))
     begin = ModelInit(canonical, recipe, capture.frame_count, len(capture.train_shots), scene_scale)
-    model = method_named(method).build(begin).to(device)
+    model: SceneModel = METHODS[method].model(begin).to(device)
     if frames is not None and isinstance(model, Frog):
         times = torch.from_numpy(frames / max(capture.frame_count - 1, 1))
         open_windows(model, times.to(device))

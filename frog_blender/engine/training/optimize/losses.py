@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import torch
@@ -13,10 +15,13 @@ from torch.nn import functional
 from ...native.binding import CELL, l1_loss
 from ...native.binding import ssim as native_ssim
 from ...rasterizer import Image
+from ...registry import LOSSES
 from .device import image_on
 from .mattes import Truth
 
 _WINDOW, _SIGMA = 11, 1.5
+ONLY_L1: Mapping[str, float] = MappingProxyType({})
+"""No term besides."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,7 @@ class PhotometricLoss:
 
 
 def matte_loss(
-    image: Image, truth: Truth, alpha_weight: float, *, dssim_weight: float, weight: float, square_weight: float = 0.0
+    image: Image, truth: Truth, alpha_weight: float, terms: Mapping[str, float], weight: float
 ) -> PhotometricLoss:
     """``photometric_loss`` of a drawing over the truth's background, plus ``weight`` ``alpha_weight`` mean |alpha -
     truth's|, without what is ignored: there drawing and truth are equal, to SSIM's windows too.
@@ -49,7 +54,7 @@ def matte_loss(
     if truth.ignored is not None and truth.ignored.any():
         ignored = torch.from_numpy(truth.ignored).to(rgb.device)
         rgb = rgb.masked_fill(ignored[..., None], 0)
-    found = photometric_loss(rgb, truth.pixels, square_weight=square_weight, dssim_weight=dssim_weight, weight=weight)
+    found = photometric_loss(rgb, truth.pixels, terms, weight)
     if ignored is not None:
         found.gradient[ignored] = 0
     if truth.alpha is None:
@@ -70,60 +75,76 @@ def matte_loss(
 
 
 def photometric_loss(
-    image: torch.Tensor,
-    pixels: NDArray[np.uint8],
-    *,
-    square_weight: float = 0.0,
-    dssim_weight: float = 0.0,
-    weight: float = 1.0,
+    image: torch.Tensor, pixels: NDArray[np.uint8], terms: Mapping[str, float] = ONLY_L1, weight: float = 1.0
 ) -> PhotometricLoss:
-    """``weight`` (mean |image - truth| + ``square_weight`` mean (image - truth)^2 + ``dssim_weight`` (1 - SSIM) / 2).
+    """``weight`` times the sum of ``l1`` and of the ``terms``, each with a weight of its own.
 
-    The squares are for what is missing: a place that is wrong by half of the range pulls no more than one that is
-    wrong by a grey level in the first part.
-
-    Float32 on the CPU goes through the native library: the first part in one pass over the image.
+    Float32 on the CPU goes through the native library: ``l1`` in one pass over the image, which ``square`` and
+    ``dssim`` add to. Other terms are derived by torch.
 
     Args:
         image: (H, W, 3) a drawing.
         pixels: (H, W, 3) uint8 what it should be; its rows may be part of a larger image's.
+        terms: weights by name of ``registry.LOSSES``.
     """
     if image.dtype != torch.float32 or image.device.type != "cpu":
-        return photometric_loss_reference(image, image_on(image.device, pixels), dssim_weight, weight, square_weight)
+        return photometric_loss_reference(image, image_on(image.device, pixels), terms, weight)
     image = image.detach().contiguous()
     gradient, cells = torch.empty_like(image), image.new_empty([-(-length // CELL) for length in pixels.shape[:2]])
-    truth = torch.empty_like(image) if square_weight or dssim_weight else None
+    truth = torch.empty_like(image) if any(terms.values()) else None
     loss = l1_loss(image, pixels, weight, gradient, cells, truth)
-    if truth is not None and square_weight:
-        difference = image - truth
-        loss += square_weight * float(difference.square().mean())
-        gradient.add_(difference, alpha=2 * weight * square_weight / difference.numel())
-    if truth is not None and dssim_weight:
-        slope = torch.empty_like(image)
-        loss += dssim_weight * (1 - native_ssim(image, truth, slope)) / 2
-        gradient.sub_(slope, alpha=weight * dssim_weight / 2)
+    for name, share in terms.items():
+        if truth is None or not share:
+            continue
+        if name == "square":
+            difference = image - truth
+            loss += share * float(difference.square().mean())
+            gradient.add_(difference, alpha=2 * weight * share / difference.numel())
+        elif name == "dssim":
+            slope = torch.empty_like(image)
+            loss += share * (1 - native_ssim(image, truth, slope)) / 2
+            gradient.sub_(slope, alpha=weight * share / 2)
+        else:
+            with torch.enable_grad():
+                drawn = image.clone().requires_grad_()
+                value = LOSSES[name](drawn, truth)
+                (slope,) = torch.autograd.grad(value, drawn)
+            loss += share * float(value.detach())
+            gradient.add_(slope, alpha=weight * share)
     return PhotometricLoss(torch.tensor(weight * loss, device="cpu"), cells, gradient)
 
 
 def photometric_loss_reference(
-    image: torch.Tensor,
-    truth: torch.Tensor,
-    dssim_weight: float = 0.0,
-    weight: float = 1.0,
-    square_weight: float = 0.0,
+    image: torch.Tensor, truth: torch.Tensor, terms: Mapping[str, float] = ONLY_L1, weight: float = 1.0
 ) -> PhotometricLoss:
     """``photometric_loss`` in plain torch, on any device and in any floating-point type; ``truth`` in [0, 1]."""
     with torch.enable_grad():
         image = image.detach().requires_grad_()
-        difference = image - truth
-        error = difference.abs().mean()
-        if square_weight:
-            error = error + square_weight * difference.square().mean()
-        loss = weight * (error + dssim_weight * (1 - ssim(image, truth)) / 2 if dssim_weight else error)
+        loss = l1(image, truth)
+        for name, share in terms.items():
+            if share:
+                loss = loss + share * LOSSES[name](image, truth)
+        loss = weight * loss
         (gradient,) = torch.autograd.grad(loss, image)
-    square = difference.detach().square().permute(2, 0, 1)
-    cells = functional.avg_pool2d(square, CELL, ceil_mode=True, count_include_pad=False).mean(0)
+    squares = (image.detach() - truth).square().permute(2, 0, 1)
+    cells = functional.avg_pool2d(squares, CELL, ceil_mode=True, count_include_pad=False).mean(0)
     return PhotometricLoss(loss.detach(), cells, gradient)
+
+
+def l1(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """The mean absolute difference, which every loss begins with."""
+    return (image - truth).abs().mean()
+
+
+def square(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """The mean squared difference, for what is missing: by ``l1`` a place that is wrong by half of the range pulls no
+    more than one that is wrong by a grey level."""
+    return (image - truth).square().mean()
+
+
+def dssim(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """Half of what structural similarity lacks."""
+    return (1 - ssim(image, truth)) / 2
 
 
 @functools.cache

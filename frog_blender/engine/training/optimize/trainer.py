@@ -22,12 +22,13 @@ from ...io.plain_values import JsonObject
 from ...model.interface import RenderResult
 from ...rasterizer import RasterizeOptions
 from ...recipes import Recipe
+from ...registry import DENSITY, METHODS, RASTERIZERS
 from ...scene.scene_file import settings_json
-from ..methods import method_named
+from ...setting import weights_of
 from ..views import fit_to
 from .camera_refinement import CameraRig, ExposureCompensation, PoseRefinement
 from .canonical_sampling import inject_anchors
-from .densification import DensificationStrategy, Statistics
+from .densification import DensityStrategy, Statistics
 from .device import torch_threads
 from .gaussian_state import GaussianState, add_size_gradient, limit_sizes, sort_by_morton_code
 from .hooks import Hook
@@ -65,7 +66,7 @@ class Trainer(TrainingImages):
     Args:
         capture, store, seeds: what to train on.
         recipe: before ``method`` adapts it.
-        method: one of ``methods.METHODS``.
+        method: a name of ``registry.METHODS``.
         limits: when to stop.
         seed: of everything random.
         device: where to compute.
@@ -94,7 +95,7 @@ class Trainer(TrainingImages):
         hooks: Iterable[Hook] = (),
         peers: Peers = ALONE,
     ) -> None:
-        self.recipe = recipe = fit_to(method_named(method).adapt(recipe), capture)
+        self.recipe = recipe = fit_to(METHODS[method].adapted(recipe), capture)
         self.peers, self._views_per_step = peers, max(recipe.views_per_step, peers.size)
         self.rig, self.store, self.device = CameraRig(capture), store, torch.device(device)
         self.method, self.limits = method, limits
@@ -102,8 +103,11 @@ class Trainer(TrainingImages):
         self.scene_scale = scale_of(capture, seeds.points)
         with own_random_numbers(seed):
             model = first_model(capture, seeds, recipe, method, self.scene_scale, self.device)
+        if recipe.rasterizer != "auto":
+            model.backend = RASTERIZERS[recipe.rasterizer]
         self.gaussians = GaussianState(model, recipe, self.scene_scale)
-        self.density = DensificationStrategy(self.gaussians, recipe, self.scene_scale)
+        self.density: DensityStrategy = DENSITY[recipe.density](self.gaussians, recipe, self.scene_scale)
+        self._more_losses = weights_of(recipe.losses)
         self.smoothness = EmbeddingSmoothness(self.gaussians, recipe, self.generator)
         center, learns_poses = np.median(seeds.points, axis=0), PoseRefinement.applies_to(capture, recipe)
         self.poses = PoseRefinement(self.rig, recipe, center, self.scene_scale) if learns_poses else None
@@ -290,8 +294,10 @@ class Trainer(TrainingImages):
         share = 1.0 if region is None else region[2] * region[3] / (camera.width * camera.height)
         dssim_weight = self.recipe.dssim_weight if self._in_burst(progress) else 0.0
         weight = share ** (1 - self.recipe.region_emphasis)
-        weights = {"square_weight": self.recipe.square_weight, "dssim_weight": dssim_weight, "weight": weight}
-        errors = matte_loss(image, truth, self.recipe.alpha_weight, **weights)
+        terms = {"square": self.recipe.square_weight, "dssim": dssim_weight}
+        for name, more in self._more_losses.items():
+            terms[name] = terms.get(name, 0.0) + more
+        errors = matte_loss(image, truth, self.recipe.alpha_weight, terms, weight)
         if statistics is self.density:  # a step's only view: on a GPU this arrives while gradients are computed
             self._note(view, errors.loss, errors.cell_errors)
         drawn.backward(errors.gradient, errors.alpha_gradient)

@@ -42,6 +42,7 @@ class TrainingJob(JobOptions):
         preview_size: pixels of a preview's longer side, at most: rendering 512 takes less than a step.
         preview_seconds: between previews, at most; there is one at every tenth of the training besides.
         compression: thresholds, with the recipe's capacity "auto".
+        sinks: names of what is told every event besides, see ``registry.SINKS``.
         live: takes snapshots of the scene while it is trained; None makes none.
     """
 
@@ -56,6 +57,7 @@ class TrainingJob(JobOptions):
     preview_size: int = 512
     preview_seconds: float = 10.0
     compression: CompressionSettings = DEFAULT
+    sinks: tuple[str, ...] = ()
     live: LiveScene | None = None
 
     @classmethod

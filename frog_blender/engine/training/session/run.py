@@ -20,14 +20,14 @@ from ...capture.capture import Capture
 from ...capture.masking import EVERY_MASK, MaskSettings
 from ...capture.readers import open_capture
 from ...capture.seeds import Seeds
-from ...errors import FrogError
+from ...errors import FrogError, reason
 from ...frames.seed_store import stored_seeds
 from ...frames.store import FrameStore
 from ...io.atomic_files import check_writable, remove_partial_files
 from ...memory import gc_frozen
+from ...registry import METHODS, SINKS
 from ..compression.budget import recipe_within
 from ..compression.schedule import compression_hooks
-from ..methods import method_named
 from ..optimize.device import choose_device
 from ..optimize.hooks import Hook
 from ..optimize.hull_pruning import hull_hooks, room_for_subject
@@ -141,6 +141,19 @@ def run_training(
     if peers.rank > 0:
         yield from _run(job, cancel, trainer_type, peers)
         return
+    sinks = {name: SINKS[name] for name in job.sinks}
+    for event in _run_alone(job, cancel, trainer_type, peers):
+        for name, sink in list(sinks.items()):
+            try:
+                sink(event)
+            except Exception as error:  # of others' code: hours of training do not end for it
+                del sinks[name]
+                yield events.WarningEvent(f"The sink {name!r} is told no more: it failed ({reason(error)}).")
+        yield event
+
+
+def _run_alone(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, peers: Peers) -> Iterator[Event]:
+    """``run_training`` in the process that writes files."""
     _check_output(job.output)
     with lock_output(job.output):
         if not (job.overwrite or job.resume):
@@ -162,7 +175,7 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
         )
     if peers.size > job.recipe.views_per_step:
         job = replace(job, recipe=replace(job.recipe, views_per_step=peers.size))
-    adapted = method_named(job.method).adapt(job.recipe)
+    adapted = METHODS[job.method].adapted(job.recipe)
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
         raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
     read = job.scale, job.holdout_frames, job.pixel_offsets, job.opened
@@ -240,7 +253,7 @@ def seeds_of(
     if job.seeds is not None:
         return job.seeds
     limit = min(job.recipe.seed_gaussians, room_for_subject(capture, store, job.recipe.max_gaussians))
-    recipe = fit_to(method_named(job.method).adapt(job.recipe), capture)
+    recipe = fit_to(METHODS[job.method].adapted(job.recipe), capture)
     return stored_seeds(
         capture,
         store,

@@ -1,0 +1,113 @@
+"""SpacetimeGaussians (arXiv 2312.16812, its lite form): each Gaussian has a curve of its own, and no network.
+
+With t_c a Gaussian's temporal centre and d = t - t_c:
+    mean(t) = mean + b_1 d + b_2 d^2 + b_3 d^3,   quaternion(t) = quaternion + w d,
+    opacity(t) = opacity * exp(-(d / s)^2).
+
+The fifteen numbers are the Gaussian's embedding: b_1, b_2, b_3 (three each), w (four), t_c and log s, each counted from
+where a fresh Gaussian begins, in a unit of its own, so that one Adam rate serves all of them (``UNITS``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import torch
+
+from ...engine import (
+    FINISHED,
+    MOTION_UNIT,
+    CanonicalField,
+    GaussianArrays,
+    JsonObject,
+    ModelInit,
+    Recipe,
+    SceneModel,
+    ScheduleState,
+    TorchGaussians,
+    plain,
+)
+
+EMBEDDING_SIZE = 15
+DEGREE = 3
+
+
+@dataclass(frozen=True)
+class CurveSettings:
+    """Units of an embedding's numbers; written into the scene file. A whole capture is one unit of time.
+
+    A unit is what the recipe's ``embedding_rate`` is multiplied by, so they stand for rates. The original's, for
+    captures of 50 frames: motion 5.6e-4 times the scene's extent (positions' 1.6e-4 times 3.5), rotation and centre
+    1e-4, log-width 3e-2. The defaults are to each other as those within a factor of four (how they were found:
+    docs/experiments/baselines.md): an ``embedding_rate`` of 8.4e-3 gives the original's rate of motion.
+
+    Attributes:
+        motion_units: world units of b_1, b_2 and b_3.
+        rotation_unit: of w.
+        centre_unit: of t_c, which begins at one half.
+        width_unit: of log s.
+        first_width: s of a fresh Gaussian, which is there at all times.
+    """
+
+    motion_units: tuple[float, float, float]
+    rotation_unit: float = 1 / 30
+    centre_unit: float = 1 / 30
+    width_unit: float = 8 / 3
+    first_width: float = 1.0
+
+
+def settings_for(motion_unit: float) -> CurveSettings:
+    """``motion_unit``: world units that a network's output of one would move a Gaussian by."""
+    unit = motion_unit / 3
+    return CurveSettings((unit, unit, unit))
+
+
+class Curves(SceneModel):
+    """See the module. The canonical field's embeddings (N, 15) hold all there is of motion."""
+
+    def __init__(self, canonical: CanonicalField, settings: CurveSettings, spread: float = 0.0) -> None:
+        """``spread``: fresh centres lie evenly within so much of the capture, in random order."""
+        super().__init__()
+        self.canonical: CanonicalField = canonical
+        self.settings = settings
+        if canonical.embeddings.shape[1] != EMBEDDING_SIZE:
+            raise ValueError(f"embeddings of {canonical.embeddings.shape[1]} numbers, expected {EMBEDDING_SIZE}")
+        if spread:
+            offsets = (torch.rand(len(canonical), device="cpu") - 0.5) * spread / settings.centre_unit
+            with torch.no_grad():
+                canonical.embeddings[:, 13] = offsets.to(canonical.embeddings.device)
+
+    def deform(
+        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
+        """See SceneModel."""
+        c, s = self.canonical, self.settings
+        curve, spin, centre, width = c.embeddings.split([3 * DEGREE, 4, 1, 1], dim=1)
+        since = time - 0.5 - s.centre_unit * centre  # (N, 1)
+        first, second, third = curve.split(3, dim=1)
+        one, two, three = s.motion_units
+        motion = since * (one * first + since * (two * second + since * (three * third)))
+        turn = (s.rotation_unit * since) * spin
+        share = since * (torch.exp(-s.width_unit * width) / s.first_width)
+        presence = torch.exp(-share.square()).squeeze(1)
+        gaussians = GaussianArrays(
+            c.means + motion,
+            c.quaternions + turn,
+            c.log_scales.exp(),
+            c.opacity_logits.sigmoid() * presence,
+            c.sh[:, :sh_count],
+        )
+        return gaussians, {"means": motion, "quaternions": turn}
+
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
+        return asdict(self.settings)
+
+
+def adapted(recipe: Recipe) -> Recipe:
+    """The units of its coefficients make the embeddings' rate right for them (see CurveSettings)."""
+    return plain(recipe, EMBEDDING_SIZE)
+
+
+def model_of(begin: ModelInit) -> Curves:
+    """Before its first step."""
+    return Curves(begin.canonical, settings_for(MOTION_UNIT * begin.scene_scale))

@@ -1,0 +1,229 @@
+"""4DGaussians (arXiv 2310.08528): features from six planes of space and time, and a small network after them.
+
+A Gaussian's feature is the product of what it reads from the planes xy, xz, yz, xt, yt and zt at its canonical mean
+and the time, for each resolution of space; the features of all resolutions, one after the other, go through a network
+with a head for each attribute.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from ...engine import (
+    FINISHED,
+    MOTION_UNIT,
+    CanonicalField,
+    JsonObject,
+    ModelInit,
+    SceneModel,
+    ScheduleState,
+    TorchGaussians,
+    output_sizes,
+)
+from ...engine import plain as plain
+from .networks import bounds_of, deformed, through_visible_rows
+
+AXES = ((0, 1), (0, 2), (1, 2))
+"""Columns and rows of the planes of space."""
+
+_PAPER_WIDTH = 128  # hidden widths from here on ask for the original's planes
+
+
+@dataclass(frozen=True)
+class HexPlaneSettings:
+    """The shape of planes and network; written into the scene file.
+
+    Attributes:
+        channels: features of a plane.
+        resolutions: cells a side of the planes of space, one entry for each scale.
+        time_rows: rows of the planes of time, the same at each scale.
+        hidden_width: first layer.
+        head_width: second layer of each head; 0 for one second layer of ``hidden_width`` that all heads share.
+        deformed_sh: SH coefficients that deform.
+        deformed_opacity: whether opacities do.
+        motion_unit: world units that an output of one moves a Gaussian by.
+    """
+
+    channels: int
+    resolutions: tuple[int, ...]
+    time_rows: int
+    hidden_width: int
+    head_width: int
+    deformed_sh: int
+    deformed_opacity: bool
+    motion_unit: float = 1.0
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Numbers that come out by attribute."""
+        sizes = output_sizes(self.deformed_sh)
+        return {name: size for name, size in sizes.items() if name != "opacity_logits" or self.deformed_opacity}
+
+
+@dataclass(frozen=True)
+class Smoothness:
+    """Weights of the planes' own losses, with the original's values for N3DV.
+
+    Attributes:
+        space: mean square difference of neighbouring cells of the planes of space.
+        time: mean square second difference along time.
+        stillness: mean distance of the planes of time from one, where nothing changes.
+    """
+
+    space: float = 2e-4
+    time: float = 1e-3
+    stillness: float = 1e-4
+
+
+def settings_for(
+    hidden_width: int,
+    head_width: int,
+    frame_count: int,
+    deformed_sh: int,
+    deformed_opacity: bool,
+    motion_unit: float,
+) -> HexPlaneSettings:
+    """The original's planes for recipes as wide as the papers', and fewer cells for others; a row of time for every
+    two frames, as the original advises."""
+    rows = max(2, math.ceil(frame_count / 2))
+    resolutions = (64, 128) if hidden_width >= _PAPER_WIDTH else (32, 64)
+    return HexPlaneSettings(16, resolutions, rows, hidden_width, head_width, deformed_sh, deformed_opacity, motion_unit)
+
+
+class HexPlaneField(nn.Module):
+    """Planes and network.
+
+    Args:
+        settings: their shape.
+        points: (N, 3) seeds; the planes span the box around them. What lies outside reads their rims.
+    """
+
+    low: torch.Tensor
+    high: torch.Tensor
+
+    def __init__(self, settings: HexPlaneSettings, points: torch.Tensor) -> None:
+        super().__init__()
+        self.settings = s = settings
+        low, high = bounds_of(points)
+        self.register_buffer("low", low)
+        self.register_buffer("high", high)
+        # (3, C, rows, columns): space from 0.1 to 0.5, time one, so that nothing moves before it has learned to.
+        self.space_planes = nn.ParameterList(
+            torch.empty(3, s.channels, size, size, device="cpu").uniform_(0.1, 0.5) for size in s.resolutions
+        )
+        self.time_planes = nn.ParameterList(
+            torch.ones(3, s.channels, s.time_rows, size, device="cpu") for size in s.resolutions
+        )
+        heads = len(s.sizes)
+        self.first = nn.Linear(s.channels * len(s.resolutions), s.hidden_width, device="cpu")
+        self.second = nn.Linear(s.hidden_width, heads * s.head_width or s.hidden_width, device="cpu")
+        nn.init.xavier_uniform_(self.first.weight)
+        nn.init.xavier_uniform_(self.second.weight)
+        # Zero outputs: training starts from the undeformed scene.
+        outputs = sum(s.sizes.values())
+        self.output_weight = nn.Parameter(torch.zeros(outputs, s.head_width or s.hidden_width, device="cpu"))
+        self.output_bias = nn.Parameter(torch.zeros(outputs, device="cpu"))
+
+    def features(self, means: torch.Tensor, time: float) -> torch.Tensor:
+        """(N, channels * scales) at means (N, 3) and a time in [0, 1]."""
+        places = (means - self.low) / (self.high - self.low) * 2 - 1
+        on_planes = torch.stack([places[:, axes] for axes in AXES])[:, None]  # (3, 1, N, 2)
+        on_lines = torch.stack([places.T, torch.zeros_like(places.T)], dim=2)[:, None]
+        found = []
+        for space, over_time in zip(self.space_planes, self.time_planes, strict=True):
+            at = min(max(time, 0.0), 1.0) * (over_time.shape[2] - 1)
+            row = min(int(at), over_time.shape[2] - 2)
+            line = torch.lerp(over_time[:, :, row : row + 1], over_time[:, :, row + 1 : row + 2], at - row)
+            parts = [*_read(space, on_planes), *_read(line, on_lines)]  # six of (C, 1, N)
+            found.append(_product(parts))
+        return torch.cat(found)[:, 0].T
+
+    def forward(self, means: torch.Tensor, time: float) -> torch.Tensor:
+        """(N, sum of sizes) changes, means in motion units."""
+        s = self.settings
+        hidden = self.second(self.first(self.features(means, time)).relu()).relu()
+        if not s.head_width:
+            return functional.linear(hidden, self.output_weight, self.output_bias)
+        sizes = list(s.sizes.values())
+        parts = zip(
+            hidden.split(s.head_width, dim=1),
+            self.output_weight.split(sizes),
+            self.output_bias.split(sizes),
+            strict=True,
+        )
+        return torch.cat([functional.linear(part, weight, bias) for part, weight, bias in parts], dim=1)
+
+
+def _read(planes: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
+    """(3, C, 1, N) bilinear, the rims going on outside."""
+    return functional.grid_sample(planes, places, mode="bilinear", padding_mode="border", align_corners=True)
+
+
+def _product(parts: list[torch.Tensor]) -> torch.Tensor:
+    result = parts[0]
+    for part in parts[1:]:
+        result = result * part
+    return result
+
+
+class HexPlane(SceneModel):
+    """See the module."""
+
+    def __init__(
+        self, canonical: CanonicalField, settings: HexPlaneSettings, smoothness: Smoothness | None = None
+    ) -> None:
+        super().__init__()
+        self.canonical: CanonicalField = canonical
+        self.settings = settings
+        self.smoothness = smoothness or Smoothness()
+        self.deformation = HexPlaneField(settings, canonical.means)
+
+    def deform(
+        self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
+    ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
+        """See SceneModel."""
+        output = through_visible_rows(self.deformation, self.canonical.means, time)
+        sizes = self.settings.sizes
+        changes = dict(zip(sizes, output.split(list(sizes.values()), dim=1), strict=True))
+        changes["means"] = changes["means"] * self.settings.motion_unit
+        return deformed(self.canonical, changes, sh_count), changes
+
+    def rate_groups(self) -> dict[str, list[nn.Parameter]]:
+        field = self.deformation
+        grid = [*field.space_planes, *field.time_planes]
+        network = [*field.first.parameters(), *field.second.parameters(), field.output_weight, field.output_bias]
+        return {"grid": grid, "network": network}
+
+    def regularization(self) -> torch.Tensor:
+        """The planes' smoothness; see Smoothness."""
+        weights, field = self.smoothness, self.deformation
+        total = field.output_bias.new_zeros(())
+        for space, over_time in zip(field.space_planes, field.time_planes, strict=True):
+            for axis in (2, 3):
+                total = total + weights.space * space.diff(dim=axis).square().mean()
+            if over_time.shape[2] > 2:
+                total = total + weights.time * over_time.diff(n=2, dim=2).square().mean()
+            total = total + weights.stillness * (over_time - 1).abs().mean()
+        return total
+
+    def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
+        return asdict(self.settings)
+
+
+def model_of(begin: ModelInit) -> HexPlane:
+    """Before its first step."""
+    recipe, sh_count = begin.recipe, begin.canonical.sh.shape[1]
+    settings = settings_for(
+        recipe.hidden_width,
+        recipe.head_width,
+        begin.frame_count,
+        min(recipe.deformed_sh, sh_count),
+        recipe.deformed_opacity,
+        MOTION_UNIT * begin.scene_scale,
+    )
+    return HexPlane(begin.canonical, settings)

@@ -1,0 +1,307 @@
+"""The runs of an experiment: every training of a chart, identified by what decides its result."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..engine import FrogError
+from ..engine.registry import METHODS
+from .corruptions.catalogue import condition_named
+
+if TYPE_CHECKING:
+    from ..engine import Capture, Recipe
+
+AUTO_ROW, AUTO_LABEL, AUTO = "frog-auto", "FRoG auto", {"capacity": "auto"}
+"""FRoG with automatic capacity (see training.compression), a row beside FRoG with a fixed capacity."""
+ROWS = ("frog", AUTO_ROW, "ed3dgs", "static", "d3dgs", "hexplane", "curves")
+"""The rows of a chart, in the order of its tables; its ``methods`` may name others that are installed."""
+FEWER_GAUSSIANS, DYNAMIC_SHARES = (8, 4, 2), (0.05, 0.1, 0.2, 0.4)
+"""The capacity sweep: the recipe's number divided by these, and shares of the Gaussians that may be dynamic."""
+MAIN_METHODS = ("frog", AUTO_ROW, "ed3dgs")
+"""The paper's method and its baseline, which get the most seeds."""
+ABLATIONS = ("fusion", "modulation", "sampling", "seeds", "loss", "opacity", "k", "capacity")
+SHARPNESSES = (1.0, 5.0, 10.0, 20.0)
+"""Values of k in the paper's ablation of the opacity reduction (0 is no reduction)."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training of a grid.
+
+    Attributes:
+        scene: the capture's name in the tables; unique in a results file.
+        capture: its folder, which does not decide the result.
+        method: see ``METHODS``.
+        label: the row in the tables: the method's title, or what an ablation changes.
+        recipe, overrides: a recipe's name, and settings that differ from it.
+        seed: of all random numbers.
+        steps: of training; None for the recipe's own.
+        equal_time: limited not by steps but by the seconds that FRoG took for them on the same scene.
+        scale, holdout_frames: see ``TrainingJob``.
+        protocol: the paper's protocol that opens the capture (see ``protocols``); "" for a plain capture.
+        group: "methods", "time" or an ablation's name.
+        condition: the stability suite's condition (see ``corruptions.catalogue``); "" for the capture as it is.
+    """
+
+    scene: str
+    capture: str
+    method: str
+    label: str
+    recipe: str = "draft"
+    overrides: tuple[tuple[str, Any], ...] = ()
+    seed: int = 0
+    steps: int | None = None
+    equal_time: bool = False
+    scale: float | None = None
+    holdout_frames: int | None = None
+    protocol: str = ""
+    group: str = "methods"
+    condition: str = ""
+
+    @cached_property
+    def key(self) -> str:
+        """Identifies the training: the same on any day and machine.
+
+        It depends on all that decides the result except the code and the recipes' own settings (see ``is_done``).
+        """
+        left_out = ("capture", "label", "group")
+        decides = {name: value for name, value in asdict(self).items() if name not in left_out}
+        decides["overrides"] = sorted(self.overrides)
+        if not self.condition:
+            del decides["condition"]  # the keys of plain runs are older than conditions
+        return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()[:16]
+
+    def settings(self) -> Recipe:
+        """The recipe as the method trains it."""
+
+        return METHODS[self.method].adapted(self.plain_recipe())
+
+    def plain_recipe(self) -> Recipe:
+        """The recipe before the method adapts it."""
+        from ..engine import recipe
+
+        return recipe(self.recipe, **dict(self.overrides))
+
+    def opened(self) -> Capture | None:
+        """The capture as its condition or protocol opens it, None for a plain one."""
+        if self.condition:
+            return condition_named(self.condition).opened(Path(self.capture))
+        if not self.protocol:
+            return None
+        from .protocols import captures
+
+        return captures(self.protocol, Path(self.capture), [self.scene])[0][1]
+
+    def to_json(self) -> str:
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Run:
+        values = json.loads(text)
+        values["overrides"] = tuple((name, _hashable(value)) for name, value in values["overrides"])
+        return cls(**values)
+
+
+def _hashable(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Settings by label by ablation: every choice except that of ``base``.
+
+    Raises:
+        FrogError: for an ablation that does not exist.
+    """
+    from ..engine import FORMS, FUSIONS, SAMPLINGS
+
+    reduced = base.opacity_reduction if base.opacity_reduction != "off" else "unit"
+    sampled = base.sampling if base.sampling != "off" else "anchors"
+    forms = {f"opacity: {form}": {"opacity_reduction": form} for form in FORMS if form != base.opacity_reduction}
+    sampling = {f"sampling: {kind}": {"sampling": kind} for kind in SAMPLINGS if kind != base.sampling}
+    depth = "mean" if base.sampling_depth == "median" else "median"
+    everything: dict[str, dict[str, dict[str, Any]]] = {
+        "fusion": {f"fusion: {fusion}": {"fusion": fusion} for fusion in FUSIONS if fusion != base.fusion},
+        "modulation": {f"modulation: {'off' if base.modulation else 'on'}": {"modulation": not base.modulation}},
+        "sampling": {**sampling, f"sampling: {depth} depth": {"sampling": sampled, "sampling_depth": depth}},
+        "seeds": _other_seeds(base),
+        "loss": {"loss: without squares": {"square_weight": 0.0}} if base.square_weight else {},
+        "opacity": forms,
+        "k": {
+            f"k = {k:g}": {"opacity_sharpness": k, "opacity_reduction": reduced}
+            for k in SHARPNESSES
+            if k != base.opacity_sharpness
+        },
+        "capacity": {
+            **{f"{base.max_gaussians // part:,} Gaussians": _smaller(base, part) for part in FEWER_GAUSSIANS},
+            **{f"{share:.0%} move": {**AUTO, "dynamic_share": share} for share in DYNAMIC_SHARES},
+        },
+    }
+    for kind in kinds:
+        if kind not in everything:
+            raise FrogError(f"There is no ablation {kind!r}; there are {', '.join(everything)}.")
+    return {kind: everything[kind] for kind in kinds}
+
+
+def _other_seeds(base: Recipe) -> dict[str, dict[str, Any]]:
+    """With seeds at many times or without them; nothing where a scene of ``base`` cannot have them."""
+    other = replace(base, moment_seeds=not base.moment_seeds)
+    if other.moments_for(30, 300) == base.moments_for(30, 300):
+        return {}
+    return {f"seeds: at {'many times' if other.moment_seeds else 'one time'}": {"moment_seeds": other.moment_seeds}}
+
+
+def _smaller(base: Recipe, part: int) -> dict[str, Any]:
+    return {"max_gaussians": base.max_gaussians // part, "seed_gaussians": base.seed_gaussians // part}
+
+
+def row_named(row: str) -> tuple[str, str, dict[str, Any]]:
+    """The method, label and own settings of a row among ``ROWS``; FrogError for another name."""
+
+    return ("frog", AUTO_LABEL, AUTO) if row == AUTO_ROW else (row, METHODS[row].title, {})
+
+
+@dataclass(frozen=True)
+class CommonSettings:
+    """What all runs of a grid share.
+
+    Attributes:
+        recipe, overrides: a recipe's name, and settings that differ from it.
+        steps, scale, holdout_frames, protocol: see ``Run``.
+    """
+
+    recipe: str = "draft"
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    steps: int | None = None
+    scale: float | None = None
+    holdout_frames: int | None = None
+    protocol: str = ""
+
+    def run(self, scene: str, folder: Path, method: str, *, label: str = "", **changes: Any) -> Run:
+        """A run of the first seed.
+
+        Args:
+            scene: the capture's name in the tables.
+            folder: the capture.
+            changes: settings of the recipe that this run has of its own.
+
+        Raises:
+            FrogError: for a method, recipe or setting that does not exist. It is better said now than hours later.
+        """
+        run = Run(
+            scene,
+            str(folder),
+            method,
+            label,
+            recipe=self.recipe,
+            overrides=tuple(sorted({**self.overrides, **changes}.items())),
+            steps=self.steps,
+            scale=self.scale,
+            holdout_frames=self.holdout_frames,
+            protocol=self.protocol,
+        )
+        run.settings()
+        return run
+
+
+@dataclass(frozen=True)
+class SeedCounts:
+    """How often each row of a chart is trained.
+
+    Attributes:
+        main: of ``MAIN_METHODS``.
+        others: of the other methods, at most ``main``.
+        ablation: of the rows of an ablation; ``main`` if None.
+    """
+
+    main: int = 3
+    others: int = 1
+    ablation: int | None = None
+
+    def of(self, method: str) -> int:
+        return self.main if method in MAIN_METHODS else min(self.main, self.others)
+
+
+def chart_grid(
+    captures: Mapping[str, Path],
+    common: CommonSettings | None = None,
+    seeds: SeedCounts | None = None,
+    *,
+    methods: Sequence[str] = ROWS,
+    ablation: Sequence[str] = (),
+    equal_time: bool = False,
+) -> list[Run]:
+    """The runs of a chart, ``in_order``.
+
+    Args:
+        captures: folders by scene name.
+        methods: which of ``ROWS``.
+        ablation: which of ``ABLATIONS`` of FRoG.
+        equal_time: every method but FRoG a second time, for as long as FRoG took.
+
+    Raises:
+        FrogError: for a method, recipe or ablation that does not exist.
+    """
+    common, seeds = common or CommonSettings(), seeds or SeedCounts()
+    runs: list[Run] = []
+    for scene, folder in captures.items():
+        for row in methods:
+            method, label, changes = row_named(row)
+            first = common.run(scene, folder, method, label=label, **changes)
+            runs += with_seeds(first, seeds.of(row))
+            if equal_time and method != "frog" and "frog" in methods:
+                runs += with_seeds(replace(first, equal_time=True, group="time"), seeds.of(row))
+        base = common.run(scene, folder, "frog").plain_recipe()
+        for kind, variants in ablation_variants(base, ablation).items():
+            for label, changes in variants.items():
+                first = common.run(scene, folder, "frog", label=label, **changes)
+                runs += with_seeds(replace(first, group=kind), seeds.ablation or seeds.main)
+    return in_order(runs)
+
+
+def with_seeds(run: Run, count: int) -> list[Run]:
+    """The run with the seeds 0 to ``count`` - 1."""
+    return [replace(run, seed=seed) for seed in range(count)]
+
+
+def in_order(runs: Sequence[Run]) -> list[Run]:
+    """The first seed of everything, rows of the main tables before those of ablations, then the next seed.
+
+    Runs at equal time come last, as they need to know how long FRoG took.
+    """
+    return sorted(runs, key=lambda run: (run.equal_time, run.seed, run.group != "methods"))
+
+
+def extra_rows(
+    captures: Mapping[str, Path],
+    rows: Sequence[tuple[str, str, Mapping[str, Any]]],
+    common: CommonSettings | None = None,
+    seeds: int = 1,
+) -> list[Run]:
+    """Runs of further rows in the main table: (label, method, settings of its own) on every scene.
+
+    Raises:
+        FrogError: for a method or setting that does not exist.
+    """
+    common = common or CommonSettings()
+    runs: list[Run] = []
+    for label, method, changes in rows:
+        for scene, folder in captures.items():
+            runs += with_seeds(common.run(scene, folder, method, label=label, **changes), seeds)
+    return runs
+
+
+def named_captures(folders: Sequence[Path]) -> dict[str, Path]:
+    """Folders by their names; FrogError if two have the same."""
+    named: dict[str, Path] = {}
+    for folder in folders:
+        name = folder.resolve().name
+        if name in named:
+            raise FrogError(f"{folder}: another capture is called {name!r} too, expected folders of different names.")
+        named[name] = folder
+    return named

@@ -1,0 +1,328 @@
+"""One run of an experiment: a training, its metrics on the held-out images, and the record of both.
+
+A killed run resumes from its checkpoint. Its curve up to there lies beside it.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..cli.cluster import limited_threads
+from ..engine import (
+    Cancelled,
+    Evaluated,
+    Finished,
+    Floats,
+    FrameStore,
+    FrogError,
+    Progress,
+    ScenePlayer,
+    Started,
+    TrainingJob,
+    WarningEvent,
+    checkpoint_path,
+    evaluate_images,
+    perceptual_metrics,
+    prepare_capture,
+    psnr_of,
+    read_scene,
+    run_training,
+    scene_bytes,
+    settings_json,
+    write_atomically,
+)
+from ..engine.registry import METHODS
+from .corruptions.alterations import brightened_values
+from .corruptions.catalogue import condition_named
+from .grid import Run
+from .machine import describe_machine, describe_versions
+from .results import Record, finished
+
+_EVALUATED_SHOTS = 30  # for each point of the curves, as many as for their ends
+
+
+@dataclass(frozen=True)
+class RunEnvironment:
+    """Where and how runs are made. It decides their times, not their results.
+
+    Attributes:
+        folder: of the results; scenes lie in its ``scenes``.
+        device: see ``TrainingJob``.
+        threads: of each run; 0 for one a core.
+        dedicated: whether no other run of the grid works at the same time.
+        save_every: between checkpoints.
+    """
+
+    folder: Path
+    device: str = "auto"
+    threads: int = 0
+    dedicated: bool = True
+    save_every: float = 180.0
+
+    @property
+    def results(self) -> Path:
+        """The file of JSON lines."""
+        return self.folder / "runs.jsonl"
+
+    def scene(self, run: Run) -> Path:
+        """Where a run's ``.frog`` lies."""
+        return self.folder / "scenes" / f"{run.key}.frog"
+
+
+class Stopped(Exception):
+    """The run was cancelled; its checkpoint is kept."""
+
+
+def settings_of(run: Run) -> dict[str, Any]:
+    """The recipe as the method trains it, as JSON has it."""
+    settings: dict[str, Any] = json.loads(json.dumps(settings_json(run.settings())))
+    return settings
+
+
+def is_done(run: Run, records: Iterable[Record]) -> bool:
+    """True if ``records`` have the run with the settings that it would have today.
+
+    Settings that only one of the two knows are not compared.
+    """
+    record = finished(records).get(run.key)
+    if record is None:
+        return False
+    settings = settings_of(run)
+    return all(settings.get(name, value) == value for name, value in record["recipe"].items())
+
+
+def frog_seconds(run: Run, records: Iterable[Record], environment: RunEnvironment) -> float:
+    """How long FRoG trained on the scene of an equal-time run: the median over its seeds, in the same environment.
+
+    Raises:
+        FrogError: if there is no such run of FRoG.
+    """
+    same = ("scene", "recipe_name", "overrides", "scale", "holdout_frames", "planned_steps")
+    wanted = identity(run)
+    seconds = [
+        record["train_seconds"]
+        for record in finished(records).values()
+        if record["method"] == "frog"
+        and record["group"] == "methods"
+        and all(record[name] == wanted[name] for name in same)
+        and (record["threads"], record["dedicated"]) == (environment.threads, environment.dedicated)
+    ]
+    if not seconds:
+        raise FrogError(
+            f"{run.scene}: there is no finished run of FRoG under the same conditions, expected one for its seconds."
+        )
+    return float(statistics.median(seconds))
+
+
+def identity(run: Run) -> Record:
+    """The part of a record that identifies its run."""
+    names = ("key", "scene", "condition", "protocol", "method", "label", "group", "seed", "equal_time", "scale")
+    overrides = json.loads(json.dumps(dict(run.overrides)))
+    return {
+        **{name: getattr(run, name) for name in (*names, "holdout_frames")},
+        "title": METHODS[run.method].title,
+        "recipe_name": run.recipe,
+        "overrides": overrides,
+        "planned_steps": run.steps,
+    }
+
+
+def failure(run: Run, sentence: str) -> Record:
+    """The record of a run that failed. The path of the capture's folder is replaced by the scene's name."""
+    return {"kind": "failed", **identity(run), "error": sentence.replace(run.capture, run.scene), **made_on()}
+
+
+def made_on() -> Record:
+    """The part of a record that says on what and when it was made."""
+    now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+    return {"machine": describe_machine(), "versions": describe_versions(), "finished_at": now}
+
+
+def perform(
+    run: Run,
+    environment: RunEnvironment,
+    seconds: float | None = None,
+    advanced: Callable[[float], None] = lambda share: None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Record:
+    """Trains a run, or resumes its training, and evaluates it; returns its record.
+
+    Args:
+        seconds: the limit of an equal-time run.
+        advanced: called with the share of the training that is done.
+        cancelled: asked whether to stop.
+
+    Raises:
+        Stopped: if it was cancelled.
+        FrogError: if the capture or the settings cannot be used.
+    """
+    with limited_threads(environment.threads):
+        started = time.monotonic()
+        scene = environment.scene(run)
+        opened = run.opened()
+        job = TrainingJob(
+            Path(run.capture),
+            scene,
+            method=run.method,
+            recipe=run.plain_recipe(),
+            steps=None if run.equal_time else run.steps,
+            seconds=seconds if run.equal_time else None,
+            seed=run.seed,
+            scale=run.scale,
+            holdout_frames=run.holdout_frames,
+            device=environment.device,
+            save_every=environment.save_every,
+            opened=opened,
+            evaluated_shots=_EVALUATED_SHOTS,
+        )
+        settings = {"recipe": settings_of(run), "steps": job.steps, "seconds": job.seconds}
+        trained = _train(job, _Notes(scene, settings), advanced, cancelled)
+        measured = _measure(job, condition_named(run.condition).light if run.condition else 1.0)
+        record = {
+            "kind": "run",
+            **identity(run),
+            "recipe": settings_of(run),
+            "seconds_limit": job.seconds,
+            **trained,
+            **measured,
+            "threads": environment.threads,
+            "dedicated": environment.dedicated,
+            "wall_seconds": time.monotonic() - started,
+            **made_on(),
+        }
+    return record
+
+
+def clean_up(run: Run, environment: RunEnvironment) -> None:
+    """Removes what only an unfinished run needs. Call it once the record is on disk."""
+    scene = environment.scene(run)
+    _notes_path(scene).unlink(missing_ok=True)
+    if run.seed or run.equal_time or run.condition:  # the timing pass loads the checkpoints of first seeds
+        checkpoint_path(scene).unlink(missing_ok=True)
+
+
+class _Notes:
+    """What a run keeps beside its checkpoint: ``curve`` (seconds, step, PSNR) and ``preparation_seconds``.
+
+    Args:
+        scene: the run's ``.frog``.
+        settings: what the training depends on; notes with other settings are not used.
+    """
+
+    def __init__(self, scene: Path, settings: dict[str, Any]) -> None:
+        self.path, self._settings = _notes_path(scene), settings
+        self.curve: list[list[float]] = []
+        self.preparation_seconds: float | None = None
+
+    def load(self) -> bool:
+        """Takes over the notes of an interrupted run; False where there are none with the same settings."""
+        try:
+            values = json.loads(self.path.read_text(encoding="utf-8"))
+            if values["settings"] != self._settings:
+                return False
+            self.curve, self.preparation_seconds = values["curve"], values["preparation_seconds"]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            return False
+        return True
+
+    def save(self) -> None:
+        names = ("curve", "preparation_seconds")
+        values = {"settings": self._settings, **{name: getattr(self, name) for name in names}}
+        write_atomically(self.path, json.dumps(values).encode())
+
+    def add(self, seconds: float, step: int, psnr: float) -> None:
+        """Adds a point and drops later ones: a resumed training passes some steps a second time."""
+        self.curve = [point for point in self.curve if point[1] < step]
+        self.curve.append([round(seconds, 3), step, round(psnr, 4)])
+        self.save()
+
+
+def _notes_path(scene: Path) -> Path:
+    return Path(f"{scene}.curve")
+
+
+def _train(job: TrainingJob, notes: _Notes, advanced: Callable[[float], None], cancelled: Callable[[], bool]) -> Record:
+    """The training's part of the record; resumes from a checkpoint with the same settings."""
+    checkpoint = checkpoint_path(job.output)
+    if checkpoint.is_file() and notes.load():
+        try:
+            return _follow(replace(job, resume=True), notes, advanced, cancelled)
+        except FrogError as error:
+            if not str(error).startswith(str(checkpoint)):
+                raise
+            notes.curve, notes.preparation_seconds = [], None  # the checkpoint is damaged: start again
+    return _follow(job, notes, advanced, cancelled)
+
+
+def _follow(
+    job: TrainingJob, notes: _Notes, advanced: Callable[[float], None], cancelled: Callable[[], bool]
+) -> Record:
+    started, warnings, device = time.monotonic(), [], "cpu"
+    for event in run_training(job, cancelled):
+        match event:
+            case WarningEvent(message):
+                warnings.append(message.replace(str(job.capture), job.capture.name))
+            case Started(device=device):
+                if notes.preparation_seconds is None:
+                    notes.preparation_seconds = time.monotonic() - started
+                notes.save()
+            case Progress(seconds=seconds, seconds_left=left):
+                advanced(seconds / (seconds + left) if seconds + left > 0 else 0.0)
+            case Evaluated(step=step, psnr=psnr, seconds=seconds):
+                notes.add(seconds, step, psnr)
+            case Cancelled():
+                raise Stopped
+            case Finished(steps=steps, seconds=seconds, gaussians=gaussians, capacity=capacity):
+                advanced(1.0)
+                return {
+                    "steps": steps,
+                    "train_seconds": seconds,
+                    "preparation_seconds": notes.preparation_seconds,
+                    "gaussians": gaussians,
+                    "dynamic": capacity.get("dynamic", gaussians),
+                    "device": device,
+                    "curve": notes.curve,
+                    "warnings": warnings,
+                }
+    raise Stopped
+
+
+_FIGURES = ("psnr", "psnr_moving", "psnr_bright", "ssim", "flip", "lpips", "sharpness_moving", "frames", "split")
+
+
+def _measure(job: TrainingJob, light: float) -> Record:
+    """Metrics of the written scene on the held-out images.
+
+    A metric that cannot be computed is None, and "missing" says why.
+
+    Args:
+        light: of the scene relative to the clean capture's. If it is not 1, "psnr_bright" is the PSNR after brightening
+            both images by its inverse.
+    """
+    capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
+    scene = ScenePlayer.load(job.output)
+    capture = capture.with_cameras(scene.header.cameras)  # as training left their poses
+    metrics, missing = perceptual_metrics()
+    if light != 1:
+        metrics = {**metrics, "psnr_bright": partial(_bright_psnr, 1 / light)}
+    size = job.output.stat().st_size
+    found = evaluate_images(scene, capture, FrameStore.open(capture), more_metrics=metrics, file_bytes=size)
+    camera = capture.cameras[0]
+    figures = {name: found.get(name) for name in _FIGURES}
+    packed = len(scene_bytes(read_scene(job.output), compact=True))
+    sizes = {"bytes": size, "packed_bytes": packed, "size": [camera.width, camera.height]}
+    return {**figures, **sizes, "missing": missing}
+
+
+def _bright_psnr(gain: float, image: Floats, truth: Floats) -> float:
+    error = brightened_values(image.astype(np.float64), gain) - brightened_values(truth.astype(np.float64), gain)
+    return psnr_of(float((error**2).mean()))

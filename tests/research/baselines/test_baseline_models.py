@@ -1,0 +1,267 @@
+"""The baselines: each starts where it should, learns with all it has, and computes what its paper's formula says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
+from frog_blender.engine.model.interface import FINISHED, SceneModel
+from frog_blender.engine.recipes import recipe
+from frog_blender.engine.registry import METHODS
+from frog_blender.engine.training.methods import ModelInit
+from frog_blender.research.baselines import curves, d3dgs, hexplane
+from frog_blender.research.baselines.networks import bounds_of, through_visible_rows
+
+ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
+BASELINES = ("d3dgs", "hexplane", "curves")
+COUNT = 40
+
+
+def canonical(embedding_size: int = 0, count: int = COUNT) -> CanonicalField:
+    generator = torch.Generator().manual_seed(1)
+    points = torch.randn(count, 3, generator=generator)
+    colors = torch.rand(count, 3, generator=generator)
+    return CanonicalField(new_gaussians(points, colors, torch.full((count,), 0.1), 4, embedding_size))
+
+
+def built(method: str, frames: int = 9, seed: int = 0, **settings: object) -> SceneModel:
+    torch.manual_seed(seed)
+    adapted = METHODS[method].adapted(recipe("draft", **settings))
+    return METHODS[method].model(ModelInit(canonical(adapted.embedding_size), adapted, frames, 4 * frames, 3.0))
+
+
+def perturbed(model: SceneModel) -> SceneModel:
+    """With outputs and curves that are not zero."""
+    generator = torch.Generator().manual_seed(2)
+    for name, parameter in model.named_parameters():
+        if "output" in name or "embeddings" in name or "time_planes" in name:
+            parameter.data = parameter.data + torch.randn(parameter.shape, generator=generator) * 0.3
+    return model
+
+
+@pytest.mark.parametrize("wide", [False, True], ids=["small", "paper"])
+@pytest.mark.parametrize("method", ["d3dgs", "hexplane"])
+def test_training_starts_from_the_undeformed_scene(method: str, wide: bool) -> None:
+    model = built(method, **({"hidden_width": 128, "head_width": 128} if wide else {}))
+    for time in (0.0, 0.3, 1.0):
+        moved, still = model(time), model.canonical.gaussians()
+        for name in ATTRIBUTES:
+            torch.testing.assert_close(getattr(moved, name), getattr(still, name), rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("wide", [False, True], ids=["small", "paper"])
+@pytest.mark.parametrize("method", BASELINES)
+def test_gradients_reach_every_parameter(method: str, wide: bool) -> None:
+    settings = {"hidden_width": 128, "head_width": 128, "deformed_sh": 4} if wide else {}
+    model = perturbed(built(method, **settings))
+    for time in (0.0, 0.37, 0.8):
+        gaussians = model(time)
+        sum(getattr(gaussians, name).square().sum() for name in ATTRIBUTES).backward()
+    driven = {id(p) for group in model.rate_groups().values() for p in group}
+    for name, parameter in model.named_parameters():
+        if parameter.numel():
+            assert parameter.grad is not None and float(parameter.grad.abs().max()) > 0, name
+        assert name.startswith("canonical.") != (id(parameter) in driven), "no rate drives it, or two do"
+
+
+@pytest.mark.parametrize("method", BASELINES)
+def test_what_the_model_says_it_changed_is_what_moved(method: str) -> None:
+    model = perturbed(built(method))
+    gaussians, changes = model.deform(0.3, FINISHED, 1)
+    assert gaussians.sh.shape == (COUNT, 1, 3)
+    torch.testing.assert_close(gaussians.means - model.canonical.means, changes["means"], atol=1e-5, rtol=1e-4)
+    assert float(changes["means"].detach().abs().max()) > 1e-3
+
+
+@pytest.mark.parametrize("method", BASELINES)
+def test_the_world_can_be_as_large_as_it_likes(method: str) -> None:
+    """The same scene ten times as large moves ten times as far: no rate or encoding depends on the unit."""
+    adapted = METHODS[method].adapted(recipe("draft"))
+    found = []
+    for factor in (1.0, 10.0):
+        torch.manual_seed(4)
+        field = canonical(adapted.embedding_size)
+        field.means.data *= factor
+        model = perturbed(METHODS[method].model(ModelInit(field, adapted, 9, 36, 3.0 * factor)))
+        found.append((model(0.3).means - field.means).detach() / factor)
+    assert float(found[0].abs().max()) > 0.01
+    torch.testing.assert_close(found[0], found[1], atol=2e-3, rtol=2e-3)
+
+
+def test_an_encoding_is_the_values_and_their_octaves() -> None:
+    values = torch.tensor([[0.3, -1.2]])
+    found = d3dgs.encode(values, 3)
+    expected = [*values[0]]
+    for function in (torch.sin, torch.cos):
+        expected += [function(value * octave) for value in values[0] for octave in (1, 2, 4)]
+    torch.testing.assert_close(found, torch.stack(expected)[None])
+
+
+def literal_d3dgs(model: d3dgs.D3dgs, time: float) -> torch.Tensor:
+    """As the paper draws it: place and time concatenated, and again before the layer of the skip."""
+    network, s = model.deformation, model.settings
+    place = d3dgs.encode((model.canonical.means - network.centre) / network.unit, s.space_frequencies)
+    time_code = d3dgs.encode(torch.tensor([[time]]), s.time_frequencies).expand(len(place), -1)
+    encoded = torch.cat([place, time_code], dim=1)
+    hidden = encoded
+    for number, layer in enumerate(network.layers):
+        hidden = layer(torch.cat([encoded, hidden], dim=1) if number == s.skip else hidden).relu()
+    return network.output(hidden)
+
+
+@pytest.mark.parametrize("width", [64, 128])
+def test_d3dgs_is_the_literal_network(width: int) -> None:
+    model = perturbed(built("d3dgs", hidden_width=width))
+    assert (model.settings.depth, model.settings.width, model.settings.skip) == ((4, 64, 3), (8, 256, 5))[width > 64]
+    torch.testing.assert_close(
+        model.deformation(model.canonical.means, 0.4), literal_d3dgs(model, 0.4), atol=1e-5, rtol=1e-4
+    )
+
+
+def test_d3dgs_keeps_places_out_of_the_gradient() -> None:
+    """Only what is added to the mean reaches it."""
+    model = perturbed(built("d3dgs"))
+    model(0.4).means.sum().backward()
+    torch.testing.assert_close(model.canonical.means.grad, torch.ones(COUNT, 3))
+
+
+@pytest.mark.parametrize(("frames", "octaves"), [(1, 3), (6, 5), (30, 8), (300, 10), (3000, 10)])
+def test_d3dgs_has_as_many_octaves_of_time_as_there_are_frames_for(frames: int, octaves: int) -> None:
+    assert d3dgs.settings_for(64, frames, 1.0).time_frequencies == octaves
+
+
+def bilinear(plane: torch.Tensor, column: float, row: float) -> torch.Tensor:
+    """(C,) of a plane (C, rows, columns) at a place in cells, literally."""
+    rows, columns = plane.shape[1:]
+    total = torch.zeros(plane.shape[0])
+    for r in range(rows):
+        for c in range(columns):
+            total += max(0.0, 1 - abs(row - r)) * max(0.0, 1 - abs(column - c)) * plane[:, r, c]
+    return total
+
+
+def test_hexplane_features_are_products_over_six_planes() -> None:
+    settings = hexplane.HexPlaneSettings(2, (4, 7), 5, 8, 0, 1, True)
+    torch.manual_seed(0)
+    model = perturbed(hexplane.HexPlane(canonical(), settings))
+    field = model.deformation
+    # One inside the box, one beyond its rim.
+    means = torch.stack([0.3 * field.low + 0.7 * field.high, field.high + 5])
+    means[1, 0] = 0.6 * field.low[0] + 0.4 * field.high[0]
+    found = field.features(means, 0.6)
+    for mean, features in zip(means, found, strict=True):
+        u = ((mean - field.low) / (field.high - field.low)).clamp(0, 1)
+        expected = []
+        for space, over_time, size in zip(field.space_planes, field.time_planes, (4, 7), strict=True):
+            x, y, z = (u * (size - 1)).tolist()
+            product = torch.ones(2)
+            for plane, (column, row) in zip(space, ((x, y), (x, z), (y, z)), strict=True):
+                product = product * bilinear(plane, column, row)
+            for plane, place in zip(over_time, (x, y, z), strict=True):
+                product = product * bilinear(plane, place, 0.6 * 4)
+            expected.append(product)
+        torch.testing.assert_close(features, torch.cat(expected), atol=1e-6, rtol=1e-4)
+
+
+def test_hexplane_begins_as_its_paper_says() -> None:
+    field = built("hexplane").deformation
+    for space in field.space_planes.requires_grad_(False):
+        assert 0.1 <= float(space.min()) < 0.11 and 0.49 < float(space.max()) <= 0.5
+    for over_time in field.time_planes:
+        assert bool((over_time == 1).all()) and over_time.shape[2] == 5  # half of nine times
+
+
+def test_hexplane_pulls_its_planes_smooth_and_still() -> None:
+    model = built("hexplane")
+    field = model.deformation
+    before = float(model.regularization())
+    for space in field.space_planes:
+        space.data.fill_(0.3)
+    assert float(model.regularization()) == 0 < before
+    slope = torch.linspace(-1, 1, 5)[:, None]
+    for over_time in field.time_planes:
+        over_time.data += slope
+    even = float(model.regularization())  # an even change has no second difference; only stillness is lost
+    assert even == pytest.approx(2 * model.smoothness.stillness * float(slope.abs().mean()), rel=1e-4)
+    for over_time in field.time_planes:
+        over_time.data += slope.square()
+    assert float(model.regularization()) > 4 * even
+    model.regularization().backward()
+    assert all(p.grad is not None for p in (*field.space_planes, *field.time_planes))
+
+
+def test_hexplane_without_moving_opacities() -> None:
+    model = perturbed(built("hexplane", deformed_opacity=False, deformed_sh=0))
+    assert list(model.settings.sizes) == ["means", "log_scales", "quaternions"]
+    torch.testing.assert_close(model(0.2).opacities, model.canonical.gaussians().opacities)
+    assert float((model(0.2).means - model(0.9).means).detach().abs().max()) > 1e-4
+
+
+@pytest.mark.parametrize("wide", [False, True], ids=["small", "paper"])
+@pytest.mark.parametrize("method", ["d3dgs", "hexplane"])
+@pytest.mark.parametrize("rows", [0, 1, 17, COUNT])
+def test_leaving_out_what_was_not_drawn_changes_no_gradient(method: str, wide: bool, rows: int) -> None:
+    model = perturbed(built(method, **({"hidden_width": 128, "head_width": 16} if wide else {})))
+    field, means = model.deformation, model.canonical.means
+    if method == "d3dgs":
+        means = means.detach()
+    wanted = [*field.parameters()] + [means] * (method == "hexplane")
+    weights = torch.randn(COUNT, field(means, 0.3).shape[1], generator=torch.Generator().manual_seed(8))
+    weights[torch.randperm(COUNT)[rows:]] = 0
+    plain = torch.autograd.grad((field(means, 0.3) * weights).sum(), wanted)
+    found = torch.autograd.grad((through_visible_rows(field, means, 0.3) * weights).sum(), wanted)
+    for one, other in zip(found, plain, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-4)
+
+
+def test_stray_points_do_not_blow_up_the_box() -> None:
+    points = torch.rand(1000, 3)
+    points[:5] = 1e6
+    low, high = bounds_of(points)
+    assert bool((low > -0.2).all()) and bool((high < 1.2).all()) and bool((high > low).all())
+    low, high = bounds_of(torch.full((1, 3), 2.0))
+    assert bool((high > low).all())
+
+
+def test_curves_are_the_formula_in_their_units() -> None:
+    settings = curves.CurveSettings((2.0, 3.0, 4.0), 0.5, 0.1, 0.7, 0.4)
+    field = canonical(curves.EMBEDDING_SIZE)
+    field.embeddings.data = torch.randn(COUNT, 15, generator=torch.Generator().manual_seed(3))
+    model, time = curves.Curves(field, settings), 0.8
+    e = field.embeddings
+    since = time - (0.5 + 0.1 * e[:, 13:14])
+    gaussians = model(time)
+    motion = 2 * e[:, 0:3] * since + 3 * e[:, 3:6] * since**2 + 4 * e[:, 6:9] * since**3
+    torch.testing.assert_close(gaussians.means, field.means + motion, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(gaussians.quaternions, field.quaternions + 0.5 * since * e[:, 9:13])
+    width = 0.4 * torch.exp(0.7 * e[:, 14])
+    expected = torch.sigmoid(field.opacity_logits) * torch.exp(-((since[:, 0] / width) ** 2))
+    torch.testing.assert_close(gaussians.opacities, expected)
+
+
+def test_fresh_curves_stand_still_and_are_there_at_all_times() -> None:
+    model = built("curves")
+    still = model.canonical.gaussians()
+    for time in (0.0, 0.5, 1.0):
+        torch.testing.assert_close(model(time).means, still.means)
+        torch.testing.assert_close(model(time).quaternions, still.quaternions)
+        assert bool((model(time).opacities > 0.3 * still.opacities).all())
+
+
+def test_a_copy_of_a_gaussian_lives_on_the_same_curve() -> None:
+    """Density control copies embeddings; a curve is nothing else."""
+    model = perturbed(built("curves"))
+    values = {name: torch.cat([p, p]).detach() for name, p in model.canonical.named_parameters()}
+    twice = curves.Curves(CanonicalField(values), model.settings)
+    torch.testing.assert_close(twice(0.7).means[COUNT:], model(0.7).means)
+
+
+def test_spread_centres_lie_where_they_should() -> None:
+    torch.manual_seed(0)
+    settings = replace(curves.settings_for(1.0), centre_unit=0.05)
+    model = curves.Curves(canonical(15, 400), settings, spread=0.8)
+    centres = 0.5 + 0.05 * model.canonical.embeddings[:, 13].detach()
+    assert 0.1 <= float(centres.min()) < 0.15 and 0.85 < float(centres.max()) <= 0.9

@@ -1,0 +1,159 @@
+"""Scenes of the baselines, written to a file and played without torch, are the scenes that training ended with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from support.builders import ATTRIBUTES, scene_file
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.engine.model.canonical import CanonicalField
+from frog_blender.engine.model.interface import FINISHED, SceneModel
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.recipes import recipe
+from frog_blender.engine.registry import METHODS
+from frog_blender.engine.scene.scene_file import SceneFile, write_scene
+from frog_blender.engine.training.methods import ModelInit
+from frog_blender.research.baselines.playback import BLOCK
+
+TIMES = (0.0, 0.013, 0.25, 0.5, 0.9, 1.0)
+FRAMES = 7
+SHAPES = [
+    ("d3dgs", {}),
+    ("d3dgs", {"hidden_width": 128}),
+    ("hexplane", {}),
+    ("hexplane", {"head_width": 24, "deformed_sh": 4}),
+    ("hexplane", {"deformed_opacity": False, "deformed_sh": 0}),
+    ("curves", {}),
+]
+
+
+def restless(method: str, count: int = 41, **settings: object) -> SceneModel:
+    """A model that moves all it can."""
+    torch.manual_seed(5)
+    adapted = METHODS[method].adapted(recipe("draft", **settings))
+    still = scene_file(count).arrays
+    names = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
+    values = {name: torch.from_numpy(still[name]) for name in names}
+    values["embeddings"] = torch.randn(count, adapted.embedding_size) * 3
+    values["embeddings"][:, 14:] /= 10  # a Gaussian's width in time is its exponential
+    model = METHODS[method].model(ModelInit(CanonicalField(values), adapted, FRAMES, 4 * FRAMES, 2.0))
+    for name, parameter in model.named_parameters():
+        if name.startswith("deformation.output"):
+            parameter.data = torch.randn(parameter.shape) * 0.1
+        if "time_planes" in name:
+            parameter.data += torch.randn(parameter.shape) * 0.5
+        if "space_planes" in name:
+            parameter.data *= 3
+    return model
+
+
+def as_file(method: str, model: SceneModel) -> SceneFile:
+    arrays = {}
+    for name, value in model.state_dict().items():
+        arrays[name.removeprefix("canonical.").replace("deformation.", "network.")] = value.numpy()
+    if not arrays["embeddings"].size:
+        del arrays["embeddings"]
+    header = replace(scene_file().header, method=method, model=model.stored_settings(FINISHED))
+    return SceneFile(header, arrays)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@pytest.mark.parametrize("count", [1, 41, BLOCK + 3])
+def test_gaussians_at_many_times(tmp_path: Path, shape: tuple[str, dict], count: int) -> None:
+    method, settings = shape
+    model = restless(method, count, **settings)
+    write_scene(tmp_path / "x.frog", as_file(method, model))
+    played = ScenePlayer.load(tmp_path / "x.frog")
+    assert played.count == count
+    for time in TIMES:
+        found = played.at(time)
+        with torch.no_grad():
+            expected = model(time)
+        assert float((expected.means - model.canonical.means).detach().abs().max()) > 1e-3  # it does move
+        expected.quaternions = torch.nn.functional.normalize(expected.quaternions, dim=1)
+        for name in ATTRIBUTES:
+            values = getattr(found, name)
+            assert values.dtype == np.float32 and values.flags.c_contiguous
+            np.testing.assert_allclose(
+                values, getattr(expected, name).detach().numpy(), rtol=1e-5, atol=1e-5, err_msg=name
+            )
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_what_is_kept_of_a_time_brings_back_the_same_bits(shape: tuple[str, dict]) -> None:
+    method, settings = shape
+    file = as_file(method, restless(method, **settings))
+    playable, other = ScenePlayer(file), ScenePlayer(file)
+    parts = {time: playable.delta_at(time) for time in TIMES}
+    for time, part in parts.items():
+        for name in ATTRIBUTES:
+            found = getattr(playable.at(time, part), name)
+            np.testing.assert_array_equal(found, getattr(other.at(time), name), err_msg=name)
+    still = {name for name in playable.columns if name not in playable.changing}
+    assert ("scales" in still) == (method == "curves") and "sh_3" in playable.columns
+
+
+@pytest.mark.parametrize("method", ["d3dgs", "hexplane", "curves"])
+def test_any_order_of_times_gives_the_same_bits(method: str) -> None:
+    scene = ScenePlayer(as_file(method, restless(method)))
+    forwards = [scene.at(time).means.tobytes() for time in TIMES]
+    assert [scene.at(time).means.tobytes() for time in reversed(TIMES)] == forwards[::-1]
+    assert len(set(forwards)) == len(TIMES)
+
+
+HOSTILE = [
+    ("d3dgs", "network.layers.1.weight", None),
+    ("d3dgs", "network.layers.0.weight", (64, 3)),
+    ("d3dgs", "network.output.bias", (9,)),
+    ("d3dgs", "network.unit", "zero"),
+    ("d3dgs", "network.layers.2.bias", "nan"),
+    ("d3dgs", "depth", 10**9),
+    ("d3dgs", "width", -4),
+    ("d3dgs", "space_frequencies", "many"),
+    ("d3dgs", "time_frequencies", None),
+    ("d3dgs", "motion_unit", float("nan")),
+    ("hexplane", "network.space_planes.0", (3, 16, 32, 31)),
+    ("hexplane", "network.time_planes.1", None),
+    ("hexplane", "network.high", "zero"),
+    ("hexplane", "network.first.weight", (64, 31)),
+    ("hexplane", "network.output_weight", (4, 64)),
+    ("hexplane", "resolutions", (1, 64)),
+    ("hexplane", "resolutions", None),
+    ("hexplane", "resolutions", 32),
+    ("hexplane", "time_rows", 1),
+    ("hexplane", "deformed_sh", 99),
+    ("hexplane", "head_width", 10**6),
+    ("curves", "embeddings", None),
+    ("curves", "embeddings", (41, 14)),
+    ("curves", "embeddings", "nan"),
+    ("curves", "motion_units", (1.0, 2.0)),
+    ("curves", "motion_units", 3),
+    ("curves", "centre_unit", 0),
+    ("curves", "first_width", None),
+    ("curves", "width_unit", float("inf")),
+]
+
+
+@pytest.mark.parametrize(("method", "name", "instead"), HOSTILE, ids=lambda value: str(value))
+def test_what_does_not_fit_is_refused_in_a_sentence(method: str, name: str, instead: object) -> None:
+    scene = as_file(method, restless(method))
+    arrays, model = dict(scene.arrays), dict(scene.header.model)
+    if name not in arrays and name in model:
+        model[name] = instead
+        if instead is None:
+            del model[name]
+    elif instead is None:
+        del arrays[name]
+    elif isinstance(instead, tuple):
+        arrays[name] = np.ones(instead, np.float32)
+    else:
+        arrays[name] = np.full_like(arrays[name], 0 if instead == "zero" else np.nan)
+        if name == "network.high":
+            arrays[name] = arrays["network.low"]
+    with pytest.raises(FrogError, match=r"^The scene's .* cannot be used \(.*\); train it again\.$"):
+        ScenePlayer(SceneFile(replace(scene.header, model=model), arrays))

@@ -1,0 +1,248 @@
+"""The papers' protocols on folders that look like the datasets, tiny."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from frog_blender.engine.errors import FrogError
+from frog_blender.research import published
+from frog_blender.research.protocols import PROTOCOLS, averages, captures, protocol_named, published_table
+
+N3DV = PROTOCOLS["n3dv"]
+# Numbers with gaps, one of them before 13: camera 13 is the thirteenth by name.
+MARTINI = tuple(f"cam{number:02d}" for number in range(21) if number not in (3, 15, 17))
+
+
+def video(path: Path, frames: int) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 30.0, (32, 24))
+    for frame in range(frames):
+        writer.write(np.full((24, 32, 3), frame % 200, np.uint8))
+    writer.release()
+    return path
+
+
+def n3dv_scene(folder: Path, names: tuple[str, ...], source: Path) -> None:
+    """Camera i stands at x = i; all show the same video."""
+    folder.mkdir(parents=True)
+    rows = []
+    for index, name in enumerate(names):
+        os.link(source, folder / f"{name}.mp4")
+        matrix = np.stack([[0.0, 1, 0], [1.0, 0, 0], [0.0, 0, -1], [index, 0, 0], [2028, 2704, 1500.0]], axis=1)
+        rows.append([*matrix.ravel(), 0.5, 20.0])
+    np.save(folder / "poses_bounds.npy", np.array(rows))
+
+
+@pytest.fixture(scope="module")
+def n3dv(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The six scenes; flame_salmon_1 has 1200 frames, sear_steak's videos lack their last."""
+    root = tmp_path_factory.mktemp("data")
+    short, usual, long = (video(root / f"{n}.mp4", n) for n in (299, 300, 1200))
+    folder = root / "N3DV"
+    n3dv_scene(folder / "coffee_martini", MARTINI, usual)
+    for name in ("cook_spinach", "cut_roasted_beef", "flame_steak"):
+        n3dv_scene(folder / name, ("cam00", "cam02"), usual)
+    n3dv_scene(folder / "salmon" / "flame_salmon_1", ("cam00", "cam02"), long)
+    n3dv_scene(folder / "sear_steak", ("cam00", "cam02"), short)
+    return folder
+
+
+def test_n3dv_is_nine_captures_at_the_papers_size(n3dv: Path) -> None:
+    found = captures(replace(N3DV, image_width=16), n3dv)
+    assert [name for name, _ in found] == [
+        "coffee_martini",
+        "cook_spinach",
+        "cut_roasted_beef",
+        *(f"flame_salmon_frag{i}" for i in (1, 2, 3, 4)),
+        "flame_steak",
+        "sear_steak",
+    ]
+    by_name = dict(found)
+    for name, capture in found:
+        assert capture.test_cameras == {"cam00"}
+        assert (capture.cameras[0].width, capture.cameras[0].height) == (16, 12)
+        assert capture.frame_count == (299 if name == "sear_steak" else 300)
+    assert any("299 of its 300 frames" in warning for warning in by_name["sear_steak"].warnings)
+
+
+def test_coffee_martini_goes_without_camera_13_and_its_pose(n3dv: Path) -> None:
+    assert sorted(MARTINI).index("cam13") == 12
+    ((_, capture),) = captures("n3dv", n3dv, names=["coffee_martini"])
+    kept = [name for name in MARTINI if name != "cam13"]
+    assert [camera.name for camera in capture.cameras] == kept
+    centers = [camera.center[0] for camera in capture.cameras]
+    np.testing.assert_allclose(centers, [index for index in range(len(MARTINI)) if index != 12])
+    assert {shot.path.stem for shot in capture.shots} == set(kept)
+    for shot in capture.shots:
+        assert capture.cameras[shot.camera].name == shot.path.stem
+
+
+def test_flame_salmon_is_four_consecutive_segments(n3dv: Path) -> None:
+    names = [f"flame_salmon_frag{i}" for i in (1, 2, 3, 4)]
+    found = captures("n3dv", n3dv, names)
+    for segment, (name, capture) in enumerate(found):
+        assert name == names[segment]
+        assert [shot.index for shot in capture.shots if shot.camera == 1] == [
+            *range(300 * segment, 300 * segment + 300)
+        ]
+        assert [shot.frame for shot in capture.shots if shot.camera == 1] == [*range(300)]
+
+
+def test_images_that_are_too_small_are_told_and_left_as_they_are(n3dv: Path) -> None:
+    ((_, capture),) = captures("n3dv", n3dv, names=["cook_spinach"])
+    assert capture.cameras[0].width == 32
+    assert any("32 pixels wide, expected 1352" in warning for warning in capture.warnings)
+
+
+def test_a_segment_that_is_not_there_is_refused(n3dv: Path, tmp_path: Path) -> None:
+    n3dv_scene(tmp_path / "flame_salmon", ("cam00", "cam01"), n3dv.parent / "300.mp4")
+    with pytest.raises(
+        FrogError, match="found 300 frames, expected 600 of which flame_salmon_frag2 is frames 300 to 599"
+    ):
+        captures("n3dv", tmp_path, ["flame_salmon_frag2"])
+
+
+def test_missing_scenes_are_named_with_what_was_looked_for(n3dv: Path, tmp_path: Path) -> None:
+    n3dv_scene(tmp_path / "cook-spinach", ("cam00", "cam01"), n3dv.parent / "300.mp4")
+    (tmp_path / "sear_steak").mkdir()
+    with pytest.raises(FrogError) as raised:
+        captures("n3dv", tmp_path)
+    sentence = str(raised.value)
+    assert "\n" not in sentence
+    for part in (str(tmp_path), "coffee_martini,", "flame_salmon_1 or flame_salmon,", "sear_steak (not in "):
+        assert part in sentence
+    assert "spinach" not in sentence
+    assert len(captures("n3dv", tmp_path, ["cook_spinach"])) == 1
+    with pytest.raises(FrogError, match="no such folder"):
+        captures("n3dv", tmp_path / "nowhere")
+
+
+def test_names_that_do_not_exist_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FrogError, match="no protocol 'nerf'; there are n3dv, hypernerf, technicolor, dnerf"):
+        protocol_named("nerf")
+    with pytest.raises(FrogError, match="n3dv has no flame_salmon_1; it has coffee_martini"):
+        captures("n3dv", tmp_path, ["flame_salmon_1"])
+
+
+def hypernerf_scene(folder: Path) -> None:
+    """Two frames of a rig, images of 67 x 120 at 2x."""
+    (folder / "rgb" / "2x").mkdir(parents=True)
+    (folder / "camera").mkdir()
+    ids = ["1_left", "1_right", "2_left", "2_right"]
+    for name in ids:
+        cv2.imwrite(str(folder / f"rgb/2x/{name}.png"), np.zeros((120, 67, 3), np.uint8))
+        camera = {
+            "orientation": np.eye(3).tolist(),
+            "position": [0.0, 0.0, 0.0],
+            "focal_length": 150.0,
+            "principal_point": [66.0, 121.0],
+            "image_size": [134, 240],
+        }
+        (folder / f"camera/{name}.json").write_text(json.dumps(camera))
+    lists = {"ids": ids, "train_ids": ["1_left", "2_right"], "val_ids": ["1_right", "2_left"]}
+    (folder / "dataset.json").write_text(json.dumps(lists))
+    (folder / "metadata.json").write_text(json.dumps({name: {"warp_id": int(name[0])} for name in ids}))
+
+
+def test_hypernerf_takes_its_four_rigs_under_the_names_they_are_published_by(tmp_path: Path) -> None:
+    for name in ("vrig_chicken/vrig-chicken", "vrig/broom2", "vrig/vrig-peel-banana", "vrig-3dprinter"):
+        hypernerf_scene(tmp_path / name)
+    hypernerf_scene(tmp_path / "interp" / "chickchicken")  # another scene of the data set
+    found = captures("hypernerf", tmp_path)
+    assert [name for name, _ in found] == ["3dprinter", "peel-banana", "broom", "chicken"]
+    for _, capture in found:
+        assert capture.test_cameras == {"1_right", "2_left"}
+        assert capture.frame_count == 2
+        assert "chickchicken" not in str(capture.path)
+
+
+def technicolor_scene(folder: Path, scene: str, frames: range) -> None:
+    """Cameras 0, 5 and 10 of sixteen."""
+    folder.mkdir(parents=True)
+    row = "1800 1000 500 1 0 1 0 0 0 0 0 0"
+    (folder / "cameras_parameters.txt").write_text("\n".join(["header", *[row] * 16]))
+    image = cv2.imencode(".png", np.zeros((17, 32, 3), np.uint8))[1].tobytes()
+    for camera in (0, 5, 10):
+        for frame in frames:
+            (folder / f"{scene}_undist_{frame:05d}_{camera:02d}.png").write_bytes(image)
+
+
+def test_technicolor_takes_fifty_frames_by_their_numbers(tmp_path: Path) -> None:
+    for scene in ("Birthday", "Fabien", "Painter", "Train"):
+        technicolor_scene(tmp_path / scene.lower(), scene, range(45, 205))
+    technicolor_scene(tmp_path / "Theatre", "Theater", range(51, 101))
+    found = dict(captures("technicolor", tmp_path))
+    firsts = {"Birthday": 151, "Fabien": 51, "Painter": 100, "Theater": 51, "Train": 151}
+    assert list(found) == list(firsts)
+    for name, capture in found.items():
+        numbers = [int(shot.path.stem.split("_")[2]) for shot in capture.shots if shot.camera == 0]
+        assert numbers == [*range(firsts[name], firsts[name] + 50)]
+        assert capture.frame_count == 50
+        assert capture.test_cameras == {"cam10"}
+
+
+def dnerf_scene(folder: Path) -> None:
+    """Two training images, and one of each other split, each from a side of its own."""
+    for split, times in (("train", (0.0, 1.0)), ("val", (0.5,)), ("test", (0.25,))):
+        (folder / split).mkdir(parents=True)
+        images = []
+        for number, time in enumerate(times):
+            pose = np.eye(4)
+            pose[0, 3] = number + time
+            images.append({"file_path": f"./{split}/r_{number}", "time": time, "transform_matrix": pose.tolist()})
+            cv2.imwrite(str(folder / split / f"r_{number}.png"), np.zeros((8, 8, 4), np.uint8))
+        listed = {"camera_angle_x": 0.7, "frames": images}
+        (folder / f"transforms_{split}.json").write_text(json.dumps(listed))
+
+
+def test_lego_is_judged_on_its_validation_split_alone(tmp_path: Path) -> None:
+    dnerf_scene(tmp_path / "lego")
+    ((name, capture),) = captures("dnerf", tmp_path)
+    assert name == "lego"
+    assert capture.test_cameras == {"val/r_0.png"}
+    assert {camera.name for camera in capture.cameras} == {"train/r_0.png", "train/r_1.png", "val/r_0.png"}
+    assert "33.07" in published_table(PROTOCOLS["dnerf"])
+
+
+def test_an_average_weighs_segments_alike_and_costs_only_where_the_paper_measures_them() -> None:
+    figures = {name: {"psnr": 20.0 + index, "fps": 100.0 + index} for index, name in enumerate(N3DV.parts)}
+    assert averages(N3DV, figures) == {"psnr": 24.0, "fps": 103.0}
+    technicolor = PROTOCOLS["technicolor"]
+    figures = {name: {"psnr": 30.0, "fps": 10.0 * index} for index, name in enumerate(technicolor.parts)}
+    assert averages(technicolor, figures) == {"psnr": 30.0, "fps": 20.0}
+    del figures["Train"]["psnr"]
+    assert averages(technicolor, figures) == {"fps": 20.0}  # the mean of four scenes is not the paper's
+    assert averages(technicolor, {"Train": {"psnr": 30.0}}) == {}
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_tables_are_data_of_methods_and_recipe_settings_that_exist(name: str) -> None:
+    from frog_blender.engine.recipes import recipe
+    from frog_blender.engine.registry import METHODS
+
+    protocol = PROTOCOLS[name]
+    rows = [*protocol.table, *protocol.elsewhere, *(row for table in protocol.ablations.values() for row in table)]
+    for row in rows:
+        assert row.method in ("", *METHODS)
+        assert 20 < row.psnr < 36
+        assert row.ssim is None or 0.5 < row.ssim < 1
+        assert row.lpips is None or 0.03 < row.lpips < 0.4
+        if row.settings:
+            recipe("paper", **row.settings)  # raises for what no recipe has
+    text = published_table(protocol)
+    assert all(row.title in text and f"{row.psnr:.2f}" in text for row in rows)
+    if not protocol.table:
+        return  # FRoG's paper does not have this dataset
+    best = max((row for row in protocol.table if row.method), key=lambda row: row.psnr)
+    assert best.method == "frog"
+
+
+def test_the_papers_ratio_of_late_to_early_fusion_is_in_its_table() -> None:
+    rows = {row.title: row for row in published.N3DV_FUSION}
+    assert rows["Product"].fps / rows["Dual"].fps == pytest.approx(2.05, abs=0.01)  # type: ignore[operator]

@@ -1,0 +1,142 @@
+"""The stability suite: its grid, its summary, its report, and the command on the small recorded scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support import synthetic_capture as film
+
+from frog_blender.cli.main import main
+from frog_blender.engine.errors import FrogError
+from frog_blender.research.corruptions.catalogue import CONDITIONS
+from frog_blender.research.grid import AUTO_LABEL, Run
+from frog_blender.research.heat_map import heat_map, stability_table, write_stability
+from frog_blender.research.results import Record, append, read
+from frog_blender.research.stability import outcome, stability_grid, without_captures
+
+FROG, STATIC = "FRoG", "3DGS (static)"
+
+
+def record(condition: str, label: str, seed: int, psnr: float | None, **changes: Any) -> Record:
+    key = f"{condition} {label} {seed}"
+    return {"kind": "run", "key": key, "condition": condition, "label": label, "seed": seed, "psnr": psnr, **changes}
+
+
+def some() -> list[Record]:
+    return [
+        *(record("clean", FROG, seed, psnr) for seed, psnr in enumerate((30.0, 30.2, 30.4))),
+        record("clean", STATIC, 0, 25.0),
+        record("views 3", FROG, 0, 27.0),
+        record("views 3", FROG, 1, 24.0),
+        record("views 3", STATIC, 0, 25.5),
+        record("light 0.25", FROG, 0, 45.0, psnr_bright=33.0),
+        {**record("noise 15", FROG, 0, None), "kind": "failed", "error": "out of memory"},
+        record("jpeg 15", FROG, 0, None),
+    ]
+
+
+def test_the_grid_begins_with_a_first_seed_of_everything(filmed: Path) -> None:
+    runs = stability_grid({"clean": filmed}, methods=["frog", "frog-auto", "static"], frog_seeds=3, seeds=2, side=24)
+    assert {run.condition for run in runs} == {name for name, item in CONDITIONS.items() if item.base == "clean"}
+    seeds = [run.seed for run in runs]
+    assert seeds == sorted(seeds)
+    count = len({run.condition for run in runs})
+    assert [sum(seed == k for seed in seeds) for k in range(3)] == [3 * count, 3 * count, count]
+    assert {run.scale for run in runs} == {24 / film.WIDTH}
+    assert len({run.key for run in runs}) == len(runs)
+    assert dict(next(run for run in runs if run.condition == "points 1%").overrides)["seed_share"] == 0.01
+    assert {run.label for run in runs} == {FROG, AUTO_LABEL, STATIC}
+
+
+def test_a_run_without_a_condition_has_the_key_that_it_always_had() -> None:
+    assert Run("room", "/x", "frog", "FRoG", steps=100).key == "55fc63145983a440"
+    assert Run("room", "/x", "frog", "FRoG", steps=100, condition="clean").key != "55fc63145983a440"
+
+
+def test_captures_that_are_missing_are_named(filmed: Path) -> None:
+    sentences = without_captures(
+        {"clean": filmed, "long": filmed, "dim": filmed, "appearing": filmed}, list(CONDITIONS)
+    )
+    assert sentences == [
+        "Left out without --still (a scene in which nothing moves (examples/make_still.py)): nothing moves."
+    ]
+
+
+def test_losses_are_against_the_same_methods_clean_case() -> None:
+    found = outcome(some())
+    assert found.labels == [FROG, STATIC]
+    assert found.loss(CONDITIONS["views 3"], FROG) == pytest.approx(25.5 - 30.2)
+    assert found.loss(CONDITIONS["views 3"], STATIC) == pytest.approx(0.5)
+    assert found.loss(CONDITIONS["clean"], FROG) is None
+    assert found.cell("clean", FROG).deviation == pytest.approx(0.2)
+    assert found.cell("light 0.25", FROG).median == 33.0, "as bright as the others"
+
+
+def test_failures_are_said(tmp_path: Path) -> None:
+    found = outcome(some())
+    assert found.cell("views 3", FROG).failures == ["seed 1: 1.5 dB worse than a static scene"]
+    assert found.cell("noise 15", FROG).failures == ["seed 0: out of memory"]
+    assert found.cell("jpeg 15", FROG).failures == ["seed 0: its images are not finite"]
+    text = stability_table(found)
+    assert "- views 3, FRoG, seed 1: 1.5 dB worse than a static scene" in text
+    assert "| views 3 | 25.50 ± 2.12 (2) | 25.50 (1) | - | +1.50 |" in text
+    words = [text.get_text() for text in heat_map(found).axes[0].texts]
+    assert "-4.70 ±2.12 !1" in words
+    assert "33.00 dB" in words
+
+
+def test_a_failed_run_that_was_done_again_is_forgotten() -> None:
+    again = [*some(), record("noise 15", FROG, 0, 29.0)]
+    assert not outcome(again).cell("noise 15", FROG).failures
+
+
+def test_no_results_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(FrogError, match="no finished run"):
+        write_stability(tmp_path)
+
+
+@pytest.fixture
+def stability(quick_seeds: None, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    def call(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        status = main(["stability", *map(str, arguments)])
+        return status, *capsys.readouterr()
+
+    return call
+
+
+def test_a_small_suite(stability: Callable[..., tuple[int, str, str]], filmed: Path, tmp_path: Path) -> None:
+    options = (filmed, "--dim", filmed, "--out", tmp_path, "--steps", 6, "--seeds", 1, "--frog-seeds", 2)
+    chosen = ("--methods", "frog,static", "--conditions", "clean,points 10%,noise 15,views 3,light 0.25")
+    status, text, err = stability(*options, *chosen)
+    assert status == 0, err
+    assert "views 3: FRoG, at equal steps, 2 seeds" in text
+    records = {(r["condition"], r["label"], r["seed"]): r for r in read(tmp_path / "runs.jsonl")}
+    assert len(records) == 15
+    assert records["points 10%", "FRoG", 0]["recipe"]["seed_share"] == 0.1
+    dim = records["light 0.25", "FRoG", 0]
+    assert dim["psnr_bright"] < dim["psnr"] - 3
+    assert records["clean", "FRoG", 0]["psnr_bright"] is None
+    page = (tmp_path / "stability.md").read_text(encoding="utf-8")
+    assert "| points 10% |" in page
+    assert (tmp_path / "stability.png").stat().st_size > 10_000
+    append(tmp_path / "runs.jsonl", {"kind": "other"})
+    status, text, err = stability(*options, *chosen)
+    assert (status, "15 runs, 0 to do" in text) == (0, True), "nothing is done twice"
+
+
+def test_mistakes_are_said_before_anything_runs(
+    stability: Callable[..., tuple[int, str, str]], filmed: Path, tmp_path: Path
+) -> None:
+    for arguments, sentence in [
+        (("--conditions", "fog"), "no condition 'fog'"),
+        (("--methods", "magic"), "magic"),
+        (("--set", "seed_share=2"), "seed_share is 2"),
+    ]:
+        status, _, err = stability(filmed, "--out", tmp_path / "x", *arguments)
+        assert status == 1
+        assert sentence in err
+    assert not (tmp_path / "x").exists()

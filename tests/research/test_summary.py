@@ -1,0 +1,109 @@
+"""Tables: medians with their spread, differences seed by seed, and a word where a figure is missing."""
+
+from __future__ import annotations
+
+import pytest
+from support.chart_records import run_record, timing_record, whole_chart
+
+from frog_blender.research.summary import differences, sections
+from frog_blender.research.tables import cell, duration, markdown, table
+
+
+def lines_of(text: str, heading: str) -> list[list[str]]:
+    """The cells of the first table under a heading."""
+    rest = text.split(heading, 1)[1]
+    found = []
+    for line in rest.splitlines()[1:]:
+        if line.startswith("|"):
+            found.append([part.strip() for part in line.strip("|").split("|")])
+        elif found:
+            break
+    return found
+
+
+def test_rows_and_sections() -> None:
+    room, dim = sections(whole_chart())
+    assert (room.scene, dim.scene) == ("room", "dim")
+    methods = [row.method for row in room.rows["methods"]]
+    assert methods == ["frog", "frog", "ed3dgs", "static", "d3dgs", "hexplane", "curves"]
+    assert [row.label for row in room.rows["methods"]][:2] == ["FRoG", "FRoG auto"]
+    assert list(room.rows) == ["methods", "time", "fusion", "modulation", "sampling", "opacity", "k", "capacity"]
+    assert room.of_method("frog").values("psnr") == pytest.approx([30.1, 30.15, 30.2])
+    assert room.title == "room (draft, 4000 steps)"
+
+
+def test_other_recipes_and_sizes_are_not_mixed() -> None:
+    records = [run_record(key="a"), run_record(key="b", scale=0.5), run_record(key="c", recipe_name="standard")]
+    titles = [section.title for section in sections(records)]
+    assert titles == ["room (draft, 4000 steps)", "room (draft, 4000 steps, scale 0.5)", "room (standard, 4000 steps)"]
+    assert len({section.file_name for section in sections(records)}) == 3
+
+
+def test_times_belong_to_the_size_that_was_timed() -> None:
+    records = [run_record(key="a"), run_record(key="b", scale=0.5), timing_record(fps=44.0, scale=0.5)]
+    assert [section.of_method("frog").fps for section in sections(records)] == [None, 44.0]
+
+
+def test_differences_are_taken_seed_by_seed() -> None:
+    frog = [run_record("frog", seed, psnr=30.0 + seed) for seed in range(3)]
+    base = [run_record("ed3dgs", seed, psnr=29.5 + 2 * seed) for seed in (0, 2, 5)]
+    section = sections([*frog, *base])[0]
+    found = differences(section.of_method("frog"), section.of_method("ed3dgs"), "psnr")
+    assert found == {0: pytest.approx(0.5), 2: pytest.approx(-1.5)}
+    assert differences(section.of_method("frog"), None, "psnr") == {}
+
+
+def test_a_cell_is_a_median_and_its_spread() -> None:
+    records = [run_record(seed=seed, psnr=psnr) for seed, psnr in enumerate((29.0, 31.0, 30.5))]
+    row = sections(records)[0].of_method("frog")
+    assert cell(row, "psnr") == "30.50 (29.00 to 31.00)"
+    assert cell(row, "lpips") == "not installed"
+    assert cell(sections(records[:1])[0].of_method("frog"), "psnr") == "29.00"
+    bare = run_record(missing={}, psnr_moving=None)
+    assert cell(sections([bare])[0].of_method("frog"), "psnr_moving") == "-"
+
+
+def test_the_page() -> None:
+    text = markdown(whole_chart(), published="| a paper's | figures |")
+    rows = {line[0]: line for line in lines_of(text, "## room (draft, 4000 steps)")}
+    assert rows["FRoG"][1] == "30.15 (30.10 to 30.20)" and rows["E-D3DGS"][-1] == "3" and rows["STG"][-1] == "1"
+    assert rows["FRoG"][5] == "not installed" and rows["FRoG"][8:10] == ["68 s", "52.0"]
+    averages = {line[0]: line for line in lines_of(text, "## Average over the scenes (draft)")}
+    assert averages["FRoG"][1] == "29.15" and averages["FRoG"][-1] == "2"
+    paired = lines_of(text, "## FRoG minus E-D3DGS, by seed")
+    assert [line[1] for line in paired[2:]] == ["-0.05 (-0.05 to -0.05)"] * 2 + ["-0.05"]
+    assert lines_of(text, "### Canonical sampling")[-1][0] == "sampling: off"
+    assert "-0.12 (-0.14 to -0.10)" in text, "an ablation's difference and its range"
+    assert "### As long as FRoG took" in text and "a paper's" in text and "Abacus" in text
+    assert lines_of(text, "## Times, ms")[2][3:8] == ["3.00", "9.00", "2.00", "17.23", "19.23"]
+
+
+def test_times_of_a_busy_grid_are_marked() -> None:
+    text = markdown([run_record(dedicated=False)])
+    assert "70 s *" in text
+    assert "70 s *" not in markdown([run_record()])
+
+
+def test_failures_are_told_until_they_are_mended() -> None:
+    failed = {**run_record("d3dgs"), "kind": "failed", "error": "room: found no file."}
+    assert "- room, Deformable-3DGS, seed 0: room: found no file." in markdown([run_record(), failed])
+    assert "Failed" not in markdown([run_record("d3dgs"), failed])
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_little_is_enough(count: int) -> None:
+    figures = {"psnr_moving": None, "ssim": None, "flip": None, "curve": [], "missing": {}}
+    records = [run_record("static", seed, **figures) for seed in range(count)]
+    text = markdown(records)
+    assert "3DGS (static)" in text and "None" not in text and "nan" not in text
+
+
+def test_durations_and_tables() -> None:
+    assert [duration(seconds) for seconds in (None, 71.4, 119.6, 121, 6700)] == [
+        "-",
+        "71 s",
+        "120 s",
+        "2 min",
+        "1 h 52 min",
+    ]
+    assert table(["a", "b"], [["1", "2"]]) == "| a | b |\n|---|---:|\n| 1 | 2 |"
