@@ -135,28 +135,22 @@ def measure(rig: Path, frog: str) -> dict[str, Any]:
     return record
 
 
+_FIGURES = {"centers": ".2f", "rotations": ".2f", "focals": "+.2f", "offset_ms": ".1f"}
+
+
 def told(record: Mapping[str, Any]) -> str:
-    """The figures of a record between bars: centre, rotation, focal length, offset, warnings, processor seconds."""
-    cpu = f"{record['cpu_seconds']:.0f}"
-    if record["result"] != "found":
-        return f"{record['result']} | | | | | {cpu}"
-    figures = [f"{record[key]:{form}}" if key in record else "" for key, form in _COLUMNS.items()]
-    head = figures[0] or "found"
-    return " | ".join([head, *figures[1:], str(len(record["warnings"])), cpu])
-
-
-_COLUMNS = {"centers": ".2f", "rotations": ".2f", "focals": "+.2f", "offset_ms": ".1f"}
-_HEAD = "centre, % | rotation, degrees | focal length, % | offset, ms | warnings | processor s"
+    """Centre, rotation, focal length and offset of a record, or that there are none, and processor seconds."""
+    figures = [f"{record[key]:{form}}" if key in record else "-" for key, form in _FIGURES.items()]
+    known = record["result"] == "found" and "centers" in record
+    return f"{', '.join(figures) if known else record['result']} | {record['cpu_seconds']:.0f}"
 
 
 def print_table(before: Path, after: Path) -> None:
     """Both records of every rig, as Markdown."""
     old, new = ({r["rig"]: r for r in map(json.loads, path.read_text().splitlines())} for path in (before, after))
-    print(f"| rig | | {_HEAD} |\n|---|---|" + "---:|" * 6)
+    print("| rig | before | processor s | after | processor s |\n|---|---|---:|---|---:|")
     for name in dict.fromkeys([*old, *new]):
-        for label, records in (("before", old), ("after", new)):
-            if name in records:
-                print(f"| {name if label == 'before' or name not in old else ''} | {label} | {told(records[name])} |")
+        print(f"| {name} | {' | '.join(told(records[name]) if name in records else ' | ' for records in (old, new))} |")
 
 
 def main() -> None:
