@@ -52,24 +52,28 @@ def place(
         meshes = {key: _mesh(name, mesh, material) for key, mesh in different.items()}
         _play(moving, [meshes[id(mesh)] for mesh in proxy.moving], timing)
         _set_use(moving, use, casts_shadows=True)
-    for each in made.values():
-        each.frog.is_proxy, each.frog.proxy_of = True, obj
-        each.parent = root_of(obj)
+    for mesh in made.values():
+        mesh.frog.is_proxy, mesh.frog.proxy_of = True, obj
+        mesh.parent = root_of(obj)
         if obj.parent is not None:  # without a root the capture itself moves them
-            each.matrix_parent_inverse, each.matrix_basis = obj.matrix_parent_inverse, obj.matrix_basis
-        each.lock_location = each.lock_rotation = each.lock_scale = (True, True, True)
+            mesh.matrix_parent_inverse, mesh.matrix_basis = obj.matrix_parent_inverse, obj.matrix_basis
+        mesh.lock_location = mesh.lock_rotation = mesh.lock_scale = (True, True, True)
         for collection in _own_collections(obj) or [scene.collection]:
-            collection.objects.link(each)
-    for each in earlier:  # last, so that they are there if anything fails
-        _remove(each)
-    for name, each in made.items():
-        each.name = each.data.name = name
+            collection.objects.link(mesh)
+    for older in earlier:  # last, so that they are there if anything fails
+        _remove(older)
+    for name, mesh in made.items():
+        mesh.name = mesh.data.name = name
     return list(made.values())
 
 
 def _own_collections(obj: bpy.types.Object) -> list[bpy.types.Collection]:
     """The collections of an object to which this file can add others."""
-    return [each for each in obj.users_collection if each.library is None and each.override_library is None]
+    return [
+        collection
+        for collection in obj.users_collection
+        if collection.library is None and collection.override_library is None
+    ]
 
 
 def _set_use(obj: bpy.types.Object, use: str, *, casts_shadows: bool) -> None:
@@ -161,7 +165,7 @@ def _remove(obj: bpy.types.Object) -> None:
     modifier = obj.modifiers.get(_MODIFIER)
     frames = _frames(modifier) if modifier is not None else None
     if frames is not None and frames.users == 1:
-        blocks |= {frames, *frames.objects, *(each.data for each in frames.objects)}
+        blocks |= {frames, *frames.objects, *(frame.data for frame in frames.objects)}
     bpy.data.batch_remove(blocks)
 
 

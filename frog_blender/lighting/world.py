@@ -69,13 +69,15 @@ def _own_world(scene: bpy.types.Scene) -> bpy.types.World | None:
     """The world of a lit scene before; one that was given the lit world of another scene has that one's."""
     if scene.frog.own_world is not None:
         return scene.frog.own_world
-    return next((own for each in _others_with(scene, scene.world) if (own := each.frog.own_world) is not None), None)
+    return next((own for other in _others_with(scene, scene.world) if (own := other.frog.own_world) is not None), None)
 
 
 def _others_with(scene: bpy.types.Scene, world: bpy.types.World) -> list[bpy.types.Scene]:
     """The other scenes that have a world, without those that follow this scene."""
     return [
-        each for each in bpy.data.scenes if each.world == world and each != scene and each.frog.composed_with != scene
+        other
+        for other in bpy.data.scenes
+        if other.world == world and other != scene and other.frog.composed_with != scene
     ]
 
 

@@ -76,7 +76,7 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
             raise FrogError(f"{obj.name}: found a scale of zero, expected a positive one.")
         if not self.use_length:
             return now
-        places = [each.matrix_world.translation for each in context.selected_objects if each != obj]
+        places = [selected.matrix_world.translation for selected in context.selected_objects if selected != obj]
         if len(places) != 2:
             places = [camera.matrix_world.translation for camera in cameras_of(obj)]
         longest = max(((a - b).length for i, a in enumerate(places) for b in places[:i]), default=0.0)

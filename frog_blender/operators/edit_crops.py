@@ -38,11 +38,15 @@ class FROG_OT_add_crop(EditOperator, bpy.types.Operator):
         crops = getattr(obj, SETTINGS).crops
         if self.shape == "OBJECT":
             known = {crop.object for crop in crops}
-            found = [each for each in context.selected_objects if is_crop_object(each) and each not in known]
+            found = [
+                candidate
+                for candidate in context.selected_objects
+                if is_crop_object(candidate) and candidate not in known
+            ]
             if not found:
                 raise FrogError("Found no selected mesh or empty to crop with, expected one besides the capture.")
-            for each in found:
-                crops.add().object = each
+            for candidate in found:
+                crops.add().object = candidate
             return ""
         scene = scene_of(obj)
         from ..engine.editing.common_view import common_view

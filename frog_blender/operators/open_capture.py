@@ -127,7 +127,7 @@ def _show_panel(context: bpy.types.Context) -> None:
     views = [area for area in context.screen.areas if area.type == "VIEW_3D"] if context.screen is not None else []
     if not views:
         return
-    area = context.area if context.area in views else max(views, key=lambda each: each.width * each.height)
+    area = context.area if context.area in views else max(views, key=lambda view: view.width * view.height)
     area.spaces.active.show_region_ui = True
     if not bpy.app.background:
         show_tab(area)

@@ -38,8 +38,8 @@ def relink(obj: bpy.types.Object, path: Path, *, also_others: bool) -> list[bpy.
         if there.is_file() and _plays(there):
             changes[other] = there
             found.append(other)
-    for each, file in changes.items():
-        each.frog.filepath = stored_path(file)
+    for capture, file in changes.items():
+        capture.frog.filepath = stored_path(file)
     return found
 
 

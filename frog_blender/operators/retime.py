@@ -53,7 +53,7 @@ class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
         first, end = _range(context.scene, obj)
         if not first < context.scene.frame_current_final < end:
             return "Go to a frame between the first and the last one at which the capture is there."
-        if any(context.view_layer.objects.get(each.name) != each for each in (obj, root_of(obj))):
+        if any(context.view_layer.objects.get(moved.name) != moved for moved in (obj, root_of(obj))):
             return "The capture is in a collection that is excluded from the view layer."
         return super().problem(context, obj)
 

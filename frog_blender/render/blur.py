@@ -89,11 +89,11 @@ def samples(scene: bpy.types.Scene, render: bpy.types.RenderSettings, frame: flo
     shutter = render.motion_blur_shutter, render.motion_blur_position
     frames = shutter_frames(frame, *shutter, count) if moves else [None] * count
     if lens is None:
-        return [Sample(each) for each in frames]
+        return [Sample(frame) for frame in frames]
     # Neighbouring points of the lens must not be those of neighbouring times, or things would seem to be sheared.
     step = next(step for step in range(max(1, round(_GOLDEN * count)), 2 * count + 1) if np.gcd(step, count) == 1)
     points = lens.points(count)[np.arange(count) * step % count]
-    return [Sample(each, point) for each, point in zip(frames, points, strict=True)]
+    return [Sample(frame, point) for frame, point in zip(frames, points, strict=True)]
 
 
 def shutter_frames(frame: float, shutter: float, position: str, samples: int = SHUTTER_SAMPLES) -> list[float]:

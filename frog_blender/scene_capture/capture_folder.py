@@ -66,7 +66,7 @@ def prepare(plan: Plan) -> None:
         if file.is_file():
             if file.read_text(encoding="utf-8") != text:
                 raise found_instead(file, "images of other cameras or frames", "an empty folder, or this rig's images")
-        elif plan.folder.is_dir() and any(not each.name.startswith(".") for each in plan.folder.iterdir()):
+        elif plan.folder.is_dir() and any(not entry.name.startswith(".") for entry in plan.folder.iterdir()):
             raise found_instead(plan.folder, "other files", "an empty folder, or images of this rig")
         for camera in plan.cameras:
             (plan.folder / camera.name).mkdir(parents=True, exist_ok=True)

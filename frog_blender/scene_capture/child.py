@@ -78,7 +78,7 @@ def add_camera(scene, lens, matrix):
 def render_all(request):
     """Renders each image to a partial file, which then takes its name: what is there is whole."""
     scene = bpy.data.scenes[request["scene"]]
-    cameras = [add_camera(scene, each["lens"], each["matrix"]) for each in request["cameras"]]
+    cameras = [add_camera(scene, camera["lens"], camera["matrix"]) for camera in request["cameras"]]
     settings_for_captures(scene, *request["size"])
     frame_shown = None
     for done, (camera, frame, path) in enumerate(request["images"]):

@@ -59,7 +59,7 @@ def add_clips(
         FrogError: if the .frog file cannot be read.
     """
     path, header, folders = _sources(obj, folder)
-    clips = next((found for each in folders if (found := find_clips(header, each))), {})
+    clips = next((found for folder in folders if (found := find_clips(header, folder))), {})
     if straight:
         clips |= undistorted_clips(header, path)
     shown = 0
@@ -92,9 +92,9 @@ def begin_undistortion(obj: bpy.types.Object, folder: Path | None = None) -> Und
     if all(camera.data.library is not None for camera in cameras_of(obj)):
         return None
     problem = None
-    for each in filter(os.path.isdir, folders):  # False for invalid names
+    for candidate in filter(os.path.isdir, folders):  # False for invalid names
         try:
-            return undistortion(header, path, each, writing=addon_state.get(ClipsBeingWritten).folders)
+            return undistortion(header, path, candidate, writing=addon_state.get(ClipsBeingWritten).folders)
         except FrogError as error:
             problem = problem or error
     if problem is not None:
@@ -112,7 +112,7 @@ def _sources(obj: bpy.types.Object, folder: Path | None) -> tuple[Path, SceneHea
 def clip_of(camera: bpy.types.Object) -> bpy.types.CameraBackgroundImage | None:
     """The background image of a camera object that shows its clip, or None."""
     images = camera.data.background_images
-    return next((each for each in images if each.image is not None and _MARK in each.image), None)
+    return next((image for image in images if image.image is not None and _MARK in image.image), None)
 
 
 def load_image(clip: Clip) -> bpy.types.Image:

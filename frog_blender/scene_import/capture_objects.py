@@ -92,7 +92,7 @@ def cameras_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """The camera objects of a capture."""
     if obj.parent is None:
         return []
-    held = (each for holder in holders_of(obj) for each in holder.children)
+    held = (child for holder in holders_of(obj) for child in holder.children)
     return [child for child in (*root_of(obj).children, *held) if child.type == "CAMERA"]
 
 

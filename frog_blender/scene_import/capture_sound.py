@@ -135,8 +135,8 @@ def place(
     scene, old, unplayed = context.scene, sound_of(obj), obj.frog.sound
     strips = strips_of(old, scene) if old is not None else []
     speakers = speakers_of(old, scene) if old is not None else []
-    for each in strips:
-        _check_replaceable(each, strips, scene)
+    for old_strip in strips:
+        _check_replaceable(old_strip, strips, scene)
     name = f"{root_of(obj).name} Sound"
     with tempfile.TemporaryDirectory(prefix="frog-sound-") as folder:
         path = Path(folder) / f"{bpy.path.clean_name(name) or 'sound'}.wav"
@@ -147,13 +147,13 @@ def place(
         sound.filepath = f"//{path.name}"
         sound[_MARK], sound[_STAMP] = obj.name, _stamp(obj, scene)
         obj.frog.sound = sound
-        for each in strips:
-            _replace_strip(scene, each, sound, path, made)
+        for old_strip in strips:
+            _replace_strip(scene, old_strip, sound, path, made)
         if strip and not strips:
             _add_strip(scene, sound, path, made, name)
-    for each in speakers:
-        each.data.sound = sound
-        _play_from(context, each, made)
+    for old_speaker in speakers:
+        old_speaker.data.sound = sound
+        _play_from(context, old_speaker, made)
     if speaker and not speakers:
         _add_speaker(context, obj, sound, made, name)
     if unplayed is not None and not unplayed.users:
@@ -170,7 +170,7 @@ def _check_replaceable(strip: bpy.types.SoundStrip, strips: list[bpy.types.Sound
         "that was trimmed": max(abs(strip.frame_offset_start), abs(strip.frame_offset_end)) >= 1,
         "that was retimed": len(strip.retiming_keys) > 0,
         "with modifiers": len(strip.modifiers) > 0,
-        "with animated settings": any(path in each.data_path for each in drawn),
+        "with animated settings": any(path in curve.data_path for curve in drawn),
         "in a meta strip": scene.sequence_editor.strips.get(strip.name) != strip,
     }
     what = next((what for what, is_so in done.items() if is_so), None)
@@ -275,8 +275,8 @@ def _add_speaker(
     speaker.parent, speaker.matrix_parent_inverse = root, root.matrix_world.inverted()
     _play_from(context, speaker, made)
     speaker.select_set(False)
-    for each in selected:
-        each.select_set(True)
+    for selected_object in selected:
+        selected_object.select_set(True)
     context.view_layer.objects.active = active
 
 

@@ -62,5 +62,5 @@ def _newest() -> int:
 
 
 def _newer_than(uid: int) -> list[bpy.types.ID]:
-    lists = [getattr(bpy.data, each.identifier) for each in bpy.data.bl_rna.properties if each.type == "COLLECTION"]
+    lists = [getattr(bpy.data, kind.identifier) for kind in bpy.data.bl_rna.properties if kind.type == "COLLECTION"]
     return [block for blocks in lists for block in blocks if block.session_uid > uid]

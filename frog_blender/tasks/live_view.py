@@ -37,7 +37,7 @@ class LiveView:
 
     def update(self) -> bool:
         """Takes the newest snapshot, and says whether further ones are wanted; true if there was one."""
-        scene = next((each for each in bpy.data.scenes if each.session_uid == self._scene_uid), None)
+        scene = next((known for known in bpy.data.scenes if known.session_uid == self._scene_uid), None)
         self.source.is_wanted = scene is not None and self._is_seen(scene)
         newest = self.source.take()
         if newest is None:

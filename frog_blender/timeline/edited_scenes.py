@@ -43,7 +43,7 @@ class EditedScenes:
         with self._lock:
             kept = self._scenes.setdefault(scene.token, OrderedDict())
             known = kept.get(edits)
-            before = next((each for each, _ in reversed(kept.values()) if isinstance(each, EditedScene)), None)
+            before = next((edited for edited, _ in reversed(kept.values()) if isinstance(edited, EditedScene)), None)
         if known is None:
             known = edited(scene, edits, before)
         self._keep(kept, edits, known, _EDITS_KEPT)

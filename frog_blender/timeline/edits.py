@@ -65,7 +65,7 @@ def _is_graded(grade: Any) -> bool:
 def grades_of(settings: Any) -> tuple[Grade, ...]:
     """The grade of the whole capture, and those of selections after it."""
     only = [(grade, marks_of(grade.only)) for grade in settings.grades if grade.use]
-    return tuple(_grade(each, marks) for each, marks in [(settings.grade, None), *only])
+    return tuple(_grade(grade, marks) for grade, marks in [(settings.grade, None), *only])
 
 
 def _grade(settings: Any, only: Marks | None) -> Grade:

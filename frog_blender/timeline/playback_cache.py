@@ -88,7 +88,8 @@ class PrefetchWorker:
 
     def ask(self, times: Iterable[SceneTime]) -> None:
         """Compute these in order, and drop all earlier requests."""
-        wanted = deque(each for each in times if self._frames.find(each.source_key) is None)  # skips what is cached
+        uncached = (scene_time for scene_time in times if self._frames.find(scene_time.source_key) is None)
+        wanted = deque(uncached)
         with self._changed:
             self._wanted = wanted
             if wanted and self._thread is None:

@@ -70,13 +70,13 @@ def times_after(scene: bpy.types.Scene, frame: float, step: float) -> list[Scene
     room = playback_cache.frames().limit // 2
     playing = list(_opened(scene))
     for following in islice(frames_after(scene, frame, step), _frames_ahead()):
-        for each in _shown(scene, playing, stretched(scene, following)):
-            if each.source_key in found or not each.scene.source.changing:
+        for scene_time in _shown(scene, playing, stretched(scene, following)):
+            if scene_time.source_key in found or not scene_time.scene.source.changing:
                 continue
-            room -= each.scene.source.delta_bytes
+            room -= scene_time.scene.source.delta_bytes
             if room < 0:
                 return list(found.values())
-            found[each.source_key] = each
+            found[scene_time.source_key] = scene_time
     return list(found.values())
 
 
@@ -95,11 +95,11 @@ def _opened(scene: bpy.types.Scene) -> Iterator[playback.Opened]:
 
 def _shown(scene: bpy.types.Scene, playing: list[playback.Opened], frame: float) -> Iterator[SceneTime]:
     """What the objects' points show at a frame, and what the FROG engine draws, which may be more."""
-    for each in playing:
+    for capture in playing:
         try:
-            yield each.displayed(frame)
-            if scene.render.engine == "FROG" and each.fewer is not None:
-                yield each.whole(frame)
+            yield capture.displayed(frame)
+            if scene.render.engine == "FROG" and capture.fewer is not None:
+                yield capture.whole(frame)
         except FrogError:
             continue
 

@@ -112,7 +112,7 @@ def write_keys(obj: bpy.types.Object, keys: list[tuple[float, float, str]]) -> b
 def _curve_with_keys(obj: bpy.types.Object) -> bpy.types.FCurve:
     animation = obj.animation_data
     found = [*curves(animation), *strip_curves(animation)]
-    curve = next((each for each in found if each.data_path == REMAPPED), None)
+    curve = next((candidate for candidate in found if candidate.data_path == REMAPPED), None)
     if curve is None:
         raise FrogError(f"{obj.name}: its Shown Frame could not be keyed, expected a curve that is not muted.")
     return curve

@@ -72,7 +72,7 @@ def curves(report: Path, camera: str = "") -> ImageArray | None:
         return None
     if synchronization is None or not camera:
         return None if synchronization is None else draw_curves(synchronization)
-    chosen = tuple(each for each in synchronization.cameras if each.name == camera)
+    chosen = tuple(clock for clock in synchronization.cameras if clock.name == camera)
     return draw_curves(replace(synchronization, cameras=chosen), _NARROW) if chosen else None
 
 

@@ -40,7 +40,7 @@ class Canvas:
         import gpu
 
         self.size = size
-        self.textures = tuple(gpu.types.GPUTexture(size, format=each) for each in formats)
+        self.textures = tuple(gpu.types.GPUTexture(size, format=kind) for kind in formats)
         self._framebuffer = gpu.types.GPUFrameBuffer(color_slots=self.textures)
 
     @property

@@ -173,12 +173,12 @@ def _look(splats: ViewportSplats, picture: Picture, context: bpy.types.Context, 
     """Finds what a viewport shows, and which captures are too many for it."""
     captures = _shown(depsgraph, context.space_data) if _draws(context.scene, context.space_data) else []
     sources = _from_sources(context.scene)
-    counts = [(each.uid, each.time.scene.count) for each in captures]
-    picture.too_many = too_many(counts, [each.time.scene.count for each in sources])
+    counts = [(capture.uid, capture.time.scene.count) for capture in captures]
+    picture.too_many = too_many(counts, [source.time.scene.count for source in sources])
     open_now = {region.as_pointer() for region in open_regions()} | {context.region.as_pointer()}
     splats.pictures = {place: each for place, each in splats.pictures.items() if place in open_now}
-    splats.left_out = frozenset().union(*(each.too_many for each in splats.pictures.values()))
-    picture.shown = [*(each for each in captures if each.uid not in splats.left_out), *sources]
+    splats.left_out = frozenset().union(*(drawn.too_many for drawn in splats.pictures.values()))
+    picture.shown = [*(capture for capture in captures if capture.uid not in splats.left_out), *sources]
     if splats.left_out:
         reported_once.message(_too_many(len(splats.left_out)))
 
@@ -214,7 +214,7 @@ def _update(
         return
     size = max(1, -(-region.width // step)), max(1, -(-region.height // step))
     camera = view_camera(*matrices, *size, ratio)
-    seen = [(each, view_of(camera, each.matrix, *matrices)) for each in picture.shown]
+    seen = [(capture, view_of(camera, capture.matrix, *matrices)) for capture in picture.shown]
     order = splats.sorter.order(_request(splats, region.as_pointer(), seen, 1 / step))
     if picture.key == key and picture.size == size and order is picture.order and not picture.is_final:
         return  # what is waited for is not there
@@ -231,7 +231,7 @@ def _update(
     card.draw(picture.canvas, layers, picture.order_texture, len(order.numbers), depth, through)
     picture.key, picture.step, picture.order = key, step, order
     picture.is_final = step == 1 and order.key == _order_key(seen)
-    scenes = [other.time.scene for each in splats.pictures.values() for other in each.shown]
+    scenes = [other.time.scene for drawn in splats.pictures.values() for other in drawn.shown]
     tokens = {token for scene in scenes for token in (scene.token, scene.source.token)}
     splats.clouds.keep_only(tokens)
     splats.ranks.keep_only(tokens)

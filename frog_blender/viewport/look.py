@@ -161,7 +161,7 @@ def _copy_look(scene: bpy.types.Scene, target: bpy.types.Scene) -> None:
 
 def _settings_of(settings: bpy.types.ColorManagedViewSettings) -> list[str]:
     """The names of plain settings, the view transform before the look, which depends on it."""
-    names = [each.identifier for each in settings.bl_rna.properties if not each.is_readonly and each.type != "POINTER"]
+    names = [prop.identifier for prop in settings.bl_rna.properties if not prop.is_readonly and prop.type != "POINTER"]
     return sorted(names, key=lambda name: name != "view_transform")
 
 
@@ -174,6 +174,6 @@ def _key(scene: bpy.types.Scene) -> tuple[Any, ...]:
     if settings.use_curve_mapping:
         mapping = settings.curve_mapping
         levels = (*mapping.black_level, *mapping.white_level)
-        points = levels, *((*point.location, point.handle_type) for each in mapping.curves for point in each.points)
+        points = levels, *((*point.location, point.handle_type) for curve in mapping.curves for point in curve.points)
     working = bpy.data.colorspace.working_space if bpy.app.version >= (5, 0, 0) else ""
     return scene.display_settings.display_device, working, *plain, *points

@@ -92,5 +92,5 @@ def _rendered_captures(scene: bpy.types.Scene) -> list[bpy.types.Object]:
                     found[obj] = None
                     if obj.instance_type == "COLLECTION" and obj.instance_collection is not None:
                         inside = obj.instance_collection.all_objects
-                        found |= dict.fromkeys(each for each in inside if not each.hide_render)
+                        found |= dict.fromkeys(shown for shown in inside if not shown.hide_render)
     return list(playback.captures(found))

@@ -46,7 +46,9 @@ def _reaching(tree: bpy.types.NodeTree) -> Iterator[bpy.types.Node]:
             if link.is_muted or not link.is_valid:
                 continue
             if node.mute:
-                sockets.extend(each.from_socket for each in node.internal_links if each.to_socket == link.from_socket)
+                sockets.extend(
+                    inside.from_socket for inside in node.internal_links if inside.to_socket == link.from_socket
+                )
                 continue
             if node.as_pointer() in seen:  # which also ends a circle
                 continue
@@ -161,8 +163,8 @@ def _before(socket: bpy.types.NodeSocket) -> list[bpy.types.Node]:
     """The nodes upstream of a socket, nearest first: the user may have inserted others."""
     found: list[bpy.types.Node] = []
     sockets = [socket]
-    for each in sockets:
-        for node in (link.from_node for link in each.links):
+    for reached in sockets:
+        for node in (link.from_node for link in reached.links):
             if node not in found:  # which also ends a circle
                 found.append(node)
                 sockets.extend(node.inputs)

@@ -52,7 +52,7 @@ def followers() -> list[bpy.types.Scene]:
 
 def overlay_of(scene: bpy.types.Scene) -> bpy.types.Scene | None:
     """The scene of captures that follows this scene and is shown by its compositor; None without one."""
-    shown = (each for each in compositor.shown_scenes(scene) if each.frog.composed_with == scene)
+    shown = (composed for composed in compositor.shown_scenes(scene) if composed.frog.composed_with == scene)
     return next(shown, None)
 
 
@@ -148,11 +148,11 @@ def _layer_changes(mine: bpy.types.LayerCollection, theirs: list[bpy.types.Layer
         alike = [children[child.collection] for children in known if child.collection in children]
         if not alike:
             continue
-        seen = [each for each in alike if not each.exclude]
+        seen = [layer for layer in alike if not layer.exclude]
         wanted = {"exclude": not seen}
         if seen:
-            wanted["holdout"] = all(each.holdout for each in seen)
-            wanted["indirect_only"] = all(each.indirect_only for each in seen)
+            wanted["holdout"] = all(layer.holdout for layer in seen)
+            wanted["indirect_only"] = all(layer.indirect_only for layer in seen)
         yield from _differing(child, wanted)
         yield from _layer_changes(child, seen or alike)
 
