@@ -69,15 +69,14 @@ HEADERS = [
 
 
 @pytest.mark.parametrize("header", HEADERS, ids=lambda header: header[:60])
-@pytest.mark.parametrize("version", [(1, 0), (2, 0), (3, 0), (9, 9)])
-def test_headers_that_announce_something_else(tmp_path: Path, header: str, version: tuple[int, int]) -> None:
-    path = tmp_path / "a.npy"
-    path.write_bytes(npy(header, POINTS.tobytes(), version))
-    refused(lambda: read_npy(path, "points", 100), path)
-    packed = tmp_path / "a.npz"
-    with zipfile.ZipFile(packed, "w") as archive:
-        archive.write(path, "a.npy")
-    refused(lambda: read_npz(packed, "points", all_of_it, 100), packed)
+def test_headers_that_announce_something_else(tmp_path: Path, header: str) -> None:
+    path, packed = tmp_path / "a.npy", tmp_path / "a.npz"
+    for version in ((1, 0), (2, 0), (3, 0), (9, 9)):
+        path.write_bytes(npy(header, POINTS.tobytes(), version))
+        refused(lambda: read_npy(path, "points", 100), path)
+        with zipfile.ZipFile(packed, "w") as archive:
+            archive.write(path, "a.npy")
+        refused(lambda: read_npz(packed, "points", all_of_it, 100), packed)
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.builders import run_python
+from support.builders import pairwise, run_python
 from support.deformation_fields import field_arrays, output_arrays
 from support.random_models import model_of
 from support.torch_drawing import relative_error
@@ -82,18 +82,23 @@ def assert_equal_to_plain(model: Frog, share: float = 1.0, sh_active: int = 16) 
         assert relative_error(gradients[name], gradient) < 1e-5, name
 
 
-@pytest.mark.parametrize("head_width", [0, 1, 16, 24])
-@pytest.mark.parametrize("settings", [SETTINGS, ODD], ids=["even", "odd"])
-@pytest.mark.parametrize("fusion", ["product", "dual"])
-@pytest.mark.parametrize("modulation", [False, True])
+@pytest.mark.parametrize(
+    ("settings", "head_width", "fusion", "modulation"),
+    pairwise([SETTINGS, ODD], [0, 1, 16, 24], ["product", "dual"], [False, True]),
+)
 def test_every_shape_of_the_network(settings: FrogSettings, head_width: int, fusion: str, modulation: bool) -> None:
     changed = {"head_width": head_width, "deformed_sh": 4, "fusion": fusion, "modulation": modulation}
     assert_equal_to_plain(model_of(replace(settings, temporal_size=9, **changed)))
 
 
-@pytest.mark.parametrize("silent", [["log_scales"], ["means", "opacity_logits", "sh"], ["sh", "quaternions"], None])
-@pytest.mark.parametrize("head_width", [16, 24])
-@pytest.mark.parametrize("fusion", ["product", "dual"])
+@pytest.mark.parametrize(
+    ("fusion", "head_width", "silent"),
+    pairwise(
+        ["product", "dual"],
+        [16, 24],
+        [["log_scales"], ["means", "opacity_logits", "sh"], ["sh", "quaternions"], None],
+    ),
+)
 def test_heads_that_say_nothing(fusion: str, head_width: int, silent: list[str] | None) -> None:
     """Their layers are left out forward (None: of all heads); backward they may learn to speak."""
     model = model_of(replace(SETTINGS, head_width=head_width, deformed_sh=4, fusion=fusion))
@@ -102,9 +107,9 @@ def test_heads_that_say_nothing(fusion: str, head_width: int, silent: list[str] 
     assert_equal_to_plain(model)
 
 
-@pytest.mark.parametrize("moving", [0, 1, 95, 96, 961, 1999])
-@pytest.mark.parametrize("form", ["off", "paper", "unit"])
-@pytest.mark.parametrize("head_width", [0, 16])
+@pytest.mark.parametrize(
+    ("moving", "form", "head_width"), pairwise([0, 1, 95, 96, 961, 1999], ["off", "paper", "unit"], [0, 16])
+)
 def test_static_gaussians(moving: int, form: str, head_width: int) -> None:
     settings = replace(SETTINGS, opacity_reduction=form, head_width=head_width, modulation=True, temporal_size=9)
     model = model_of(settings, 2000, 4, moving=moving)
@@ -123,9 +128,7 @@ def test_other_sizes(hidden: int, embedding: int) -> None:
         assert_equal_to_plain(model_of(replace(settings, **DUAL), 100))
 
 
-@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("form", ["paper", "unit", "off"])
-@pytest.mark.parametrize("head_width", [0, 24])
+@pytest.mark.parametrize(("form", "share", "head_width"), pairwise(["paper", "unit", "off"], [0.0, 0.5, 1.0], [0, 24]))
 def test_every_form_of_the_opacity(form: str, share: float, head_width: int) -> None:
     assert_equal_to_plain(model_of(replace(SETTINGS, opacity_reduction=form, head_width=head_width)), share)
 
@@ -139,9 +142,7 @@ def test_where_nothing_changes_yet_gradients_are_the_same(form: str) -> None:
     assert_equal_to_plain(model)
 
 
-@pytest.mark.parametrize("deformed", [0, 1, 4, 16])
-@pytest.mark.parametrize("active", [1, 4, 9, 16])
-@pytest.mark.parametrize("head_width", [0, 24])
+@pytest.mark.parametrize(("deformed", "active", "head_width"), pairwise([0, 1, 4, 16], [1, 4, 9, 16], [0, 24]))
 def test_spherical_harmonics_below_at_and_above_what_deforms(deformed: int, active: int, head_width: int) -> None:
     assert_equal_to_plain(model_of(replace(ODD, deformed_sh=deformed, head_width=head_width), 60), sh_active=active)
 
@@ -283,9 +284,9 @@ def test_instruction_sets_agree(tmp_path: Path) -> None:
             assert relative_error(result[name], expected) < 1e-5, (instruction_set, name)
 
 
-@pytest.mark.parametrize("pulled", [0, 1, 300, 3740, 3760, 5000])
-@pytest.mark.parametrize("head_width", [0, 24])
-@pytest.mark.parametrize("moving", [5000, 1234])
+@pytest.mark.parametrize(
+    ("pulled", "head_width", "moving"), pairwise([0, 1, 300, 3740, 3760, 5000], [0, 24], [5000, 1234])
+)
 def test_gaussians_without_a_gradient_cost_nothing_and_change_nothing(
     pulled: int, head_width: int, moving: int
 ) -> None:

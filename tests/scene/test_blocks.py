@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import zlib
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.builders import scene_file
+from support.builders import pairwise, scene_file
 
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
@@ -34,15 +35,12 @@ def back(name: str, array: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 @pytest.mark.parametrize("name", QUANTISED)
-@pytest.mark.parametrize("seed", range(3))
-def test_in_ordinary_blocks_nothing_stands_apart(name: str, seed: int) -> None:
-    for count in (1, 2, 3, 100, 3 * BLOCK + 5):
-        assert back(name, ordinary(name, count, seed))[1] == 0
+def test_in_ordinary_blocks_nothing_stands_apart(name: str) -> None:
+    for seed, count in product(range(3), (1, 2, 3, 100, 3 * BLOCK + 5)):
+        assert back(name, ordinary(name, count, seed))[1] == 0, (seed, count)
 
 
-@pytest.mark.parametrize("name", QUANTISED)
-@pytest.mark.parametrize("far", [1, 5, 100])
-@pytest.mark.parametrize("size", [1e3, 2.1e7])
+@pytest.mark.parametrize(("name", "far", "size"), pairwise(QUANTISED, [1, 5, 100], [1e3, 2.1e7]))
 def test_far_numbers_stay_and_leave_their_neighbours_alone(name: str, far: int, size: float) -> None:
     """Among them several in one block, of either sign and of several magnitudes, and one in a last block of three."""
     count, random = 3 * BLOCK + 3, np.random.default_rng(far)

@@ -76,6 +76,7 @@ REFUSED: list[tuple[str, Callable[[Data], Any]]] = [
     *[(name, top(**{name: {"a": [math.nan]}})) for name in ("recipe", "metrics", "model")],
     *[(name, top(**{name: {"a": {"b": 10**400}}})) for name in ("recipe", "metrics", "model")],
     *[("capacity", top(capacity=REPORT | {"reductions": value})) for value in (5, [5], [{"what": "x"}])],
+    *[("capacity", top(capacity=value)) for value in (5, [1], {"gaussians": "many"}, REPORT | {"sh_degree": []})],
     *[("world", top(world=value)) for value in (None, [], {"origin": [0, 0, 0]}, {"origin": "abc", "unit": 1})],
     *[("unit", top(world={"origin": [0, 0, 0], "unit": value})) for value in (*NOT_NUMBERS, 0, -1)],
     *[("width", camera(width=value)) for value in (*NOT_NUMBERS, 0, 65_537, 2**31, 2**31 + 16, 32.0)],
@@ -91,16 +92,17 @@ REFUSED: list[tuple[str, Callable[[Data], Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(("named", "lie"), REFUSED, ids=[f"{k}-{named}" for k, (named, _) in enumerate(REFUSED)])
-def test_what_cannot_be_is_refused_by_its_name(tmp_path: Path, named: str, lie: Callable[[Data], Any]) -> None:
-    data = copy.deepcopy(PLAIN)
-    lie(data)
-    path = written(tmp_path / "x.frog", data)
-    with pytest.raises(FrogError) as caught:
-        read_scene(path)
-    sentence = str(caught.value)
-    assert sentence.startswith(f"{path}: found ") and ", expected " in sentence and sentence.endswith(".")
-    assert named in sentence and sentence.isprintable() and len(sentence) < 1000
+@pytest.mark.parametrize("named", dict.fromkeys(named for named, _ in REFUSED))
+def test_what_cannot_be_is_refused_by_its_name(tmp_path: Path, named: str) -> None:
+    for lie in (lie for name, lie in REFUSED if name == named):
+        data = copy.deepcopy(PLAIN)
+        lie(data)
+        path = written(tmp_path / "x.frog", data)
+        with pytest.raises(FrogError) as caught:
+            read_scene(path)
+        sentence = str(caught.value)
+        assert sentence.startswith(f"{path}: found ") and ", expected " in sentence and sentence.endswith(".")
+        assert named in sentence and sentence.isprintable() and len(sentence) < 1000
 
 
 ODD: list[Callable[[Data], Any]] = [

@@ -22,9 +22,13 @@ from frog_blender.engine.scene.quantization import BITS, BLOCK, pack, unpack, un
 from frog_blender.engine.scene.scene_file import read_scene, scene_bytes, write_scene
 
 
-@pytest.mark.parametrize("count", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 3000])
 @pytest.mark.parametrize("name", [name for name, bits in BITS.items() if bits > 1])
-def test_every_number_is_within_half_a_step_of_its_block(name: str, count: int) -> None:
+def test_every_number_is_within_half_a_step_of_its_block(name: str) -> None:
+    for count in (1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 3000):
+        assert_within_half_a_step(name, count)
+
+
+def assert_within_half_a_step(name: str, count: int) -> None:
     random = np.random.default_rng(count)
     shape = {"sh": (count, 4, 3), "opacity_logits": (count,)}.get(name, (count, 3))
     array = np.float32(random.normal(0, 3, shape) + 100 * random.normal(size=shape[1:]))
@@ -98,8 +102,9 @@ def with_packing(path: Path, change: dict | str) -> None:
     "change",
     [
         *({"shape": shape} for shape in ([41, 3], [39, 3], [40, 4], [2**40, 3], [-40, 3])),
-        *({"shape": shape} for shape in ([], "x", None, [40.5, 3], [1e30])),
-        *({"bits": bits} for bits in (0, 8, 3, -8, 64, None, "many", 1e300)),
+        *({"shape": shape} for shape in ([], "ab", None, {}, [40.5, 3], [40.0, 3], [True, 3], [1e30], [2**80, 3])),
+        *({"bits": bits} for bits in (0, 8, 3, -8, 64, None, "many", [8], 1e300)),
+        *({"shape": [-5, -3], "bits": bits} for bits in (0, True, 16.0)),
         *("[" * 100_000, "{", "null", '{"means": 3}', '{"nothing": {"shape": [1], "bits": 8}}', '{"means": {}}'),
     ],
     ids=lambda change: str(change)[:40],
@@ -162,17 +167,6 @@ def test_arrays_that_no_scene_has_are_not_unpacked(tmp_path: Path) -> None:
     path = tmp_path / "x.frog"
     path.write_bytes(save(arrays, metadata={"frog": scene_file().header.to_json(), "packing": json.dumps(packing)}))
     assert read_scene(path).arrays.keys() == scene_file().arrays.keys()
-
-
-@pytest.mark.parametrize("shape", [[-5, -3], [40.0, 3], [True, 3], "ab", None, [2**80, 3], {}])
-@pytest.mark.parametrize("bits", [16, 8, 0, True, 16.0, None, "8", [8]])
-def test_descriptions_of_other_kinds(tmp_path: Path, shape: object, bits: object) -> None:
-    arrays, packing = packed_scene()
-    packing["means"] = {"shape": shape, "bits": bits}
-    path = tmp_path / "x.frog"
-    path.write_bytes(save(arrays, metadata={"frog": scene_file().header.to_json(), "packing": json.dumps(packing)}))
-    with pytest.raises(FrogError):
-        read_scene(path)
 
 
 def packed_scene() -> tuple[dict[str, np.ndarray], dict]:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterable
 from dataclasses import fields
+from itertools import combinations, product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +20,23 @@ from frog_blender.engine.scene.scene_file import SceneFile
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 ATTRIBUTES = tuple(field.name for field in fields(GaussianArrays))
+
+
+def pairwise(*choices: Iterable[Any]) -> list[tuple[Any, ...]]:
+    """Few combinations, the same each time, that hold every pair of values of any two of the parameters."""
+
+    def pairs(combination: tuple[Any, ...]) -> set[tuple[Any, ...]]:
+        return set(combinations(enumerate(combination), 2))
+
+    values = [list(each) for each in choices]
+    candidates = list(product(*(range(len(each)) for each in values)))
+    missing = set[tuple[Any, ...]]().union(*map(pairs, candidates))
+    chosen = []
+    while missing:
+        best = max(candidates, key=lambda candidate: len(pairs(candidate) & missing))
+        missing -= pairs(best)
+        chosen.append(tuple(options[index] for options, index in zip(values, best, strict=True)))
+    return chosen
 
 
 def rotation_of(axis: tuple[float, float, float], angle: float) -> np.ndarray:
