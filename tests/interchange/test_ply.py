@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.builders import ATTRIBUTES, plain_camera, random_gaussians
+from support.builders import ATTRIBUTES, pairwise, plain_camera, random_gaussians
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
@@ -78,9 +78,7 @@ def foreign(path: Path, order: str, kind: str, extra: bool = True) -> GaussianAr
     return made
 
 
-@pytest.mark.parametrize("order", ["little", "big"])
-@pytest.mark.parametrize("kind", ["float", "float64"])
-@pytest.mark.parametrize("extra", [False, True])
+@pytest.mark.parametrize(("order", "kind", "extra"), pairwise(["little", "big"], ["float", "float64"], [False, True]))
 def test_files_of_other_programs(tmp_path: Path, order: str, kind: str, extra: bool) -> None:
     before = foreign(tmp_path / "x.ply", order, kind, extra)
     after = canonical_gaussians(read_splats(tmp_path / "x.ply").arrays)

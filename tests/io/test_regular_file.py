@@ -68,19 +68,14 @@ def path(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator
     yield found
 
 
-@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.__name__)
-def test_every_reader_says_what_is_there(reader: Callable[[Path], Any], path: Path, kind: str) -> None:
-    with pytest.raises(FrogError) as caught:
-        reader(path)
-    sentence = str(caught.value)
-    assert f"x.ply: found {kind}, expected" in sentence and "\n" not in sentence
-
-
-def test_a_panel_that_asks_where_a_scene_comes_from_does_not_wait(path: Path) -> None:
+def test_every_reader_says_what_is_there(path: Path, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Commands and panels do not wait either."""
+    for reader in READERS:
+        with pytest.raises(FrogError) as caught:
+            reader(path)
+        sentence = str(caught.value)
+        assert f"x.ply: found {kind}, expected" in sentence and "\n" not in sentence, reader
     assert trained_from(path) == ""
-
-
-def test_the_command_does_not_wait(path: Path, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["import", str(path)]) == 1
     assert kind in capsys.readouterr().err
 

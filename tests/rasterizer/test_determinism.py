@@ -61,12 +61,6 @@ def test_more_gaussians_than_one_block_of_the_sorting() -> None:
         assert_same_bits(native_image(gaussians, CAMERA), expected)
 
 
-def test_repeated_runs(crowd: GaussianArrays) -> None:
-    expected = native_image(crowd, CAMERA)
-    for _ in range(3):
-        assert_same_bits(native_image(crowd, CAMERA), expected)
-
-
 def test_ties_in_depth_are_broken_by_index() -> None:
     """Two sheets at one place: the first in the list lies in front."""
     place = CAMERA.unproject(np.array([[37.0, 25.0]]), np.array([3.0]))[0]

@@ -7,6 +7,8 @@ More of them are shown elsewhere: numbers that are no good (test_bad_input), the
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 import torch
@@ -43,14 +45,13 @@ EDGES = [15.5, 16.0, 16.5, 31.5, 32.0, 32.5, 15.4999, 16.5001]
 BORDERS = [0.5, 0.501, 47.5, 47.499]
 
 
-@pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("edge", EDGES + BORDERS)
-@pytest.mark.parametrize("axis", [0, 1])
-def test_boxes_that_end_exactly_at_an_edge_lose_nothing(axis: int, edge: float, side: int) -> None:
+def test_boxes_that_end_exactly_at_an_edge_lose_nothing(edge: float) -> None:
     """Every pixel above the threshold is drawn, however the box falls on tiles and on the image's border. Pixels
     whose alpha is 1/255 within rounding may be drawn or not."""
     camera = plain_camera(48, 48, FOCAL)
-    for reach, across, opacity in ((6.0, 9.0, 0.9), (2.5, 20.0, 0.3), (40.0, 7.25, 0.99)):
+    kinds = ((6.0, 9.0, 0.9), (2.5, 20.0, 0.3), (40.0, 7.25, 0.99))
+    for axis, side, (reach, across, opacity) in product((0, 1), (-1, 1), kinds):
         center = (edge - side * reach, 21.3)[:: 1 if axis == 0 else -1]
         sides = (reach, across)[:: 1 if axis == 0 else -1]
         part = reaching(center, sides, camera, opacity)
@@ -101,8 +102,7 @@ def test_more_tiles_than_can_be_counted_are_refused() -> None:
         rasterize(tensors(many), camera)
 
 
-@pytest.mark.parametrize("depth", [0.01, 0.0101, 0.02, 0.05])
-@pytest.mark.parametrize("size", [0.01, 1.0, 100.0])
+@pytest.mark.parametrize(("depth", "size"), [(0.01, 1.0), (0.01, 100.0), (0.0101, 0.01), (0.02, 100.0), (0.05, 1.0)])
 def test_giants_at_the_near_plane_are_finite(depth: float, size: float) -> None:
     """In the middle, at the side, and right in the corner of what the camera sees."""
     camera = odd_camera()

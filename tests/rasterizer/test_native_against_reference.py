@@ -37,10 +37,18 @@ def assert_close_but_for_flips(found: torch.Tensor, expected: torch.Tensor, tole
     assert float(wrong.double().mean()) <= FLIPPED_SHARE, f"{int(wrong.sum())} of {wrong.numel()} differ"
 
 
+def assert_same_gradients(native: dict, reference: dict, names: tuple[str, ...] = ATTRIBUTES) -> None:
+    for attribute in names:
+        assert np.isfinite(native[attribute]).all()
+        assert relative_error(native[attribute], reference[attribute]) < 1e-5, attribute
+
+
 @pytest.mark.parametrize("name", SCENES)
-def test_values(name: str) -> None:
+def test_values_and_gradients(name: str) -> None:
     camera, count, degree = SCENES[name]
-    native, _, reference, _ = pair(camera, random_gaussians(camera, count, degree, seed=count + degree))
+    native, native_gradients, reference, reference_gradients = pair(
+        camera, random_gaussians(camera, count, degree, seed=count + degree)
+    )
     assert native.rgb.shape == (camera.height, camera.width, 3)
     assert float(native.alpha.detach().max()) > 0.9 and float(reference.alpha.detach().min()) < 0.5
     assert_close_but_for_flips(native.rgb, reference.rgb)
@@ -52,15 +60,7 @@ def test_values(name: str) -> None:
     np.testing.assert_allclose(native.radii.numpy(), reference.radii.detach().numpy(), rtol=1e-4)
     np.testing.assert_allclose(native.max_weights.numpy(), reference.max_weights.numpy(), atol=1e-4)
     assert int((native.radii > 0).sum()) > count // 2
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_gradients(name: str) -> None:
-    camera, count, degree = SCENES[name]
-    _, native, _, reference = pair(camera, random_gaussians(camera, count, degree, seed=count + degree))
-    for attribute in (*ATTRIBUTES, "screen"):
-        assert np.isfinite(native[attribute]).all()
-        assert relative_error(native[attribute], reference[attribute]) < 1e-5, attribute
+    assert_same_gradients(native_gradients, reference_gradients, (*ATTRIBUTES, "screen"))
 
 
 def test_splats_beside_the_image_where_the_linearisation_is_clamped() -> None:
@@ -75,8 +75,7 @@ def test_splats_beside_the_image_where_the_linearisation_is_clamped() -> None:
     native, native_gradients, reference, reference_gradients = pair(camera, gaussians)
     assert float(reference.alpha.detach().max()) > 0.1
     assert_close_but_for_flips(native.rgb, reference.rgb)
-    for attribute in ATTRIBUTES:
-        assert relative_error(native_gradients[attribute], reference_gradients[attribute]) < 1e-5, attribute
+    assert_same_gradients(native_gradients, reference_gradients)
 
 
 def test_needles_and_discs() -> None:
@@ -87,8 +86,7 @@ def test_needles_and_discs() -> None:
     gaussians.scales[40:] = [0.8, 0.8, 1e-5]
     native, native_gradients, reference, reference_gradients = pair(camera, gaussians)
     assert_close_but_for_flips(native.rgb, reference.rgb, 1e-4)
-    for attribute in ATTRIBUTES:
-        assert relative_error(native_gradients[attribute], reference_gradients[attribute]) < 1e-5, attribute
+    assert_same_gradients(native_gradients, reference_gradients)
 
 
 def test_many_opaque_layers_end_early_with_the_same_gradients() -> None:
@@ -119,8 +117,7 @@ def test_where_alpha_is_clamped_nothing_reaches_the_shape() -> None:
     native, native_gradients, reference, reference_gradients = pair(camera, gaussians)
     assert float((reference.alpha.detach() > 0.9985).double().mean()) > 0.02
     assert_close_but_for_flips(native.rgb, reference.rgb)
-    for attribute in ATTRIBUTES:
-        assert relative_error(native_gradients[attribute], reference_gradients[attribute]) < 1e-5, attribute
+    assert_same_gradients(native_gradients, reference_gradients)
     assert not native_gradients["opacities"][2::3].any()  # beyond one nothing changes
     wide = one_gaussian((0, 0, 2.0), scales=[[1e4, 1e4, 1e4]], opacities=[0.9999])
     _, gradients = draw_with_gradients(wide, plain_camera(), "cpu")

@@ -56,21 +56,15 @@ def assert_same_image(found: Image, expected: Image, region: tuple[int, int, int
             torch.testing.assert_close(getattr(found, name), part, atol=1e-5, rtol=1e-5, equal_nan=True)
 
 
-@pytest.mark.parametrize("region", ALIGNED)
-def test_a_region_of_whole_tiles_has_the_bits_of_the_whole_image(region: tuple[int, int, int, int]) -> None:
-    whole = drawn(crowd(), EVERYTHING, "cpu")
-    assert_same_image(drawn(crowd(), replace(EVERYTHING, region=region), "cpu"), whole, region, exactly=True)
-
-
 @BACKENDS
-@pytest.mark.parametrize("region", ALIGNED + ANYWHERE)
-def test_a_region_is_its_part_of_the_whole_image(region: tuple[int, int, int, int], backend: str) -> None:
-    """Where tiles begin elsewhere positions round differently, and nothing else."""
+def test_a_region_is_its_part_of_the_whole_image(backend: str) -> None:
+    """The native one of whole tiles to the bit. Where tiles begin elsewhere positions round differently."""
     whole = drawn(crowd(), EVERYTHING, backend)
-    part = drawn(crowd(), replace(EVERYTHING, region=region), backend)
-    assert part.rgb.shape == (region[3], region[2], 3)
-    assert_same_image(part, whole, region, exactly=False)
-    assert bool((part.max_weights <= whole.max_weights * (1 + 1e-5)).all())
+    for region in ALIGNED + ANYWHERE:
+        part = drawn(crowd(), replace(EVERYTHING, region=region), backend)
+        assert part.rgb.shape == (region[3], region[2], 3)
+        assert_same_image(part, whole, region, exactly=backend == "cpu" and region in ALIGNED)
+        assert bool((part.max_weights <= whole.max_weights * (1 + 1e-5)).all())
 
 
 @BACKENDS
@@ -102,13 +96,14 @@ def test_gradients_of_a_region_are_those_of_a_loss_on_it(region: tuple[int, int,
         assert relative_error(found[name], gradient.double().numpy()) <= most, name
 
 
-@pytest.mark.parametrize(
-    "region", [(-1, 0, 5, 5), (0, -1, 5, 5), (86, 0, 5, 5), (0, 57, 5, 5), (0, 0, 0, 5), (0, 0, 5, -2), (0, 0, 91, 61)]
-)
+OUTSIDE = [(-1, 0, 5, 5), (0, -1, 5, 5), (86, 0, 5, 5), (0, 57, 5, 5), (0, 0, 0, 5), (0, 0, 5, -2), (0, 0, 91, 61)]
+
+
 @BACKENDS
-def test_regions_that_do_not_lie_in_the_image_are_refused(region: tuple[int, int, int, int], backend: str) -> None:
-    with pytest.raises(ValueError, match="90 x 61"):
-        drawn(crowd(), RasterizeOptions(region=region), backend)
+def test_regions_that_do_not_lie_in_the_image_are_refused(backend: str) -> None:
+    for region in OUTSIDE:
+        with pytest.raises(ValueError, match="90 x 61"):
+            drawn(crowd(), RasterizeOptions(region=region), backend)
 
 
 def test_depth_limits_equal_the_reference() -> None:

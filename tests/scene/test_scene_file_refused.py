@@ -181,11 +181,9 @@ def test_modulation_of_the_wrong_shape(tmp_path: Path) -> None:
     refused(tmp_path / "y.frog")
 
 
-@pytest.mark.parametrize(
-    "name", ["means", "sh", "embeddings", "temporal_table", "network.bias", "network.output_weight"]
-)
-def test_a_missing_array(path: Path, name: str) -> None:
-    scene = read_scene(path)
-    del scene.arrays[name]
-    write_scene(path, scene)
-    refused(path)
+def test_a_missing_array(path: Path) -> None:
+    whole = read_scene(path)
+    for name in whole.arrays:
+        arrays = {other: array for other, array in whole.arrays.items() if other != name}
+        write_scene(path, replace(whole, arrays=arrays))
+        refused(path)

@@ -23,12 +23,12 @@ def compiler() -> nvrtc.Compiler:
         pytest.skip(str(error))
 
 
-@pytest.mark.parametrize("capability", ARCHITECTURES)
 @pytest.mark.parametrize("which", list(all_kernels()), ids=str)
-def test_compiles(which: Kernel, capability: int, compiler: nvrtc.Compiler) -> None:
-    code = compiler.build(which, compiler.target(capability))
-    assert code.startswith(b"\x7fELF")
-    assert f".text.{which.name}\0".encode() in code
+def test_compiles(which: Kernel, compiler: nvrtc.Compiler) -> None:
+    for capability in ARCHITECTURES:
+        code = compiler.build(which, compiler.target(capability))
+        assert code.startswith(b"\x7fELF")
+        assert f".text.{which.name}\0".encode() in code
 
 
 def test_every_file_is_compiled() -> None:
