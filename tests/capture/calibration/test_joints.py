@@ -16,6 +16,8 @@ from frog_blender.engine.capture.calibration import joint_rig, landmark_file, la
 from frog_blender.engine.capture.calibration.films import View, find_films
 from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, find_joints
 from frog_blender.engine.capture.calibration.landmarks import JOINTS, Box, LandmarkNetwork, Person
+from frog_blender.engine.capture.calibration.placing import Run
+from frog_blender.engine.capture.calibration.work_folder import WorkFolder
 from frog_blender.engine.errors import FrogError
 
 from ..conftest import write_video
@@ -79,12 +81,13 @@ def test_films_are_read_at_the_times_that_are_asked_for(tmp_path: Path, monkeypa
     films = find_films(tmp_path)
     view = View("one", films[0].size, np.full((240, 320), 40, np.uint8), np.ones((240, 320), bool))
     monkeypatch.setattr(joint_rig, "LandmarkNetwork", lambda path: Watcher())
-    monkeypatch.setattr(joint_rig, "calibrate_joints", lambda facts, groups, pixels: pixels)
+    monkeypatch.setattr(joint_rig, "place_by_joints", lambda facts, groups, pixels, run: pixels)
     asked: list[bool] = []
+    run = Run(WorkFolder(tmp_path / "work"), lambda *_: None, lambda: bool(asked.append(True)))
 
     rate = films[0].facts.frames_per_second
     times = [1 / rate, 4 / rate, 9 / rate]
-    found = joint_rig.calibrate_joint_films(films, [view], times, tmp_path, lambda *_: None, lambda: asked.append(True))
+    found = joint_rig.calibrate_joint_films(films, [view], times, tmp_path, run)
 
     assert np.allclose(found[0, :, 0, 0], [69.5, 189.5, np.nan], atol=1.5, equal_nan=True)  # type: ignore[index]
     assert len(asked) == 3

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Float64s
-from ...io.child_process import Progress
 from ..epipolar import fundamental
 from ..synchronization import NamedTracks
 from .board import images_at
@@ -35,6 +34,7 @@ from .joints import (
 )
 from .landmarks import JOINTS, LandmarkNetwork
 from .model import Model
+from .placing import Run, place_by_joints, place_by_tracks
 from .points import CameraFacts, PointRig, PointViews, solve_points
 
 TIMES = 40
@@ -70,24 +70,21 @@ def calibrate_joint_films(
     views: Sequence[View],
     times: Sequence[float],
     network: Path,
-    progress: Progress,
-    cancelled: Callable[[], None],
+    run: Run,
 ) -> Calibration:
     """The cameras of films in which one person walks about, from their joints at common capture times in seconds.
 
     Args:
         views: of the films, for their backgrounds and what moves before them.
         network: the landmark file (``landmark_file``).
-        cancelled: called before each image; it raises what ends the work.
 
     Raises:
         CalibrationRefused: see ``calibrate_joints``.
         FrogError: for a film that cannot be decoded, or another file than the network's.
     """
-    joints = _joints_of_films(films, views, [times] * len(films), network, progress, cancelled)
-    progress("bundle adjustment", 0, 1)
+    joints = _joints_of_films(films, views, [times] * len(films), network, run)
     facts = [CameraFacts(film.name, *film.size) for film in films]
-    return calibrate_joints(facts, [view.group for view in views], np.stack(joints))
+    return place_by_joints(facts, [view.group for view in views], np.stack(joints), run)
 
 
 def calibrate_unsynchronised_films(
@@ -95,8 +92,7 @@ def calibrate_unsynchronised_films(
     views: Sequence[View],
     network: Path,
     find: Find,
-    progress: Progress,
-    cancelled: Callable[[], None],
+    run: Run,
 ) -> tuple[Calibration, FoundClocks]:
     """The cameras and the clocks of films in which one person walks about, whenever each film began.
 
@@ -111,7 +107,7 @@ def calibrate_unsynchronised_films(
     if heard.by_sound:
         timed = with_clocks(films, heard.clocks)
         common = common_times(timed, TIMES)
-        return calibrate_joint_films(timed, views, common, network, progress, cancelled), heard
+        return calibrate_joint_films(timed, views, common, network, run), heard
     shortest = min(float(film.stamps[-1] - film.stamps[0]) for film in films)
     interval = float(np.clip(shortest / _MOST_IMAGES, *_INTERVALS))
     window = min(shortest, _MOST_IMAGES * interval)
@@ -121,16 +117,16 @@ def calibrate_unsynchronised_films(
         after = np.searchsorted(film.stamps, film.stamps[0] + spread - 1e-6)
         times.append(film.stamps[np.unique(np.minimum(after, len(film.stamps) - 1))])
     unplaced = [replace(film, offset=0.0, rate=1.0) for film in films]
-    joints = _joints_of_films(unplaced, views, [stamps.tolist() for stamps in times], network, progress, cancelled)
+    joints = _joints_of_films(unplaced, views, [stamps.tolist() for stamps in times], network, run)
     facts = [CameraFacts(film.name, *film.size) for film in films]
     tracks = moving_tracks(facts, [NamedTracks(*film) for film in zip(times, joints, strict=True)])
     found = find(films, {film.name: track for film, track in zip(films, tracks, strict=True)})
     if found.refusal is not None:
         raise CalibrationRefused(f"The joints do not tell when the films began: {REMEDY}. {found.refusal}")
-    progress("bundle adjustment", 0, 1)
     frame = 1 / min(film.facts.frames_per_second for film in films)
     groups = [view.group for view in views]
-    calibration, offsets = calibrate_unsynchronised(facts, groups, tracks, found.likely_offsets(_MOST_STARTS), frame)
+    starts = found.likely_offsets(_MOST_STARTS)
+    calibration, offsets = place_by_tracks(facts, groups, tracks, (starts, frame), run)
     return calibration, found.with_offsets(dict(zip(found.clocks, offsets.tolist(), strict=True)))
 
 
@@ -139,15 +135,14 @@ def _joints_of_films(
     views: Sequence[View],
     times: Sequence[Sequence[float]],
     network: Path,
-    progress: Progress,
-    cancelled: Callable[[], None],
+    run: Run,
 ) -> list[Float64s]:
     """(T, 16, 2) joints of whoever moves in each film, at ascending capture times in seconds."""
     loaded = LandmarkNetwork(network)
     joints = []
     for index, (film, view, film_times) in enumerate(zip(films, views, times, strict=True)):
-        progress("joints", index, len(films))
-        joints.append(find_joints(loaded, images_at(film, film_times, cancelled), view.background, view.changing))
+        run.progress("joints", index, len(films))
+        joints.append(find_joints(loaded, images_at(film, film_times, run.check), view.background, view.changing))
     return joints
 
 

@@ -7,11 +7,14 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
-from ...arrays import Array
+import numpy as np
+
+from ...arrays import Array, Float64s
 from ...errors import FrogError, brief
 from ...io.atomic_files import write_atomically
 from ...io.child_process import REQUEST, Progress, Stopped
 from ...io.plain_values import JsonObject
+from ..synchronization import NamedTracks
 from .board_detection import Board, Corners
 from .calibration import Calibration, child_task
 from .features import missing_features
@@ -101,12 +104,40 @@ def place_by_board(
     return _placed("board", facts, {"board": asdict(board), "corners": plain}, run)
 
 
+def place_by_joints(facts: Sequence[CameraFacts], groups: Sequence[int], pixels: Float64s, run: Run) -> Calibration:
+    """``joint_rig.calibrate_joints`` in the child."""
+    return _placed("joints", facts, {"groups": list(groups), "pixels": pixels.tolist()}, run)
+
+
+def place_by_tracks(
+    facts: Sequence[CameraFacts],
+    groups: Sequence[int],
+    tracks: Sequence[NamedTracks],
+    clocks: tuple[Sequence[Float64s], float],
+    run: Run,
+) -> tuple[Calibration, Float64s]:
+    """``joint_rig.calibrate_unsynchronised`` in the child.
+
+    Args:
+        clocks: where to start, and the seconds between frames of the slowest film.
+    """
+    plain = [[track.times.tolist(), track.positions.tolist()] for track in tracks]
+    starts, frame = clocks
+    seen = {"groups": list(groups), "tracks": plain, "starts": [start.tolist() for start in starts], "frame": frame}
+    result = _result("tracks", facts, seen, run)
+    return _calibration(result, run.work), np.asarray(result["offsets"], np.float64)
+
+
 def _placed(task: str, facts: Sequence[CameraFacts], seen: JsonObject, run: Run) -> Calibration:
+    return _calibration(_result(task, facts, seen, run), run.work)
+
+
+def _result(task: str, facts: Sequence[CameraFacts], seen: JsonObject, run: Run) -> JsonObject:
+    """What the child's ``place_by_`` that task returns."""
     folder = run.work.path / task
     request = {"cameras": [asdict(camera) for camera in facts], **seen}
     write_atomically(folder / REQUEST, json.dumps(request).encode())
-    result = child_task(f"placing_task:place_by_{task}").run(folder, run.progress, run.cancelled)
-    return _calibration(result, run.work)
+    return child_task(f"placing_task:place_by_{task}").run(folder, run.progress, run.cancelled)
 
 
 def _find_features(views: Sequence[View], entries: Sequence[JsonObject], run: Run) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from ...arrays import Array
 from ...io.child_process import Progress
 from ...io.plain_values import JsonObject
+from ..synchronization import NamedTracks
 from ..video import load_opencv
 from .board import calibrate_board
 from .board_detection import Board, Corners
@@ -21,6 +22,7 @@ from .calibration import CalibrationRefused
 from .checks import moving_refusal, moving_share, moving_warnings, refusal, warnings
 from .features import image_features, moment_features, view_features
 from .films import View, view_of
+from .joint_rig import calibrate_joints, calibrate_unsynchronised
 from .matching import match_pairs, pairs_to_match
 from .model import Lens, oriented
 from .points import CameraFacts, calibrate_clicks
@@ -94,6 +96,25 @@ def place_by_board(request: JsonObject, tell: Progress) -> JsonObject:
     tell("bundle adjustment", 0, 1)
     corners = [[None if shown is None else _corners(*shown) for shown in found] for found in request["corners"]]
     return calibrate_board(_facts(request), Board(**request["board"]), corners).plain()
+
+
+def place_by_joints(request: JsonObject, tell: Progress) -> JsonObject:
+    """The cameras of a request by ``placing.place_by_joints``; CalibrationRefused if the joints do not fix them."""
+    tell("bundle adjustment", 0, 1)
+    return calibrate_joints(_facts(request), request["groups"], np.array(request["pixels"], np.float64)).plain()
+
+
+def place_by_tracks(request: JsonObject, tell: Progress) -> JsonObject:
+    """The cameras of a request by ``placing.place_by_tracks``, and the films' offsets in seconds; CalibrationRefused
+    if the joints do not fix them."""
+    tell("bundle adjustment", 0, 1)
+    tracks = [
+        NamedTracks(np.array(times, np.float64), np.array(positions, np.float64))
+        for times, positions in request["tracks"]
+    ]
+    starts = [np.array(start, np.float64) for start in request["starts"]]
+    found, offsets = calibrate_unsynchronised(_facts(request), request["groups"], tracks, starts, request["frame"])
+    return {**found.plain(), "offsets": offsets.tolist()}
 
 
 def _corners(numbers: Sequence[int], pixels: Sequence[Sequence[float]]) -> Corners:

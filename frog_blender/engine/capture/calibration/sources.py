@@ -290,10 +290,10 @@ def _joints(network: Path, run: Run) -> Source:
 
     def solve(films: Sequence[Film], _count: int) -> Calibration:
         times, views = common_times(films, JOINT_TIMES), views_of(run, films, alike=_ALMOST)
-        return calibrate_joint_films(films, views, times, network, run.progress, run.check)
+        return calibrate_joint_films(films, views, times, network, run)
 
     def timed(films: Sequence[Film], find: Find) -> tuple[Calibration, FoundClocks]:
         views = views_of(run, films, alike=_ALMOST)
-        return calibrate_unsynchronised_films(films, views, network, find, run.progress, run.check)
+        return calibrate_unsynchronised_films(films, views, network, find, run)
 
     return Source("a person's joints", solve, timed=timed)
