@@ -19,7 +19,12 @@ from frog_blender.cli.main import main
 from frog_blender.engine.options import OPTIONS
 from frog_blender.engine.scene.scene_file import write_scene
 
-DISTRIBUTIONS = {"cv2": "opencv-contrib-python-headless", "flip_evaluator": "flip-evaluator", "pxr": "usd-core"}
+DISTRIBUTIONS = {
+    "cv2": "opencv-contrib-python-headless",
+    "flip_evaluator": "flip-evaluator",
+    "pxr": "usd-core",
+    "PIL": "pillow",
+}
 COMMAND = "from frog_blender.cli.main import main; sys.exit(main(sys.argv[1:]))"
 
 
