@@ -116,8 +116,8 @@ def _play(obj: bpy.types.Object, meshes: list[bpy.types.Mesh], timing: _Timing) 
     modifier.node_group = frames_group()
     if meshes:
         frames = bpy.data.collections.new(f"{obj.name} Frames")
-        for number, mesh in enumerate(meshes):  # which Blender takes in the order of their names, cut at 63 bytes
-            frames.objects.link(bpy.data.objects.new(f"{number:06d} {obj.name}", mesh))
+        for index, mesh in enumerate(meshes):  # which Blender takes in the order of their names, cut at 63 bytes
+            frames.objects.link(bpy.data.objects.new(f"{index:06d} {obj.name}", mesh))
         set_input(modifier, FRAMES, frames)
     numbers = ((FIRST, timing.first), (STRETCH, timing.stretch), (FROM, timing.begin), (UNTIL, timing.end))
     for name, value in ((COUNT, len(meshes)), *numbers):

@@ -150,8 +150,8 @@ def _with_light(own: bpy.types.World | None, background: np.ndarray) -> bpy.type
     texture, lit, mix, rays = (
         nodes.new(f"ShaderNode{kind}") for kind in ("TexEnvironment", "Background", "MixShader", "LightPath")
     )
-    for number, node in enumerate((rays, texture, lit, mix)):
-        node.label, node.location = _NAME, (output.location.x - 200, output.location.y - 350 * (3 - number))
+    for index, node in enumerate((rays, texture, lit, mix)):
+        node.label, node.location = _NAME, (output.location.x - 200, output.location.y - 350 * (3 - index))
     links.new(texture.outputs["Color"], lit.inputs["Color"])
     links.new(rays.outputs["Is Camera Ray"], mix.inputs[0])
     links.new(lit.outputs[0], mix.inputs[1])

@@ -120,11 +120,11 @@ to a .frog file"""
         importing = addon_state.get(Importing)
         importing.is_taken = True
         try:
-            for number, path in enumerate(paths):
+            for index, path in enumerate(paths):
                 try:
                     task = ForeignImport(path, self._converter(path, rate, is_alone=len(paths) < 2)).begin()
                     for share in self._until_added(task, find):
-                        yield _PARTS * number + round(_PARTS * share)
+                        yield _PARTS * index + round(_PARTS * share)
                 except FrogError as error:
                     errors.append(str(error))
         finally:

@@ -163,7 +163,7 @@ def render_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph)
         return combined, depth, surface
     light, image_frame = np.zeros_like(combined), depsgraph.scene.frame_current_final
     with _restoring_frame(engine, depsgraph):
-        for number, sample in enumerate(samples):
+        for index, sample in enumerate(samples):
             if engine.test_break():
                 break
             if sample.frame is not None:
@@ -174,7 +174,7 @@ def render_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph)
             if sample.point is not None and lens is not None:
                 through = partial(seen_from, point=sample.point, focus=lens.focus)
             light += render_instant(engine, depsgraph, gathered, through)[0]
-            engine.update_progress((number + 1) / len(samples))
+            engine.update_progress((index + 1) / len(samples))
     return light / len(samples), depth, surface
 
 

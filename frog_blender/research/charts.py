@@ -166,13 +166,13 @@ def ablation_chart(section: Section) -> Any:
     figure.suptitle(f"{section.title}: difference to FRoG", fontsize=11)
     all_axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for axes, (name, title) in zip(all_axes, panels, strict=True):
-        for place, row in enumerate(rows):
+        for index, row in enumerate(rows):
             values = list(differences(row, frog, name).values())
             if not values:
                 continue
-            axes.barh(place, statistics.mean(values), height=0.62, color=_GROUP_COLORS[row.group], alpha=0.85)
-            axes.plot([min(values), max(values)], [place, place], color="black", linewidth=1.3)
-            axes.plot(values, [place] * len(values), linestyle="none", marker="|", color="black", markersize=7)
+            axes.barh(index, statistics.mean(values), height=0.62, color=_GROUP_COLORS[row.group], alpha=0.85)
+            axes.plot([min(values), max(values)], [index, index], color="black", linewidth=1.3)
+            axes.plot(values, [index] * len(values), linestyle="none", marker="|", color="black", markersize=7)
         axes.axvline(0, color="black", linewidth=0.8)
         axes.set_xlabel(f"PSNR of {title}, dB")
         axes.locator_params(axis="x", nbins=5)

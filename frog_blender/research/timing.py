@@ -62,13 +62,13 @@ def time_playback(scene: ScenePlayer, camera: Camera, count: int = NUM_TIMES) ->
     """
     background = scene.header.background
     deformation, rasterization = [], []
-    for number, time in enumerate(spread_times(count + WARM_UP)):
+    for index, time in enumerate(spread_times(count + WARM_UP)):
         started = perf_counter()
         gaussians = scene.at(time)
         deformed = perf_counter()
         draw(gaussians, camera, background)
         ended = perf_counter()
-        if number >= WARM_UP:
+        if index >= WARM_UP:
             deformation.append(deformed - started)
             rasterization.append(ended - deformed)
     frame = statistics.median(a + b for a, b in zip(deformation, rasterization, strict=True))

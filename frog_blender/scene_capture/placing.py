@@ -54,8 +54,8 @@ def place(scene: bpy.types.Scene, settings: Any) -> list[bpy.types.Object]:
     collection = collection_of(scene, settings)
     _remove_placed(settings)
     cameras = []
-    for number, look in enumerate(looks):
-        data = bpy.data.cameras.new(f"rig{number:02d}")
+    for index, look in enumerate(looks):
+        data = bpy.data.cameras.new(f"rig{index:02d}")
         data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", _SENSOR, settings.lens
         data.clip_start, data.clip_end, data.display_size = _NEAR * away, _FAR * away, _SMALL * away
         camera = bpy.data.objects.new(data.name, data)

@@ -135,7 +135,7 @@ def _synchronize(
     data: bpy.types.Camera, background: bpy.types.CameraBackgroundImage, clip: Clip, obj: bpy.types.Object
 ) -> None:
     """Drive the index of the shown image. Image n is offset n - 1 of a clip that is one frame long."""
-    index = next(i for i, each in enumerate(data.background_images) if each == background)
+    index = next(i for i, image in enumerate(data.background_images) if image == background)
     path = f"background_images[{index}].image_user.frame_offset"
     data.driver_remove(path)
     data[_MARK] = [clip.first, clip.step, clip.count]
@@ -192,7 +192,7 @@ def hide_clip(camera: bpy.types.Object) -> None:
     """Remove a camera object's clip and its driver."""
     background = clip_of(camera)
     if background is not None and camera.data.library is None:
-        index = next(i for i, each in enumerate(camera.data.background_images) if each == background)
+        index = next(i for i, image in enumerate(camera.data.background_images) if image == background)
         camera.data.driver_remove(f"background_images[{index}].image_user.frame_offset")
         camera.data.background_images.remove(background)
         camera.data.pop(_MARK, None)

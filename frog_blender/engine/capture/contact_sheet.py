@@ -69,8 +69,8 @@ def contact_sheet(capture: Capture) -> ImageArray:
     height, width = (max(image.shape[axis] for image in images) for axis in (0, 1))
     down, across = height + _LABEL + _GAP, width + _GAP
     sheet = np.full((-(-len(images) // columns) * down, columns * across, 3), 24, np.uint8)
-    for number, (shot, image) in enumerate(zip(shots, images, strict=True)):
-        top, left = number // columns * down, number % columns * across
+    for index, (shot, image) in enumerate(zip(shots, images, strict=True)):
+        top, left = index // columns * down, index % columns * across
         sheet[top : top + image.shape[0], left : left + image.shape[1]] = image
         name = capture.cameras[capture.shots[shot].camera].name
         place = (left + _GAP, top + height + _LABEL - 7)

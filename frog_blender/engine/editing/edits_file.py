@@ -96,7 +96,7 @@ def from_json(value: object) -> Edits:
     whole(found.get("frog_edits"), "frog_edits", _VERSION, _VERSION)
     return Edits(
         _marks(found["hidden"], "hidden") if "hidden" in found else None,
-        tuple(_crop(each) for each in items(found.get("crops", []), "crops", MOST_CROPS)),
+        tuple(_crop(item) for item in items(found.get("crops", []), "crops", MOST_CROPS)),
         tuple(_grade(each) for each in items(found.get("grades", []), "grades", MOST_GRADES)),
         _timing(found["time"]) if "time" in found else None,
     )
@@ -162,7 +162,7 @@ def _mesh(found: JsonObject) -> ClosedMesh:
     vertices = items(found.get("vertices"), "vertices", 3 * MOST_VERTICES)
     triangles = items(found.get("triangles"), "triangles", 3 * MOST_TRIANGLES)
     points = numbers(vertices, "vertices", (len(vertices),), _LARGEST)
-    corners = [whole(each, "a triangle's vertex", 0, MOST_VERTICES) for each in triangles]
+    corners = [whole(corner, "a triangle's vertex", 0, MOST_VERTICES) for corner in triangles]
     if len(points) % 3 or len(corners) % 3:
         raise UnfitValue(f"{len(points)} coordinates and {len(corners)} corners", "multiples of three")
     return ClosedMesh.of(points, np.array(corners, np.int64))
@@ -188,8 +188,8 @@ def _timing(value: object) -> Timing:
     _only(found, {"start", "rate", "frames"}, "a timing")
     start = whole(found.get("start", 1), "a timing's start", -MOST_FRAMES, MOST_FRAMES)
     frames = [
-        None if each is None else number(each, "a timing's frame", -_LARGEST, _LARGEST)
-        for each in items(found.get("frames"), "frames", MOST_FRAMES)
+        None if item is None else number(item, "a timing's frame", -_LARGEST, _LARGEST)
+        for item in items(found.get("frames"), "frames", MOST_FRAMES)
     ]
     return Timing(tuple(frames), number(found.get("rate"), "a timing's rate", 0, FASTEST_RATE), start)
 

@@ -117,9 +117,9 @@ class FrameStore:
 
     def part(self, shot_index: int, region: Region, is_half: bool = False) -> ImageArray:
         """A region (left, top, width, height) of an image, or of the one of half its size; errors as of ``image``."""
-        for number, (asked, reading) in enumerate(self._ahead):
+        for index, (asked, reading) in enumerate(self._ahead):
             if asked == (shot_index, region, is_half):
-                del self._ahead[: number + 1]
+                del self._ahead[: index + 1]
                 return reading.result()
         return self._part(shot_index, region, is_half)
 

@@ -241,7 +241,7 @@ def _check_room(file: Path, target: Path, header: SceneHeader, layout: RowLayout
     most = max(_ROOM, _MOST_GROWN * _size_of(file))
     if needed > most:
         raise found_instead(file, what, f"at most {most / 1e6:,.0f} MB of a file of its size")
-    folder = next((each for each in target.absolute().parents if each.is_dir()), None)
+    folder = next((parent for parent in target.absolute().parents if parent.is_dir()), None)
     free = shutil.disk_usage(folder).free if folder else needed
     if needed > free:
         raise found_instead(file, what, f"at most the {free / 1e6:,.0f} MB that are free for {target}")

@@ -50,11 +50,11 @@ def write_glb(path: Path, gaussians: NumpyGaussians) -> None:
             columns[f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{order}"] = g.sh[:, degree**2 + order]
     kinds = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
     views, accessors, pieces, start = [], [], [], 0
-    for place, values in enumerate(columns.values()):
+    for index, values in enumerate(columns.values()):
         piece = np.ascontiguousarray(values, "<f4").tobytes()
         views.append({"buffer": 0, "byteOffset": start, "byteLength": len(piece)})
-        accessor = {"bufferView": place, "componentType": _FLOAT, "count": len(g), "type": kinds[values.shape[1]]}
-        if not place:
+        accessor = {"bufferView": index, "componentType": _FLOAT, "count": len(g), "type": kinds[values.shape[1]]}
+        if not index:
             accessor |= {"min": g.means.min(axis=0).tolist(), "max": g.means.max(axis=0).tolist()}
         accessors.append(accessor)
         pieces.append(piece)
@@ -114,7 +114,7 @@ class _Document:
         """Of all its primitives, where their nodes put them."""
         parts, left_out = [], 0
         # Several buffers may be the same bytes.
-        contents = {id(each.obj): memoryview(each.obj).nbytes for each in self._buffers}
+        contents = {id(buffer.obj): memoryview(buffer.obj).nbytes for buffer in self._buffers}
         room = most = sum(contents.values()) // _FEWEST_BYTES
         for primitive, matrix in self._placed():
             read = self._read(primitive)
@@ -149,8 +149,8 @@ class _Document:
             if "mesh" not in nodes[place]:
                 continue
             mesh = meshes[whole(nodes[place]["mesh"], "a mesh", 0, len(meshes) - 1)]
-            for each in items(mesh.get("primitives"), "primitives", _MOST_NODES):
-                primitive = entries(each, "a primitive")
+            for item in items(mesh.get("primitives"), "primitives", _MOST_NODES):
+                primitive = entries(item, "a primitive")
                 if EXTENSION in entries(primitive.get("extensions", {}), "extensions"):
                     found.append((primitive, matrix))
             if len(found) > _MOST_PRIMITIVES:
@@ -198,11 +198,11 @@ class _Document:
         return array if kind == _FLOAT else np.maximum(array / np.iinfo(dtype).max, -1)
 
     def _list(self, name: str) -> list[JsonObject]:
-        return [entries(each, name) for each in items(self._json.get(name, []), name, _MOST_NODES)]
+        return [entries(item, name) for item in items(self._json.get(name, []), name, _MOST_NODES)]
 
     @staticmethod
     def _numbers_of(node: JsonObject, name: str, count: int) -> list[int]:
-        return [whole(each, name, 0, count - 1) for each in items(node.get(name, []), name, count)]
+        return [whole(item, name, 0, count - 1) for item in items(node.get(name, []), name, count)]
 
 
 def _matrix(node: JsonObject) -> Float64s:

@@ -70,11 +70,11 @@ def _buffers(path: Path, document: JsonObject, own: memoryview | None) -> list[m
     found: list[memoryview] = []
     files: dict[str, memoryview] = {}  # however often one is named, it is read once
     room = _LARGEST
-    for place, each in enumerate(items(document.get("buffers"), "buffers", _MOST_BUFFERS)):
-        buffer = entries(each, "a buffer")
+    for index, item in enumerate(items(document.get("buffers"), "buffers", _MOST_BUFFERS)):
+        buffer = entries(item, "a buffer")
         size = whole(buffer.get("byteLength"), "the size of a buffer", 1, _LARGEST)
         if "uri" not in buffer:
-            if place or own is None:
+            if index or own is None:
                 raise UnfitValue("a buffer that is nowhere", _EXPECTED)
             content = own
         else:

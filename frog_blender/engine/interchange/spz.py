@@ -141,8 +141,8 @@ def _streams(path: Path, content: bytes, sizes: list[int], number: int) -> tuple
         expected = f"{len(sizes)} of {sum(sizes):,} bytes"
         raise found_instead(path, f"{number} streams in {len(content):,} bytes", expected)
     parts, view = [], memoryview(content)
-    for place, size in enumerate(sizes):
-        packed, announced = _SIZES.unpack_from(content, start + place * _SIZES.size)
+    for index, size in enumerate(sizes):
+        packed, announced = _SIZES.unpack_from(content, start + index * _SIZES.size)
         if announced != size or packed > len(content) - at:
             found = f"a stream of {announced:,} bytes in {packed:,}"
             raise found_instead(path, found, f"{size:,} in at most {len(content) - at:,}")

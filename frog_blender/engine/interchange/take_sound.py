@@ -51,7 +51,7 @@ def sound_of(
 def _follow_each_other(shown: Sequence[float | None], count: int) -> bool:
     first = shown[0]
     return first is not None and all(
-        frame == min(first + place, max(first, count - 1)) for place, frame in enumerate(shown)
+        frame == min(first + index, max(first, count - 1)) for index, frame in enumerate(shown)
     )
 
 

@@ -131,8 +131,8 @@ class UsdSource:
             raise found_instead(self._path, f"{codes_per_second:g} time codes a second", "up to a million")
         codes: set[float] = set()
         for prim in self._prims:
-            for each in (*_attributes(prim), *_moves(prim)):
-                codes.update(each.GetTimeSamples() if each.GetNumTimeSamples() <= MAX_FRAMES else ())
+            for attribute in (*_attributes(prim), *_moves(prim)):
+                codes.update(attribute.GetTimeSamples() if attribute.GetNumTimeSamples() <= MAX_FRAMES else ())
         times = sorted(code for code in codes if abs(code) < 1e9)
         if len(times) < 2:
             return [times[0] if times else None], codes_per_second

@@ -124,7 +124,7 @@ class Frog(SceneModel):
         """(networks, T) coarse and fine embedding, fused (FRoG, section on early fusion)."""
         s = self.settings
         rows = (s.coarse_rows, self.fine_rows(schedule_state))
-        weights = torch.from_numpy(np.stack([temporal_weights(time, each, s.temporal_rows) for each in rows]))
+        weights = torch.from_numpy(np.stack([temporal_weights(time, row, s.temporal_rows) for row in rows]))
         if self.temporal_table.is_cuda:  # from pinned memory a copy does not wait for the work queued before it
             weights = weights.pin_memory()
         coarse, fine = (weights.to(self.temporal_table.device, non_blocking=True) @ self.temporal_table).unbind()

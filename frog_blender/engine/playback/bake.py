@@ -104,7 +104,7 @@ class Bake:
         except Exception:
             self._file.close()
             raise
-        self._places = {time: place for place, time in enumerate(times)}
+        self._places = {time: index for index, time in enumerate(times)}
 
     def __len__(self) -> int:
         """Baked times."""

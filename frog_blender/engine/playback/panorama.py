@@ -45,9 +45,9 @@ def draw_panorama(rays: Float64s, world_to_camera: Float64s, draw_face: Callable
     axis = np.abs(np.where(sees[..., None], rays, 0)).argmax(axis=-1)
     ahead = np.take_along_axis(rays, axis[..., None], axis=-1)[..., 0] > 0
     face_of = np.array([[2, 3], [4, 5], [0, 1]])[axis, 1 - ahead.astype(int)]
-    for number, rows in enumerate(_FACES):
+    for index, rows in enumerate(_FACES):
         rotation = np.array(rows, np.float64)
-        pixels = np.nonzero(sees & (face_of == number))
+        pixels = np.nonzero(sees & (face_of == index))
         if not pixels[0].size:
             continue
         camera = _face_camera(rotation, world_to_camera, side)

@@ -66,9 +66,9 @@ def make_proxy(
     if not RESOLUTIONS[0] <= resolution <= RESOLUTIONS[1]:
         raise ValueError(f"resolution: {resolution}, expected {RESOLUTIONS[0]} to {RESOLUTIONS[1]}")
     motion = Motion()
-    for number, frame in enumerate(frames if keeps_identity else ()):
+    for index, frame in enumerate(frames if keeps_identity else ()):
         motion.add(frame())
-        yield number + 1
+        yield index + 1
     done = steps_of(len(frames)) - len(frames) - 1
     first = frames[0]()
     if not len(first):
@@ -229,13 +229,13 @@ def _around(gaussians: NumpyGaussians) -> list[Camera]:
     focal = 1.6 * _AROUND  # pixels of 4 x 4: all of the scene and a border
     intrinsics = np.array([[focal, 0, 2], [0, focal, 2], [0, 0, 1]])
     cameras = []
-    for number, back in enumerate(backwards):
+    for index, back in enumerate(backwards):
         right = np.cross(back, np.eye(3)[np.abs(back).argmin()])
         right /= np.linalg.norm(right)
         pose = np.eye(4)
         pose[:3, :3] = [right, np.cross(-back, right), -back]
         pose[:3, 3] = -pose[:3, :3] @ (middle + _AROUND * reach * back)
-        cameras.append(Camera(f"around {number}", 4, 4, intrinsics, pose))
+        cameras.append(Camera(f"around {index}", 4, 4, intrinsics, pose))
     return cameras
 
 

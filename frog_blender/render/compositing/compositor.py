@@ -196,5 +196,5 @@ def _place(tree: bpy.types.NodeTree, over: bpy.types.Node, output: bpy.types.Nod
     """From left to right, the new layers one above the other."""
     over.location = (output.location.x - 250, output.location.y)
     layers = [node for node in tree.nodes if node.bl_idname == "CompositorNodeRLayers"]
-    for number, node in enumerate(layers):
-        node.location = (over.location.x - 350, over.location.y - 380 * number)
+    for index, node in enumerate(layers):
+        node.location = (over.location.x - 350, over.location.y - 380 * index)

@@ -115,16 +115,16 @@ class D3dgsNetwork(nn.Module):
         place = encode((means - self.centre) / self.unit, s.space_frequencies)
         encoded_time = encode(torch.full((1, 1), time, device=means.device), s.time_frequencies)[0]
         hidden = place.new_empty(len(place), 0)
-        for number, layer in enumerate(self.layers):
+        for index, layer in enumerate(self.layers):
             assert isinstance(layer, nn.Linear)
-            if number not in (0, s.skip):
+            if index not in (0, s.skip):
                 hidden = functional.linear(hidden, layer.weight, layer.bias).relu()
                 continue
             by_place, by_time, by_hidden = layer.weight.split(
                 [self.space_size, self.time_size, layer.in_features - self.space_size - self.time_size], dim=1
             )
             sums = torch.addmm(layer.bias + by_time @ encoded_time, place, by_place.T)
-            hidden = (torch.addmm(sums, hidden, by_hidden.T) if number else sums).relu()
+            hidden = (torch.addmm(sums, hidden, by_hidden.T) if index else sums).relu()
         result: torch.Tensor = self.output(hidden)
         return result
 

@@ -267,11 +267,11 @@ def _layout(found: list[_Markers], name: str) -> Board | None:
 def _marker_sides(board: Board, found: list[_Markers]) -> list[float]:
     """The markers' side in squares in each image in which they lie as the board has them; none if a quarter do not."""
     sides: list[float] = []
-    for number, each in enumerate(found):
+    for index, each in enumerate(found):
         side = _marker_side(board, each)
         if side is not None:
             sides.append(side)
-        elif 4 * (number + 1 - len(sides)) > len(found):
+        elif 4 * (index + 1 - len(sides)) > len(found):
             return []
     return sides
 

@@ -98,7 +98,7 @@ def _markers_of(dictionary: str) -> int:
 
 def _dictionary(values: JsonObject) -> str:
     name = text(values.get("dictionary"), "dictionary", 64)
-    known = {each.lower(): each for each in DICTIONARIES}
+    known = {dictionary.lower(): dictionary for dictionary in DICTIONARIES}
     if name.lower() not in known:
         raise UnfitValue(f"dictionary = {brief(name)}", "one of OpenCV's, such as DICT_4X4_50")
     return known[name.lower()]

@@ -51,7 +51,7 @@ def join(pairs: Pairs, pixels: Sequence[Float64s]) -> Tracks:
     Args:
         pixels: (N, 2) of all features, for each camera.
     """
-    starts = np.concatenate([[0], np.cumsum([len(each) for each in pixels])]).astype(np.int64)
+    starts = np.concatenate([[0], np.cumsum([len(pixel) for pixel in pixels])]).astype(np.int64)
     edges = [matches + starts[[one, other]] for (one, other), matches in sorted(pairs.items()) if len(matches)]
     if not edges:
         empty = np.empty(0, np.int64)

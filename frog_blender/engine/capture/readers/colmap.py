@@ -86,12 +86,12 @@ def _by_camera(model: Model) -> Group:
     """The images by the camera that their names tell; {} where they tell one camera, or one image of each."""
     folders: Group = {}
     prefixes: Group = {}
-    for place, image in enumerate(model.images):
+    for index, image in enumerate(model.images):
         name = PurePosixPath(image.name)
         prefix, number = split_number(name.stem)
         folder = "_".join(part for part in name.parent.parts if part != "images")
-        folders.setdefault(folder, []).append((image, place if number is None else number))
-        prefixes.setdefault(prefix.rstrip("_-. "), []).append((image, place if number is None else number))
+        folders.setdefault(folder, []).append((image, index if number is None else number))
+        prefixes.setdefault(prefix.rstrip("_-. "), []).append((image, index if number is None else number))
     if len(folders) > 1:
         return folders
     if len(model.frames) == len(model.images):

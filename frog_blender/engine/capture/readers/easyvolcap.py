@@ -39,7 +39,7 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if ``extri.yml`` or all footage is missing, or a value cannot be used.
     """
-    folder = next(path / each for each in _CALIBRATIONS if (path / each / _INTRINSICS).is_file())
+    folder = next(path / calibration for calibration in _CALIBRATIONS if (path / calibration / _INTRINSICS).is_file())
     if not (folder / _EXTRINSICS).is_file():
         raise found_instead(folder, f"{_INTRINSICS} and no {_EXTRINSICS}", "both: the cameras' lenses and their poses")
     inner, outer = OpencvYaml(folder / _INTRINSICS), OpencvYaml(folder / _EXTRINSICS)

@@ -174,7 +174,7 @@ def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
         found = f"the video {videos[0].name} and the folder of images {folders.name}"
         raise found_instead(path, found, "footage of one kind: all videos or all images")
     if videos:
-        files = [each.files[0] for each in videos]
+        files = [video.files[0] for video in videos]
         facts = [read_facts(file) for file in files]
         paired = pair_videos(path, files, facts)
         sizes = tuple((fact.width, fact.height) for fact in facts)

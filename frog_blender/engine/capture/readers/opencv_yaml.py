@@ -75,7 +75,7 @@ class OpencvYaml:
         if data is None or not {"rows", "cols"} <= fields.keys():
             raise found_instead(self.path, f"a matrix {key} without rows, cols or data", "all three")
         shape = tuple(round(number(fields[side], self.path, f"{side} of {key}")) for side in ("rows", "cols"))
-        values = [each for each in re.split(r"[\s,]+", data[1]) if each]
+        values = [word for word in re.split(r"[\s,]+", data[1]) if word]
         if min(shape) < 1 or shape[0] * shape[1] != len(values) or len(values) > _MOST_NUMBERS:
             found = f"{len(values)} numbers in {key} of {shape[0]} x {shape[1]}"
             raise found_instead(self.path, found, f"as many as it has places, at most {_MOST_NUMBERS}")

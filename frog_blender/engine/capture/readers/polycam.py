@@ -53,7 +53,7 @@ def read(path: Path) -> Capture:
             path, f"{len(files)} cameras in {cameras.name} and no image of theirs in {images.name}", "both"
         )
     numbered = [number_of(file.stem) for file, _ in pairs]
-    times = [place if number is None else number for place, number in enumerate(numbered)]
+    times = [index if number is None else number for index, number in enumerate(numbered)]
     if len(set(times)) < len(times):
         times = list(range(len(pairs)))
     views = [View(_camera(file), None, image, time) for (file, image), time in zip(pairs, times, strict=True)]

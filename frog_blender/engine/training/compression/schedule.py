@@ -69,11 +69,11 @@ class CompressionSchedule(Hook):
         """Runs the milestones that lie in (before, now]; CompressionFailed where one fails."""
         if self.allows_growth(now):
             self.record.motion = None  # of a training that was resumed for more steps: Gaussians come and go again
-        for number, (at, milestone) in enumerate(self.settings.milestones.items()):
+        for index, (at, milestone) in enumerate(self.settings.milestones.items()):
             if before < at <= now:
                 training.before_milestone()
                 try:
-                    self._run(self._context(training), milestone, self.record.generator(number))
+                    self._run(self._context(training), milestone, self.record.generator(index))
                 except Exception as error:
                     raise CompressionFailed(milestone.name) from error
                 finally:

@@ -136,11 +136,11 @@ def measure(
             for name, values in ranges.items():
                 values.add(getattr(gaussians, name)[:num_dynamic])
     mean = {name: values.mean for name, values in ranges.items()}
-    for number, view in enumerate(views):
+    for index, view in enumerate(views):
         camera = capture.cameras[view.camera]
         with torch.no_grad():
             gaussians = gaussians_at(view.time)
-        background = mattes.background_of(number) if mattes else capture.background
+        background = mattes.background_of(index) if mattes else capture.background
         counted = mattes.counted(view.shot) if mattes else None
         image, slopes = view_gradients(gaussians, camera, background, generator, counted)
         assert image.max_weights is not None

@@ -40,7 +40,7 @@ def halved(camera: Camera) -> Camera:
 
 def halved_capture(capture: Capture) -> Capture:
     """The same shots from cameras with half the pixels a side, but for those whose images stay as they are."""
-    return capture.with_cameras(halved(each) if _is_large(each) else each for each in capture.cameras)
+    return capture.with_cameras(halved(camera) if _is_large(camera) else camera for camera in capture.cameras)
 
 
 def sized(pixels: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:

@@ -210,11 +210,11 @@ class SceneOptimizer:
         """Adam's moments and step counts by name, for a checkpoint."""
         arrays = {}
         for group in self.adam.param_groups:
-            for number, parameter in enumerate(group["params"]):
+            for index, parameter in enumerate(group["params"]):
                 for key, value in self.adam.state.get(parameter, {}).items():
                     if isinstance(value, int):
                         value = torch.tensor(float(value), device="cpu")
-                    arrays[f"adam.{group['name']}.{number}.{key}"] = value
+                    arrays[f"adam.{group['name']}.{index}.{key}"] = value
         return arrays
 
     def resume(self, arrays: Tensors, rate_factor: float) -> None:
@@ -223,8 +223,8 @@ class SceneOptimizer:
             raise ValueError(f"rates times {rate_factor}")
         self.rate_factor = rate_factor
         for group in self.adam.param_groups:
-            for number, parameter in enumerate(group["params"]):
-                prefix = f"adam.{group['name']}.{number}."
+            for index, parameter in enumerate(group["params"]):
+                prefix = f"adam.{group['name']}.{index}."
                 if any(name.startswith(prefix) for name in arrays):
                     self.adam.state[parameter] = self._moments(arrays, prefix, parameter)
 

@@ -174,7 +174,7 @@ Check = Callable[[object, str], Any]
 def line_of(event: Event) -> str | None:
     """An event as one line without its end; None for one that would be too long to be read."""
     kind = _KIND_OF[type(event)]
-    values = {each.name: _plain(getattr(event, each.name)) for each in fields(event)}
+    values = {field_.name: _plain(getattr(event, field_.name)) for field_ in fields(event)}
     line = json.dumps({"event": kind, **values}, allow_nan=False)
     return line if len(line) < _longest(kind) else None
 
