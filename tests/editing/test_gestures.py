@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.builders import ATTRIBUTES, odd_camera, plain_camera, random_gaussians, rotation_of
+from support.builders import join, odd_camera, plain_camera, random_gaussians, rotation_of
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.editing.gestures import BOX, BRUSH, GESTURES, LASSO, drawn, gesture
@@ -137,15 +137,11 @@ def _wall(depth, scale, turned=0.0):
     return flat
 
 
-def _together(*parts):
-    return GaussianArrays(*(np.concatenate([getattr(part, name) for part in parts]) for name in ATTRIBUTES))
-
-
 @pytest.mark.parametrize("turned", [0.0, 0.9, -1.2])
 def test_only_what_nothing_hides_is_visible(turned):
     camera = Camera("plain", 900, 600, np.array([[900.0, 0, 450], [0, 900, 300], [0, 0, 1]]), np.eye(4))
     before = _balls([(0.0, 0.0, 2.0)], 0.02, 0.05)  # faint, which hides nothing
-    everything = _together(_wall(4.0, 0.08, turned), before, _balls([(0.2, 0.1, 9.0), (40.0, 0.0, 6.0)], 0.05))
+    everything = join(_wall(4.0, 0.08, turned), before, _balls([(0.2, 0.1, 9.0), (40.0, 0.0, 6.0)], 0.05))
     rows = OnScreen.of(everything, camera).rows
     np.testing.assert_array_equal(rows, np.arange(444))
     visible = set(OnScreen.of(everything, camera, only_visible=True).rows.tolist())

@@ -46,14 +46,14 @@ def scene(camera: Camera, degree: int) -> GaussianArrays:
     return gaussians
 
 
-@pytest.mark.parametrize("name", ATTRIBUTES)
 @pytest.mark.parametrize("degree", [0, 3])
-def test_every_attribute(name: str, degree: int) -> None:
+def test_every_attribute(degree: int) -> None:
     camera = odd_camera(17, 11)
     gaussians = scene(camera, degree)
-    expected = differences(gaussians, camera, name)
-    assert np.abs(expected.reshape(len(expected), -1)).max(1).min() > 1e-3  # each Gaussian matters
-    assert relative_error(analytic(gaussians, camera)[name], expected) < 1e-6
+    for name, found in analytic(gaussians, camera).items():
+        expected = differences(gaussians, camera, name)
+        assert np.abs(expected.reshape(len(expected), -1)).max(1).min() > 1e-3, "each Gaussian matters"
+        assert relative_error(found, expected) < 1e-6, name
 
 
 @pytest.mark.parametrize("degree", [1, 2])
