@@ -109,7 +109,7 @@ def test_no_folder_at_all_is_one_sentence(task: TrainingJob, monkeypatch: pytest
 def test_rescued_scenes_do_not_overwrite_each_other(task: TrainingJob) -> None:
     ends = []
     for _ in range(2):
-        for event in run_training(task):
+        for event in run_training(replace(task, overwrite=True)):
             if isinstance(event, events.Started):
                 task.output.mkdir()  # where the scene is to lie
         ends.append(event)
