@@ -31,7 +31,9 @@ def train(options: argparse.Namespace, capture: Path, output: Path, budget: int 
     settings = recipe(options.recipe, capacity="auto", max_gaussians=options.full)
     if budget:
         settings = with_budget(settings, budget, "frog")
-    job = TrainingJob(capture, output, recipe=settings, steps=options.steps, seed=options.seed, scale=options.scale)
+    job = TrainingJob(
+        capture, output, recipe=settings, steps=options.steps, seed=options.seed, scale=options.scale, overwrite=True
+    )
     for _ in run_training(job):
         pass
     return output

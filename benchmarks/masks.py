@@ -124,6 +124,7 @@ def main() -> None:
             recipe=recipe(options.recipe, capacity="auto"),
             steps=options.steps,
             seed=options.seed,
+            overwrite=True,
             scale=options.scale,
             holdout_frames=options.holdout_frames,
             masks="auto" if name == "masked" else "off",

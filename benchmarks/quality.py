@@ -49,6 +49,7 @@ def run(options: argparse.Namespace, seed: int, folder: Path) -> dict[str, Any]:
         steps=options.steps,
         seconds=options.seconds,
         seed=seed,
+        overwrite=True,
         scale=options.scale,
         holdout_frames=options.holdout_frames,
         device=options.device,

@@ -53,6 +53,7 @@ def run_demo(capture: DemoCapture, out: Path, recipe_name: str, seconds: float |
         seconds=seconds or capture.seconds,
         scale=capture.scale,
         pixel_offsets=capture.pixel_offsets or None,
+        overwrite=True,
     )
     with printing_may_fail(), stopping() as asked:  # a cancelled training saves its state
         finished = show(run_training(job, asked), scene_path)

@@ -181,6 +181,7 @@ def perform(
             holdout_frames=run.holdout_frames,
             device=environment.device,
             save_every=environment.save_every,
+            overwrite=True,
             opened=opened,
             evaluated_shots=_EVALUATED_SHOTS,
         )

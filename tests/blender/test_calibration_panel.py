@@ -297,8 +297,7 @@ def test_a_film_that_cannot_be_decoded_does_not_hide_the_others(empty, drawn, ra
     bpy.ops.frog.show_contact_sheet()
     sheet = finished_sheet(raw)
     assert sheet.names == ["cam00", "cam01", "cam03"] and "cam02.mp4" in sheet.error
-    told = drawn(calibration_panel.FROG_PT_cameras)
-    assert "cam02.mp4" in told.replace(" ", "")  # lines are broken where they are full
+    assert "cam02.mp4" in drawn(calibration_panel.FROG_PT_cameras)
     contact_sheet.close()
 
 

@@ -86,12 +86,15 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize("animation", [False, True], ids=["still", "animation"])
-@pytest.mark.parametrize(
-    "change",
-    REFUSED,
-    ids=name_of,
-)
+# Stills and animations in turn by default: what is refused is found before either begins.
+KINDS = [
+    pytest.param(change, animation, marks=[] if animation == bool(index % 2) else pytest.mark.slow)
+    for index, change in enumerate(REFUSED)
+    for animation in (False, True)
+]
+
+
+@pytest.mark.parametrize(("change", "animation"), KINDS)
 def test_it_is_refused_in_a_sentence(composed, tmp_path, rendered, change, animation):
     rendered(composed)
     sentence = change(composed)
@@ -107,7 +110,7 @@ def test_it_is_refused_in_a_sentence(composed, tmp_path, rendered, change, anima
     assert not list(out.glob("*.png"))
 
 
-@pytest.mark.parametrize("kind", ["LINK_COPY", "FULL_COPY"])
+@pytest.mark.parametrize("kind", ["LINK_COPY", pytest.param("FULL_COPY", marks=pytest.mark.slow)])
 def test_a_copied_scene_is_refused_until_it_is_composed_itself(composed, rendered, kind):
     before = rendered(composed)
     assert bpy.ops.scene.new(type=kind) == {"FINISHED"}
@@ -160,7 +163,9 @@ def test_in_a_window_a_copied_scene_is_refused(composed, rendered, in_a_window):
     assert is_striped(rendered(bpy.context.scene))
 
 
-@pytest.mark.parametrize("error", [MemoryError(), ValueError("a fault of our own")], ids=["memory", "a bug"])
+@pytest.mark.parametrize(
+    "error", [MemoryError(), pytest.param(ValueError("a fault of our own"), marks=pytest.mark.slow)], ids=repr
+)
 def test_what_fails_later_is_no_image_and_ends_the_animation(composed, tmp_path, capsys, error):
     drawn = []
 

@@ -73,9 +73,9 @@ def panel_says(panel, part="draw", **values):
 
 
 def drawing_context(**values):
-    """What a panel is drawn with in a sidebar of the usual width."""
+    """What a panel is drawn with, in a sidebar so wide that no sentence is broken: paths of tests are long."""
     preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-    usual = {"scene": bpy.context.scene, "object": bpy.context.object, "region": SimpleNamespace(width=280)}
+    usual = {"scene": bpy.context.scene, "object": bpy.context.object, "region": SimpleNamespace(width=7000)}
     return SimpleNamespace(**(usual | {"preferences": preferences} | values))
 
 

@@ -130,7 +130,10 @@ def numbers(trainer: Trainer) -> dict[str, bytes]:
     return {name: value.detach().cpu().numpy().tobytes() for name, value in {**state(trainer), **host}.items()}
 
 
-@pytest.mark.parametrize(("method", "views"), [("frog", 1), ("static", 1), ("frog", 2)])
+@pytest.mark.parametrize(
+    ("method", "views"),
+    [("frog", 1), *(pytest.param(*more, marks=pytest.mark.slow) for more in (("static", 1), ("frog", 2)))],
+)
 def test_it_learns_elsewhere_what_it_learns_here(machine: Machine, make: Make, method: str, views: int) -> None:
     """Any two devices mixed in one operation fail on the way."""
     there, here = (train(make(device, method, views_per_step=views)) for device in (ELSEWHERE, CPU))

@@ -165,7 +165,9 @@ def previews_of(stream: list[Any]) -> list[Any]:
 def test_previews_come_at_once_and_every_tenth(task: TrainingJob) -> None:
     steps = [event.step for event in previews_of(list(run_training(task)))]
     assert steps[0] == 1 and len(steps) == 10
-    often = [event.step for event in previews_of(list(run_training(replace(task, preview_seconds=0.0))))]
+    often = [
+        event.step for event in previews_of(list(run_training(replace(task, preview_seconds=0.0, overwrite=True))))
+    ]
     assert often == list(range(1, STEPS))
 
 

@@ -180,6 +180,7 @@ def test_damaged_values_never_reach_the_training(
     refused(tmp_path / "c", trained, make_trainer, bits)
 
 
+@pytest.mark.slow
 def test_two_hundred_damaged_checkpoints(trained: Trainer, make_trainer: Make, tmp_path: Path) -> None:
     """Some damage is harmless, some is numbers that a training cannot go on with; nothing else comes of it."""
     save_checkpoint(tmp_path / "c", trained)
