@@ -106,7 +106,9 @@ def test_a_training_mends_its_poses(
     """What is written and played has the mended poses, and the held-out camera is where it was."""
     psnr = {}
     for reach in (0.0, 0.1):
-        job = TrainingJob(filmed, tmp_path / "x.frog", recipe=replace(lively(400), pose_reach=reach), opened=askew)
+        job = TrainingJob(
+            filmed, tmp_path / f"{reach}.frog", recipe=replace(lively(400), pose_reach=reach), opened=askew
+        )
         *_, psnr[reach] = [event.psnr for event in run_training(job) if isinstance(event, events.Evaluated)]
     scene = read_scene(job.output)
     assert psnr[0.1] > psnr[0.0] + 0.5
