@@ -75,14 +75,16 @@ def test_the_program_that_draws_elsewhere_draws_here(tmp_path: Path) -> None:
 
 
 WHERE = """
+import sys
 from frog_blender.engine.native import binding
-binding.__file__ = {file!r}
+binding.__file__, sys.path[:] = {file!r}, {folders!r}
 print(binding.library_path())
 """
 
 
-def where(file: Path, **environment: str) -> Path:
-    run = run_python(WHERE.format(file=str(file)), **environment)
+def where(file: Path, *folders: Path, **environment: str) -> Path:
+    """Where the library is taken from by a binding in ``file``, with these folders to import from."""
+    run = run_python(WHERE.format(file=str(file), folders=list(map(str, folders))), **environment)
     assert run.returncode == 0, run.stderr
     return Path(run.stdout.strip())
 
@@ -92,10 +94,14 @@ def test_where_it_is_looked_for(tmp_path: Path) -> None:
     package.mkdir(parents=True)
     sources = Path(__file__).parents[2] / "packaging" / "native" / "frog_blender_native"
     shutil.copy2(sources / "__init__.py", package)
-    beside, site = tmp_path / "binding.py", str(tmp_path / "site")
+    beside, site = tmp_path / "binding.py", tmp_path / "site"
     name = where(beside).name
     assert where(beside) == tmp_path / name, "without the package, where a checkout has it"
-    assert where(beside, PYTHONPATH=site) == package / name
+    assert where(beside, site) == package / name
+    installed = tmp_path / "packages" / "frog_blender" / "engine" / "native" / name
+    installed.parent.mkdir(parents=True)
+    installed.touch()
+    assert where(beside, tmp_path / "packages") == installed, "which a clone hides, in which nothing was built"
     (tmp_path / name).touch()
-    assert where(beside, PYTHONPATH=site) == tmp_path / name
-    assert where(beside, PYTHONPATH=site, FROG_NATIVE_LIBRARY="another.so") == Path("another.so")
+    assert where(beside, site, tmp_path / "packages") == tmp_path / name
+    assert where(beside, site, FROG_NATIVE_LIBRARY="another.so") == Path("another.so")
