@@ -53,7 +53,7 @@ def test_splats_end_where_an_object_hides_them(empty, static_rig, tmp_path):
 def test_f12_puts_cycles_and_frog_together(empty, static_rig, tmp_path, rendered, motion_blur):
     obj = import_scene(static_rig)
     card(empty, (0.0, 0.0, 0.0))
-    assert bpy.ops.frog.compose(engine="CYCLES") == {"FINISHED"}
+    assert bpy.ops.frog.compose(engine="CYCLES", light=False) == {"FINISHED"}
     assert empty.render.engine == "CYCLES"
     splats = bpy.data.scenes[f"{empty.name} FRoG"]
     assert splats.render.engine == "FROG" and splats.render.film_transparent and splats.frog.hold_out
@@ -109,12 +109,12 @@ def world_of(name, color):
 
 def test_run_again_it_follows_the_scene(empty, static_rig):
     import_scene(static_rig)
-    bpy.ops.frog.compose()
+    bpy.ops.frog.compose(light=False)
     splats = bpy.data.scenes[f"{empty.name} FRoG"]
     late = bpy.data.collections.new("late")
     empty.collection.children.link(late)
     empty.render.resolution_x = 123
-    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert bpy.ops.frog.compose(light=False) == {"FINISHED"}
     assert len(bpy.data.scenes) == 2
     assert late in set(splats.collection.children) and splats.render.resolution_x == 123
     tree = getattr(empty, "compositing_node_group", None) or empty.node_tree
@@ -133,29 +133,29 @@ def read_by(scene):
 
 def test_run_again_in_a_renamed_scene_it_keeps_its_splats(empty, static_rig):
     import_scene(static_rig)
-    bpy.ops.frog.compose()
+    bpy.ops.frog.compose(light=False)
     splats = read_by(empty)
     empty.name = "Shot"
     empty.render.resolution_x = 123
-    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert bpy.ops.frog.compose(light=False) == {"FINISHED"}
     assert len(bpy.data.scenes) == 2 and read_by(empty) == splats and splats.render.resolution_x == 123
 
 
 def test_run_again_after_its_splats_were_deleted_it_shows_new_ones(empty, static_rig, rendered):
     import_scene(static_rig)
-    bpy.ops.frog.compose()
+    bpy.ops.frog.compose(light=False)
     empty.cycles.samples, empty.cycles.use_denoising = 1, False
     before = rendered(empty)
     assert before[..., :3].std() > 10
     bpy.data.scenes.remove(read_by(empty))
-    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert bpy.ops.frog.compose(light=False) == {"FINISHED"}
     assert read_by(empty).render.engine == "FROG" and len(bpy.data.scenes) == 2
     np.testing.assert_array_equal(rendered(empty), before)
 
 
 def test_run_again_it_leaves_what_was_put_before_the_splats(empty, static_rig):
     import_scene(static_rig)
-    bpy.ops.frog.compose()
+    bpy.ops.frog.compose(light=False)
     tree = getattr(empty, "compositing_node_group", None) or empty.node_tree
     splats = read_by(empty)
     (over,) = (node for node in tree.nodes if node.type == "ALPHAOVER")
@@ -164,10 +164,10 @@ def test_run_again_it_leaves_what_was_put_before_the_splats(empty, static_rig):
     tree.links.new(layers.outputs["Image"], blur.inputs["Image"])
     tree.links.new(blur.outputs[0], above)
     bpy.data.scenes.remove(splats)
-    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert bpy.ops.frog.compose(light=False) == {"FINISHED"}
     assert above.links[0].from_node == blur and layers.scene.render.engine == "FROG"
     tree.nodes.remove(layers)
-    assert bpy.ops.frog.compose() == {"FINISHED"}
+    assert bpy.ops.frog.compose(light=False) == {"FINISHED"}
     assert read_by(empty).render.engine == "FROG" and len(bpy.data.scenes) == 2
 
 
@@ -180,7 +180,7 @@ def test_what_the_compositor_did_before_stays(empty, static_rig):
     mine = tree.nodes.new("CompositorNodeBlur")
     tree.links.new(layers.outputs["Image"], mine.inputs["Image"])
     tree.links.new(mine.outputs[0], output.inputs["Image"])
-    bpy.ops.frog.compose()
+    bpy.ops.frog.compose(light=False)
     over = output.inputs["Image"].links[0].from_node
     assert over.type == "ALPHAOVER"
     assert mine in {link.from_node for socket in over.inputs for link in socket.links}
@@ -201,7 +201,7 @@ def test_the_splats_scene_switches_cameras_and_leaves_out_what_the_users_does(em
     empty.timeline_markers.new("a note", frame=3)
     for excluded in (True, False):
         layer.children["hidden"].exclude = excluded
-        assert bpy.ops.frog.compose(engine="CYCLES") == {"FINISHED"}
+        assert bpy.ops.frog.compose(engine="CYCLES", light=False) == {"FINISHED"}
         splats = bpy.data.scenes[f"{empty.name} FRoG"]
         found = [(marker.frame, marker.camera) for marker in splats.timeline_markers]
         assert found == list(zip((1, 5), cameras, strict=True))

@@ -28,7 +28,7 @@ def collection_in(parent, name):
 
 
 def compose(scene):
-    assert bpy.ops.frog.compose(engine="CYCLES") == {"FINISHED"}
+    assert bpy.ops.frog.compose(engine="CYCLES", light=False) == {"FINISHED"}
     scene.cycles.samples, scene.cycles.use_denoising = 1, False
 
 
