@@ -29,8 +29,7 @@ def draw(scene, camera, gaussians, options=RasterizeOptions(), limited=False):
     limit = np.float32(random.uniform(1, 5, (height, width))) if limited else None
     frame = binding.Frame(gaussians, camera, (0.3, 0.6, 0.1), options, {**image, **extras}, limit, differentiable=True)
     gradients = {name: np.empty_like(value) for name, value in vars(gaussians).items()}
-    gradients["screen"], gradients["screen_absolute"] = np.empty((2, count, 2), np.float32)
-    gradients["pose"] = np.empty((3, 4), np.float32)
+    gradients["screen"], gradients["pose"] = np.empty((count, 2), np.float32), np.empty((3, 4), np.float32)
     by_rgb, by_alpha = (np.float32(random.normal(size=image[name].shape)) for name in ("rgb", "alpha"))
     frame.backward(by_rgb, by_alpha, gradients)
     for kind, arrays in (("image", {**image, **extras}), ("gradient", gradients)):
@@ -44,7 +43,6 @@ needles = random_gaussians(camera, 100, 0, seed=2)
 needles.scales[:] = 0.4, 0.02, 0.02
 draw("needles", camera, needles)
 draw("limits", camera, random_gaussians(camera, 300, 1, seed=9), limited=True)
-draw("compensation", camera, random_gaussians(camera, 300, 1, seed=9), RasterizeOptions(compensate=True))
 draw("region", camera, random_gaussians(camera, 300, 1, seed=9), RasterizeOptions(region=(13, 7, 41, 22)))
 draw("nothing", camera, random_gaussians(camera, 0, 1))
 np.savez(sys.argv[1], **found)

@@ -109,9 +109,9 @@ def test_beside_a_busy_machine(crowd: GaussianArrays) -> None:
 
 def with_everything(gaussians: GaussianArrays) -> dict[str, np.ndarray]:
     """Gradients of every kind that there is."""
-    options, pose = RasterizeOptions(absolute=True, compensate=True), CAMERA.world_to_camera
+    pose = CAMERA.world_to_camera
     limit = torch.full((CAMERA.height, CAMERA.width), 4.0)
-    return draw_with_gradients(gaussians, CAMERA, "cpu", options=options, pose=pose, depth_limit=limit)[1]
+    return draw_with_gradients(gaussians, CAMERA, "cpu", options=RasterizeOptions(), pose=pose, depth_limit=limit)[1]
 
 
 @pytest.mark.parametrize("slots", [1, 500, 3000])

@@ -1,4 +1,4 @@
-"""The native library against the reference in float64 on hundreds of random scenes of every kind.
+"""The native library against the reference in float64 on random scenes of every kind.
 
 Images: where float32 decides a threshold the other way a whole contribution appears or goes, which no tolerance can
 hide. Such pixels ("flips", beyond FLIP) are counted over all scenes together and must be very rare; all others are held
@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, given, settings
 from support.random_scenes import Scene, scenes
 from support.torch_drawing import draw_with_gradients, relative_error
 
-EXAMPLES = 500
+EXAMPLES = 250
 FLIP, FLIPPED_SHARE, FLIPS_IN_ONE = 1e-4, 3e-4, 8
 MEAN_ERROR = 1e-6
 AGREEMENT = 1e-5
@@ -82,6 +82,6 @@ def test_random_scenes() -> None:
     assert totals.compared >= 0.98 * totals.scenes
     assert totals.inexact <= INEXACT_SHARE * totals.compared
     pooled = {name: (totals.squared_errors[name] / square) ** 0.5 for name, square in totals.squares.items()}
-    assert len(pooled) == 8 and max(pooled.values()) <= GRADIENT_ERROR, pooled
+    assert len(pooled) == 7 and max(pooled.values()) <= GRADIENT_ERROR, pooled
     assert totals.error / totals.pixels <= MEAN_ERROR
     assert totals.flips <= FLIPPED_SHARE * totals.pixels

@@ -104,8 +104,6 @@ def scenes() -> st.SearchStrategy[Scene]:
         RasterizeOptions,
         depth=st.booleans(),
         weights=st.booleans(),
-        absolute=st.booleans(),
-        compensate=st.booleans(),
         low_pass=st.sampled_from([0.3, 0.1, 1.0]),
         near_plane=st.just(NEAR),
     )

@@ -46,8 +46,8 @@ def draw_with_gradients(
     pose: np.ndarray | None = None,
     depth_limit: torch.Tensor | None = None,
 ) -> tuple[Image, dict[str, np.ndarray]]:
-    """The image, and gradients of a random linear loss on rgb and alpha by attribute, and by ``screen``, ``pose`` and
-    ``screen_absolute`` where there are any."""
+    """The image, and gradients of a random linear loss on rgb and alpha by attribute, and by ``screen`` and ``pose``
+    where there is one."""
     leaves = tensors(gaussians, dtype)
     moving = None if pose is None else torch.tensor(pose, dtype=torch.float32).to(dtype).requires_grad_()
     image = rasterize(leaves, camera, BACKGROUND, options, pose=moving, depth_limit=depth_limit, backend=backend)
@@ -57,8 +57,6 @@ def draw_with_gradients(
     gradients["screen"] = image.screen.grad.numpy()
     if moving is not None:
         gradients["pose"] = moving.grad.numpy()
-    if image.screen_absolute is not None:
-        gradients["screen_absolute"] = image.screen_absolute.numpy()
     return image, gradients
 
 

@@ -157,7 +157,7 @@ class Frog(SceneModel):
         pose: torch.Tensor | None = None,
     ) -> RenderResult:
         """See SceneModel."""
-        if not (self._is_fused and self.canonical.num_dynamic and torch.is_grad_enabled()) or options.absolute:
+        if not (self._is_fused and self.canonical.num_dynamic and torch.is_grad_enabled()):
             return super().draw(time, camera, background, options, schedule_state, sh_count, pose=pose)
         shape = self.field_shape(schedule_state, sh_count or self.canonical.sh.shape[1])
         arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, schedule_state))

@@ -183,7 +183,7 @@ def render_fused(
 
     Args:
         shape, arrays: see ``forward_field``; parameters but for ``temporal``.
-        camera, background, options, pose: see ``rasterizer.rasterize``; without ``options.absolute``.
+        camera, background, options, pose: see ``rasterizer.rasterize``.
         silent_rows: see FusedRenderResult.
         by_attribute: see DeformationField.
     """

@@ -24,7 +24,7 @@ from . import structs
 from .options import RasterizeOptions
 from .structs import Buffer
 
-ABI_VERSION = 17
+ABI_VERSION = 18
 CELL = 16  # FROG_CELL: pixels a side of the cells of ``l1_loss``, which are the rasterizer's tiles
 _EXPECTED = "the native rasterizer"
 MANY_INSTANCES = 60_000_000
@@ -262,8 +262,8 @@ class Frame:
     def backward(self, rgb: Buffer, alpha: Buffer | None, gradients: Mapping[str, Buffer | None]) -> None:
         """Fills ``gradients`` from dL/d(rgb, alpha); ``alpha`` is None where the loss does not look at it.
 
-        ``gradients`` are arrays by name: those of the Gaussians, ``screen`` (N, 2), and where wanted
-        ``screen_absolute`` (N, 2) and ``pose`` (3, 4), see Image and rasterize.
+        ``gradients`` are arrays by name: those of the Gaussians, ``screen`` (N, 2), and where wanted ``pose`` (3, 4),
+        see Image and rasterize.
         """
         if not self._differentiable:
             raise ValueError("this frame was drawn without what its backward pass needs: expected differentiable=True")

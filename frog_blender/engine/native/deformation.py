@@ -71,25 +71,15 @@ class PlaybackField:
             all attributes but ``means`` (which gives the number of Gaussians), with transposed weights; see
             playback.groups for both.
         precomputed_first_layer: whether ``groups`` has the embeddings' products with the first layer in their place.
-        num_shape_dynamic: with ``groups``, Gaussians whose quaternions and scales change, which come first; None for
-            all.
     """
 
-    def __init__(
-        self,
-        shape: FieldShape,
-        arrays: Buffers,
-        precomputed_first_layer: bool = False,
-        num_shape_dynamic: int | None = None,
-    ) -> None:
+    def __init__(self, shape: FieldShape, arrays: Buffers, precomputed_first_layer: bool = False) -> None:
         if shape.head_width and "groups" in arrays:
             raise ValueError("groups: found some beside heads, expected embeddings")
         self._arrays, self._field = arrays, _field(shape, arrays)
         self._field.unit_quaternions, self._field.precomputed_first_layer = True, precomputed_first_layer
         for name in ("groups", "temporal_weight", "modulation_weight"):
             setattr(self._field, name, structs.address(arrays.get(name)))
-        if num_shape_dynamic is not None:
-            self._field.num_shape_dynamic = num_shape_dynamic
 
     def deform(self, inputs: Buffers, result: Mapping[str, Buffer | int], active: Buffer | None = None) -> None:
         """Fills the first rows of ``result``.
@@ -135,7 +125,7 @@ def _field(shape: FieldShape, arrays: Buffers) -> Structure:
         *(embedding, units // shape.networks, shape.head_width, shape.networks),
         *(shape.sh_deformed if in_groups else arrays["sh"].shape[1], shape.sh_active, shape.sh_deformed),
         *(structs.OPACITY_FORMS[shape.opacity_form], False, False),
-        *(arrays["temporal_weight"].shape[0] if in_groups and "temporal_weight" in arrays else 0, count),
+        arrays["temporal_weight"].shape[0] if in_groups and "temporal_weight" in arrays else 0,
         *(shape.opacity_sharpness, shape.opacity_share, shape.motion_unit),
         *[structs.address(arrays.get(name)) for name in structs.FIELD_ARRAYS],
     )

@@ -10,8 +10,6 @@ ALPHA_MIN = 1.0 / 255.0
 """Fainter contributions are skipped."""
 ALPHA_MAX = 0.999
 """Alpha is clamped here, and passes no gradient to the Gaussian's shape beyond it."""
-COMPENSATION_MIN = 0.005
-"""The opacity compensation never goes below, and passes no gradient there."""
 TRANSMITTANCE_MIN = 1e-4
 """The Gaussian that would take a pixel's transmittance below this is left out, and so is everything behind it."""
 MAX_PIXELS = 2**30
@@ -25,21 +23,16 @@ class RasterizeOptions:
     Attributes:
         depth: also median depth, median z and mean depth.
         weights: also each Gaussian's largest blending weight.
-        absolute: the backward pass also fills ``Image.screen_absolute``.
         low_pass: variance in pixels squared added to every screen covariance (3DGS: 0.3).
         near_plane: planar depth below which a Gaussian is culled, world units.
-        compensate: take from each opacity what the low-pass added to the splat's area, so that small Gaussians do not
-            grow brighter when seen from afar (mip-splatting; gsplat's "antialiased").
         region: (left, top, width, height) in pixels, the only part of the camera's image that is drawn; images
             then have its size. None is all of it.
     """
 
     depth: bool = False
     weights: bool = False
-    absolute: bool = False
     low_pass: float = 0.3
     near_plane: float = 0.01
-    compensate: bool = False
     region: tuple[int, int, int, int] | None = None
 
     def region_of(self, camera: Camera) -> tuple[int, int, int, int]:

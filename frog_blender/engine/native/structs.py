@@ -60,7 +60,6 @@ class Options(Structure):
         ("background", c_float * 3),
         ("low_pass", c_float),
         ("near_plane", c_float),
-        ("compensate", c_int32),
         ("region", c_int32 * 4),
         ("depth_limit", c_void_p),
     ]
@@ -69,12 +68,12 @@ class Options(Structure):
 IMAGE = ("rgb", "alpha", "median_index", "mean_depth", "max_weights", "radii", "num_invalid")
 Image = _struct("FrogImage", *[(name, c_void_p) for name in IMAGE])
 ImageGradient = _struct("FrogImageGradient", ("rgb", c_void_p), ("alpha", c_void_p), ("slot_limit", c_int64))
-GRADIENTS = (*ATTRIBUTES, "screen", "screen_absolute", "pose")
+GRADIENTS = (*ATTRIBUTES, "screen", "pose")
 Gradients = _struct("FrogGradients", *[(name, c_void_p) for name in GRADIENTS])
 FIELD_SIZES = (
     *("count", "num_dynamic", "embedding_size", "hidden_width", "head_width", "networks"),
     *("sh_count", "sh_active", "sh_deformed", "opacity_form", "unit_quaternions", "precomputed_first_layer"),
-    *("temporal_size", "num_shape_dynamic"),
+    "temporal_size",
 )
 FIELD_ARRAYS = (
     *("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings", "shared"),
@@ -151,7 +150,6 @@ def options_struct(
         (c_float * 3)(*background),
         options.low_pass,
         options.near_plane,
-        options.compensate,
         (c_int32 * 4)(*region),
         address(depth_limit),
     )

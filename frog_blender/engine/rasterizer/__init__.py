@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -17,7 +16,7 @@ from ..registry import RASTERIZERS
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["Backend", "GaussianArrays", "Image", "RasterizeOptions", "rasterize", "rasterize_batch"]
+__all__ = ["Backend", "GaussianArrays", "Image", "RasterizeOptions", "rasterize"]
 
 
 @dataclass
@@ -29,8 +28,6 @@ class Image:
         alpha: (H, W) coverage.
         radii: (N,) half the larger side of each splat's bounding box in pixels, 0 where culled.
         screen: (N, 2) zeros whose ``.grad`` becomes the gradient of the pixel positions (densification reads its norm).
-        screen_absolute: (N, 2) what the backward pass writes the sum over pixels of their absolute gradients to (AbsGS:
-            pulls to opposite sides do not cancel), or None.
         median_depth: (H, W) Euclidean distance to the centre of the Gaussian that takes transmittance through one half,
             NaN where none does (FRoG, section on canonical field sampling), or None.
         median_z: (H, W) planar depth of the same centre, or None.
@@ -43,7 +40,6 @@ class Image:
     alpha: torch.Tensor
     radii: torch.Tensor
     screen: torch.Tensor
-    screen_absolute: torch.Tensor | None = None
     median_depth: torch.Tensor | None = None
     median_z: torch.Tensor | None = None
     mean_depth: torch.Tensor | None = None
@@ -107,18 +103,6 @@ def exposed(image: Image, camera: Camera) -> Image:
 
         image.rgb = image.rgb * torch.tensor(camera.exposure, dtype=image.rgb.dtype, device=image.rgb.device)
     return image
-
-
-def rasterize_batch(
-    gaussians: TorchGaussians,
-    cameras: Sequence[Camera],
-    background: torch.Tensor | tuple[float, float, float] = (0.0, 0.0, 0.0),
-    options: RasterizeOptions | None = None,
-    *,
-    backend: Backend | str | None = None,
-) -> list[Image]:
-    """``rasterize`` for each of several cameras; gradients of the Gaussians add up."""
-    return [rasterize(gaussians, camera, background, options, backend=backend) for camera in cameras]
 
 
 def default_backend(means: torch.Tensor) -> Backend:

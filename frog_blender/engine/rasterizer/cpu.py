@@ -41,27 +41,21 @@ class RasterPass:
     frame: binding.Frame
 
     def backward(
-        self,
-        by_rgb: torch.Tensor,
-        by_alpha: torch.Tensor | None,
-        pose: tuple[int, ...] | None,
-        absolute: torch.Tensor | None = None,
+        self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None, pose: tuple[int, ...] | None
     ) -> dict[str, torch.Tensor]:
-        """Gradients by attribute, ``screen`` (N, 2) and, where it has a shape, ``pose``; fills ``absolute`` (N, 2)."""
+        """Gradients by attribute, ``screen`` (N, 2) and, where it has a shape, ``pose``."""
         gradients = {name: torch.empty(array.shape, **_FLOATS) for name, array in vars(self.gaussians).items()}
         gradients["screen"] = torch.empty((len(self.gaussians), 2), **_FLOATS)
         if pose is not None:
             gradients["pose"] = torch.zeros(pose, **_FLOATS)
         by_alpha = None if by_alpha is None else by_alpha.contiguous()
-        self.frame.backward(by_rgb.contiguous(), by_alpha, {**gradients, "screen_absolute": absolute})
+        self.frame.backward(by_rgb.contiguous(), by_alpha, gradients)
         return gradients
 
-    def image(
-        self, rgb: torch.Tensor, alpha: torch.Tensor, screen: torch.Tensor, absolute: torch.Tensor | None = None
-    ) -> Image:
+    def image(self, rgb: torch.Tensor, alpha: torch.Tensor, screen: torch.Tensor) -> Image:
         """What there is to see, of ``rgb`` and ``alpha`` with gradients."""
         extras = self.extras
-        image = Image(rgb, alpha, extras["radii"], screen, absolute, max_weights=extras.get("max_weights"))
+        image = Image(rgb, alpha, extras["radii"], screen, max_weights=extras.get("max_weights"))
         image.num_invalid = int(extras["num_invalid"])
         if "median_index" in extras:
             image.mean_depth = extras["mean_depth"]
@@ -102,30 +96,19 @@ def draw(
     return RasterPass(gaussians, camera, size, extras, frame), rgb, alpha
 
 
-@dataclass
-class _Order:
-    """What ``_Rasterize`` needs besides tensors with gradients, and what comes of it."""
-
-    draw: Callable[[TorchGaussians], tuple[RasterPass, torch.Tensor, torch.Tensor]]
-    screen_absolute: torch.Tensor | None
-    drawing: RasterPass | None = None
-
-
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Context,
-        order: _Order,
+        draw_on: Callable[[TorchGaussians], tuple[RasterPass, torch.Tensor, torch.Tensor]],
         pose: torch.Tensor | None,
         screen: torch.Tensor,
         *attributes: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         gaussians = GaussianArrays(*[tensor.contiguous() for tensor in attributes])
-        ctx.drawing, rgb, alpha = order.draw(gaussians)
-        order.drawing = ctx.drawing
+        ctx.drawing, rgb, alpha = draw_on(gaussians)
         ctx.save_for_backward(*vars(gaussians).values())  # torch refuses tensors changed since; the frame reads them
         ctx.pose_shape = None if pose is None else pose.shape
-        ctx.screen_absolute = order.screen_absolute
         ctx.set_materialize_grads(False)  # of alpha: zeros of the size of the image
         return rgb, alpha
 
@@ -135,7 +118,7 @@ class _Rasterize(torch.autograd.Function):
         by_rgb, by_alpha = grad_outputs
         if by_rgb is None:
             by_rgb = torch.zeros((*ctx.drawing.size, 3), **_FLOATS)
-        found = ctx.drawing.backward(by_rgb, by_alpha, ctx.pose_shape, ctx.screen_absolute)
+        found = ctx.drawing.backward(by_rgb, by_alpha, ctx.pose_shape)
         return None, found.get("pose"), found["screen"], *(found[name] for name in structs.ATTRIBUTES)
 
 
@@ -151,21 +134,19 @@ def rasterize(
     gaussians.check_tensors(_CPU)
     if pose is not None:
         camera = camera.with_pose(pose.detach().numpy())
-    count = len(gaussians)
-    screen = torch.zeros((count, 2), requires_grad=True, **_FLOATS)
-    screen_absolute = torch.zeros((count, 2), **_FLOATS) if options.absolute else None
+    screen = torch.zeros((len(gaussians), 2), requires_grad=True, **_FLOATS)
     if depth_limit is not None:
         depth_limit = depth_limit.detach().to("cpu", torch.float32).contiguous()
-    differentiable = torch.is_grad_enabled()
+    differentiable, drawings = torch.is_grad_enabled(), list[RasterPass]()
 
     def draw_on(arrays: TorchGaussians) -> tuple[RasterPass, torch.Tensor, torch.Tensor]:
-        return draw(arrays, camera, background, options, depth_limit, differentiable=differentiable)
+        drawing, rgb, alpha = draw(arrays, camera, background, options, depth_limit, differentiable=differentiable)
+        drawings.append(drawing)
+        return drawing, rgb, alpha
 
-    order = _Order(draw_on, screen_absolute)
     apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
-    rgb, alpha = apply(order, pose, screen, *vars(gaussians).values())
-    assert order.drawing is not None
-    return order.drawing.image(rgb, alpha, screen, screen_absolute)
+    rgb, alpha = apply(draw_on, pose, screen, *vars(gaussians).values())
+    return drawings.pop().image(rgb, alpha, screen)
 
 
 def median_depths(index: torch.Tensor, means: torch.Tensor, camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:

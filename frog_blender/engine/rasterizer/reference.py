@@ -6,14 +6,13 @@ Memory grows with pixels times Gaussians; pixels are taken in strips, so that sm
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 
 from ..capture.camera import Camera
 from ..gaussians import TorchGaussians
-from ..native.options import ALPHA_MAX, ALPHA_MIN, COMPENSATION_MIN, TRANSMITTANCE_MIN, RasterizeOptions
+from ..native.options import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, RasterizeOptions
 from ..spherical_harmonics import SH_DC, sh_terms
 from . import Image
 from .torch_types import kind_of
@@ -104,11 +103,6 @@ def _project(
     covariance = thin + options.low_pass * torch.eye(2, **like)
     xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     determinant = xx * yy - xy * xy
-    if options.compensate:
-        share = (torch.linalg.cross(axes[:, 0], axes[:, 1]).square().sum(-1) / determinant).clamp(
-            min=COMPENSATION_MIN**2
-        )
-        opacities = opacities * share.sqrt()
     pixels = torch.stack([k[0, 0] * local[:, 0] / z + k[0, 2] - left, k[1, 1] * local[:, 1] / z + k[1, 2] - top], -1)
     directions = torch.nn.functional.normalize(means + view[:3, 3] @ view[:3, :3], dim=-1)
     sh = g.sh[kept]
@@ -124,13 +118,6 @@ def _project(
     return _Splats(*(part[order] for part in splats)), num_invalid
 
 
-def _adder(target: torch.Tensor, index: torch.Tensor) -> Callable[[torch.Tensor], None]:
-    def add(gradient: torch.Tensor) -> None:
-        target.index_add_(0, index, gradient.abs().sum(0))
-
-    return add
-
-
 @dataclass
 class _Strip:
     rgb: torch.Tensor  # (P, 3)
@@ -140,22 +127,10 @@ class _Strip:
     heaviest: torch.Tensor  # (M,)
 
 
-def _blend(
-    splats: _Splats,
-    points: torch.Tensor,
-    background: torch.Tensor,
-    limits: torch.Tensor | None,
-    absolute: torch.Tensor | None,
-) -> _Strip:
-    """Blends all splats at pixel centres (P, 2), front to back, down to planar depths ``limits`` (P,).
-
-    The backward pass adds to ``absolute`` (N, 2) where that is given.
-    """
+def _blend(splats: _Splats, points: torch.Tensor, background: torch.Tensor, limits: torch.Tensor | None) -> _Strip:
+    """Blends all splats at pixel centres (P, 2), front to back, down to planar depths ``limits`` (P,)."""
     dx = points[:, None, 0] - splats.pixels[None, :, 0]  # (P, M)
     dy = points[:, None, 1] - splats.pixels[None, :, 1]
-    if absolute is not None and dx.requires_grad:
-        for axis, offset in enumerate((dx, dy)):
-            offset.register_hook(_adder(absolute[:, axis], splats.index))
     a, b, c = splats.conics.unbind(-1)
     power = -0.5 * (a * dx * dx + c * dy * dy) - b * dx * dy
     alpha = splats.opacities * torch.exp(power)
@@ -194,7 +169,6 @@ def rasterize(
     count = len(gaussians)
     _, _, width, height = options.region_of(camera)
     screen = torch.zeros((count, 2), requires_grad=True, **like)
-    absolute = torch.zeros((count, 2), **like) if options.absolute else None
     splats, num_invalid = _project(gaussians, screen, camera, options, pose)
     color = torch.tensor(background, **like)
     y, x = torch.meshgrid(torch.arange(height, **like) + 0.5, torch.arange(width, **like) + 0.5, indexing="ij")
@@ -203,12 +177,12 @@ def rasterize(
     piece = max(1, _STRIP_ELEMENTS // max(1, len(splats.index)))
     pieces = points.split(piece)
     limits = [None] * len(pieces) if depth_limit is None else depth_limit.detach().to(**like).flatten().split(piece)
-    strips = [_blend(splats, part, color, limit, absolute) for part, limit in zip(pieces, limits, strict=True)]
+    strips = [_blend(splats, part, color, limit) for part, limit in zip(pieces, limits, strict=True)]
     radii, weights = torch.zeros(count, **like), torch.zeros(count, **like)
     radii[splats.index] = splats.radii
     weights[splats.index] = torch.stack([strip.heaviest for strip in strips]).amax(0)
     rgb = torch.cat([strip.rgb for strip in strips]).reshape(*size, 3)
-    image = Image(rgb, torch.cat([strip.alpha for strip in strips]).reshape(size), radii, screen, absolute)
+    image = Image(rgb, torch.cat([strip.alpha for strip in strips]).reshape(size), radii, screen)
     image.num_invalid = num_invalid
     if options.depth:
         median = torch.cat([strip.median for strip in strips]).reshape(size)

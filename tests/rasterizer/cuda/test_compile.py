@@ -23,12 +23,12 @@ def compiler() -> nvrtc.Compiler:
         pytest.skip(str(error))
 
 
-@pytest.mark.parametrize("which", list(all_kernels()), ids=str)
-def test_compiles(which: Kernel, compiler: nvrtc.Compiler) -> None:
-    for capability in ARCHITECTURES:
-        code = compiler.build(which, compiler.target(capability))
-        assert code.startswith(b"\x7fELF")
-        assert f".text.{which.name}\0".encode() in code
+@pytest.mark.parametrize(("index", "which"), list(enumerate(all_kernels())))
+def test_compiles(index: int, which: Kernel, compiler: nvrtc.Compiler) -> None:
+    """Each specialisation for one generation, each generation for a third of them."""
+    code = compiler.build(which, compiler.target(ARCHITECTURES[index % len(ARCHITECTURES)]))
+    assert code.startswith(b"\x7fELF")
+    assert f".text.{which.name}\0".encode() in code
 
 
 def test_every_file_is_compiled() -> None:

@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 import torch
-from equality import EVERYTHING, Scene, assert_equal, draw, scenes
+from equality import EVERYTHING, Scene, assert_equal, draw, on_device_alone, scenes
 from support.builders import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians
 from support.torch_drawing import BACKGROUND, tensors
 
@@ -16,7 +16,7 @@ from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.rasterizer.cuda import binning, nvrtc
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA device")
-SCENES = scenes()
+SCENES = scenes() | on_device_alone()
 
 
 @pytest.fixture(autouse=True, scope="module")

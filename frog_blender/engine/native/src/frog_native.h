@@ -46,7 +46,6 @@ typedef struct {
   int32_t unit_quaternions;         // in the forward pass: they come out normalised
   int32_t precomputed_first_layer;  // `groups` has products with embedding_weight in place of embeddings
   int32_t temporal_size;
-  int32_t num_shape_dynamic;  // with `groups`: Gaussians whose quaternions and scales change, which come first
   float opacity_sharpness, opacity_share;  // see model/opacity.py
   float motion_unit;                       // world units that an output of one moves a Gaussian by
   // (N, 3), (N, 3), (N, 4), (N,), (N, sh_count, 3)
@@ -59,7 +58,7 @@ typedef struct {
   // For playback, or null. (ceil(N / GROUP_SIZE), rows, GROUP_SIZE): means, opacity_logits, sh_deformed coefficients,
   // log_scales, quaternions, and embeddings or, with precomputed_first_layer, their products with embedding_weight.
   // Nothing else of a Gaussian is read then. All N are dynamic, heads have no layers of their own, and `changes` is
-  // not written. Quaternions and scales beyond num_shape_dynamic are left as they are in the output.
+  // not written.
   const float *groups;
   // (groups,) with `groups` only, or null. Zero for an invisible group: its attributes come out canonical, its
   // opacities zero.

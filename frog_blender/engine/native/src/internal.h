@@ -28,11 +28,11 @@ struct FrameView {
   float *slot_weights;  // the largest blending weight of each slot, zero before; or null where nobody asks
 };
 
-// Where the backward pass of some tile rows puts its numbers: those of slot s of Gaussian i at (s + moved[i]) * width.
+// Where the backward pass of some tile rows puts its numbers: those of slot s of Gaussian i at
+// (s + moved[i]) * SPLAT_GRADIENTS.
 struct SlotView {
   float *gradients;
   const uint32_t *moved;  // (N,), null for a whole frame: nothing to look up
-  int32_t width;          // SPLAT_GRADIENTS, or BY_BLUE + 1 where absolute gradients are not wanted
 };
 
 constexpr int TILE_SCRATCH = 12;

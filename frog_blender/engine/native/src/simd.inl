@@ -55,7 +55,6 @@ static inline Floats negative(Mask mask, Floats v) {
 static inline Floats without(Floats v, Floats share) { return _mm512_fnmadd_ps(v, share, v); }
 static inline Floats smaller(Floats a, Floats b) { return _mm512_min_ps(a, b); }
 static inline Floats larger(Floats a, Floats b) { return _mm512_max_ps(a, b); }
-static inline Floats absolute(Floats v) { return _mm512_abs_ps(v); }
 static inline Floats exp2(Floats x) {
   const Floats whole = _mm512_roundscale_ps(x, _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC);
   return _mm512_scalef_ps(exp2_fraction(x - whole), whole);
@@ -114,7 +113,6 @@ static inline Floats without(Floats v, Floats share) { return v * (1 - share); }
 static inline Floats smaller(Floats a, Floats b) { return a < b ? a : b; }
 static inline Floats larger(Floats a, Floats b) { return a > b ? a : b; }
 #endif
-static inline Floats absolute(Floats v) { return (Floats)((Ints)v & INT32_MAX); }
 // Lanes that overflow come out as rubbish, and are masked by all callers.
 static inline Floats exp2(Floats x) {
 #if FROG_VECTOR_BYTES == 32

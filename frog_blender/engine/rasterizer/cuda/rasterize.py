@@ -18,7 +18,7 @@ from . import launch
 from .binning import TILE, Bins, bin_splats, blocks_for
 from .sources import kernel
 
-MOMENTS, MOMENTS_AND_ABSOLUTE = 9, 11  # numbers in a gradient slot: BY_BLUE + 1, ABSOLUTE_Y + 1 in src/shared/types.h
+MOMENTS = 9  # numbers in a gradient slot: SPLAT_GRADIENTS in src/shared/types.h
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,6 @@ class _Outputs:
     median_index: torch.Tensor | None
     mean_depth: torch.Tensor | None
     max_weights: torch.Tensor | None
-    screen_absolute: torch.Tensor | None
     num_invalid: int = 0
 
 
@@ -95,7 +94,7 @@ class _Rasterize(torch.autograd.Function):
             *(splats, bins.tile_splats, bins.ranges, view.options, view.columns),
             *(rgb, alpha, final_transmittance, reached, outputs.median_index, outputs.mean_depth, outputs.max_weights),
         )
-        ctx.view, ctx.screen_absolute = view, outputs.screen_absolute
+        ctx.view = view
         drawn = (bins.tile_splats, bins.slots, bins.ranges, bins.first_slots, splats, tile_counts)
         # Large buffers: torch frees them after the backward pass.
         ctx.save_for_backward(*attributes, pose, final_transmittance, reached, *drawn)
@@ -104,7 +103,7 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Context, *grad_outputs: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
-        view, absolute = ctx.view, ctx.screen_absolute
+        view = ctx.view
         *attributes, pose, final_transmittance, reached, tile_splats, slots, ranges, first_slots, splats, counts = (
             ctx.saved_tensors
         )
@@ -112,10 +111,9 @@ class _Rasterize(torch.autograd.Function):
         by_rgb, by_alpha = (gradient.contiguous() for gradient in grad_outputs)
         count, device = len(splats), splats.device
         launcher = launch.launcher_for(device)
-        values = MOMENTS if absolute is None else MOMENTS_AND_ABSOLUTE
-        slot_gradients = _floats(device, len(bins.slots), values).zero_()
+        slot_gradients = _floats(device, len(bins.slots), MOMENTS).zero_()
         launcher.launch(
-            kernel("blend_backward", ABSOLUTE=absolute is not None),
+            kernel("blend_backward"),
             view.tiles,
             *(splats, bins.tile_splats, bins.slots, bins.ranges, view.options, view.columns),
             *(final_transmittance, reached, by_rgb, by_alpha, slot_gradients),
@@ -137,9 +135,7 @@ class _Rasterize(torch.autograd.Function):
                 counts,
                 bins.first_slots,
             ),
-            *(slot_gradients, values),
-            structs.Gradients(*written, structs.address(absolute), None),
-            pose_sums,
+            *(slot_gradients, structs.Gradients(*written, None), pose_sums),
         )
         by_pose = None
         if pose_sums is not None:
@@ -181,12 +177,11 @@ def rasterize(
         median_index=torch.empty(size, device=device, dtype=torch.int32) if options.depth else None,
         mean_depth=_floats(device, *size) if options.depth else None,
         max_weights=_floats(device, count).zero_() if options.weights else None,
-        screen_absolute=_floats(device, count, 2).zero_() if options.absolute else None,
     )
     attributes = [getattr(gaussians, name) for name in structs.ATTRIBUTES]
     apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
     rgb, alpha = apply(view, outputs, rows, screen, *attributes)
-    image = Image(rgb, alpha, outputs.radii, screen, outputs.screen_absolute)
+    image = Image(rgb, alpha, outputs.radii, screen)
     image.mean_depth, image.max_weights, image.num_invalid = (
         outputs.mean_depth,
         outputs.max_weights,

@@ -21,7 +21,7 @@ _CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
     "project": {"SH_COUNT": ("1", "4", "9", "16")},
     "emit": {"TILE_KEY": ("short", "int")},
     "blend": {"DEPTH": ("0", "1"), "WEIGHTS": ("0", "1"), "LIMIT": ("0", "1")},
-    "blend_backward": {"ABSOLUTE": ("0", "1")},
+    "blend_backward": {},
     "project_backward": {"SH_COUNT": ("1", "4", "9", "16"), "POSE": ("0", "1")},
 }
 

@@ -35,12 +35,11 @@ extern const size_t options_layout[] = {sizeof(FrogOptions),
                                         FIELD(FrogOptions, background),
                                         FIELD(FrogOptions, low_pass),
                                         FIELD(FrogOptions, near_plane),
-                                        FIELD(FrogOptions, compensate),
                                         FIELD(FrogOptions, region),
                                         FIELD(FrogOptions, depth_limit)};
 extern const size_t gradients_layout[] = {
-    sizeof(FrogGradients),        FIELD(FrogGradients, means),           FIELD(FrogGradients, quaternions),
-    FIELD(FrogGradients, scales), FIELD(FrogGradients, opacities),       FIELD(FrogGradients, sh),
-    FIELD(FrogGradients, screen), FIELD(FrogGradients, screen_absolute), FIELD(FrogGradients, pose)};
-extern const int constants[] = {THREADS, TILE, sizeof(Splat), BY_BLUE + 1, ABSOLUTE_Y + 1, SPLAT_GRADIENTS};
+    sizeof(FrogGradients),        FIELD(FrogGradients, means),     FIELD(FrogGradients, quaternions),
+    FIELD(FrogGradients, scales), FIELD(FrogGradients, opacities), FIELD(FrogGradients, sh),
+    FIELD(FrogGradients, screen), FIELD(FrogGradients, pose)};
+extern const int constants[] = {THREADS, TILE, sizeof(Splat), SPLAT_GRADIENTS};
 }

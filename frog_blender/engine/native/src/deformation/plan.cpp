@@ -75,29 +75,15 @@ void plan_groups(Packed &packed) {
   }
 }
 
-// The output layer's parts: one for each head that has a layer of its own, else one for everything. A silenced head's
-// outputs are its bias whatever its layer says, so nobody reads that one; a backward pass asks all of them, since
-// outputs that are zero at the start learn.
+// The output layer's parts: one for each head that has a layer of its own, else one for everything.
 struct Heads {
-  int count, read = 0;
-  int sizes[5];
-  int place[5];  // among those that are read, or -1
+  int count = 1, sizes[5];
 
-  Heads(const FrogDeformation &field, bool backward) : sizes{3, 3, 4, 1, 3 * field.sh_deformed} {
-    if (!field.head_width) {
-      count = read = 1;
+  explicit Heads(const FrogDeformation &field) : sizes{3, 3, 4, 1, 3 * field.sh_deformed} {
+    if (field.head_width)
+      count = field.sh_deformed ? 5 : 4;
+    else
       sizes[0] = OUT_SH + sizes[4];
-      place[0] = 0;
-      return;
-    }
-    count = field.sh_deformed ? 5 : 4;
-    const long long length = static_cast<long long>(field.networks) * field.head_width;
-    const float *weight = field.output_weight;
-    for (int head = 0; head < count; ++head) {
-      const float *end = weight + sizes[head] * length;
-      place[head] = backward || std::any_of(weight, end, [](float w) { return w != 0; }) ? read++ : -1;
-      weight = end;
-    }
   }
 };
 
@@ -134,8 +120,7 @@ void plan_heads(Packed &packed, const Heads &heads, bool backward) {
     plan.head_forward[n] = forward.data;
     plan.head_backward[n] = back.data;
     for (int head = 0; head < heads.count; ++head) {
-      const int first = heads.place[head] * width;
-      if (first < 0) continue;
+      const int first = head * width;
       const long long unit = static_cast<long long>(n * heads.count + head) * width;
       const float *weight = field.head_weight + unit * plan.hidden;
       forward.put(weight, plan.hidden, width, 1, plan.hidden, 0, first);
@@ -156,9 +141,8 @@ void plan_outputs(Packed &packed, const Heads &heads, bool backward) {
   for (int n = 0; n < plan.networks; ++n) {
     int output = 0;
     for (int head = 0; head < heads.count; ++head) {
-      const int place = heads.place[head];
       Branch &branch = plan.branches[plan.branch_count++];
-      branch = {n, std::max(0, place) * inputs, place < 0 ? 0 : inputs, output, heads.sizes[head], nullptr, nullptr};
+      branch = {n, head * inputs, inputs, output, heads.sizes[head], nullptr, nullptr};
       const long long length = static_cast<long long>(plan.networks) * inputs;
       const float *weight = field.output_weight + output * length + n * inputs;
       branch.forward = pack_transposed(packed.memory, weight, branch.size, inputs, length);
@@ -177,8 +161,8 @@ Packed plan_of(const FrogDeformation &field, bool backward) {
   plan.networks = field.head_width ? field.networks : 1;
   plan.embedding = field.embedding_size;
   plan.hidden = field.head_width ? field.hidden_width : field.networks * field.hidden_width;
-  const Heads heads(field, backward);
-  plan.heads = field.head_width * heads.read;
+  const Heads heads(field);
+  plan.heads = field.head_width ? field.head_width * heads.count : 0;
   plan.outputs = OUT_SH + 3 * field.sh_deformed;
   packed.memory.reserve(9 + 2 * MAX_BRANCHES);
   if (field.groups) {

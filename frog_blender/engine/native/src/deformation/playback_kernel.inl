@@ -6,12 +6,12 @@
 constexpr int PLAYBACK_TOGETHER = LANES == 16 ? 2 : 1;
 static_assert(PLAYBACK_TOGETHER <= PLAYBACK_MOST, "scratch memory has room for them");
 
-// Rows of a group, canonical and deformed: means, opacity, colours and, last, what groups that keep their shape lack.
+// Rows of a group, canonical and deformed: means, opacity, colours and, last, the shape.
 enum { PLAYBACK_MEANS = 0, PLAYBACK_OPACITY = 3, PLAYBACK_SH = 4 };
 struct ShapeRows {
-  int scales, quaternion;
+  int scales, quaternion, end;
   explicit ShapeRows(const FrogDeformation &field)
-      : scales(PLAYBACK_SH + 3 * field.sh_deformed), quaternion(scales + 3) {}
+      : scales(PLAYBACK_SH + 3 * field.sh_deformed), quaternion(scales + 3), end(quaternion + 4) {}
 };
 
 // A vector's outputs, in place: the deformed, activated attributes.
@@ -22,7 +22,7 @@ static inline void activate_shapes(const FrogDeformation &field, const float *ca
   const auto put = [&](int row, Floats value) { store(outputs + row * GROUP_SIZE, value); };
   for (int k = rows.scales; k < rows.scales + 3; ++k) put(k, exponential(from(k) + change(k)));
   Floats squares{};
-  for (int k = rows.quaternion; k < rows.quaternion + 4; ++k) {
+  for (int k = rows.quaternion; k < rows.end; ++k) {
     const Floats q = from(k) + change(k);
     put(k, q);
     squares += q * q;
@@ -32,7 +32,7 @@ static inline void activate_shapes(const FrogDeformation &field, const float *ca
   store(lengths, squares);
   for (float &length : lengths) length = __builtin_sqrtf(length);
   const Floats scale = 1.0f / larger(load(lengths), all(1e-12f));
-  for (int k = rows.quaternion; k < rows.quaternion + 4; ++k) put(k, change(k) * scale);
+  for (int k = rows.quaternion; k < rows.end; ++k) put(k, change(k) * scale);
 }
 static inline void activate_others(const FrogDeformation &field, const float *canonical, float *outputs) {
   const auto from = [&](int row) { return load(canonical + row * GROUP_SIZE); };
@@ -76,16 +76,16 @@ static inline void give(const float *columns, int width, float *to, long long ro
     }
 }
 
-// The first `count` outputs of groups from what is read of them alone.
+// The outputs of groups from what is read of them alone.
 template <int GROUPS>
-static void group_network(const DeformationPlan &plan, int count, const float *const *own, Prefetcher &prefetcher,
+static void group_network(const DeformationPlan &plan, const float *const *own, Prefetcher &prefetcher,
                           float *const *hidden, float *const *outputs) {
   if (plan.field->precomputed_first_layer)
     for (int g = 0; g < GROUPS; ++g) kept_layer(plan.hidden, own[g], plan.shared, hidden[g]);
   else
     group_layer<GROUPS, true>(plan.hidden, plan.embedding, own, plan.embedding_rows, padded(plan.hidden), plan.shared,
                               hidden, prefetcher);
-  group_layer<GROUPS, false>(count, plan.hidden, hidden, plan.output_rows, padded(plan.outputs), plan.output_bias,
+  group_layer<GROUPS, false>(plan.outputs, plan.hidden, hidden, plan.output_rows, padded(plan.outputs), plan.output_bias,
                              outputs, prefetcher);
 }
 
@@ -93,19 +93,10 @@ static inline void put_zeros(float *values, int count) {
   for (int k = 0; k < count; ++k) values[k] = 0;
 }
 
-// How many of a group's Gaussians, from `start` on, turn and grow: none, some of them or the whole group.
-static inline int reshaped_from(const FrogDeformation &field, long long start) {
-  const long long left = field.num_shape_dynamic - start;
-  return left <= 0 ? 0 : left < GROUP_SIZE ? static_cast<int>(left) : static_cast<int>(GROUP_SIZE);
-}
-
-// Shapes of a group's `count` Gaussians from `start` on, of which the first `num_shape_dynamic` change as `outputs`
-// say, in place.
-static void finish_shapes(const DeformationPlan &plan, const float *canonical, float *outputs, int num_shape_dynamic,
-                          const FrogDeformed &out, long long start, int count) {
+// Shapes of a group's `count` Gaussians from `start` on, which change as `outputs` say, in place.
+static void finish_shapes(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out,
+                          long long start, int count) {
   const ShapeRows rows(*plan.field);
-  for (int k = rows.scales; k < rows.scales + PLAYBACK_SHAPE; ++k)
-    put_zeros(outputs + k * GROUP_SIZE + num_shape_dynamic, GROUP_SIZE - num_shape_dynamic);
   for (int v = 0; v < GROUP_SIZE; v += LANES) activate_shapes(*plan.field, canonical + v, outputs + v);
   give(outputs + rows.scales * GROUP_SIZE, 3, out.scales + 3 * start, 3, count);
   give(outputs + rows.quaternion * GROUP_SIZE, 4, out.quaternions + 4 * start, 4, count);
@@ -123,8 +114,7 @@ static void give_others(const FrogDeformation &field, const float *rows, const F
 static void finish_group(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out,
                          long long start, int count) {
   const FrogDeformation &field = *plan.field;
-  if (const int num_shape_dynamic = reshaped_from(field, start))
-    finish_shapes(plan, canonical, outputs, num_shape_dynamic, out, start, count);
+  finish_shapes(plan, canonical, outputs, out, start, count);
   for (int v = 0; v < GROUP_SIZE; v += LANES) activate_others(field, canonical + v, outputs + v);
   give_others(field, outputs, out, start, count);
   copy(out.opacities + start, outputs + PLAYBACK_OPACITY * GROUP_SIZE, count);
@@ -133,7 +123,9 @@ static void finish_group(const DeformationPlan &plan, const float *canonical, fl
 // The same of a group that cannot be seen: as canonically, but transparent.
 static void finish_unseen(const DeformationPlan &plan, const float *canonical, float *outputs, const FrogDeformed &out,
                           long long start, int count) {
-  if (reshaped_from(*plan.field, start)) finish_shapes(plan, canonical, outputs, 0, out, start, count);
+  const ShapeRows rows(*plan.field);
+  put_zeros(outputs + rows.scales * GROUP_SIZE, (rows.end - rows.scales) * GROUP_SIZE);
+  finish_shapes(plan, canonical, outputs, out, start, count);
   give_others(*plan.field, canonical, out, start, count);
   put_zeros(out.opacities + start, count);
 }
@@ -146,7 +138,7 @@ class WaitingGroups {
   const float *own_[PLAYBACK_TOGETHER];
   float *hidden_[PLAYBACK_TOGETHER], *outputs_[PLAYBACK_TOGETHER];
   long long starts_[PLAYBACK_TOGETHER];
-  int count_ = 0, wanted_ = 0;  // groups, and outputs of each
+  int count_ = 0;
 
   // Memory of as many groups that come next, seen or not: what is read of them and, where there are products enough to
   // ask meanwhile, written.
@@ -179,9 +171,6 @@ class WaitingGroups {
     return left < GROUP_SIZE ? static_cast<int>(left) : static_cast<int>(GROUP_SIZE);
   }
   void add(long long start) {
-    const int wanted = plan_.outputs - (reshaped_from(*plan_.field, start) ? 0 : PLAYBACK_SHAPE);
-    if (wanted != wanted_) finish();
-    wanted_ = wanted;
     own_[count_] = group_from(start) + plan_.outputs * GROUP_SIZE;
     starts_[count_] = start;
     if (++count_ == PLAYBACK_TOGETHER) finish();
@@ -190,9 +179,9 @@ class WaitingGroups {
     if (count_ == 0) return;
     Prefetcher prefetcher = memory_of_next();
     if (count_ == PLAYBACK_TOGETHER)
-      group_network<PLAYBACK_TOGETHER>(plan_, wanted_, own_, prefetcher, hidden_, outputs_);
+      group_network<PLAYBACK_TOGETHER>(plan_, own_, prefetcher, hidden_, outputs_);
     else
-      group_network<1>(plan_, wanted_, own_, prefetcher, hidden_, outputs_);
+      group_network<1>(plan_, own_, prefetcher, hidden_, outputs_);
     for (int g = 0; g < count_; ++g) {
       const long long start = starts_[g];
       finish_group(plan_, group_from(start), outputs_[g], out_, start, gaussians_from(start));

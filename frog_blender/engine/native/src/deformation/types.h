@@ -6,8 +6,6 @@ constexpr int DEFORM_BLOCK = 96;     // Gaussians that go through the network to
 constexpr int DEFORM_CHUNK = 960;    // Gaussians whose weight gradients are added up together
 constexpr int PLAYBACK_CHUNK = 192;  // Gaussians whose groups playback puts together
 constexpr int PLAYBACK_MOST = 2;     // groups of Gaussians that playback multiplies at once, at most
-constexpr int PLAYBACK_SHAPE =
-    7;                          // outputs of groups that the others lack, which keep their shape: scales and quaternion
 constexpr int DEFORM_PAD = 16;  // columns of a panel of the packed matrices: whole vectors of any instruction set
 static_assert(PLAYBACK_CHUNK % GROUP_SIZE == 0, "a chunk is whole groups");
 static_assert(DEFORM_PAD == GROUP_SIZE, "playback's weights come in rows padded to groups");
@@ -22,7 +20,7 @@ static inline long long padded(long long length) { return (length + DEFORM_PAD -
 // One linear output layer: of everything when the hidden layer is shared, else of one head of one network.
 struct Branch {
   int network, source;    // whose layer it reads, from which column
-  int inputs;             // how many columns; 0 for a pruned head, whose outputs are the bias
+  int inputs;             // how many columns
   int output, size;       // its numbers among the outputs
   const float *forward;   // (inputs, size) packed
   const float *backward;  // (size, inputs) packed
@@ -31,7 +29,7 @@ struct Branch {
 // Two networks without heads are one of twice the width; with heads they share the first matrix product only.
 struct DeformationPlan {
   const FrogDeformation *field;
-  // hidden and heads, the width of the layers of all heads that are read, are of a network.
+  // hidden and heads, the width of the layers of all heads, are of a network.
   int networks, embedding, hidden, heads, outputs;
   const float *shared;              // (networks, padded(hidden))
   const float *embedding_forward;   // (embedding, networks * padded(hidden)) packed

@@ -31,7 +31,7 @@ size_t place_slots(FrogFrame &frame, int first, int last, uint32_t *count, uint3
 void backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gaussians,
               const FrogImageGradient &gradient, const FrogGradients &result) {
   const FrameView &view = frame.view;
-  const int count = view.count, width = result.screen_absolute ? SPLAT_GRADIENTS : BY_BLUE + 1;
+  const int count = view.count;
   float *sums = frame.sums.resize(static_cast<size_t>(count) * SPLAT_GRADIENTS);
   std::fill_n(frame.slots_seen.resize(count), count, 0u);
   const uint64_t limit = static_cast<uint64_t>(gradient.slot_limit);
@@ -42,7 +42,7 @@ void backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gau
     uint32_t *counts = whole ? frame.slot_count.data() : frame.histogram.resize(count);
     uint32_t *moved = whole ? nullptr : frame.slots_moved.resize(count);
     const size_t slots = whole ? frame.row_instances.back() : place_slots(frame, first, last, counts, moved);
-    const SlotView slot_view = {frame.slot_gradients.resize(slots * width), moved, width};
+    const SlotView slot_view = {frame.slot_gradients.resize(slots * SPLAT_GRADIENTS), moved};
     parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
       for (int t = begin; t < end; ++t)
         if (frame.tiles[t].y >= first && frame.tiles[t].y < last)
@@ -54,9 +54,9 @@ void backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gau
         float *out = sums + static_cast<size_t>(i) * SPLAT_GRADIENTS;
         if (first > 0) std::copy_n(out, SPLAT_GRADIENTS, total);
         const uint32_t begun = frame.slot_base[i] + frame.slots_seen[i] + (moved ? moved[i] : 0);
-        const float *slot = slot_view.gradients + static_cast<size_t>(begun) * width;
-        for (uint32_t s = 0; s < counts[i]; ++s, slot += width)
-          for (int k = 0; k < width; ++k) total[k] += slot[k];
+        const float *slot = slot_view.gradients + static_cast<size_t>(begun) * SPLAT_GRADIENTS;
+        for (uint32_t s = 0; s < counts[i]; ++s, slot += SPLAT_GRADIENTS)
+          for (int k = 0; k < SPLAT_GRADIENTS; ++k) total[k] += slot[k];
         std::copy_n(total, SPLAT_GRADIENTS, out);
         frame.slots_seen[i] += counts[i];
       }

@@ -10,7 +10,7 @@
 static inline float *slot_of(const SlotView &slots, const Instance &instance) {
   // The sum wraps on purpose, see place_slots.
   const uint32_t slot = slots.moved ? instance.slot + slots.moved[instance.splat] : instance.slot;
-  return slots.gradients + static_cast<size_t>(slot) * slots.width;
+  return slots.gradients + static_cast<size_t>(slot) * SPLAT_GRADIENTS;
 }
 
 // What a tile's pixels hold in this walk.
@@ -53,7 +53,7 @@ static inline void gone_through(const int32_t *reached, int32_t k, uint32_t *row
 // sums over its rows, of g = dL/dlog(alpha), g d and g d^2, give all five moments. d counts from where the column comes
 // nearest to the splat's axis u = 0: counted from anywhere else, a slanting needle's sums would cancel.
 // OPAQUE: whether the splat reaches the clamp of alpha at all, which few do.
-template <bool ABSOLUTE, bool OPAQUE>
+template <bool OPAQUE>
 static inline void sum_columns(const Splat &splat, const Footprint &f, int32_t k, const uint32_t *open,
                                BackwardPixels &p, Floats *sums) {
   const float over_lean = -1 / splat.lean;
@@ -85,11 +85,6 @@ static inline void sum_columns(const Splat &splat, const Footprint &f, int32_t k
       by_1 += g;
       by_d += times_d;
       by_dd += times_d * d;
-      if (ABSOLUTE) {  // d(log alpha)/d(position)
-        const Floats by_u = g * u;
-        sums[ABSOLUTE_X] += absolute(by_u * (2 / LOG2E * splat.along));
-        sums[ABSOLUTE_Y] += absolute((by_u * splat.lean + g * f.v[row] * splat.across) * (2 / LOG2E));
-      }
     }
     // u = u0 + lean d, v = v0 + across d.
     const Floats by_u = u0 * by_1 + splat.lean * by_d, by_v = v0 * by_1 + splat.across * by_d;
@@ -103,17 +98,15 @@ static inline void sum_columns(const Splat &splat, const Footprint &f, int32_t k
   }
 }
 
-template <bool ABSOLUTE>
-static void blend_tile_backward(const FrameView &view, const SlotView &slots, const Tile &tile,
-                                const FrogImageGradient &gradient) {
+static void blend_backward(const FrameView &view, const SlotView &slots, const Tile &tile,
+                           const FrogImageGradient &gradient) {
   constexpr float ROUNDING = 1e-6f;  // of exp2: what the forward pass clamped is clamped here
-  constexpr int WIDTH = ABSOLUTE ? SPLAT_GRADIENTS : BY_BLUE + 1;  // slots.width
   BackwardPixels pixels;
   const uint32_t end = tile.begin + open_backward(view, tile, gradient, pixels);
   for (uint32_t n = end; n < tile.end; ++n) {
     float *out = slot_of(slots, view.instances[n]);
     __builtin_prefetch(slot_of(slots, view.instances[n + 6 < tile.end ? n + 6 : n]), 1);
-    for (int i = 0; i < WIDTH; ++i) out[i] = 0;
+    for (int i = 0; i < SPLAT_GRADIENTS; ++i) out[i] = 0;
   }
   Footprints footprints(view, tile, end - 1);
   uint32_t open[COLUMNS];
@@ -128,18 +121,10 @@ static void blend_tile_backward(const FrameView &view, const SlotView &slots, co
     const Footprint &f = footprints.at(n, n - 1);
     Floats sums[SPLAT_GRADIENTS] = {};
     if (splat.log2_opacity > LOG2_ALPHA_MAX - ROUNDING)
-      sum_columns<ABSOLUTE, true>(splat, f, k, open, pixels, sums);
+      sum_columns<true>(splat, f, k, open, pixels, sums);
     else
-      sum_columns<ABSOLUTE, false>(splat, f, k, open, pixels, sums);
+      sum_columns<false>(splat, f, k, open, pixels, sums);
     sums_of_8(sums, out);
-    for (int i = 8; i < WIDTH; ++i) out[i] = sum(sums[i]);
+    for (int i = 8; i < SPLAT_GRADIENTS; ++i) out[i] = sum(sums[i]);
   }
-}
-
-static void blend_backward(const FrameView &view, const SlotView &slots, const Tile &tile,
-                           const FrogImageGradient &gradient) {
-  if (slots.width == SPLAT_GRADIENTS)
-    blend_tile_backward<true>(view, slots, tile, gradient);
-  else
-    blend_tile_backward<false>(view, slots, tile, gradient);
 }

@@ -12,8 +12,6 @@ struct Projection {
   float jwr[2][3];                // J W R: screen by the Gaussian's own axes
   float axes[2][3];               // J W R S: columns are the splat's half axes in pixels
   float xx, xy, yy, determinant;  // screen covariance with the low-pass
-  float thin_determinant;         // without it
-  float cross[3];                 // of the two rows of axes
 };
 
 FROG_FUNCTION bool finite(float value) { return fabsf(value) < 1e30f; }
@@ -73,24 +71,14 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
     }
   const float *a = p.axes[0], *b = p.axes[1], low = options.low_pass;
   const float aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], bb = b[0] * b[0] + b[1] * b[1] + b[2] * b[2];
-  float *cross = p.cross;
-  cross[0] = a[1] * b[2] - a[2] * b[1];
-  cross[1] = a[2] * b[0] - a[0] * b[2];
-  cross[2] = a[0] * b[1] - a[1] * b[0];
+  const float cross[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
   p.xx = aa + low;
   p.xy = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   p.yy = bb + low;
   // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2: no cancellation for needles.
-  p.thin_determinant = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2];
-  p.determinant = p.thin_determinant + low * (aa + bb) + low * low;
+  const float thin_determinant = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2];
+  p.determinant = thin_determinant + low * (aa + bb) + low * low;
   return p.determinant > 1e-12f && p.determinant < 1e30f ? SPLAT_DRAWN : SPLAT_INVALID;  // NaN fails both
-}
-
-// What the low-pass took from the splat's peak is taken from its opacity (mip-splatting, gsplat's antialiased mode).
-FROG_FUNCTION float compensation_of(const Projection &p, const FrogOptions &options) {
-  if (!options.compensate) return 1;
-  const float factor = sqrtf(p.thin_determinant / p.determinant);
-  return factor > COMPENSATION_MIN ? factor : COMPENSATION_MIN;
 }
 
 // Unit direction from the camera to the Gaussian, in the world; returns the distance.
@@ -122,7 +110,7 @@ FROG_FUNCTION SplatState make_splat(const FrogGaussians &g, const FrogCamera &ca
   Projection p;
   const SplatState state = project_gaussian(g, camera, options, i, p);
   if (state != SPLAT_DRAWN) return state;
-  const float opacity = (g.opacities[i] < 1.0f ? g.opacities[i] : 1.0f) * compensation_of(p, options);
+  const float opacity = g.opacities[i] < 1.0f ? g.opacities[i] : 1.0f;
   if (!(opacity > ALPHA_MIN)) return SPLAT_UNSEEN;
   // Rounded before the region is taken off: the same bits in every region.
   splat.x = static_cast<float>(camera.fx * p.local[0] / p.local[2] + camera.cx) - options.region[0];

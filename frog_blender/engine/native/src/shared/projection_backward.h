@@ -6,7 +6,6 @@ FROG_FUNCTION void no_gradient(const FrogGaussians &g, const FrogGradients &out,
   for (int k = 0; k < 4; ++k) out.quaternions[4ll * i + k] = 0;
   for (int k = 0; k < 3 * g.sh_count; ++k) out.sh[static_cast<long long>(i) * 3 * g.sh_count + k] = 0;
   out.opacities[i] = out.screen[2ll * i] = out.screen[2ll * i + 1] = 0;
-  if (out.screen_absolute) out.screen_absolute[2ll * i] = out.screen_absolute[2ll * i + 1] = 0;
 }
 
 // Colour: by the coefficients, and by the viewing direction (unnormalised), which is left in `by_offset`.
@@ -35,8 +34,7 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
   const float *w = camera.world_to_camera, *s = g.scales + 3ll * i, *m = g.means + 3ll * i;
   Projection p;
   project_gaussian(g, camera, options, i, p);
-  const float opacity = g.opacities[i] < 1.0f ? g.opacities[i] : 1.0f, compensation = compensation_of(p, options);
-  out.opacities[i] = g.opacities[i] <= 1.0f ? sums[SUM_1] / opacity : 0;
+  out.opacities[i] = g.opacities[i] <= 1.0f ? sums[SUM_1] / g.opacities[i] : 0;
 
   // (u, v) = T (dx, dy) whitens the splat: its inverse covariance is S T^T T with S = 2 / log2 e. With M the moments of
   // second order, dL/d(position) = S T^T (sum g u, sum g v) and dL/d(covariance) = S^2 / 2 T^T M T. Everything stays in
@@ -46,14 +44,9 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
   const float by_pixel_x = S * along * sums[SUM_U], by_pixel_y = S * (lean * sums[SUM_U] + across * sums[SUM_V]);
   out.screen[2ll * i] = by_pixel_x;
   out.screen[2ll * i + 1] = by_pixel_y;
-  if (out.screen_absolute)
-    for (int k = 0; k < 2; ++k) out.screen_absolute[2ll * i + k] = sums[ABSOLUTE_X + k];
 
   // Covariance = axes axes^T + low-pass; axes = J W R S_k, one column for each of the Gaussian's own axes.
   const float *a = p.axes[0], *b = p.axes[1], low = options.low_pass;
-  const bool compensated = options.compensate && compensation > COMPENSATION_MIN;
-  const float thin = compensated ? sums[SUM_1] / p.thin_determinant : 0,
-              whole = compensated ? sums[SUM_1] / p.determinant : 0;
   float by_jwr[2][3], by_jw[2][3], by_rotation[3][3];
   for (int k = 0; k < 3; ++k) {
     // The column without its scale in u and v. u = along / yy (x yy - xy y), written out so that the long axis's own
@@ -64,17 +57,8 @@ FROG_FUNCTION void splat_backward(const FrogGaussians &g, const FrogCamera &came
                 v = across * y;
     const float by_u = S * S * (sums[SUM_UU] * u + sums[SUM_UV] * v),
                 by_v = S * S * (sums[SUM_UV] * u + sums[SUM_VV] * v);
-    float by_axis_x = along * by_u * s[k], by_axis_y = (lean * by_u + across * by_v) * s[k],
-          by_scale = (u * by_u + v * by_v) * s[k];
-    if (compensated) {  // log compensation = (log |a x b|^2 - log determinant) / 2
-      const float across_b = b[j] * p.cross[l] - b[l] * p.cross[j], across_a = a[l] * p.cross[j] - a[j] * p.cross[l];
-      const float x_more = (thin - whole) * across_b - whole * low * a[k],
-                  y_more = (thin - whole) * across_a - whole * low * b[k];
-      by_axis_x += x_more;
-      by_axis_y += y_more;
-      by_scale += x_more * x + y_more * y;
-    }
-    out.scales[3ll * i + k] = by_scale;
+    const float by_axis_x = along * by_u * s[k], by_axis_y = (lean * by_u + across * by_v) * s[k];
+    out.scales[3ll * i + k] = (u * by_u + v * by_v) * s[k];
     by_jwr[0][k] = by_axis_x * s[k];
     by_jwr[1][k] = by_axis_y * s[k];
   }

@@ -15,7 +15,6 @@ constexpr float TRANSMITTANCE_MIN = 1e-4f;             // a pixel that would fal
 constexpr float LOG2_ALPHA_MIN = -7.994353436858858f;  // log2(ALPHA_MIN)
 constexpr float LOG2_ALPHA_MAX = -1.4434168696687186e-3f;
 constexpr float LOG2E = 1.4426950408889634f;
-constexpr float COMPENSATION_MIN = 0.005f;  // the opacity compensation never goes below
 
 // Every array is float32, row-major and contiguous.
 typedef struct {
@@ -38,7 +37,6 @@ typedef struct {
   float background[3];
   float low_pass;    // variance in pixels^2 added to each splat's screen covariance
   float near_plane;  // planar depth below which a Gaussian is culled, world units
-  int compensate;    // scale opacities by sqrt(det without / det with the low-pass)
   int region[4];     // left, top, width, height: the part of the camera's image that is drawn, pixels
   const float
       *depth_limit;  // (height, width) of the region: Gaussians of larger planar depth are hidden there (or null)
@@ -47,8 +45,7 @@ typedef struct {
 typedef struct {
   float *means, *quaternions, *scales, *opacities, *sh;  // shapes as in FrogGaussians
   float *screen;                                         // (N, 2) gradient of the pixel position
-  float *screen_absolute;  // (N, 2) sum of the pixels' absolute gradients of the position (or null)
-  float *pose;             // (12,) gradient of world_to_camera (or null)
+  float *pose;                                           // (12,) gradient of world_to_camera (or null)
 } FrogGradients;
 
 // A Gaussian on the screen, in pixels of the drawn region. `radius` is 0 for one that is not drawn.
@@ -78,8 +75,6 @@ enum SplatGradient {
   BY_RED,
   BY_GREEN,
   BY_BLUE,
-  ABSOLUTE_X,
-  ABSOLUTE_Y,  // of |dL/dx|, |dL/dy| pixel by pixel; only where they are wanted
   SPLAT_GRADIENTS
 };
 

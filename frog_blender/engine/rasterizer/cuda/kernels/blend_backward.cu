@@ -1,5 +1,5 @@
 // The backward pass: the same splats with the same decisions as in blend.cu, from the last to the first, and what each
-// pixel sends back to each of them. Compiled for ABSOLUTE = 0 or 1. The mathematics is that of native/src/raster/blend_backward.inl.
+// pixel sends back to each of them. The mathematics is that of native/src/raster/blend_backward.inl.
 //
 // Each (tile, Gaussian) pair has a slot of its own for its sums, which project_backward.cu adds up in a fixed order:
 // no atomics, the same bits in every run, and less traffic than several atomics a pair. Within a tile the sums go
@@ -7,7 +7,7 @@
 #include "common.cuh"
 
 constexpr int BATCH = WARP;  // splats staged at once
-constexpr int VALUES = ABSOLUTE ? ABSOLUTE_Y + 1 : BY_BLUE + 1;
+constexpr int VALUES = SPLAT_GRADIENTS;
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     blend_backward(const Splat *splats, const int *tile_splats, const long long *slots, const int *ranges,
@@ -88,10 +88,6 @@ extern "C" __global__ void __launch_bounds__(THREADS)
             v[SUM_UU] = v[SUM_U] * t.u;
             v[SUM_UV] = v[SUM_U] * t.v;
             v[SUM_VV] = v[SUM_V] * t.v;
-            if constexpr (ABSOLUTE) {
-              v[ABSOLUTE_X] = fabsf(2 / LOG2E * splat.along * v[SUM_U]);
-              v[ABSOLUTE_Y] = fabsf(2 / LOG2E * (splat.lean * v[SUM_U] + splat.across * v[SUM_V]));
-            }
           }
           rest += own;
         }

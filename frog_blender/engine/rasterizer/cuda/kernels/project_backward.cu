@@ -8,15 +8,14 @@
 
 constexpr int POSE_VALUES = 12;
 
-// `values` numbers a slot; `pose_sums` (blocks, 12) where POSE.
+// `pose_sums` (blocks, 12) where POSE.
 extern "C" __global__ void __launch_bounds__(THREADS)
     project_backward(FrogGaussians g, FrogCamera camera, FrogOptions options, const float *pose, const int *tile_counts,
-                     const long long *first_slots, const float *slot_gradients, int values, FrogGradients out,
-                     float *pose_sums) {
+                     const long long *first_slots, const float *slot_gradients, FrogGradients out, float *pose_sums) {
   const long long at = static_cast<long long>(blockIdx.x) * THREADS + threadIdx.x;
   const int i = static_cast<int>(at);
   const int slots = at < g.count ? tile_counts[i] : 0;
-  const float *own = slot_gradients + (slots ? first_slots[i] * values : 0);
+  const float *own = slot_gradients + (slots ? first_slots[i] * SPLAT_GRADIENTS : 0);
   g.sh_count = SH_COUNT;
   take_pose(camera, pose);
 
@@ -26,8 +25,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   if (slots <= ALONE)
     for (int slot = 0; slot < slots; ++slot)
 #pragma unroll
-      for (int v = 0; v < SPLAT_GRADIENTS; ++v)
-        if (v < values) sums[v] += own[slot * values + v];
+      for (int v = 0; v < SPLAT_GRADIENTS; ++v) sums[v] += own[slot * SPLAT_GRADIENTS + v];
   // A giant's slots are shared out among its warp, in an order that never changes.
   for (unsigned giants = __ballot_sync(FULL, slots > ALONE); giants; giants &= giants - 1) {
     const int giver = __ffs(giants) - 1;
@@ -39,7 +37,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     for (int slot = lane_index(); slot < many; slot += WARP)
 #pragma unroll
       for (int v = 0; v < SPLAT_GRADIENTS; ++v)
-        if (v < values) part[v] += slot_gradients[first + static_cast<long long>(slot) * values + v];
+        part[v] += slot_gradients[first + static_cast<long long>(slot) * SPLAT_GRADIENTS + v];
 #pragma unroll
     for (int v = 0; v < SPLAT_GRADIENTS; ++v) {
       for (int offset = WARP / 2; offset; offset /= 2) part[v] += __shfl_xor_sync(FULL, part[v], offset);
