@@ -109,7 +109,6 @@ TRAINING = (
             "status_bar",
             "torch_environment",
             "train_panel",
-            "training_choices",
             "training_settings",
         )
     ),

@@ -3,21 +3,14 @@
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
 
+from functools import partial
 from typing import Any
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    CollectionProperty,
-    EnumProperty,
-    FloatProperty,
-    FloatVectorProperty,
-    IntProperty,
-    PointerProperty,
-    StringProperty,
-)
+from bpy.props import PointerProperty
 
 from .. import relative_paths
+from ..properties import HIDDEN, choice, listed, number, reference, switch, text, vector, whole
 from ..timeline import edits, edits_in_progress, playback
 
 KEEPS = (
@@ -35,133 +28,90 @@ def _can_crop(_settings: Any, obj: bpy.types.Object) -> bool:
     return edits.is_crop_object(obj)
 
 
+_edited = {"update": _on_edit}
+_switch = partial(switch, **_edited)
+_factor = partial(number, default=1.0, min=0.0, max=10.0, **_edited)
+_stops = partial(number, soft_min=-2.0, soft_max=2.0, **_edited)
+_colors = partial(vector, min=-100.0, max=100.0, **_edited)
+
+
 class FrogMarks(bpy.types.PropertyGroup):
     """Marks on some of the Gaussians of a scene file; see ``engine.editing.marks``."""
 
-    count: IntProperty(name="Gaussians", description="How many the scene file has", options={"HIDDEN"})
-    scene: StringProperty(name="Scene", description="Which scene file they were made for", options={"HIDDEN"})
-    bits: StringProperty(
-        name="Marks", description="A bit for each Gaussian, packed", options={"HIDDEN"}, update=_on_edit
-    )
+    count: whole("Gaussians", "How many the scene file has", options=HIDDEN)
+    scene: text("Scene", "Which scene file they were made for", options=HIDDEN)
+    bits: text("Marks", "A bit for each Gaussian, packed", options=HIDDEN, **_edited)
 
 
 class FrogCrop(bpy.types.PropertyGroup):
     """A crop of a capture."""
 
-    object: PointerProperty(
-        name="Object",
-        description="What crops: an empty shown as a cube or a sphere, or a closed mesh",
-        type=bpy.types.Object,
+    object: reference(
+        "Object",
+        "What crops: an empty shown as a cube or a sphere, or a closed mesh",
+        bpy.types.Object,
         poll=_can_crop,
-        update=_on_edit,
+        **_edited,
     )
-    use: BoolProperty(name="Use", description="Whether it crops", default=True, update=_on_edit)
-    keep: EnumProperty(
-        name="Keep", description="What to keep of the capture", items=KEEPS, default="INSIDE", update=_on_edit
-    )
-    feather: FloatProperty(
-        name="Feather",
-        description="Distance from the surface over which what is cropped fades, in the capture's units",
-        default=0.0,
+    use: _switch("Use", "Whether it crops", True)
+    keep: choice("Keep", "What to keep of the capture", KEEPS, "INSIDE", **_edited)
+    feather: number(
+        "Feather",
+        "Distance from the surface over which what is cropped fades, in the capture's units",
         min=0.0,
         soft_max=1.0,
-        update=_on_edit,
+        **_edited,
     )
-    use_time: BoolProperty(
-        name="At One Time",
-        description="Crop each Gaussian by its place at one time of the capture, for all times. Otherwise by its place "
-        "at the shown time",
-        default=False,
-        update=_on_edit,
+    use_time: _switch(
+        "At One Time",
+        "Crop each Gaussian by its place at one time of the capture, for all times. Otherwise by its place at the "
+        "shown time",
     )
-    time: FloatProperty(
-        name="Time",
-        description="That time: 0 is the capture's first frame, 1 its last",
-        default=0.0,
-        min=0.0,
-        max=1.0,
-        update=_on_edit,
-    )
-
-
-def _factor(name: str, description: str, most: float = 2.0) -> Any:
-    return FloatProperty(
-        name=name, description=description, default=1.0, min=0.0, max=10.0, soft_max=most, update=_on_edit
-    )
-
-
-def _stops(name: str, description: str, most: float) -> Any:
-    return FloatProperty(
-        name=name,
-        description=description,
-        default=0.0,
-        min=-most,
-        max=most,
-        soft_min=-2.0,
-        soft_max=2.0,
-        update=_on_edit,
-    )
+    time: number("Time", "That time: 0 is the capture's first frame, 1 its last", min=0.0, max=1.0, **_edited)
 
 
 class FrogGrade(bpy.types.PropertyGroup):
     """A grade of a capture, or of some of its Gaussians."""
 
-    use: BoolProperty(name="Use", description="Whether it is applied", default=True, update=_on_edit)
-    exposure: _stops("Exposure", "Brightness, in stops", 20.0)
-    contrast: _factor("Contrast", "Factor of the distance from middle grey")
-    saturation: _factor("Saturation", "Factor of the distance from grey. 0 leaves no colour")
-    temperature: _stops("Temperature", "White balance: positive is warmer, in stops between red and blue", 4.0)
-    tint: _stops("Tint", "White balance: positive is more magenta, in stops between green and magenta", 4.0)
-    opacity: _factor("Opacity", "Factor of the Gaussians' opacities", 1.0)
-    size: _factor("Size", "Factor of the Gaussians' sizes")
-    gains: FloatVectorProperty(
-        name="Gain",
-        description="Factors of red, green and blue, after everything else",
-        default=(1.0, 1.0, 1.0),
-        min=-100.0,
-        max=100.0,
-        soft_min=0.0,
-        soft_max=2.0,
-        update=_on_edit,
+    use: _switch("Use", "Whether it is applied", True)
+    exposure: _stops("Exposure", "Brightness, in stops", min=-20.0, max=20.0)
+    contrast: _factor("Contrast", "Factor of the distance from middle grey", soft_max=2.0)
+    saturation: _factor("Saturation", "Factor of the distance from grey. 0 leaves no colour", soft_max=2.0)
+    temperature: _stops(
+        "Temperature", "White balance: positive is warmer, in stops between red and blue", min=-4.0, max=4.0
     )
-    offsets: FloatVectorProperty(
-        name="Offset",
-        description="Added to red, green and blue, after everything else",
-        min=-100.0,
-        max=100.0,
-        soft_min=-1.0,
-        soft_max=1.0,
-        update=_on_edit,
+    tint: _stops(
+        "Tint", "White balance: positive is more magenta, in stops between green and magenta", min=-4.0, max=4.0
     )
-    only: PointerProperty(name="Selection", description="The Gaussians that it is for", type=FrogMarks)
+    opacity: _factor("Opacity", "Factor of the Gaussians' opacities", soft_max=1.0)
+    size: _factor("Size", "Factor of the Gaussians' sizes", soft_max=2.0)
+    gains: _colors(
+        "Gain", "Factors of red, green and blue, after everything else", (1.0, 1.0, 1.0), soft_min=0.0, soft_max=2.0
+    )
+    offsets: _colors(
+        "Offset", "Added to red, green and blue, after everything else", (0.0, 0.0, 0.0), soft_min=-1.0, soft_max=1.0
+    )
+    only: reference("Selection", "The Gaussians that it is for", FrogMarks)
 
 
 class FrogEdits(bpy.types.PropertyGroup):
     """Everything that is edited of a capture."""
 
-    use: BoolProperty(
-        name="Edits",
-        description="Show the capture with its edits. Otherwise as it was trained",
-        default=True,
-        update=_on_edit,
+    use: _switch("Edits", "Show the capture with its edits. Otherwise as it was trained", True)
+    hidden: reference("Hidden", "The Gaussians that are not shown", FrogMarks)
+    selection: reference("Selected", "The selected Gaussians", FrogMarks)
+    show_selection: _switch(
+        "Show Selection",
+        "Colour selected Gaussians in viewports. FRoG's renders never show it; other engines' do unless Render > Lock "
+        "Interface is enabled",
+        True,
     )
-    hidden: PointerProperty(name="Hidden", description="The Gaussians that are not shown", type=FrogMarks)
-    selection: PointerProperty(name="Selected", description="The selected Gaussians", type=FrogMarks)
-    show_selection: BoolProperty(
-        name="Show Selection",
-        description="Colour selected Gaussians in viewports. FRoG's renders never show it; other engines' do unless "
-        "Render > Lock Interface is enabled",
-        default=True,
-        update=_on_edit,
+    crops: listed("Crops", "The crops of the capture", FrogCrop)
+    grade: reference("Grade", "The grade of the whole capture", FrogGrade)
+    match_image: reference(
+        "Image", "The image whose colours to match. Empty for the other selected capture", bpy.types.Image
     )
-    crops: CollectionProperty(name="Crops", description="The crops of the capture", type=FrogCrop)
-    grade: PointerProperty(name="Grade", description="The grade of the whole capture", type=FrogGrade)
-    match_image: PointerProperty(
-        name="Image",
-        description="The image whose colours to match. Empty for the other selected capture",
-        type=bpy.types.Image,
-    )
-    grades: CollectionProperty(name="Grades", description="Grades of selections, one after the other", type=FrogGrade)
+    grades: listed("Grades", "Grades of selections, one after the other", FrogGrade)
 
 
 _CLASSES = (FrogMarks, FrogCrop, FrogGrade, FrogEdits)

@@ -4,23 +4,16 @@
 # mypy: disable-error-code="valid-type"
 
 import contextlib
+from functools import partial
 from typing import Any
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    EnumProperty,
-    FloatProperty,
-    IntProperty,
-    IntVectorProperty,
-    PointerProperty,
-    StringProperty,
-)
+from bpy.props import IntVectorProperty, PointerProperty
 
-from .. import capture_files, point_cloud, relative_paths
+from .. import capture_files, point_cloud, properties, relative_paths
 from ..engine.errors import FrogError
 from ..nodes import ellipsoid_nodes
-from ..relative_paths import PATH_OPTIONS
+from ..properties import HIDDEN, choice, number, path, reference, switch, text, whole
 from ..scene_import import camera_clips
 from ..timeline import edits_in_progress, playback
 from ..timeline.retiming import LAST_FRAME
@@ -81,172 +74,102 @@ def _transformed() -> dict[str, Any]:
     }
 
 
+_played = {"update": _on_play_setting}
+_fixed = {"options": set(), "update": _on_play_setting}  # which no key animates
+_trimmed = {"options": set(), "update": _on_trim}
+_percentage = partial(whole, default=100, min=0, max=100, subtype="PERCENTAGE")
+
+
 class FrogPlaybackSettings(bpy.types.PropertyGroup):
     """``Object.frog``: what a capture plays, and when."""
 
-    filepath: StringProperty(
-        name="Scene File",
-        description="The .frog file that this object plays",
-        subtype="FILE_PATH",
-        options=PATH_OPTIONS,
-        update=_on_play_setting,
-        **_transformed(),
+    filepath: path("Scene File", "The .frog file that this object plays", **_played, **_transformed())
+    source: reference(
+        "Source",
+        "The data-block through which Blender makes the scene file's path relative, finds it and packs it",
+        bpy.types.Volume,
+        options=HIDDEN,
     )
-    source: PointerProperty(
-        name="Source",
-        description="The data-block through which Blender makes the scene file's path relative, finds it and packs it",
-        type=bpy.types.Volume,
-        options={"HIDDEN"},
+    start_frame: number(
+        "Start Frame", "Frame of the timeline at which the capture's first frame is shown", 1.0, **_played
     )
-    start_frame: FloatProperty(
-        name="Start Frame",
-        description="Frame of the timeline at which the capture's first frame is shown",
-        default=1.0,
-        update=_on_play_setting,
-    )
-    speed: FloatProperty(
-        name="Speed",
-        description="Frames of the capture for each frame of the timeline. Negative values play backwards",
-        default=1.0,
+    speed: number(
+        "Speed",
+        "Frames of the capture for each frame of the timeline. Negative values play backwards",
+        1.0,
         soft_min=-4.0,
         soft_max=4.0,
-        update=_on_play_setting,
+        **_played,
     )
-    repeat: EnumProperty(
-        name="At the End",
-        description="What to show before the capture's first and after its last frame",
-        items=REPETITIONS,
-        default="HOLD",
-        update=_on_play_setting,
+    repeat: choice(
+        "At the End", "What to show before the capture's first and after its last frame", REPETITIONS, "HOLD", **_played
     )
-    use_remap: BoolProperty(
-        name="Time Remapping",
-        description="Show the frame given below, which can be animated, instead of following the timeline",
-        default=False,
-        update=_on_play_setting,
+    use_remap: switch(
+        "Time Remapping",
+        "Show the frame given below, which can be animated, instead of following the timeline",
+        **_played,
     )
-    use_trim: BoolProperty(
-        name="Trim",
-        description="Play a piece of the capture alone",
-        default=False,
-        options=set(),
-        update=_on_trim,
+    use_trim: switch("Trim", "Play a piece of the capture alone", **_trimmed)
+    first_frame: whole(
+        "First Frame", "First frame of the piece, counted from zero; it is shown at the Start Frame", min=0, **_trimmed
     )
-    first_frame: IntProperty(
-        name="First Frame",
-        description="First frame of the piece, counted from zero; it is shown at the Start Frame",
-        default=0,
-        min=0,
-        options=set(),
-        update=_on_trim,
+    last_frame: whole("Last Frame", "Last frame of the piece, counted from zero", LAST_FRAME, min=0, **_trimmed)
+    use_range: switch("Limit", "Show the capture in a range of the timeline alone", **_fixed)
+    range_start: number("From", "First frame of the timeline at which the capture is there", 1.0, **_fixed)
+    range_end: number("Until", "First frame of the timeline after that at which it is not", 251.0, **_fixed)
+    sound: reference(
+        "Sound",
+        "The sound that was made of the capture's video for its strip and its speaker",
+        bpy.types.Sound,
+        options=HIDDEN,
     )
-    last_frame: IntProperty(
-        name="Last Frame",
-        description="Last frame of the piece, counted from zero",
-        default=LAST_FRAME,
-        min=0,
-        options=set(),
-        update=_on_trim,
+    laid_over: switch(
+        "Laid Over",
+        "Excluded from other engines' renders because the compositor overlays FRoG's image of it",
+        options=HIDDEN,
     )
-    use_range: BoolProperty(
-        name="Limit",
-        description="Show the capture in a range of the timeline alone",
-        default=False,
-        options=set(),
-        update=_on_play_setting,
+    is_proxy: switch("Proxy Mesh", "This is the proxy mesh of the capture that its parent moves", options=HIDDEN)
+    proxy_of: reference("Proxy Of", "The capture that this is a proxy mesh of", bpy.types.Object, options=HIDDEN)
+    bake_folder: properties.folder(
+        "Bake Folder", "Folder of this capture's baked playback. Empty for the folder of the .frog file", **_played
     )
-    range_start: FloatProperty(
-        name="From",
-        description="First frame of the timeline at which the capture is there",
-        default=1.0,
-        options=set(),
-        update=_on_play_setting,
-    )
-    range_end: FloatProperty(
-        name="Until",
-        description="First frame of the timeline after that at which it is not",
-        default=251.0,
-        options=set(),
-        update=_on_play_setting,
-    )
-    sound: PointerProperty(
-        name="Sound",
-        description="The sound that was made of the capture's video for its strip and its speaker",
-        type=bpy.types.Sound,
-        options={"HIDDEN"},
-    )
-    laid_over: BoolProperty(
-        name="Laid Over",
-        description="Excluded from other engines' renders because the compositor overlays FRoG's image of it",
-        default=False,
-        options={"HIDDEN"},
-    )
-    is_proxy: BoolProperty(
-        name="Proxy Mesh",
-        description="This is the proxy mesh of the capture that its parent moves",
-        options={"HIDDEN"},
-    )
-    proxy_of: PointerProperty(
-        name="Proxy Of",
-        description="The capture that this is a proxy mesh of",
-        type=bpy.types.Object,
-        options={"HIDDEN"},
-    )
-    bake_folder: StringProperty(
-        name="Bake Folder",
-        description="Folder of this capture's baked playback. Empty for the folder of the .frog file",
-        subtype="DIR_PATH",
-        options=PATH_OPTIONS,
-        update=_on_play_setting,
-    )
-    bake_megabytes: IntProperty(
-        name="Largest Bake (MB)",
-        description="Size limit of a bake on disk. Bake Playback refuses to write more",
-        default=4096,
+    bake_megabytes: whole(
+        "Largest Bake (MB)",
+        "Size limit of a bake on disk. Bake Playback refuses to write more",
+        4096,
         min=1,
         soft_max=262_144,
     )
-    display: EnumProperty(
-        name="Display",
-        description="How the viewport and engines other than FRoG show the Gaussians",
-        items=DISPLAYS,
-        default="POINTS",
+    display: choice(
+        "Display",
+        "How the viewport and engines other than FRoG show the Gaussians",
+        DISPLAYS,
+        "POINTS",
         update=_on_display,
     )
-    density: IntProperty(
-        name="Density",
-        description="Share of the Gaussians that the viewport's points or ellipsoids show: the most important ones, "
-        "the same at every frame. Fewer scrub faster. FRoG's own renders always show all of them",
-        default=100,
-        min=0,
-        max=100,
-        subtype="PERCENTAGE",
-        update=_on_play_setting,
+    density: _percentage(
+        "Density",
+        "Share of the Gaussians that the viewport's points or ellipsoids show: the most important ones, the same at "
+        "every frame. Fewer scrub faster. FRoG's own renders always show all of them",
+        **_played,
     )
-    render_density: IntProperty(
-        name="Density in Renders",
-        description="Share of the Gaussians that renders of engines other than FRoG show. With a window it requires "
-        "Render > Lock Interface, which Set Up Scene enables; otherwise renders use the viewport's density",
-        default=100,
-        min=0,
-        max=100,
-        subtype="PERCENTAGE",
+    render_density: _percentage(
+        "Density in Renders",
+        "Share of the Gaussians that renders of engines other than FRoG show. With a window it requires Render > Lock "
+        "Interface, which Set Up Scene enables; otherwise renders use the viewport's density",
     )
-    shown_frame: FloatProperty(
-        name="Shown Frame",
-        description="The capture's frame to show, counted from zero. Fractions lie between its frames",
-        default=0.0,
-        update=_on_play_setting,
+    shown_frame: number(
+        "Shown Frame", "The capture's frame to show, counted from zero. Fractions lie between its frames", **_played
     )
 
 
 class FrogCameraSettings(bpy.types.PropertyGroup):
     """``Camera.frog``: properties of a calibrated camera that a Blender camera lacks."""
 
-    focal_ratio: FloatProperty(
-        name="Focal Ratio",
-        description="Vertical divided by horizontal focal length. The FRoG engine uses it, other engines assume one",
-        default=1.0,
+    focal_ratio: number(
+        "Focal Ratio",
+        "Vertical divided by horizontal focal length. The FRoG engine uses it, other engines assume one",
+        1.0,
         min=0.01,
         max=100.0,
         precision=5,
@@ -257,16 +180,15 @@ class FrogCameraSettings(bpy.types.PropertyGroup):
         size=2,
         min=0,
     )
-    capture_camera: StringProperty(
-        name="Capture Camera",
-        description="Name of this camera in the capture, whatever it is called here. Empty for a camera that was "
-        "added by hand",
+    capture_camera: text(
+        "Capture Camera",
+        "Name of this camera in the capture, whatever it is called here. Empty for a camera that was added by hand",
     )
-    rig_camera: StringProperty(
-        name="Rig Camera",
-        description="Name of the object that a rig placed with this camera, so that its copies are told apart. Empty "
-        "for a camera that was added by hand",
-        options={"HIDDEN"},
+    rig_camera: text(
+        "Rig Camera",
+        "Name of the object that a rig placed with this camera, so that its copies are told apart. Empty for a camera "
+        "that was added by hand",
+        options=HIDDEN,
     )
 
 

@@ -7,10 +7,10 @@ import math
 from typing import Any
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
+from .. import properties
 from ..engine.errors import FrogError
-from ..relative_paths import PATH_OPTIONS
+from ..properties import HIDDEN, choice, number, reference, whole
 from ..scene_capture import placing
 
 _SHAPES = (
@@ -29,59 +29,49 @@ def _on_change(settings: Any, _context: bpy.types.Context) -> None:
             print(f"FRoG: {error}")
 
 
+_placed = {"update": _on_change}
+
+
 class FrogRigSettings(bpy.types.PropertyGroup):
     """``Scene.frog.rig``."""
 
-    box: PointerProperty(
-        name="Box",
-        description="The cameras look at the middle of this object and see all of it. Move and scale it as needed",
-        type=bpy.types.Object,
-        update=_on_change,
+    box: reference(
+        "Box",
+        "The cameras look at the middle of this object and see all of it. Move and scale it as needed",
+        bpy.types.Object,
+        **_placed,
     )
-    collection: PointerProperty(
-        name="Rig",
-        description="The collection of the rig's cameras. Cameras in it may be moved, added and deleted; "
-        "a change of a setting places the rig's own anew",
-        type=bpy.types.Collection,
-        options={"HIDDEN"},
+    collection: reference(
+        "Rig",
+        "The collection of the rig's cameras. Cameras in it may be moved, added and deleted; a change of a setting "
+        "places the rig's own anew",
+        bpy.types.Collection,
+        options=HIDDEN,
     )
-    shape: EnumProperty(
-        name="Shape", description="Where the cameras stand", items=_SHAPES, default="RINGS", update=_on_change
-    )
-    count: IntProperty(
-        name="Cameras", description="Number of cameras", min=1, soft_max=64, max=512, default=12, update=_on_change
-    )
-    arc: FloatProperty(
-        name="Angle",
-        description="How much of a circle the arc spans",
+    shape: choice("Shape", "Where the cameras stand", _SHAPES, "RINGS", **_placed)
+    count: whole("Cameras", "Number of cameras", 12, min=1, soft_max=64, max=512, **_placed)
+    arc: number(
+        "Angle",
+        "How much of a circle the arc spans",
+        math.radians(120),
         subtype="ANGLE",
         min=math.radians(1),
         max=math.radians(360),
-        default=math.radians(120),
-        update=_on_change,
+        **_placed,
     )
-    lens: FloatProperty(
-        name="Lens",
-        description="Focal length of the cameras for a sensor of 36 mm. Longer ones stand further away",
+    lens: number(
+        "Lens",
+        "Focal length of the cameras for a sensor of 36 mm. Longer ones stand further away",
+        50.0,
         subtype="DISTANCE_CAMERA",
         min=8.0,
         max=300.0,
-        default=50.0,
-        update=_on_change,
+        **_placed,
     )
-    size: IntProperty(
-        name="Pixels",
-        description="Width and height of the images",
-        subtype="PIXEL",
-        min=16,
-        max=4096,
-        default=512,
-    )
-    folder: StringProperty(
-        name="Folder",
-        description="The capture is written here. Images that exist are kept: after a change of the scene, choose "
-        "another folder or delete them",
-        subtype="DIR_PATH",
-        default="//frog_capture",
-        options=PATH_OPTIONS,
+    size: whole("Pixels", "Width and height of the images", 512, subtype="PIXEL", min=16, max=4096)
+    folder: properties.folder(
+        "Folder",
+        "The capture is written here. Images that exist are kept: after a change of the scene, choose another folder "
+        "or delete them",
+        "//frog_capture",
     )

@@ -6,9 +6,10 @@
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import PointerProperty
 
 from .. import edition
+from ..properties import HIDDEN, choice, reference, switch, text, whole
 from ..render.blur import LENS_SAMPLES, SHUTTER_SAMPLES
 from .capture_list import ChoosesCapture
 
@@ -26,11 +27,7 @@ else:
 
 DRAWINGS = (
     ("AUTO", "Automatic", "Splats, drawn by Blender itself where it can"),
-    (
-        "CARD",
-        "Splats",
-        "The splats themselves, drawn by the graphics card and hidden by what lies before them",
-    ),
+    ("CARD", "Splats", "The splats themselves, drawn by the graphics card and hidden by what lies before them"),
     ("POINTS", "Points", "An object of points, which other engines render as well"),
 )
 
@@ -44,53 +41,47 @@ def _on_viewport_drawing(_settings: Any, _context: bpy.types.Context) -> None:
 class FrogSceneSettings(_Training, ChoosesCapture, bpy.types.PropertyGroup):
     """Settings of a scene."""
 
-    hold_out: BoolProperty(
-        name="Objects Hide Splats",
-        description="Objects of this scene occlude the splats. The objects themselves are not drawn",
-        default=False,
+    hold_out: switch(
+        "Objects Hide Splats", "Objects of this scene occlude the splats. The objects themselves are not drawn"
     )
-    motion_samples: IntProperty(
-        name="Samples",
-        description="Moments within the shutter time that motion blur averages. More of them blur fast motion more "
-        "smoothly and take longer",
-        default=SHUTTER_SAMPLES,
+    motion_samples: whole(
+        "Samples",
+        "Moments within the shutter time that motion blur averages. More of them blur fast motion more smoothly and "
+        "take longer",
+        SHUTTER_SAMPLES,
         min=1,
         soft_max=64,
         max=1024,
     )
-    lens_samples: IntProperty(
-        name="Samples",
-        description="Points of the lens that depth of field averages, for cameras that have it. More of them make wide "
-        "blurs smoother and take longer",
-        default=LENS_SAMPLES,
+    lens_samples: whole(
+        "Samples",
+        "Points of the lens that depth of field averages, for cameras that have it. More of them make wide blurs "
+        "smoother and take longer",
+        LENS_SAMPLES,
         min=1,
         soft_max=128,
         max=4096,
     )
-    composed_with: PointerProperty(
-        name="Composed With",
-        description="The scene of the user's objects that this scene of captures belongs to",
-        type=bpy.types.Scene,
-        options={"HIDDEN"},
+    composed_with: reference(
+        "Composed With",
+        "The scene of the user's objects that this scene of captures belongs to",
+        bpy.types.Scene,
+        options=HIDDEN,
     )
-    own_world: PointerProperty(
-        name="Own World",
-        description="The scene's world before a capture lit its objects",
-        type=bpy.types.World,
-        options={"HIDDEN"},
+    own_world: reference(
+        "Own World", "The scene's world before a capture lit its objects", bpy.types.World, options=HIDDEN
     )
-    viewport_drawing: EnumProperty(
-        name="In Viewports",
-        description="What viewports show of captures in Solid, Material Preview, Wireframe and other engines' Rendered "
-        "mode",
-        items=DRAWINGS,
-        default="AUTO",
+    viewport_drawing: choice(
+        "In Viewports",
+        "What viewports show of captures in Solid, Material Preview, Wireframe and other engines' Rendered mode",
+        DRAWINGS,
+        "AUTO",
         update=_on_viewport_drawing,
     )
-    set_up_as: StringProperty(
-        name="Set Up As",
-        description="The scene's settings when FRoG last set them up, to tell whether they were changed since",
-        options={"HIDDEN"},
+    set_up_as: text(
+        "Set Up As",
+        "The scene's settings when FRoG last set them up, to tell whether they were changed since",
+        options=HIDDEN,
     )
 
 

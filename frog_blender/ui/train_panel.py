@@ -16,7 +16,7 @@ from ..scene_import.scene_setup import is_set_up, start_cube
 from ..tasks.training import TrainingTask
 from ..tasks.training_request import REMOTE, can_resume, can_train_longer
 from ..tasks.training_state import TrainingState
-from . import presets, preview_image, remote_settings, torch_environment, training_choices
+from . import presets, preview_image, remote_settings, torch_environment, training_settings
 from .sidebar_panel import SidebarPanel, split
 from .text import duration, wrapped_label
 
@@ -83,12 +83,12 @@ class FROG_PT_train_advanced(SidebarPanel, bpy.types.Panel):
         layout.prop(settings, "capacity")
         layout.prop(settings, "length")
         if settings.length == "RECIPE":
-            _draw_resolved(layout, f"{training_choices.usual_steps(settings):,} steps")
+            _draw_resolved(layout, f"{training_settings.usual_steps(settings):,} steps")
         else:
             layout.prop(settings, "steps" if settings.length == "STEPS" else "minutes")
-        scale = training_choices.usual_image_scale(settings)
+        scale = training_settings.usual_image_scale(settings)
         _draw_choice(layout, settings, "has_image_scale", "image_scale", f"{scale:.2f} of their size")
-        most = training_choices.usual_gaussians(settings)
+        most = training_settings.usual_gaussians(settings)
         _draw_choice(layout, settings, "has_max_gaussians", "max_gaussians", f"{most:,} at most")
         layout.prop(settings, "holdout")
         if settings.holdout == "FRAMES":
@@ -143,7 +143,7 @@ def _draw_resolved(layout: bpy.types.UILayout, text: str) -> None:
 
 def _left_out(settings: Any) -> str:
     """What is not trained on by default, in a few words."""
-    capture = training_choices.known_capture(settings)
+    capture = training_settings.known_capture(settings)
     if capture is None:
         return "known once a capture is chosen"
     return ", ".join(sorted(capture.test_cameras)) or ("some frames" if capture.test_frames else "nothing")
@@ -162,7 +162,7 @@ def _expected_time(settings: Any, capture: Capture) -> str:
 
 def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Context) -> None:
     """Draws the estimated duration and the buttons that start a training."""
-    capture = training_choices.known_capture(settings)
+    capture = training_settings.known_capture(settings)
     if capture is not None and settings.device != REMOTE:
         wrapped_label(layout, _expected_time(settings, capture), context, icon="TIME")
     needed = remote_settings.needed(settings)

@@ -1,4 +1,8 @@
-"""Settings on scenes: what to train, and how."""
+"""Settings on scenes: what to train, and how.
+
+Where a setting is a number of which one value stands for "the default", presets and scripts set the number; the panel
+shows the choice between the two in words, by a property that is kept in that number alone.
+"""
 
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
@@ -7,22 +11,17 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    FloatProperty,
-    FloatVectorProperty,
-    PointerProperty,
-    StringProperty,
-)
+from bpy.props import PointerProperty
 
 from .. import redrawing, relative_paths
+from ..engine.capture.capture import Capture
 from ..engine.options import OPTIONS, Door, options_at
 from ..engine.training.session.output_paths import free_output
 from ..option_properties import items_of, property_name, property_of
-from ..relative_paths import PATH_OPTIONS
+from ..properties import HIDDEN, choice, folder, number, path, switch, text, vector
 from ..tasks.training_request import KEY_MASKS, REMOTE
+from . import capture_summary
 from .rig_settings import FrogRigSettings
-from .training_choices import TrainingChoices
 
 DEVICES = (
     *items_of(OPTIONS["device"]),
@@ -30,6 +29,63 @@ DEVICES = (
 )
 _FOLDER, *_OTHERS = items_of(OPTIONS["masks"])
 MASKS = (_FOLDER, (KEY_MASKS, "Key Colour", "The same, and a backdrop of one colour is not learned"), *_OTHERS)
+LENGTHS = (
+    ("RECIPE", "As the Quality", "As many steps as the quality needs for this capture"),
+    ("STEPS", "Steps", "A number of steps"),
+    ("TIME", "Time", "As many steps as fit into a time"),
+)
+HOLDOUTS = (
+    ("CAPTURE", "As the Capture", "What the capture's format leaves out"),
+    ("NONE", "Nothing", "Train on every frame"),
+    ("FRAMES", "Every n-th Frame", "Leave frames out, and measure quality on them"),
+)
+_MINUTES, _EVERY = 10.0, 8  # where the user chooses a time, or frames
+
+
+def known_capture(settings: Any) -> Capture | None:
+    """The capture of ``Scene.frog``, if its folder was read."""
+    summary = capture_summary.known(bpy.path.abspath(settings.capture_folder)) if settings.capture_folder else None
+    return summary.capture if summary is not None else None
+
+
+def usual_steps(settings: Any) -> int:
+    """The steps of the chosen recipe, for the capture if it is known."""
+    from ..engine.recipes import recipe
+
+    chosen, capture = recipe(settings.recipe), known_capture(settings)
+    return chosen.steps_for(capture.frame_count) if capture is not None else chosen.steps
+
+
+def usual_image_scale(settings: Any) -> float:
+    """The factor that images are resized by where none is chosen."""
+    from ..engine.training.session.job import usual_scale
+
+    capture = known_capture(settings)
+    return usual_scale(capture.cameras) if capture is not None else 1.0
+
+
+def usual_gaussians(settings: Any) -> int:
+    """How many Gaussians a scene of the chosen recipe has at most."""
+    from ..engine.recipes import recipe
+
+    return recipe(settings.recipe).max_gaussians
+
+
+def _set_length(settings: Any, value: int) -> None:
+    settings.minutes = (settings.minutes or _MINUTES) if value == 2 else 0.0
+    settings.steps = (settings.steps or usual_steps(settings)) if value == 1 else 0
+
+
+def _set_own_scale(settings: Any, value: bool) -> None:
+    settings.image_scale = (settings.image_scale or usual_image_scale(settings)) if value else 0.0
+
+
+def _set_holdout(settings: Any, value: int) -> None:
+    settings.holdout_frames = max(settings.holdout_frames, 0) or _EVERY if value == 2 else value - 1
+
+
+def _set_limited(settings: Any, value: bool) -> None:
+    settings.max_gaussians = (settings.max_gaussians or usual_gaussians(settings)) if value else 0
 
 
 def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
@@ -39,16 +95,14 @@ def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
 
     capture_reading.read(bpy.path.abspath(settings.capture_folder))
     if settings.capture_folder and settings.output_path in ("", settings.derived_output):
-        folder = Path(bpy.path.abspath(settings.capture_folder))
-        settings.derived_output = settings.output_path = str(free_output(Path(f"{folder}.frog"), folder))
+        capture = Path(bpy.path.abspath(settings.capture_folder))
+        settings.derived_output = settings.output_path = str(free_output(Path(f"{capture}.frog"), capture))
 
 
-def camera_names(settings: Any, _context: bpy.types.Context, text: str) -> list[str]:
+def camera_names(settings: Any, _context: bpy.types.Context, typed: str) -> list[str]:
     """Search suggestions for the preview camera."""
-    from . import capture_summary
-
     summary = capture_summary.known(bpy.path.abspath(settings.capture_folder))
-    return [name for name in summary.cameras if text.lower() in name.lower()] if summary else []
+    return [name for name in summary.cameras if typed.lower() in name.lower()] if summary else []
 
 
 def _on_show_rig(_settings: Any, _context: bpy.types.Context) -> None:
@@ -63,64 +117,78 @@ def _on_preview_camera(settings: Any, _context: bpy.types.Context) -> None:
         task.control.preview_camera = settings.preview_camera
 
 
-class TrainingSettings(TrainingChoices):
+class TrainingSettings:
     """A base of ``Scene.frog``: what to train, and how."""
 
     rig: PointerProperty(type=FrogRigSettings)
 
-    capture_folder: StringProperty(
-        name="Capture",
-        description="Folder with the videos or images and their camera calibration",
-        subtype="DIR_PATH",
-        options=PATH_OPTIONS,
-        update=_on_capture_folder,
+    capture_folder: folder(
+        "Capture", "Folder with the videos or images and their camera calibration", update=_on_capture_folder
     )
-    output_path: StringProperty(
-        name="Output",
-        description="The .frog scene file that training writes",
-        subtype="FILE_PATH",
-        options=PATH_OPTIONS,
+    output_path: path("Output", "The .frog scene file that training writes")
+    derived_output: text(
+        "Derived Output",
+        "The output path derived from the capture's name. It follows the capture as long as the output is not changed "
+        "by hand",
+        options=HIDDEN,
     )
-    derived_output: StringProperty(
-        name="Derived Output",
-        description="The output path derived from the capture's name. It follows the capture as long as the output "
-        "is not changed by hand",
-        options={"HIDDEN"},
+    key_color: vector(
+        "Key Colour", "Colour of the backdrop", (0.0, 177 / 255, 64 / 255), subtype="COLOR_GAMMA", min=0.0, max=1.0
     )
-    key_color: FloatVectorProperty(
-        name="Key Colour",
-        description="Colour of the backdrop",
-        subtype="COLOR_GAMMA",
-        size=3,
-        min=0.0,
-        max=1.0,
-        default=(0.0, 177 / 255, 64 / 255),
-    )
-    key_tolerance: FloatProperty(
-        name="Tolerance",
-        description="How much less of the key colour than its own a pixel of the backdrop may have, in shadows for "
-        "example",
+    key_tolerance: number(
+        "Tolerance",
+        "How much less of the key colour than its own a pixel of the backdrop may have, in shadows for example",
+        0.4,
         min=0.0,
         max=0.95,
-        default=0.4,
     )
-    show_rig: BoolProperty(
-        name="Draw Rig",
-        description="Draw the capture's cameras into the viewport until a scene of it is imported",
-        default=True,
+    show_rig: switch(
+        "Draw Rig",
+        "Draw the capture's cameras into the viewport until a scene of it is imported",
+        True,
         update=_on_show_rig,
     )
-    show_live: BoolProperty(
-        name="Show in Viewports",
-        description="Show the scene in the viewports while it is trained. It takes 2 % of the training's time",
-        default=True,
+    show_live: switch(
+        "Show in Viewports",
+        "Show the scene in the viewports while it is trained. It takes 2 % of the training's time",
+        True,
         update=_on_show_rig,
     )
-    import_when_done: BoolProperty(
-        name="Import When Done",
-        description="Import the trained scene into this one as soon as it is finished. Settings of a scene that you "
-        "have changed are not touched",
-        default=True,
+    import_when_done: switch(
+        "Import When Done",
+        "Import the trained scene into this one as soon as it is finished. Settings of a scene that you have changed "
+        "are not touched",
+        True,
+    )
+    length: choice(
+        "Length",
+        "When the training ends",
+        LENGTHS,
+        get=lambda settings: 2 if settings.minutes > 0 else 1 if settings.steps else 0,
+        set=_set_length,
+        options={"SKIP_SAVE"},
+    )
+    has_image_scale: switch(
+        "Resize Images",
+        "Resize the training images by a factor. Otherwise only images larger than 1600 pixels are",
+        get=lambda settings: settings.image_scale > 0,
+        set=_set_own_scale,
+        options={"SKIP_SAVE"},
+    )
+    holdout: choice(
+        "Leave Out",
+        "What is not trained on, so that quality can be measured on it",
+        HOLDOUTS,
+        get=lambda settings: 2 if settings.holdout_frames > 0 else settings.holdout_frames + 1,
+        set=_set_holdout,
+        options={"SKIP_SAVE"},
+    )
+    has_max_gaussians: switch(
+        "Limit Splats",
+        "Limit the number of splats of the scene",
+        get=lambda settings: settings.max_gaussians > 0,
+        set=_set_limited,
+        options={"SKIP_SAVE"},
     )
 
 

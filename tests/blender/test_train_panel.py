@@ -19,7 +19,7 @@ from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import request_of
 from frog_blender.tasks.training_state import TrainingState
-from frog_blender.ui import capture_panel, capture_summary, preview_image, train_panel, training_choices
+from frog_blender.ui import capture_panel, capture_summary, preview_image, train_panel, training_settings
 
 
 @pytest.fixture
@@ -276,7 +276,7 @@ def test_no_value_stands_for_something_else(empty, drawn, capture):
     settings.has_image_scale = settings.has_max_gaussians = False
     stored = settings.steps, settings.minutes, settings.image_scale, settings.holdout_frames, settings.max_gaussians
     assert stored == (0, 0.0, 0.0, -1, 0), "as presets and scripts know them"
-    assert training_choices.usual_steps(settings) == 3000
+    assert training_settings.usual_steps(settings) == 3000
 
 
 def test_a_time_limit_is_part_of_the_estimate(empty, drawn, capture):
