@@ -24,8 +24,6 @@ _ROOMS = (
     "tasks.training",
     "viewport.live",
     "ui.preview_image",
-    "ui.contact_sheet",
-    "ui.rig_images",
     "ui.rig_overlay",
     "ui.points_overlay",
     "ui.gesture_overlay",
@@ -54,14 +52,21 @@ def _rooms() -> list[str]:
     return [room for room in _ROOMS if edition.has(room)]
 
 
+def _call(room: str, name: str) -> None:
+    """Calls a function of a room, if it has it: some have nothing to register, some nothing to take back."""
+    function = getattr(import_module(f".{room}", __package__), name, None)
+    if function is not None:
+        function()
+
+
 def register() -> None:
     """Called by Blender when the add-on is enabled."""
     for room in _rooms():
-        import_module(f".{room}", __package__).register()
+        _call(room, "register")
 
 
 def unregister() -> None:
     """Called by Blender when the add-on is disabled, and when Blender quits."""
     for room in reversed(_rooms()):
-        import_module(f".{room}", __package__).unregister()
+        _call(room, "unregister")
     import_module(".addon_state", __package__).clear()

@@ -100,7 +100,6 @@ TRAINING = (
             "points_overlay",
             "presets",
             "preview_image",
-            "remote_settings",
             "report_images",
             "rig_images",
             "rig_overlay",

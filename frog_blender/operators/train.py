@@ -28,7 +28,7 @@ from ..tasks.training_request import (
     steps_done,
 )
 from ..timeline import playback
-from ..ui import capture_reading, capture_summary, remote_settings, torch_environment
+from ..ui import capture_reading, capture_summary, torch_environment
 from ..unsaved_changes import is_being_edited
 from .cancel_operator import CancelsTask
 
@@ -85,7 +85,7 @@ def reason_not_to_train(settings: Any) -> str:
         return summary.error
     if summary is not None and summary.raw_footage:
         return "The cameras have to be calibrated first."
-    return remote_settings.needed(settings)
+    return torch_environment.needed(settings)
 
 
 class StartsTraining:
@@ -102,7 +102,7 @@ class StartsTraining:
         after = ResultImporter(settings.id_data) if settings.import_when_done else None
         prepare = after.prepare if after is not None else None
         if settings.device == REMOTE:
-            remote = RemoteTraining(remote_settings.remote_command(), request)
+            remote = RemoteTraining(torch_environment.remote_command(), request)
             TrainingTask(remote.events, after, prepare=prepare, kill=remote.kill).begin()
         else:
             torch_environment.make_torch_importable()

@@ -192,7 +192,3 @@ def register() -> None:
     for place in (folder(), folder(CALIBRATION)):
         if remains(place):  # removing gigabytes takes a while
             threading.Thread(target=clear_remains, args=(place,), name="FRoG tidying", daemon=True).start()
-
-
-def unregister() -> None:
-    """Running installations are stopped with all other tasks."""

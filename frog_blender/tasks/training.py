@@ -224,7 +224,3 @@ def _print(sentence: str) -> None:
 
 def register() -> None:
     prefetch.share_cores(TrainingTask.is_computing)
-
-
-def unregister() -> None:
-    """Running trainings are stopped with all other tasks."""

@@ -116,9 +116,9 @@ def _draw_contact_sheet(layout: bpy.types.UILayout, context: bpy.types.Context) 
     if images is None:
         layout.operator("frog.show_contact_sheet", icon="IMAGE_REFERENCE")
         return
-    if images.error:
-        wrapped_label(layout, images.error, context, icon="ERROR")
-    elif not images.is_whole:
+    if images.problem:
+        wrapped_label(layout, images.problem, context, icon="ERROR")
+    elif images.is_running:
         layout.label(text=f"Decoding: {len(images.names)} of {images.total}", icon="TIME")
     grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
     for name in images.names:

@@ -6,8 +6,8 @@
 from typing import Any
 
 import bpy
-from bpy.props import IntProperty
 
+from ..properties import whole
 from ..scene_import.capture_objects import active_capture, root_of, select_capture
 from ..timeline import open_scenes, playback, retiming
 
@@ -39,9 +39,9 @@ def _choose(settings: Any, index: int) -> None:
 class ChoosesCapture:
     """A base of ``Scene.frog``."""
 
-    capture_index: IntProperty(
-        name="Capture",
-        description="The chosen capture: an index into the scene's objects. Choosing one selects what moves it",
+    capture_index: whole(
+        "Capture",
+        "The chosen capture: an index into the scene's objects. Choosing one selects what moves it",
         get=_chosen_index,
         set=_choose,
         options={"SKIP_SAVE"},

@@ -7,30 +7,19 @@ from typing import Any
 import bpy
 
 from ..engine.errors import FrogError
-from ..timeline import open_scenes, playback
+from ..timeline import playback
 from ..timeline.edits import GRADE, edits_of, marks_of
 from .capture_list import chosen_capture
+from .captures_panel import OfChosen
 from .selection_tools import BOX, BRUSH, LASSO
-from .sidebar_panel import SidebarPanel, split
+from .sidebar_panel import split
 from .text import wrapped_label
 
 
-class _OfChosen(SidebarPanel):
-    """Base of panels about the chosen capture."""
-
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        chosen = chosen_capture(context)
-        return chosen is not None and not open_scenes.problem(playback.file_of(chosen))
-
-
-class FROG_PT_edit(_OfChosen, bpy.types.Panel):
+class FROG_PT_edit(OfChosen, bpy.types.Panel):
     """What is edited of the chosen capture."""
 
     bl_label = "Edit"
-    bl_parent_id = "FROG_PT_captures"
 
     def draw_header(self, context: bpy.types.Context) -> None:
         self.layout.prop(chosen_capture(context).frog_edits, "use", text="")
@@ -44,7 +33,7 @@ class FROG_PT_edit(_OfChosen, bpy.types.Panel):
             wrapped_label(layout, sentence, context, icon="ERROR")
 
 
-class FROG_PT_crop(_OfChosen, bpy.types.Panel):
+class FROG_PT_crop(OfChosen, bpy.types.Panel):
     """The crops of the chosen capture."""
 
     bl_label = "Crop"
@@ -72,7 +61,7 @@ class FROG_PT_crop(_OfChosen, bpy.types.Panel):
                 column.prop(crop, "time")
 
 
-class FROG_PT_clean(_OfChosen, bpy.types.Panel):
+class FROG_PT_clean(OfChosen, bpy.types.Panel):
     """Which Gaussians of the chosen capture are selected, and which are hidden."""
 
     bl_label = "Clean"
@@ -100,7 +89,7 @@ class FROG_PT_clean(_OfChosen, bpy.types.Panel):
         layout.prop(settings, "show_selection")
 
 
-class FROG_PT_grade(_OfChosen, bpy.types.Panel):
+class FROG_PT_grade(OfChosen, bpy.types.Panel):
     """The colours, opacities and sizes of the chosen capture."""
 
     bl_label = "Grade"

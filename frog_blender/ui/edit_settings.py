@@ -28,7 +28,7 @@ def _can_crop(_settings: Any, obj: bpy.types.Object) -> bool:
     return edits.is_crop_object(obj)
 
 
-_edited = {"update": _on_edit}
+_edited: dict[str, Any] = {"update": _on_edit}
 _switch = partial(switch, **_edited)
 _factor = partial(number, default=1.0, min=0.0, max=10.0, **_edited)
 _stops = partial(number, soft_min=-2.0, soft_max=2.0, **_edited)

@@ -3,32 +3,32 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
-from .. import addon_state, reported_once
+from .. import addon_state
+from .overlay import EDGE, Overlay, draw_lines
 
 if TYPE_CHECKING:
     from ..engine.editing.gestures import Gesture
     from ..engine.editing.on_screen import OnScreen
 
 _HIT, _POINT_SIZE = (1.0, 0.55, 0.1, 1.0), 4.0  # pixels
-_EDGE, _LINE = (0.0, 0.0, 0.0, 0.8), (1.0, 1.0, 1.0, 1.0)  # seen on any image
+_STROKES = ((EDGE, 3.0), ((1.0, 1.0, 1.0, 1.0), 1.0))
 
 
-class GestureOverlay:
+class GestureOverlay(Overlay):
     """What is drawn.
 
     Attributes:
-        handler: of Blender, during a gesture.
         screen, gesture, shape, radius: what ``begin`` was given.
         region: the pointer of the region it is drawn in.
     """
 
     def __init__(self) -> None:
-        self.handler: Any = None
+        super().__init__()
         self.screen: OnScreen | None = None
         self.gesture: Gesture | None = None
         self.shape, self.radius, self.region = "", 0.0, 0
@@ -36,24 +36,23 @@ class GestureOverlay:
 
 def begin(screen: OnScreen, gesture: Gesture, shape: str, radius: float, region: bpy.types.Region) -> None:
     """Draws a gesture in a region until ``end``."""
-    end()
     overlay = addon_state.get(GestureOverlay)
+    overlay.end()
     overlay.screen, overlay.gesture, overlay.shape, overlay.radius = screen, gesture, shape, radius
     overlay.region = region.as_pointer()
-    overlay.handler = bpy.types.SpaceView3D.draw_handler_add(_guarded, (), "WINDOW", "POST_PIXEL")
+    overlay.draw_by(bpy.types.SpaceView3D, "the selection", _draw)
 
 
 def end() -> None:
     """Draws nothing more."""
     overlay = addon_state.get(GestureOverlay)
-    if overlay.handler is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(overlay.handler, "WINDOW")
-    overlay.handler = overlay.screen = overlay.gesture = None
+    overlay.end()
+    overlay.screen = overlay.gesture = None
 
 
 def is_drawing() -> bool:
     """Whether a gesture is drawn."""
-    return addon_state.get(GestureOverlay).handler is not None
+    return bool(addon_state.get(GestureOverlay).handlers)
 
 
 def outline_of(shape: str, path: list[tuple[float, float]], radius: float) -> list[tuple[float, float]]:
@@ -66,13 +65,6 @@ def outline_of(shape: str, path: list[tuple[float, float]], radius: float) -> li
     return [*path, path[0]] if shape == "LASSO" else [(left, top), (x, top), (x, y), (left, y), (left, top)]
 
 
-def _guarded() -> None:
-    try:
-        _draw()
-    except Exception as error:  # once, not at every redraw
-        reported_once.unexpected("drawing the selection", error)
-
-
 def _draw() -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
@@ -82,30 +74,19 @@ def _draw() -> None:
     if screen is None or gesture is None or context.region.as_pointer() != overlay.region:
         return
     height = context.region.height
-    gpu.state.blend_set("ALPHA")
     if gesture.hit.any():
         x, y = screen.places[:, gesture.hit]
         places = np.stack([x, height - y], axis=1)
+        gpu.state.blend_set("ALPHA")
         shader = gpu.shader.from_builtin("POINT_UNIFORM_COLOR")
         shader.uniform_float("color", _HIT)
         gpu.state.point_size_set(_POINT_SIZE * context.preferences.system.pixel_size)
         batch_for_shader(shader, "POINTS", {"pos": places}).draw(shader)
         gpu.state.point_size_set(1.0)
+        gpu.state.blend_set("NONE")
     line = [(x, height - y) for x, y in outline_of(overlay.shape, gesture.path, overlay.radius)]
     if len(line) > 1:
-        shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
-        batch = batch_for_shader(shader, "LINE_STRIP", {"pos": line})
-        shader.bind()
-        shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
-        for color, width in ((_EDGE, 3.0), (_LINE, 1.0)):
-            shader.uniform_float("color", color)
-            shader.uniform_float("lineWidth", width)
-            batch.draw(shader)
-    gpu.state.blend_set("NONE")
-
-
-def register() -> None:
-    """There is nothing to register."""
+        draw_lines({"LINE_STRIP": line}, _STROKES)
 
 
 def unregister() -> None:

@@ -74,9 +74,9 @@ def _transformed() -> dict[str, Any]:
     }
 
 
-_played = {"update": _on_play_setting}
-_fixed = {"options": set(), "update": _on_play_setting}  # which no key animates
-_trimmed = {"options": set(), "update": _on_trim}
+_played: dict[str, Any] = {"update": _on_play_setting}
+_fixed: dict[str, Any] = {"options": set(), "update": _on_play_setting}  # which no key animates
+_trimmed: dict[str, Any] = {"options": set(), "update": _on_trim}
 _percentage = partial(whole, default=100, min=0, max=100, subtype="PERCENTAGE")
 
 

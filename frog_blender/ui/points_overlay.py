@@ -3,31 +3,29 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import bpy
 
-from .. import addon_state, reported_once
+from .. import addon_state
 from .clicked_points import ClickedPoints
+from .overlay import EDGE, Overlay, draw_lines
 
 IMAGE = "FRoG camera"
 _RADIUS = 7.0  # pixels of the screen
-_EDGE = (0.0, 0.0, 0.0, 0.8)
 _SET, _NEXT = (1.0, 0.8, 0.2, 1.0), (0.35, 1.0, 0.4, 1.0)
 
 
-class PointsOverlay:
+class PointsOverlay(Overlay):
     """What is drawn.
 
     Attributes:
-        handler: of Blender, while points are clicked.
         points: that are clicked.
         image: the name of the image that they lie in.
         is_drawn: it was; only then the editor's size is known.
     """
 
     def __init__(self) -> None:
-        self.handler: Any = None
+        super().__init__()
         self.points: ClickedPoints | None = None
         self.image = ""
         self.is_drawn = False
@@ -36,17 +34,16 @@ class PointsOverlay:
 def begin(points: ClickedPoints) -> None:
     """Draws points over ``show``'s image until ``end``."""
     overlay = addon_state.get(PointsOverlay)
-    end()
+    overlay.end()
     overlay.points = points
-    overlay.handler = bpy.types.SpaceImageEditor.draw_handler_add(_guarded, (), "WINDOW", "POST_PIXEL")
+    overlay.draw_by(bpy.types.SpaceImageEditor, "the clicked points", _draw)
 
 
 def end() -> None:
     """Draws nothing more."""
     overlay = addon_state.get(PointsOverlay)
-    if overlay.handler is not None:
-        bpy.types.SpaceImageEditor.draw_handler_remove(overlay.handler, "WINDOW")
-    overlay.handler, overlay.points, overlay.image = None, None, ""
+    overlay.end()
+    overlay.points, overlay.image = None, ""
 
 
 def show(image: bpy.types.Image) -> None:
@@ -68,13 +65,6 @@ def told(points: ClickedPoints) -> str:
 
 
 KEYS = "Tab: next camera    N: not visible here    Up, Down: other point    Ctrl Z: undo    Enter: done"
-
-
-def _guarded() -> None:
-    try:
-        _draw()
-    except Exception as error:  # once, not at every redraw
-        reported_once.unexpected("drawing the clicked points", error)
 
 
 def _draw() -> None:
@@ -99,21 +89,9 @@ def _draw() -> None:
 
 def _cross(x: float, y: float, radius: float, color: tuple[float, ...]) -> None:
     """A circle with its middle left free, so that what is marked stays visible."""
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     around = [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in (math.tau * i / 24 for i in range(25))]
     arms = [(x + a * radius * s, y + b * radius * s) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)) for s in (0.4, 1.5)]
-    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
-    shader.bind()
-    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
-    gpu.state.blend_set("ALPHA")
-    for tint, line_width in ((_EDGE, 4.0), (color, 2.0)):  # seen on any image
-        shader.uniform_float("color", tint)
-        shader.uniform_float("lineWidth", line_width)
-        batch_for_shader(shader, "LINE_STRIP", {"pos": around}).draw(shader)
-        batch_for_shader(shader, "LINES", {"pos": arms}).draw(shader)
-    gpu.state.blend_set("NONE")
+    draw_lines({"LINE_STRIP": around, "LINES": arms}, ((EDGE, 4.0), (color, 2.0)))
 
 
 def _text(words: str, x: float, y: float, size: float, color: tuple[float, ...]) -> None:
@@ -126,10 +104,6 @@ def _text(words: str, x: float, y: float, size: float, color: tuple[float, ...])
     blf.position(0, x, y, 0)
     blf.draw(0, words)
     blf.disable(0, blf.SHADOW)
-
-
-def register() -> None:
-    """There is nothing to register."""
 
 
 def unregister() -> None:

@@ -5,44 +5,33 @@
 from typing import Any
 
 import bpy
-from bpy.props import IntProperty
 
 from .. import __package__ as base_package
 from .. import edition
+from ..properties import whole
 from ..timeline import playback_cache
 
 if edition.TRAINS:
-    from .remote_settings import RemotePreferences
-    from .torch_environment import TorchPreferences
-
-    class _Environment(TorchPreferences, RemotePreferences):
-        """What trains here, and elsewhere."""
-
+    from .torch_environment import TrainingPreferences
 else:
 
-    class _Environment:  # type: ignore[no-redef]
-        """The player needs no other packages."""
-
-        def draw_environment(self, context: bpy.types.Context) -> None:
-            pass
-
-        def draw_remote(self) -> None:
-            pass
+    class TrainingPreferences:  # type: ignore[no-redef]
+        """The player trains nothing."""
 
 
 def _on_cache_limit(settings: Any, _context: bpy.types.Context) -> None:
     playback_cache.set_limit(settings.cache_megabytes)
 
 
-class FROG_AP_preferences(_Environment, bpy.types.AddonPreferences):
+class FROG_AP_preferences(TrainingPreferences, bpy.types.AddonPreferences):
     """Shown in Edit > Preferences > Add-ons."""
 
     bl_idname = base_package
 
-    cache_megabytes: IntProperty(
-        name="Playback Cache (MB)",
-        description="Memory for frames of captures. The least recently shown frames are dropped first",
-        default=playback_cache.DEFAULT_MEGABYTES,
+    cache_megabytes: whole(
+        "Playback Cache (MB)",
+        "Memory for frames of captures. The least recently shown frames are dropped first",
+        playback_cache.DEFAULT_MEGABYTES,
         min=0,
         soft_max=65_536,
         update=_on_cache_limit,
@@ -52,8 +41,9 @@ class FROG_AP_preferences(_Environment, bpy.types.AddonPreferences):
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "cache_megabytes")
-        self.draw_environment(context)
-        self.draw_remote()
+        if edition.TRAINS:
+            self.draw_environment(context)
+            self.draw_remote()
 
 
 _register_classes, unregister = bpy.utils.register_classes_factory((FROG_AP_preferences,))

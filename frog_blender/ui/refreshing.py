@@ -45,10 +45,6 @@ def tick() -> None:
     redrawing.sidebars()
 
 
-def register() -> None:
-    """There is nothing to register."""
-
-
 def unregister() -> None:
     if bpy.app.timers.is_registered(tick):
         bpy.app.timers.unregister(tick)

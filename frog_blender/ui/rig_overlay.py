@@ -10,19 +10,19 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .. import addon_state, reported_once
-from ..cameras import pose_of
+from .. import addon_state
 from ..engine.capture.camera import Camera
 from ..engine.capture.capture import Capture
 from ..timeline import playback
 from . import capture_summary, rig_images
+from .overlay import Overlay
 
 DEPTH = 0.1  # of a drawn camera, in diameters of the rig
 _MOST_NAMES = 40
 _MOST_POINTS = 50_000
 _COLOR, _HELD_OUT, _POINTS = (1.0, 0.62, 0.15, 1.0), (0.35, 0.7, 1.0, 1.0), (0.6, 0.6, 0.6, 0.6)
-_EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1), (1, 5), (5, 2))
-_FLIP = np.diag([1.0, -1.0, -1.0])  # OpenCV's axes to Blender's
+EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1), (1, 5), (5, 2))
+"""Between corners of a camera: a pyramid from the centre to its image, with a roof that shows what is up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,16 +40,15 @@ class Rig:
     planes: np.ndarray
 
 
-class RigOverlay:
+class RigOverlay(Overlay):
     """What is drawn.
 
     Attributes:
-        handlers: of Blender.
         rigs: of the captures that were drawn last, the last one at the end.
     """
 
     def __init__(self) -> None:
-        self.handlers: list[Any] = []
+        super().__init__()
         self.rigs: OrderedDict[Capture, Rig] = OrderedDict()
 
 
@@ -62,30 +61,19 @@ def shown_capture(scene: bpy.types.Scene) -> Capture | None:
     return summary.capture if summary is not None else None
 
 
-def frusta(cameras: Sequence[Camera]) -> np.ndarray:
-    """(N, 10, 2, 3) lines of N cameras: a pyramid from the centre to its image, with a roof that shows what is up."""
-    return _every_corner(cameras)[:, np.array(_EDGES)]
-
-
-def _every_corner(cameras: Sequence[Camera]) -> np.ndarray:
-    """(N, 6, 3) see ``_corners``."""
-    depth = DEPTH * _diameter(cameras)
+def corners_of(cameras: Sequence[Camera]) -> np.ndarray:
+    """(N, 6, 3) of N cameras in the world: the centre, the image's corners and a point above it."""
+    centres = np.array([camera.center for camera in cameras]).reshape(-1, 3)
+    depth = DEPTH * (float(np.ptp(centres, axis=0).max(initial=0.0)) or 1.0)
     return np.array([_corners(camera, depth) for camera in cameras]).reshape(-1, 6, 3)
 
 
 def _corners(camera: Camera, depth: float) -> np.ndarray:
-    """(6, 3) of a camera in the world: its centre, the image's corners and a point above it."""
+    """(6, 3) of one camera, whose image is drawn at a depth."""
     width, height = camera.width, camera.height
     pixels = np.array([(0, 0), (width, 0), (width, height), (0, height), (width / 2, -0.25 * height)])
     rays = np.concatenate([pixels, np.ones((5, 1))], axis=1) @ np.linalg.inv(camera.intrinsics).T * depth
-    pose = pose_of(camera)
-    return np.concatenate([np.zeros((1, 3)), rays]) @ (pose[:3, :3] @ _FLIP).T + pose[:3, 3]
-
-
-def _diameter(cameras: Sequence[Camera]) -> float:
-    """The largest side of the box around the centres; 1 where all stand in one place."""
-    centres = np.array([pose_of(camera)[:3, 3] for camera in cameras]).reshape(-1, 3)
-    return float(np.ptp(centres, axis=0).max(initial=0.0)) or 1.0
+    return np.concatenate([np.zeros((1, 3)), rays]) @ camera.rotation + camera.center
 
 
 def _rig_of(capture: Capture) -> Rig:
@@ -106,7 +94,8 @@ def _build(capture: Capture) -> Rig:
 
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     cameras = list(capture.cameras)
-    lines = frusta(cameras).astype(np.float32)
+    corners = corners_of(cameras)
+    lines = corners[:, np.array(EDGES)].astype(np.float32)
     held_out = np.array([camera.name in capture.test_cameras for camera in cameras], dtype=bool)
     batches: list[tuple[Any, tuple[float, ...]]] = []
     for chosen, color in ((~held_out, _COLOR), (held_out, _HELD_OUT)):
@@ -118,8 +107,8 @@ def _build(capture: Capture) -> Rig:
         points = capture.points[::step].astype(np.float32)
         batches.append((batch_for_shader(shader, "POINTS", {"pos": points}), _POINTS))
     few = cameras if len(cameras) <= _MOST_NAMES else []
-    names = [(camera.name, pose_of(camera)[:3, 3]) for camera in few]
-    return Rig(batches, names, _every_corner(cameras)[:, 1:5])
+    names = [(camera.name, camera.center) for camera in few]
+    return Rig(batches, names, corners[:, 1:5])
 
 
 def _draw_lines() -> None:
@@ -159,33 +148,15 @@ def _draw_names() -> None:
             blf.draw(0, name)
 
 
-def _lines() -> None:
-    _guarded("the rig", _draw_lines)
-
-
-def _names() -> None:
-    _guarded("the cameras' names", _draw_names)
-
-
-def _guarded(what: str, draw: Any) -> None:
-    """An error is reported once, not at every redraw."""
-    try:
-        draw()
-    except Exception as error:
-        reported_once.unexpected(f"drawing {what}", error)
-
-
 def register() -> None:
     if bpy.app.background:  # nothing is drawn, and there may be no graphics
         return
-    add = bpy.types.SpaceView3D.draw_handler_add
     overlay = addon_state.get(RigOverlay)
-    overlay.handlers = [add(_lines, (), "WINDOW", "POST_VIEW"), add(_names, (), "WINDOW", "POST_PIXEL")]
+    overlay.draw_by(bpy.types.SpaceView3D, "the rig", _draw_lines, "POST_VIEW")
+    overlay.draw_by(bpy.types.SpaceView3D, "the cameras' names", _draw_names)
 
 
 def unregister() -> None:
     overlay = addon_state.get(RigOverlay)
-    for handler in overlay.handlers:
-        bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
-    overlay.handlers = []
+    overlay.end()
     overlay.rigs.clear()

@@ -29,7 +29,7 @@ def _on_change(settings: Any, _context: bpy.types.Context) -> None:
             print(f"FRoG: {error}")
 
 
-_placed = {"update": _on_change}
+_placed: dict[str, Any] = {"update": _on_change}
 
 
 class FrogRigSettings(bpy.types.PropertyGroup):

@@ -1,4 +1,6 @@
-"""The environment with torch and pycolmap: where it is, what is missing of it, and its part of the preferences."""
+"""What trains: the environment with torch and pycolmap, or a command that trains on another computer. Where it is, what
+is missing of it, and its part of the preferences.
+"""
 
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
@@ -10,33 +12,49 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import StringProperty
 
 from .. import __package__ as base_package
 from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
 from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
+from ..properties import text
 from ..tasks import installation
 from ..tasks.installation import PipTask
 from ..tasks.package_folders import CALIBRATION, TORCH, installed
 from ..tasks.packages import CALIBRATION_SIZES, SIZES, has_nvidia_gpu, has_pycolmap_wheel, suitable_build
+from ..tasks.remote_command import RemoteCommand
+from ..tasks.training_request import REMOTE
 from .text import wrapped_label
 
+EXAMPLE = "ssh gpu frog train {capture} --out {output} --events {options}"
+_PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 
-class TorchPreferences:
+
+class TrainingPreferences:
     """A base of the add-on's preferences."""
 
-    torch_path: StringProperty(
-        name="Python Environment with torch",
-        description="A virtual environment or site-packages folder with torch, for the Python version of this Blender",
+    torch_path: text(
+        "Python Environment with torch",
+        "A virtual environment or site-packages folder with torch, for the Python version of this Blender",
         subtype="DIR_PATH",
     )
-
-    package_index: StringProperty(
-        name="Package Index",
-        description="URL of a further package index for Install torch, such as PyTorch's own for the CPU or a CUDA "
-        'version (see "Get Started" on its site). Empty for pip\'s default alone',
+    package_index: text(
+        "Package Index",
+        "URL of a further package index for Install torch, such as PyTorch's own for the CPU or a CUDA version (see "
+        '"Get Started" on its site). Empty for pip\'s default alone',
     )
+    remote_command: text(
+        "Remote Command",
+        "Command that trains on another computer, for the device Remote. {capture}, {output} and {options} are "
+        f"replaced. It is started without a shell. For example: {EXAMPLE}",
+    )
+    remote_local_folder: text(
+        "Local Folder",
+        "A folder that both computers share, as it is called on this one. Empty where captures and outputs have the "
+        "same paths on both",
+        subtype="DIR_PATH",
+    )
+    remote_folder: text("Remote Folder", "The same folder as it is called on the other computer")
 
     def draw_environment(self, context: bpy.types.Context) -> None:
         """Draws which torch there is, and the buttons that install and remove it."""
@@ -54,6 +72,32 @@ class TorchPreferences:
             draw_calibration_installation(layout)
         else:
             draw_landmarks(layout)
+
+    def draw_remote(self) -> None:
+        """Draws the command, and what is wrong with it."""
+        layout: bpy.types.UILayout = self.layout  # type: ignore[attr-defined]  # of the preferences
+        layout.prop(self, "remote_command")
+        if not self.remote_command:
+            layout.label(text=EXAMPLE, icon="INFO")
+            return
+        layout.prop(self, "remote_local_folder")
+        layout.prop(self, "remote_folder")
+        if problem := remote_command().problem():
+            layout.label(text=problem, icon="ERROR")
+
+
+def remote_command() -> RemoteCommand:
+    """The command of the preferences; an empty one where there is none."""
+    preferences = addon_preferences()
+    if preferences is None:
+        return RemoteCommand("")
+    local = bpy.path.abspath(preferences.remote_local_folder)
+    return RemoteCommand(preferences.remote_command, local, preferences.remote_folder)
+
+
+def needed(settings: Any) -> str:
+    """What is missing to train on the device of ``Scene.frog``, as a sentence; empty where nothing is."""
+    return remote_command().problem() if settings.device == REMOTE else torch_needed()
 
 
 def draw_torch_installation(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -154,13 +198,12 @@ def torch_path() -> str:
 
 def torch_needed() -> str:
     """What is missing for training, as a sentence; an empty string if torch can be imported. Imports nothing."""
-    python = f"{sys.version_info.major}.{sys.version_info.minor}"
     if _is_importable():
         return ""
     folder = torch_path()
     if not folder:
         return (
-            f"Training needs torch. Install it, or choose an environment of Python {python} that has it in the "
+            f"Training needs torch. Install it, or choose an environment of Python {_PYTHON} that has it in the "
             "add-on's preferences."
         )
     try:
@@ -215,14 +258,13 @@ def add_folder(folder: Path) -> None:
 
 def site_packages(folder: Path) -> Path:
     """The folder with torch in an environment of this Python version, or FrogError."""
-    python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    choices = [folder, folder / "lib" / f"python{python}" / "site-packages", folder / "Lib" / "site-packages"]
+    choices = [folder, folder / "lib" / f"python{_PYTHON}" / "site-packages", folder / "Lib" / "site-packages"]
     for choice in choices:
         if (choice / "torch" / "__init__.py").is_file():
             return choice
     others = sorted(path.parent.parent.name for path in folder.glob("lib/python*/site-packages/torch"))
     found = f"torch for {', '.join(others)}" if others else "no torch"
-    raise FrogError(f"{folder}: found {found}, expected an environment of Python {python} with torch.")
+    raise FrogError(f"{folder}: found {found}, expected an environment of Python {_PYTHON} with torch.")
 
 
 def _is_importable(package: str = "torch") -> bool:

@@ -16,7 +16,7 @@ from ..scene_import.scene_setup import is_set_up, start_cube
 from ..tasks.training import TrainingTask
 from ..tasks.training_request import REMOTE, can_resume, can_train_longer
 from ..tasks.training_state import TrainingState
-from . import presets, preview_image, remote_settings, torch_environment, training_settings
+from . import presets, preview_image, torch_environment, training_settings
 from .sidebar_panel import SidebarPanel, split
 from .text import duration, wrapped_label
 
@@ -165,7 +165,7 @@ def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Co
     capture = training_settings.known_capture(settings)
     if capture is not None and settings.device != REMOTE:
         wrapped_label(layout, _expected_time(settings, capture), context, icon="TIME")
-    needed = remote_settings.needed(settings)
+    needed = torch_environment.needed(settings)
     if needed:
         wrapped_label(layout, needed, context, icon="ERROR")
     if needed and settings.device != REMOTE:

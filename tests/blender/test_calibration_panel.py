@@ -269,11 +269,7 @@ def test_clocks_out_of_range_are_not_written(raw, clock):
 
 
 def finished_sheet(folder):
-    sheet = contact_sheet.shown(str(folder))
-    assert sheet is not None and sheet.join(20.0)
-    while contact_sheet.tick() is not None:
-        pass
-    return sheet
+    return finish(contact_sheet.shown(str(folder)))
 
 
 @pytest.mark.parametrize("is_calibrated", [False, True], ids=["raw", "calibrated"])
@@ -284,7 +280,7 @@ def test_the_contact_sheet_has_one_image_of_each_camera(empty, drawn, raw, is_ca
     assert "frog.show_contact_sheet" in drawn(calibration_panel.FROG_PT_cameras)
     assert bpy.ops.frog.show_contact_sheet() == {"FINISHED"}
     sheet = finished_sheet(raw)
-    assert sheet.is_whole and sheet.names == list(film.CAMERAS) and not sheet.error
+    assert sheet.names == list(film.CAMERAS) and not sheet.problem
     said = drawn(calibration_panel.FROG_PT_cameras)
     assert said.split().count("image") == 4 and "cam03" in said and "Decoding" not in said
     contact_sheet.close()
@@ -296,7 +292,7 @@ def test_a_film_that_cannot_be_decoded_does_not_hide_the_others(empty, drawn, ra
     empty.frog.capture_folder = str(raw)
     bpy.ops.frog.show_contact_sheet()
     sheet = finished_sheet(raw)
-    assert sheet.names == ["cam00", "cam01", "cam03"] and "cam02.mp4" in sheet.error
+    assert sheet.names == ["cam00", "cam01", "cam03"] and "cam02.mp4" in sheet.problem
     assert "cam02.mp4" in drawn(calibration_panel.FROG_PT_cameras)
     contact_sheet.close()
 
@@ -321,12 +317,9 @@ def test_a_folder_that_is_gone_has_no_images(empty, raw):
 
 def test_the_drawn_rig_looks_as_the_cameras_do():
     cameras = film.rig()
-    lines = rig_overlay.frusta(cameras)
-    assert lines.shape == (4, 10, 2, 3)
-    for camera, drawn_lines in zip(cameras, lines, strict=True):
-        centre, corners = drawn_lines[:4, 0], drawn_lines[:4, 1]
-        np.testing.assert_allclose(centre, np.tile(camera.center, (4, 1)), atol=1e-9)
-        seen = corners @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    for camera, (centre, *corners) in zip(cameras, rig_overlay.corners_of(cameras), strict=True):
+        np.testing.assert_allclose(centre, camera.center, atol=1e-9)
+        seen = np.array(corners[:4]) @ camera.rotation.T + camera.world_to_camera[:3, 3]
         assert (seen[:, 2] > 0).all()
         pixels = seen @ camera.intrinsics.T
         size = np.array([camera.width, camera.height])

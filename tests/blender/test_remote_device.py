@@ -16,7 +16,7 @@ from frog_blender.engine.training.session import events
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback
-from frog_blender.ui import preferences, remote_settings, torch_environment, train_panel
+from frog_blender.ui import preferences, torch_environment, train_panel
 
 COMMAND = f"{shlex.quote(sys.executable)} -m frog_blender.cli train {{capture}} --out {{output}} --events {{options}}"
 
@@ -48,7 +48,7 @@ def drawn(scene):
 def preferences_drawn(chosen):
     layout = Written()
     shown = SimpleNamespace(layout=layout, bl_rna=chosen.bl_rna, remote_command=chosen.remote_command)
-    remote_settings.RemotePreferences.draw_remote(shown)
+    torch_environment.TrainingPreferences.draw_remote(shown)
     return layout.said
 
 
@@ -71,13 +71,13 @@ def test_without_a_command_it_is_grey_and_says_why(chosen, capture, monkeypatch)
 
 def test_without_preferences_there_is_no_command(empty):
     empty.frog.device = "remote"
-    assert "needs a Remote Command" in remote_settings.needed(empty.frog)
+    assert "needs a Remote Command" in torch_environment.needed(empty.frog)
 
 
 def test_the_preferences_say_what_the_command_lacks(chosen):
     assert isinstance(chosen, preferences.FROG_AP_preferences)
-    assert preferences_drawn(chosen) == ["remote_command", remote_settings.EXAMPLE]
-    chosen.remote_command = remote_settings.EXAMPLE
+    assert preferences_drawn(chosen) == ["remote_command", torch_environment.EXAMPLE]
+    chosen.remote_command = torch_environment.EXAMPLE
     assert preferences_drawn(chosen) == ["remote_command", "remote_local_folder", "remote_folder"]
     chosen.remote_folder = "/data"
     assert "both a Local Folder and a Remote Folder" in preferences_drawn(chosen)[-1]

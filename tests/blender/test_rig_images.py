@@ -9,6 +9,7 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+from support.training_panel import finish
 
 from frog_blender import addon_state
 from frog_blender.engine.capture.readers import open_capture
@@ -21,17 +22,11 @@ def capture(addon, tmp_path, monkeypatch):
     film = pytest.importorskip("support.synthetic_capture")
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     yield open_capture(film.write_capture(tmp_path / "capture"))
-    rig_images.forget()
+    addon_state.reset(rig_images.KeptImages)
 
 
 def decoded(capture):
-    images = rig_images.images_of(capture)
-    images.thread.join(30.0)
-    found = {}
-    while not images.found.empty():
-        camera, pixels = images.found.get()
-        found[camera] = pixels
-    return found
+    return dict(finish(rig_images.images_of(capture)).waiting)
 
 
 def test_every_camera_has_its_first_image(capture):
@@ -63,7 +58,7 @@ def test_windows_on_different_scenes_build_each_rig_once(capture, monkeypatch):
         for each in (*shown, None):
             monkeypatch.setattr(rig_overlay, "shown_capture", lambda _scene, each=each: each)
             if each is not None:
-                rig_images.images_of(each).thread.join(30.0)
+                finish(rig_images.images_of(each))
             rig_overlay._draw_lines()
     assert made.count("texture") == 2 * len(capture.cameras)
     rigs = list(addon_state.get(rig_overlay.RigOverlay).rigs.values())
@@ -74,10 +69,7 @@ def test_windows_on_different_scenes_build_each_rig_once(capture, monkeypatch):
 def test_the_longest_unseen_are_given_up(capture):
     images = rig_images.images_of(capture)
     others = [rig_images.images_of(replace(capture)) for _ in range(rig_images.KEPT)]
-    assert images.is_given_up.is_set() and not any(other.is_given_up.is_set() for other in others)
-    assert len(addon_state.get(rig_images.KeptImages).of) == rig_images.KEPT
-    rig_images.forget()
-    assert all(other.is_given_up.is_set() for other in others)
+    assert images.stopped.is_set() and not any(other.stopped.is_set() for other in others)
     assert rig_images.images_of(capture) is not images
 
 
@@ -91,12 +83,3 @@ def test_one_that_cannot_be_decoded_is_left_out(capture, monkeypatch):
 
     monkeypatch.setattr(rig_images, "marked_image", fail)
     assert sorted(decoded(capture)) == [0, *range(2, len(capture.cameras))]
-
-
-def test_images_lie_in_the_planes_of_the_frusta(capture):
-    planes = rig_overlay._every_corner(list(capture.cameras))[:, 1:5]
-    for camera, corners in zip(capture.cameras, planes, strict=True):
-        seen = (camera.world_to_camera[:3, :3] @ corners.T).T + camera.world_to_camera[:3, 3]
-        pixels = (camera.intrinsics @ seen.T).T
-        expected = [(0, 0), (camera.width, 0), (camera.width, camera.height), (0, camera.height)]
-        np.testing.assert_allclose(pixels[:, :2] / pixels[:, 2:], expected, atol=1e-6)
