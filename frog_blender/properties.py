@@ -15,10 +15,9 @@ from bpy.props import (
     StringProperty,
 )
 
-from .relative_paths import PATH_OPTIONS
-
 HIDDEN = {"HIDDEN"}
 """Options of a property that no panel shows."""
+_PATH = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"}
 
 
 def switch(name: str, description: str, default: bool = False, **more: Any) -> Any:
@@ -53,7 +52,7 @@ def text(name: str, description: str, default: str = "", **more: Any) -> Any:
 
 def path(name: str, description: str, default: str = "", *, subtype: str = "FILE_PATH", **more: Any) -> Any:
     """A path, which may begin at the .blend's folder."""
-    return text(name, description, default, subtype=subtype, options=PATH_OPTIONS, **more)
+    return text(name, description, default, subtype=subtype, options=_PATH, **more)
 
 
 def folder(name: str, description: str, default: str = "", **more: Any) -> Any:

@@ -18,8 +18,6 @@ from bpy.app.handlers import persistent
 
 from . import addon_state
 
-PATH_OPTIONS = {"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"}
-"""Of path properties: the latter lets a path begin at the .blend's folder."""
 _OBJECT_PATHS = ("filepath", "bake_folder")
 _SCENE_PATHS = ("capture_folder", "output_path", "derived_output", "rig.folder")
 
