@@ -28,11 +28,11 @@ def _can_crop(_settings: Any, obj: bpy.types.Object) -> bool:
     return edits.is_crop_object(obj)
 
 
-_edited: dict[str, Any] = {"update": _on_edit}
-_switch = partial(switch, **_edited)
-_factor = partial(number, default=1.0, min=0.0, max=10.0, **_edited)
-_stops = partial(number, soft_min=-2.0, soft_max=2.0, **_edited)
-_colors = partial(vector, min=-100.0, max=100.0, **_edited)
+_EDITED: dict[str, Any] = {"update": _on_edit}
+_switch = partial(switch, **_EDITED)
+_factor = partial(number, default=1.0, min=0.0, max=10.0, **_EDITED)
+_stops = partial(number, soft_min=-2.0, soft_max=2.0, **_EDITED)
+_colors = partial(vector, min=-100.0, max=100.0, **_EDITED)
 
 
 class FrogMarks(bpy.types.PropertyGroup):
@@ -40,7 +40,7 @@ class FrogMarks(bpy.types.PropertyGroup):
 
     count: whole("Gaussians", "How many the scene file has", options=HIDDEN)
     scene: text("Scene", "Which scene file they were made for", options=HIDDEN)
-    bits: text("Marks", "A bit for each Gaussian, packed", options=HIDDEN, **_edited)
+    bits: text("Marks", "A bit for each Gaussian, packed", options=HIDDEN, **_EDITED)
 
 
 class FrogCrop(bpy.types.PropertyGroup):
@@ -51,23 +51,23 @@ class FrogCrop(bpy.types.PropertyGroup):
         "What crops: an empty shown as a cube or a sphere, or a closed mesh",
         bpy.types.Object,
         poll=_can_crop,
-        **_edited,
+        **_EDITED,
     )
     use: _switch("Use", "Whether it crops", True)
-    keep: choice("Keep", "What to keep of the capture", KEEPS, "INSIDE", **_edited)
+    keep: choice("Keep", "What to keep of the capture", KEEPS, "INSIDE", **_EDITED)
     feather: number(
         "Feather",
         "Distance from the surface over which what is cropped fades, in the capture's units",
         min=0.0,
         soft_max=1.0,
-        **_edited,
+        **_EDITED,
     )
     use_time: _switch(
         "At One Time",
         "Crop each Gaussian by its place at one time of the capture, for all times. Otherwise by its place at the "
         "shown time",
     )
-    time: number("Time", "That time: 0 is the capture's first frame, 1 its last", min=0.0, max=1.0, **_edited)
+    time: number("Time", "That time: 0 is the capture's first frame, 1 its last", min=0.0, max=1.0, **_EDITED)
 
 
 class FrogGrade(bpy.types.PropertyGroup):

@@ -74,16 +74,16 @@ def _transformed() -> dict[str, Any]:
     }
 
 
-_played: dict[str, Any] = {"update": _on_play_setting}
-_fixed: dict[str, Any] = {"options": set(), "update": _on_play_setting}  # which no key animates
-_trimmed: dict[str, Any] = {"options": set(), "update": _on_trim}
+_PLAYED: dict[str, Any] = {"update": _on_play_setting}
+_FIXED: dict[str, Any] = {"options": set(), "update": _on_play_setting}  # which no key animates
+_TRIMMED: dict[str, Any] = {"options": set(), "update": _on_trim}
 _percentage = partial(whole, default=100, min=0, max=100, subtype="PERCENTAGE")
 
 
 class FrogPlaybackSettings(bpy.types.PropertyGroup):
     """``Object.frog``: what a capture plays, and when."""
 
-    filepath: path("Scene File", "The .frog file that this object plays", **_played, **_transformed())
+    filepath: path("Scene File", "The .frog file that this object plays", **_PLAYED, **_transformed())
     source: reference(
         "Source",
         "The data-block through which Blender makes the scene file's path relative, finds it and packs it",
@@ -91,7 +91,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         options=HIDDEN,
     )
     start_frame: number(
-        "Start Frame", "Frame of the timeline at which the capture's first frame is shown", 1.0, **_played
+        "Start Frame", "Frame of the timeline at which the capture's first frame is shown", 1.0, **_PLAYED
     )
     speed: number(
         "Speed",
@@ -99,24 +99,24 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         1.0,
         soft_min=-4.0,
         soft_max=4.0,
-        **_played,
+        **_PLAYED,
     )
     repeat: choice(
-        "At the End", "What to show before the capture's first and after its last frame", REPETITIONS, "HOLD", **_played
+        "At the End", "What to show before the capture's first and after its last frame", REPETITIONS, "HOLD", **_PLAYED
     )
     use_remap: switch(
         "Time Remapping",
         "Show the frame given below, which can be animated, instead of following the timeline",
-        **_played,
+        **_PLAYED,
     )
-    use_trim: switch("Trim", "Play a piece of the capture alone", **_trimmed)
+    use_trim: switch("Trim", "Play a piece of the capture alone", **_TRIMMED)
     first_frame: whole(
-        "First Frame", "First frame of the piece, counted from zero; it is shown at the Start Frame", min=0, **_trimmed
+        "First Frame", "First frame of the piece, counted from zero; it is shown at the Start Frame", min=0, **_TRIMMED
     )
-    last_frame: whole("Last Frame", "Last frame of the piece, counted from zero", LAST_FRAME, min=0, **_trimmed)
-    use_range: switch("Limit", "Show the capture in a range of the timeline alone", **_fixed)
-    range_start: number("From", "First frame of the timeline at which the capture is there", 1.0, **_fixed)
-    range_end: number("Until", "First frame of the timeline after that at which it is not", 251.0, **_fixed)
+    last_frame: whole("Last Frame", "Last frame of the piece, counted from zero", LAST_FRAME, min=0, **_TRIMMED)
+    use_range: switch("Limit", "Show the capture in a range of the timeline alone", **_FIXED)
+    range_start: number("From", "First frame of the timeline at which the capture is there", 1.0, **_FIXED)
+    range_end: number("Until", "First frame of the timeline after that at which it is not", 251.0, **_FIXED)
     sound: reference(
         "Sound",
         "The sound that was made of the capture's video for its strip and its speaker",
@@ -131,7 +131,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
     is_proxy: switch("Proxy Mesh", "This is the proxy mesh of the capture that its parent moves", options=HIDDEN)
     proxy_of: reference("Proxy Of", "The capture that this is a proxy mesh of", bpy.types.Object, options=HIDDEN)
     bake_folder: properties.folder(
-        "Bake Folder", "Folder of this capture's baked playback. Empty for the folder of the .frog file", **_played
+        "Bake Folder", "Folder of this capture's baked playback. Empty for the folder of the .frog file", **_PLAYED
     )
     bake_megabytes: whole(
         "Largest Bake (MB)",
@@ -151,7 +151,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         "Density",
         "Share of the Gaussians that the viewport's points or ellipsoids show: the most important ones, the same at "
         "every frame. Fewer scrub faster. FRoG's own renders always show all of them",
-        **_played,
+        **_PLAYED,
     )
     render_density: _percentage(
         "Density in Renders",
@@ -159,7 +159,7 @@ class FrogPlaybackSettings(bpy.types.PropertyGroup):
         "Interface, which Set Up Scene enables; otherwise renders use the viewport's density",
     )
     shown_frame: number(
-        "Shown Frame", "The capture's frame to show, counted from zero. Fractions lie between its frames", **_played
+        "Shown Frame", "The capture's frame to show, counted from zero. Fractions lie between its frames", **_PLAYED
     )
 
 

@@ -29,7 +29,7 @@ def _on_change(settings: Any, _context: bpy.types.Context) -> None:
             print(f"FRoG: {error}")
 
 
-_placed: dict[str, Any] = {"update": _on_change}
+_PLACED: dict[str, Any] = {"update": _on_change}
 
 
 class FrogRigSettings(bpy.types.PropertyGroup):
@@ -39,7 +39,7 @@ class FrogRigSettings(bpy.types.PropertyGroup):
         "Box",
         "The cameras look at the middle of this object and see all of it. Move and scale it as needed",
         bpy.types.Object,
-        **_placed,
+        **_PLACED,
     )
     collection: reference(
         "Rig",
@@ -48,8 +48,8 @@ class FrogRigSettings(bpy.types.PropertyGroup):
         bpy.types.Collection,
         options=HIDDEN,
     )
-    shape: choice("Shape", "Where the cameras stand", _SHAPES, "RINGS", **_placed)
-    count: whole("Cameras", "Number of cameras", 12, min=1, soft_max=64, max=512, **_placed)
+    shape: choice("Shape", "Where the cameras stand", _SHAPES, "RINGS", **_PLACED)
+    count: whole("Cameras", "Number of cameras", 12, min=1, soft_max=64, max=512, **_PLACED)
     arc: number(
         "Angle",
         "How much of a circle the arc spans",
@@ -57,7 +57,7 @@ class FrogRigSettings(bpy.types.PropertyGroup):
         subtype="ANGLE",
         min=math.radians(1),
         max=math.radians(360),
-        **_placed,
+        **_PLACED,
     )
     lens: number(
         "Lens",
@@ -66,7 +66,7 @@ class FrogRigSettings(bpy.types.PropertyGroup):
         subtype="DISTANCE_CAMERA",
         min=8.0,
         max=300.0,
-        **_placed,
+        **_PLACED,
     )
     size: whole("Pixels", "Width and height of the images", 512, subtype="PIXEL", min=16, max=4096)
     folder: properties.folder(
