@@ -34,8 +34,7 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 from frog_blender.render import frog_engine
-from frog_blender.render.viewport import COARSEST, Viewport
-from frog_blender.render.viewport_drawing import image_of
+from frog_blender.render.viewport import COARSEST, Viewport, image_of
 from frog_blender.timeline import handlers as timeline_handlers
 from frog_blender.timeline import playback
 

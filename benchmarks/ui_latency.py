@@ -33,7 +33,7 @@ import numpy as np
 
 import frog_blender
 from frog_blender import app_handlers
-from frog_blender.render import viewport_drawing
+from frog_blender.render import viewport
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import TrainingRequest
@@ -92,7 +92,7 @@ class Watch:
         handlers = bpy.app.handlers.frame_change_pre
         original = app_handlers.guarded(on_frame)
         handlers[handlers.index(original)] = self.timed("frame handler", original)
-        viewport_drawing.image_of = self.timed("image of the viewport", viewport_drawing.image_of)
+        viewport.image_of = self.timed("image of the viewport", viewport.image_of)
         window = bpy.context.window_manager.windows[0]
         with bpy.context.temp_override(window=window, screen=window.screen):
             bpy.ops.screen.animation_play()

@@ -1,10 +1,12 @@
-"""Registration of functions in ``bpy.app.handlers``."""
+"""Registration of functions in ``bpy.app.handlers`` and ``bpy.app.timers``."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, wraps
 from typing import Any
+
+import bpy
 
 from . import reported_once
 
@@ -25,6 +27,19 @@ def remove(handlers: Handlers) -> None:
     for functions, function in handlers:
         if guarded(function) in functions:
             functions.remove(guarded(function))
+
+
+def later(function: Handler, seconds: float = 0.0) -> None:
+    """Has Blender call a function after a while, when it does not draw; once, unless the function waits already."""
+    if not bpy.app.timers.is_registered(function):
+        bpy.app.timers.register(function, first_interval=seconds)
+
+
+def not_later(*functions: Handler) -> None:
+    """Calls off what ``later`` was asked for."""
+    for function in functions:
+        if bpy.app.timers.is_registered(function):
+            bpy.app.timers.unregister(function)
 
 
 @cache

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 import numpy as np
@@ -79,3 +80,13 @@ class GaussianArrays(Generic[ArrayT]):
 NumpyGaussians: TypeAlias = GaussianArrays[Array]
 TorchGaussians: TypeAlias = "GaussianArrays[torch.Tensor]"
 AnyGaussians: TypeAlias = "GaussianArrays[Array] | GaussianArrays[torch.Tensor]"
+
+
+def joined(parts: Sequence[NumpyGaussians]) -> NumpyGaussians:
+    """All Gaussians of one or more parts, with the SH coefficients of the highest degree among them."""
+    if len(parts) == 1:
+        return parts[0]
+    most = max(part.sh.shape[1] for part in parts)
+    padded = [replace(part, sh=np.pad(part.sh, ((0, 0), (0, most - part.sh.shape[1]), (0, 0)))) for part in parts]
+    columns = zip(*(vars(part).values() for part in padded), strict=True)
+    return GaussianArrays(*(np.concatenate(arrays) for arrays in columns))

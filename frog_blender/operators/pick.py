@@ -16,7 +16,7 @@ from ..capture_files import is_capture
 from ..engine.errors import FrogError
 from ..engine.native.options import RasterizeOptions
 from ..render.collect_instances import placed, visible_captures
-from ..render.viewport_drawing import focal_ratio
+from ..render.viewport import focal_ratio
 from ..scene_import.capture_objects import select_capture, select_only
 from ..timeline import playback
 

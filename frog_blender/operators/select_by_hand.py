@@ -14,12 +14,11 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatPrope
 from ..cameras import view_camera
 from ..engine.errors import FrogError
 from ..render.collect_instances import check_placement
-from ..render.viewport_drawing import focal_ratio
+from ..render.viewport import focal_ratio
 from ..scene_import.capture_objects import active_capture
 from ..timeline import playback
 from ..ui import gesture_overlay
 from ..ui.selection_tools import HAND, LARGEST_BRUSH, brush_in
-from ..viewport.projection import is_similarity
 from .edit_clean import MODES
 from .edit_operator import EditOperator, chosen_in, mark, scene_of
 
@@ -70,8 +69,7 @@ def seen_in(context: bpy.types.Context, obj: bpy.types.Object, only_visible: boo
     ratio = focal_ratio(depsgraph, view, space)
     camera = view_camera(view.view_matrix, view.window_matrix, region.width, region.height, ratio)
     matrix = np.array(evaluated.matrix_world, np.float64)
-    if not is_similarity(matrix):
-        check_placement(matrix, obj.name)  # which says what is wrong
+    check_placement(matrix, obj.name)
     within = camera.world_to_camera @ matrix  # from the capture's own space, where its Gaussians need not be turned
     within[:3] /= np.cbrt(np.linalg.det(matrix[:3, :3]))
     shown = playback.scene_time(obj, context.scene.frame_current_final, evaluated)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import addon_state
 from ..cameras import distance_added
 from ..engine.errors import FrogError
 
@@ -35,33 +34,10 @@ class Sample:
     point: np.ndarray | None = None
 
 
-class LastDrawing:
-    """What the last image without blur took, for the panels' estimates.
-
-    Attributes:
-        seconds_per_pixel: 0 before there was one.
-    """
-
-    def __init__(self) -> None:
-        self.seconds_per_pixel = 0.0
-
-
-def note_seconds(seconds: float, pixels: int) -> None:
-    """Remembers what an image without blur took."""
-    addon_state.get(LastDrawing).seconds_per_pixel = seconds / max(pixels, 1)
-
-
-def seconds_of(render: bpy.types.RenderSettings, count: int) -> float:
-    """An estimate for an image of that many samples; 0 before anything was rendered."""
-    percent = render.resolution_percentage / 100
-    pixels = render.resolution_x * percent * render.resolution_y * percent
-    return addon_state.get(LastDrawing).seconds_per_pixel * pixels * count
-
-
-def sample_count(scene: bpy.types.Scene, *, blurs_motion: bool, has_lens: bool) -> int:
+def sample_count(scene: bpy.types.Scene, has_lens: bool) -> int:
     """How many samples an image of a scene averages; 1 without either blur, which share them."""
     settings = scene.frog
-    return max(settings.motion_samples if blurs_motion else 1, settings.lens_samples if has_lens else 1)
+    return max(settings.motion_samples if blurs_motion(scene.render) else 1, settings.lens_samples if has_lens else 1)
 
 
 def blurs_motion(render: bpy.types.RenderSettings) -> bool:
@@ -74,18 +50,18 @@ def has_lens(camera: bpy.types.Object | None) -> bool:
     return camera is not None and camera.type == "CAMERA" and camera.data.type != "PANO" and camera.data.dof.use_dof
 
 
-def samples(scene: bpy.types.Scene, render: bpy.types.RenderSettings, frame: float, lens: Lens | None) -> list[Sample]:
+def samples(scene: bpy.types.Scene, frame: float, lens: Lens | None) -> list[Sample]:
     """The samples of one image; none without any blur.
 
     Args:
-        scene, render: whose settings are in effect.
+        scene: whose settings are in effect.
         frame: of the image.
         lens: of the camera, None for a pinhole.
     """
-    moves = blurs_motion(render)
+    moves, render = blurs_motion(scene.render), scene.render
     if not moves and lens is None:
         return []
-    count = sample_count(scene, blurs_motion=moves, has_lens=lens is not None)
+    count = sample_count(scene, lens is not None)
     shutter = render.motion_blur_shutter, render.motion_blur_position
     frames = shutter_frames(frame, *shutter, count) if moves else [None] * count
     if lens is None:
@@ -96,12 +72,12 @@ def samples(scene: bpy.types.Scene, render: bpy.types.RenderSettings, frame: flo
     return [Sample(frame, point) for frame, point in zip(frames, points, strict=True)]
 
 
-def shutter_frames(frame: float, shutter: float, position: str, samples: int = SHUTTER_SAMPLES) -> list[float]:
+def shutter_frames(frame: float, shutter: float, position: str, samples: int) -> list[float]:
     """The frames sampled while a shutter is open for ``shutter`` frames, placed by Blender's "START", "CENTER" or
     "END" of the frame.
     """
     first = frame + {"START": 0.0, "CENTER": -0.5, "END": -1.0}[position] * shutter
-    return [first + shutter * (number + 0.5) / samples for number in range(samples)]
+    return [first + shutter * (index + 0.5) / samples for index in range(samples)]
 
 
 def lens_of(eye: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Lens | None:
@@ -128,9 +104,9 @@ def _focus_distance(eye: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> fl
     if dof.focus_object is None:
         return float(dof.focus_distance)
     target = dof.focus_object.evaluated_get(depsgraph)
-    place = target.matrix_world
+    matrix = target.matrix_world
     bone = target.pose.bones.get(dof.focus_subtarget) if target.pose is not None else None
     if bone is not None:
-        place = place @ bone.matrix
+        matrix = matrix @ bone.matrix
     backwards = eye.matrix_world.col[2].to_3d().normalized()
-    return float(abs(backwards.dot(eye.matrix_world.translation - place.translation)))
+    return float(abs(backwards.dot(eye.matrix_world.translation - matrix.translation)))

@@ -46,6 +46,8 @@ def gather(
         if not parts:
             background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
         parts.append(part)
+    from ..engine.gaussians import joined
+
     return (joined(parts) if parts else None), background
 
 
@@ -110,30 +112,15 @@ def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> Gaussian
 
     if np.array_equal(matrix, np.eye(4)):
         return gaussians  # the usual case, and bit for bit what the engine draws
-    try:
-        return transform(gaussians, matrix)
-    except FrogError as error:
-        raise FrogError(f"{name}: {error}") from error
+    check_placement(matrix, name)
+    return transform(gaussians, matrix)
 
 
 def check_placement(matrix: Any, name: str) -> None:
     """Raises FrogError if Gaussians cannot be transformed by an object's matrix."""
-    from ..engine.gaussians import GaussianArrays
+    from ..engine.playback.transform import rotation_and_scale
 
-    values = np.array(matrix, dtype=np.float64)
-    if values[:3, :3].any():
-        shapes = {"means": (1, 3), "quaternions": (1, 4), "scales": (1, 3), "opacities": (1,), "sh": (1, 1, 3)}
-        placed(GaussianArrays(**{field: np.ones(shape, np.float32) for field, shape in shapes.items()}), values, name)
-
-
-def joined(parts: list[GaussianArrays]) -> GaussianArrays:
-    """Concatenates sets of Gaussians, padding missing SH coefficients with zeros."""
-    if len(parts) == 1:
-        return parts[0]
-    from ..engine.gaussians import GaussianArrays
-
-    most = max(part.sh.shape[1] for part in parts)
-    sh = [np.pad(part.sh, ((0, 0), (0, most - part.sh.shape[1]), (0, 0))) for part in parts]
-    plain = ("means", "quaternions", "scales", "opacities")
-    together = {name: np.concatenate([getattr(part, name) for part in parts]) for name in plain}
-    return GaussianArrays(**together, sh=np.ascontiguousarray(np.concatenate(sh)))
+    try:
+        rotation_and_scale(np.array(matrix, dtype=np.float64))
+    except FrogError as error:
+        raise FrogError(f"{name}: {error}") from error

@@ -7,7 +7,6 @@ display-referred colour, as they were trained, and the result is converted to Bl
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -21,19 +20,18 @@ from ..cameras import distance_added
 from ..color_spaces import into_working_space
 from ..engine.errors import FrogError
 from ..timeline.retiming import raw_frame
-from . import blur, exit_status, index_pass, vector_pass, viewport_drawing
+from . import blur, exit_status, passes, viewport
 from .collect_instances import gather, pass_indices
 from .compositing import renders
-from .messages import error_message
-from .pixel_passes import combined_pass, depth_pass, pass_pixels, refusal_pattern
-from .rendered_view import camera_of, eye_of, is_panoramic, options_of, settings_of, settings_scene
-from .view_drawing import Through, drawer_of
+from .rendered_view import RenderedView, Through
 from .world import background_of
 
 if TYPE_CHECKING:
     from ..engine.gaussians import GaussianArrays
-    from ..engine.playback.render import Drawing
-    from .viewport import Viewport
+
+Passes = tuple[np.ndarray, np.ndarray, np.ndarray | None]
+Gathered = tuple["GaussianArrays | None", np.ndarray]
+"""What ``gather`` gives."""
 
 
 class FrogRenderEngine(bpy.types.RenderEngine):
@@ -47,29 +45,32 @@ class FrogRenderEngine(bpy.types.RenderEngine):
 
     def __init__(self, *arguments: Any, **keywords: Any) -> None:
         super().__init__(*arguments, **keywords)
-        self.viewport: Viewport | None = None  # of viewport_drawing
+        self.viewport: viewport.Viewport | None = None
         self.warned_slow = False
 
     def update_render_passes(self, scene: bpy.types.Scene = None, renderlayer: bpy.types.ViewLayer = None) -> None:
         self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
-        if renderlayer.use_pass_z:
-            self.register_pass(scene, renderlayer, "Depth", 1, "Z", "VALUE")
-        vector_pass.register_pass(self, scene, renderlayer)
-        index_pass.register_pass(self, scene, renderlayer)
+        for name, channels, kind, is_wanted in (
+            ("Depth", "Z", "VALUE", renderlayer.use_pass_z),
+            ("Vector", "XYZW", "VECTOR", renderlayer.use_pass_vector),
+            (passes.INDEX, "X", "VALUE", renderlayer.use_pass_object_index),
+        ):
+            if is_wanted:
+                self.register_pass(scene, renderlayer, name, len(channels), channels, kind)
 
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
         scene = depsgraph.scene.original
         try:
             renders.check(scene)
-            _synchronize_frame(self, scene)
+            _go_to(self, scene, raw_frame(renders.leading(scene)))  # Blender copies whole frames only
             for view in self._views(depsgraph):
                 self.active_view_set(view)
-                passes = drawn_passes(self, depsgraph)
+                drawn = drawn_passes(self, depsgraph)
                 if self.test_break():
                     return
-                self._write_passes(depsgraph, view, passes)
+                self._write_passes(depsgraph, view, drawn)
         except Exception as error:  # a render must not go on without its captures
-            sentence = error_message(error)
+            sentence = viewport.error_message(error)
             if not isinstance(error, (FrogError, MemoryError)):
                 reported_once.unexpected(f"rendering {scene.name}", error)
             # Not error_set: that neither ends an animation nor makes a script's render call raise.
@@ -87,7 +88,7 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         self.end_result(result, cancel=True)
         return names
 
-    def _write_passes(self, depsgraph: bpy.types.Depsgraph, view: str, passes: dict[str, Any] | None) -> None:
+    def _write_passes(self, depsgraph: bpy.types.Depsgraph, view: str, drawn: dict[str, Any] | None) -> None:
         """Writes passes (see ``drawn_passes``) to Blender's result; a striped pattern if there are none.
 
         FrogError for passes of another size than Blender's image or region has.
@@ -95,16 +96,16 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         layer = depsgraph.view_layer.name
         result = self.begin_result(0, 0, self.resolution_x, self.resolution_y, layer=layer, view=view)
         size = result.resolution_x, result.resolution_y  # of the region, where there is one
-        if passes is None:
-            passes = {"Combined": refusal_pattern(*size)}
-        drawn = passes["Combined"].shape[1::-1]
-        if drawn != size:
+        if drawn is None:
+            drawn = {"Combined": passes.refusal_pattern(*size)}
+        found = drawn["Combined"].shape[1::-1]
+        if found != size:
             self.end_result(result, cancel=True)
-            raise FrogError(f"{depsgraph.scene.name}: found a render region of {size} pixels, expected {drawn}.")
+            raise FrogError(f"{depsgraph.scene.name}: found a render region of {size} pixels, expected {found}.")
         for render_pass in result.layers[0].passes:
-            values = passes.get(render_pass.name)
+            values = drawn.get(render_pass.name)
             if values is not None:
-                render_pass.rect.foreach_set(pass_pixels(values))
+                render_pass.rect.foreach_set(passes.pass_pixels(values))
         self.end_result(result)
 
     # The following runs with windows only, in the main thread.
@@ -113,37 +114,42 @@ class FrogRenderEngine(bpy.types.RenderEngine):
         """Called by Blender on changes; ``view_draw`` detects by itself what has changed."""
 
     def view_draw(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
-        viewport_drawing.draw(self, context, depsgraph)
+        viewport.draw(self, context, depsgraph)
 
 
-def _synchronize_frame(engine: bpy.types.RenderEngine, scene: bpy.types.Scene) -> None:
-    """Copies the subframe of the leading scene; Blender copies whole frames only."""
-    frame = raw_frame(renders.leading(scene))
+def _go_to(engine: bpy.types.RenderEngine, scene: bpy.types.Scene, frame: float) -> None:
+    """Sets the frame of the scene that is rendered, unless it is there."""
     if raw_frame(scene) != frame:
-        engine.frame_set(math.floor(frame), frame % 1.0)
+        engine.frame_set(math.floor(frame), frame % 1.0)  # cameras and roots move as well
+
+
+@contextmanager
+def _restoring_frame(view: RenderedView) -> Iterator[None]:
+    """Restores the scene's frame on exit."""
+    scene = view.depsgraph.scene
+    frame = raw_frame(scene)
+    try:
+        yield
+    finally:
+        _go_to(view.engine, scene, frame)
 
 
 def drawn_passes(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
     """The passes of the current view, by name; see ``render_frame``."""
-    combined, depth, surface = render_frame(engine, depsgraph)
-    scene = depsgraph.scene.original
+    view, scene, layer = RenderedView(engine, depsgraph), depsgraph.scene.original, depsgraph.view_layer
+    combined, depth, surface = render_frame(view)
+    drawn: dict[str, Any] = {"Combined": combined, "Depth": depth}
     renders.note_drawn(scene, surface is not None)
     if surface is None and scene.frog.composed_with is None:
         engine.report({"WARNING"}, f"Scene {scene.name}: found no visible capture. Only the background is rendered.")
-    vectors = None
-    if depsgraph.view_layer.use_pass_vector and not engine.test_break():
-        vectors = render_vectors(engine, depsgraph)
-    height, width = depth.shape
-    numbers = index_pass.indices(surface, pass_indices(depsgraph), width, height)
-    return {"Combined": combined, "Depth": depth, "Vector": vectors, index_pass.NAME: numbers}
+    if layer.use_pass_vector and not engine.test_break():
+        drawn["Vector"] = render_vectors(view)
+    if layer.use_pass_object_index:
+        drawn[passes.INDEX] = passes.index_pass(surface, pass_indices(depsgraph), *depth.shape[::-1])
+    return drawn
 
 
-Passes = tuple[np.ndarray, np.ndarray, np.ndarray | None]
-Gathered = tuple["GaussianArrays | None", np.ndarray]
-"""What ``gather`` gives."""
-
-
-def render_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Passes:
+def render_frame(view: RenderedView) -> Passes:
     """Combined (H, W, 4) scene-linear premultiplied, Depth (H, W) planar in world units, and the index of the Gaussian
     at each pixel's surface (H, W), -1 for none; None instead of the index without captures. Rows from the top, of the
     Render Region only if there is one.
@@ -153,94 +159,71 @@ def render_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph)
     """
     from ..engine.playback.lens import seen_from
 
-    lens = blur.lens_of(eye_of(engine, depsgraph), depsgraph)
-    samples = blur.samples(settings_scene(depsgraph), settings_of(depsgraph), raw_frame(depsgraph.scene), lens)
-    started = time.perf_counter()
-    gathered = _gathered(engine, depsgraph)
-    combined, depth, surface = render_instant(engine, depsgraph, gathered)
-    blur.note_seconds(time.perf_counter() - started, depth.size)
+    engine, scene = view.engine, view.depsgraph.scene
+    lens = blur.lens_of(view.eye, view.depsgraph)
+    samples = blur.samples(view.scene, raw_frame(scene), lens)
+    gathered = _gathered(view)
+    combined, depth, surface = render_instant(view, gathered)
     if not samples:
         return combined, depth, surface
-    light, image_frame = np.zeros_like(combined), depsgraph.scene.frame_current_final
-    with _restoring_frame(engine, depsgraph):
+    light, image_frame = np.zeros_like(combined), scene.frame_current_final
+    with _restoring_frame(view):
         for index, sample in enumerate(samples):
             if engine.test_break():
                 break
             if sample.frame is not None:
-                engine.frame_set(math.floor(sample.frame), sample.frame % 1.0)  # cameras and roots move as well
-                gathered = _gathered(engine, depsgraph, image_frame)
-                lens = blur.lens_of(eye_of(engine, depsgraph), depsgraph)
+                _go_to(engine, scene, sample.frame)
+                gathered = _gathered(view, image_frame)
+                lens = blur.lens_of(view.eye, view.depsgraph)
             through = None
             if sample.point is not None and lens is not None:
                 through = partial(seen_from, point=sample.point, focus=lens.focus)
-            light += render_instant(engine, depsgraph, gathered, through)[0]
+            light += render_instant(view, gathered, through)[0]
             engine.update_progress((index + 1) / len(samples))
     return light / len(samples), depth, surface
 
 
-@contextmanager
-def _restoring_frame(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
-    """Restores the scene's frame on exit."""
-    frame = raw_frame(depsgraph.scene)
-    try:
-        yield
-    finally:
-        if raw_frame(depsgraph.scene) != frame:
-            engine.frame_set(math.floor(frame), frame % 1.0)
-
-
-def render_instant(
-    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, gathered: Gathered, through: Through | None = None
-) -> Passes:
+def render_instant(view: RenderedView, gathered: Gathered, through: Through | None = None) -> Passes:
     """``render_frame`` at the scene's current frame, without blur.
 
     Args:
         gathered: the captures at that frame.
         through: moves the camera to a point of its lens.
     """
-    gaussians, captured_background = gathered
-    drawer = drawer_of(engine, depsgraph, through)
-    drawing = None
+    engine, (gaussians, captured_background) = view.engine, gathered
+    rays, size, drawing = view.rays(), view.region[2:], None
     if gaussians is not None and not engine.test_break():
         engine.update_stats("", f"Drawing {len(gaussians.means):,} Gaussians")
-        drawing = drawer.draw(gaussians)
-        _warn_if_slow(engine, drawing)
-    depth = depth_pass(drawing, *drawer.size, distance_added(eye_of(engine, depsgraph).data))
-    background = background_of(depsgraph.scene, captured_background)
-    combined = into_working_space(combined_pass(drawing, background, *drawer.size))
-    if drawer.blind is not None:
-        combined[drawer.blind] = 0.0
+        drawing = view.draw(gaussians, rays, through)
+        if drawing.notice and not engine.warned_slow:  # once an image, which with motion blur has many samples
+            engine.warned_slow = True
+            engine.report({"WARNING"}, drawing.notice)
+    depth = passes.depth_pass(drawing, *size, distance_added(view.eye.data))
+    background = background_of(view.depsgraph.scene, captured_background)
+    combined = into_working_space(passes.combined_pass(drawing, background, *size))
+    if rays is not None:
+        combined[np.isnan(rays).any(axis=-1)] = 0.0  # the lens sees nothing there, not even the background
     return combined, depth, drawing.median_index if drawing is not None else None
 
 
-def _gathered(
-    engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph, image_frame: float | None = None
-) -> Gathered:
-    engine.update_stats("", "Deforming Gaussians")
-    return gather(depsgraph, image_frame=image_frame)
+def _gathered(view: RenderedView, image_frame: float | None = None) -> Gathered:
+    view.engine.update_stats("", "Deforming Gaussians")
+    return gather(view.depsgraph, image_frame=image_frame)
 
 
-def _warn_if_slow(engine: bpy.types.RenderEngine, drawing: Drawing) -> None:
-    """Warns once an image, which with motion blur has many samples."""
-    if drawing.notice and not engine.warned_slow:
-        engine.warned_slow = True
-        engine.report({"WARNING"}, drawing.notice)
-
-
-def render_vectors(engine: bpy.types.RenderEngine, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """The Vector pass of the Render Region, (H, W, 4), rows from the top; see vector_pass."""
-    frame, width, height = raw_frame(depsgraph.scene), engine.resolution_x, engine.resolution_y
-    if is_panoramic(eye_of(engine, depsgraph)):
+def render_vectors(view: RenderedView) -> np.ndarray:
+    """The Vector pass of the Render Region, (H, W, 4), rows from the top."""
+    if view.is_panoramic:
         raise FrogError("Found a panoramic camera and a Vector pass, expected one of them: vectors lie in a plane.")
+    scene, options = view.depsgraph.scene, view.options()
+    frame = raw_frame(scene)
 
-    def snapshot_at(offset: int) -> vector_pass.Snapshot:
-        other = frame + offset
-        engine.frame_set(math.floor(other), other % 1.0)
-        return gather(depsgraph)[0], camera_of(engine, depsgraph, eye_of(engine, depsgraph))
+    def snapshot_at(offset: int) -> passes.Snapshot:
+        _go_to(view.engine, scene, frame + offset)
+        return gather(view.depsgraph)[0], view.camera()
 
-    options = options_of(depsgraph, eye_of(engine, depsgraph), width, height)
-    with _restoring_frame(engine, depsgraph):
-        return vector_pass.vectors(snapshot_at, options)
+    with _restoring_frame(view):
+        return passes.vector_pass(snapshot_at, options)
 
 
 # Panels that other engines' settings fill with what FROG does not have.
@@ -267,7 +250,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    viewport_drawing.unregister()
+    viewport.unregister()
     bpy.utils.unregister_class(FrogRenderEngine)
     for panel in _stock_panels():
         panel.COMPAT_ENGINES.discard(FrogRenderEngine.bl_idname)

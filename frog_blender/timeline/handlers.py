@@ -155,14 +155,13 @@ def every_handler() -> app_handlers.Handlers:
 
 def register() -> None:
     app_handlers.add(every_handler())
-    bpy.app.timers.register(take_over, first_interval=0.0)  # for a .blend that was opened without the add-on
+    app_handlers.later(take_over)  # for a .blend that was opened without the add-on
     atexit.register(playback_cache.stop)
 
 
 def unregister() -> None:
     atexit.unregister(playback_cache.stop)
-    if bpy.app.timers.is_registered(take_over):
-        bpy.app.timers.unregister(take_over)
+    app_handlers.not_later(take_over)
     app_handlers.remove(every_handler())
     playback_cache.stop()
     open_scenes.forget()  # closes bakes: Windows cannot replace open files

@@ -8,7 +8,7 @@ from ..render import blur
 from ..render.world import background_node
 from ..timeline import playback
 from .render_panel import draw_colors, draw_with_objects
-from .text import duration, wrapped_label
+from .text import wrapped_label
 
 
 class _EnginePanel:
@@ -88,15 +88,9 @@ class FROG_PT_depth_of_field(_EnginePanel, bpy.types.Panel):
 
 def _draw_cost(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Tells what blurs cost, which share their samples."""
-    scene = context.scene
-    moves, lens = blur.blurs_motion(scene.render), blur.has_lens(scene.camera)
-    count = blur.sample_count(scene, blurs_motion=moves, has_lens=lens)
-    if count == 1:
-        return
-    seconds = blur.seconds_of(scene.render, count)
-    about = f", about {duration(seconds)} as the last render went" if seconds >= 1 else ""
-    sentence = f"Each image takes as long as {count:,} without blur{about}."
-    wrapped_label(layout, sentence, context, icon="TIME")
+    count = blur.sample_count(context.scene, blur.has_lens(context.scene.camera))
+    if count > 1:
+        wrapped_label(layout, f"Each image takes as long as {count:,} without blur.", context, icon="TIME")
 
 
 class FROG_PT_background(_EnginePanel, bpy.types.Panel):

@@ -16,11 +16,12 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from .. import addon_state, app_handlers, point_cloud, reported_once
+from ..app_handlers import later, not_later
 from ..cameras import view_camera
 from ..engine.errors import FrogError
 from ..redrawing import open_regions, viewports
 from ..render.collect_instances import check_placement, visible_captures
-from ..render.viewport_drawing import focal_ratio
+from ..render.viewport import focal_ratio
 from ..timeline import playback
 from . import hiding
 from .card import GraphicsCard, Layer
@@ -31,7 +32,7 @@ from .look import Looks
 from .order import Order, OrderRequest, Part, Sorter
 from .pace import STILL_AFTER
 from .picture import Picture, Shown
-from .projection import is_similarity, view_of
+from .projection import view_of
 
 if TYPE_CHECKING:
     from .projection import SplatView
@@ -67,7 +68,7 @@ class ViewportSplats:
         self.clouds = Clouds()
         self.sorter = Sorter()
         self.ranks = Ranks()
-        self.colors = Looks(lambda: _later(_make_tables))
+        self.colors = Looks(lambda: later(_make_tables))
         self.changes, self.matched = 0, (-1, 0)
         self.pictures: dict[int, Picture] = {}
         self.drawn = self.looks = 0
@@ -132,7 +133,7 @@ def _draw() -> None:
     except Exception as error:
         reported_once.unexpected("drawing splats", error)
         state().has_failed = True
-        _later(apply)
+        later(apply)
 
 
 def draw_in(context: bpy.types.Context) -> None:
@@ -155,9 +156,9 @@ def draw_in(context: bpy.types.Context) -> None:
     if splats.drawn > drawn:
         picture.pace.ended_at = time.perf_counter()  # laying over may wait for what was drawn
     if not splats.sorter.is_idle:
-        _later(viewports, _SOON)
+        later(viewports, _SOON)
     elif picture.step > 1:
-        _later(viewports, STILL_AFTER + 0.05)
+        later(viewports, STILL_AFTER + 0.05)
 
 
 def _looked_at(splats: ViewportSplats, context: bpy.types.Context) -> tuple[Any, ...]:
@@ -224,7 +225,7 @@ def _update(
     if order is not picture.order:
         picture.order_texture = card.order(order.numbers)
     if picture.canvas is None or picture.size != size or not card.has_room(layers):
-        _later(viewports, _SOON)  # while textures are made, what else is drawn into the viewport may be lost
+        later(viewports, _SOON)  # while textures are made, what else is drawn into the viewport may be lost
     if picture.canvas is None or picture.size != size:
         picture.canvas, picture.size = card.canvas(size), size
     depth = _depth_before(card, picture, context)
@@ -245,8 +246,7 @@ def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list
         if obj.mode == "EDIT" or obj.frog.display != "POINTS":
             continue
         try:
-            if not is_similarity(matrix):
-                check_placement(matrix, obj.name)  # which says what is wrong
+            check_placement(matrix, obj.name)
             time_shown = playback.displayed(obj, depsgraph.scene.frame_current_final, evaluated)
         except FrogError as error:
             reported_once.message(str(error))
@@ -290,12 +290,12 @@ def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
     """
     if picture.surfaces.is_outdated:
         if not (is_still := picture.pace.is_still(now)):
-            _later(viewports, STILL_AFTER + 0.05)
+            later(viewports, STILL_AFTER + 0.05)
         return is_still
     if picture.depth is None or shading not in _SLOW_SHADINGS:
         return False
     if now - picture.checked_at < _LOOK_AGAIN:
-        _later(viewports, _LOOK_AGAIN)
+        later(viewports, _LOOK_AGAIN)
         return False
     picture.checked_at = now
     return not np.array_equal(hiding.drawn_depth(), picture.depth)
@@ -309,9 +309,9 @@ def _depth_before(card: GraphicsCard, picture: Picture, context: bpy.types.Conte
         surfaces, shader, size = picture.surfaces, card.depth_shader(), picture.size
         surfaces.update(shader, context, picture.looked_at, is_still=picture.pace.is_still(picture.checked_at))
         if not surfaces.has_room(size):
-            _later(viewports, _SOON)
+            later(viewports, _SOON)
         if surfaces.is_outdated:
-            _later(viewports, STILL_AFTER + 0.05)
+            later(viewports, STILL_AFTER + 0.05)
         return surfaces.depth(shader, context.region_data.perspective_matrix, size)
     picture.surfaces = hiding.Surfaces()
     picture.depth = hiding.drawn_depth() if has_others else None
@@ -338,7 +338,7 @@ def _match_points(scene: bpy.types.Scene) -> None:
     """Sees to it that soon the points of a scene's captures are hidden or shown as they are to be."""
     wanted = is_wanted(scene)
     if any(point_cloud.is_drawn_in_viewports(obj) != _wants_points(obj, wanted) for obj in _own(scene)):
-        _later(apply)
+        later(apply)
 
 
 def _own(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -349,12 +349,6 @@ def _own(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 def _wants_points(obj: bpy.types.Object, has_splats: bool) -> bool:
     """Whether viewports are to draw a capture as an object."""
     return not has_splats or obj.frog.display != "POINTS" or obj.session_uid in state().left_out
-
-
-def _later(do: Callable[[], None], seconds: float = 0.0) -> None:
-    """Does something when Blender does not draw, once."""
-    if not bpy.app.timers.is_registered(do):
-        bpy.app.timers.register(do, first_interval=seconds)
 
 
 def _make_tables() -> None:
@@ -403,9 +397,7 @@ def register() -> None:
 def unregister() -> None:
     splats = state()
     splats.sorter.stop()
-    for timer in (viewports, apply, _make_tables):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
+    not_later(viewports, apply, _make_tables)
     if splats.handler is not None:
         bpy.types.SpaceView3D.draw_handler_remove(splats.handler, "WINDOW")
         splats.handler = None

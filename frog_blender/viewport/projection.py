@@ -13,15 +13,6 @@ if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
 
 NEAR = RasterizeOptions().near_plane
-_EVEN = 1e-5  # by which squares of a matrix's scales may differ, relatively
-
-
-def is_similarity(matrix: np.ndarray) -> bool:
-    """Whether a (4, 4) matrix surely turns, moves and evenly scales; a hundred times as fast as finding out how."""
-    axes = matrix[:3, :3]
-    squares = axes.T @ axes
-    mean = squares.trace() / 3
-    return bool(mean > 0 and np.abs(squares - mean * np.eye(3)).max() <= _EVEN * mean and np.linalg.det(axes) > 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import pytest
 from support.exr import pass_of, render_channels
 from support.small_scenes import rig_of_three, write_scene
 
-from frog_blender.render import index_pass
+from frog_blender.render import passes
 from frog_blender.scene_import.capture_objects import active_capture
 
 
@@ -22,7 +22,7 @@ def names_of(scene, path):
 def rendered_indices(scene, tmp_path):
     """(H, W) of a render."""
     bpy.context.view_layer.use_pass_object_index = True
-    return pass_of(render_channels(scene, tmp_path / "indices.exr"), index_pass.NAME)
+    return pass_of(render_channels(scene, tmp_path / "indices.exr"), passes.INDEX)
 
 
 def solid(path, seed):
@@ -95,9 +95,9 @@ def test_motion_blur_and_a_region_keep_it(empty, pair, tmp_path):
 
 def test_it_arrives_in_a_file(empty, static_rig, tmp_path):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
-    assert index_pass.NAME not in names_of(empty, tmp_path / "without.exr")
+    assert passes.INDEX not in names_of(empty, tmp_path / "without.exr")
     bpy.context.view_layer.use_pass_object_index = True
-    assert index_pass.NAME in names_of(empty, tmp_path / "with.exr")
+    assert passes.INDEX in names_of(empty, tmp_path / "with.exr")
 
 
 def test_it_has_the_name_that_cycles_gives_it(empty, tmp_path):
@@ -107,4 +107,4 @@ def test_it_has_the_name_that_cycles_gives_it(empty, tmp_path):
     empty.collection.objects.link(camera := bpy.data.objects.new("c", bpy.data.cameras.new("c")))
     empty.camera = camera
     bpy.context.view_layer.use_pass_object_index = True
-    assert index_pass.NAME in names_of(empty, tmp_path / "cycles.exr")
+    assert passes.INDEX in names_of(empty, tmp_path / "cycles.exr")

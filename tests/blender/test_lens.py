@@ -190,7 +190,7 @@ def test_both_blurs_share_their_samples(empty, eye, rendered, tmp_path, monkeypa
         drawn.clear()
         rendered(empty, use_motion_blur=blurred)
         assert len(drawn) == count + 1
-        assert all(given[3] is not None for given in drawn[1:])
+        assert all(given[2] is not None for given in drawn[1:])
     eye.data.dof.use_dof = False
     drawn.clear()
     rendered(empty, use_motion_blur=True)

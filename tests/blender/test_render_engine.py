@@ -165,11 +165,11 @@ def test_motion_blur_is_the_light_of_the_open_shutter(empty, static_rig, tmp_pat
 
 
 def test_the_shutter_is_open_where_blender_says():
-    from frog_blender.render.blur import SHUTTER_SAMPLES, shutter_frames
+    from frog_blender.render.blur import shutter_frames
 
     for position, first, last in (("START", 7.0, 7.5), ("CENTER", 6.75, 7.25), ("END", 6.5, 7.0)):
-        frames = shutter_frames(7.0, 0.5, position)
-        assert len(frames) == SHUTTER_SAMPLES and first < frames[0] < frames[-1] < last
+        frames = shutter_frames(7.0, 0.5, position, 16)
+        assert len(frames) == 16 and first < frames[0] < frames[-1] < last
         assert np.mean(frames) == pytest.approx((first + last) / 2)
 
 
@@ -203,8 +203,8 @@ def test_animation_is_frame_exact(empty, static_rig, tmp_path):
 
 
 def test_two_captures_are_drawn_together(empty, static_rig, tmp_path, rendered):
+    from frog_blender.engine.gaussians import joined
     from frog_blender.engine.playback.player import ScenePlayer
-    from frog_blender.render.collect_instances import joined
 
     other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=1, sh_count=1)
     import_scene(static_rig)

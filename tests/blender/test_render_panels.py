@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from support.training_panel import panel_says
 
-from frog_blender.render import blur
 from frog_blender.render.world import background_of
 from frog_blender.ui import render_panels
 
@@ -35,16 +34,12 @@ def test_what_frog_does_not_draw_has_no_settings(addon):
 
 def test_motion_blur_is_set_where_one_looks_for_it(empty, said):
     panel = render_panels.FROG_PT_motion_blur
-    blur.note_seconds(0.0, 1)
     assert panel.bl_context == "render" and said(panel, "draw_header") == "use_motion_blur"
     assert "motion_blur_position motion_blur_shutter motion_samples" in said(panel)
     empty.frog.motion_samples = 40
     assert "as long as" not in said(panel), "it is off"
     empty.render.use_motion_blur = True
     assert "as long as 40 without blur." in said(panel)
-    empty.render.resolution_x, empty.render.resolution_y, empty.render.resolution_percentage = 200, 100, 50
-    blur.note_seconds(0.5, 10_000)
-    assert "as long as 40 without blur, about 10 s" in said(panel)
     empty.render.engine = "CYCLES"
     assert said(panel) is None
 

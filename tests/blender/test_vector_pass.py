@@ -10,7 +10,7 @@ from support.small_scenes import rig_of_three
 
 from frog_blender.engine.native.options import RasterizeOptions
 from frog_blender.render.collect_instances import gather
-from frog_blender.render.vector_pass import vectors
+from frog_blender.render.passes import vector_pass
 
 SIZE = (64, 48)
 
@@ -71,7 +71,7 @@ def test_it_is_what_cycles_says(empty, tmp_path):
         empty.frame_set(2 + offset)
         return wide, engine_camera(empty.camera, empty.camera.matrix_world, empty.render, *SIZE)
 
-    found = vectors(snapshot_at, RasterizeOptions())[SIZE[1] // 2, SIZE[0] // 2]
+    found = vector_pass(snapshot_at, RasterizeOptions())[SIZE[1] // 2, SIZE[0] // 2]
     expected = cycles_vectors(empty, tmp_path / "card.exr")
     assert expected[0] > 1 and expected[2] > 4
     count = 4 if expected[3] != 1.0 else 3  # before 5.0 the compositor's images have no room for the fourth
@@ -115,7 +115,7 @@ def test_what_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
         snapshots = {-1: before, 1: after, 0: snapshot(0, 0.9)}
         pixels, _ = camera.project(np.float64([ahead]))
         column, row = pixels[0].astype(int)
-        return vectors(snapshots.__getitem__, RasterizeOptions())[row, column]
+        return vector_pass(snapshots.__getitem__, RasterizeOptions())[row, column]
 
     seen = middle(snapshot(-1, 0.9), snapshot(1, 0.9))
     assert seen[0] < -0.1 and seen[2] < -0.1 and abs(seen[0] - seen[2]) < 0.1
@@ -126,7 +126,7 @@ def test_what_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
 
 def test_nothing_is_still(empty):
     camera = rig_of_three()[0]
-    assert not vectors(lambda _: (None, camera), RasterizeOptions()).any()
+    assert not vector_pass(lambda _: (None, camera), RasterizeOptions()).any()
 
 
 def test_it_arrives_in_a_file(empty, static_rig, tmp_path):

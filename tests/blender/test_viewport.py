@@ -14,7 +14,7 @@ from support.small_scenes import expected_png, rig_of_three, write_scene
 from frog_blender import reported_once
 from frog_blender.cameras import engine_camera, view_camera
 from frog_blender.engine.errors import FrogError
-from frog_blender.render import viewport, viewport_drawing
+from frog_blender.render import viewport
 from frog_blender.render.collect_instances import gather, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import edits, open_scenes, playback
@@ -129,7 +129,7 @@ def test_another_background_is_another_image(empty, static_rig):
     region = SimpleNamespace(view_matrix=view, window_matrix=window)
 
     def drawn():
-        return viewport_drawing.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
+        return viewport.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
 
     captured = drawn()
     assert drawn() is captured
@@ -152,7 +152,7 @@ def test_it_follows_edits_and_shows_what_is_selected(empty, static_rig, monkeypa
     region = SimpleNamespace(view_matrix=view, window_matrix=window, view_perspective="PERSP")
 
     def drawn():
-        return viewport_drawing.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE, space)
+        return viewport.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE, space)
 
     plain = drawn()
     assert drawn() is plain
@@ -191,7 +191,7 @@ def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, capfd)
     context = SimpleNamespace(region=region, region_data=data, space_data=None)
     with observed(giving=exhausted):
         for _ in range(2):
-            viewport_drawing.draw(engine, context, bpy.context.evaluated_depsgraph_get())
+            viewport.draw(engine, context, bpy.context.evaluated_depsgraph_get())
     assert len(header) == 2 and header[0] == header[1] and header[0].startswith("Out of memory (60 Gaussians")
     assert capfd.readouterr().err.count("Out of memory") == 1
 
@@ -206,8 +206,8 @@ def test_one_capture_that_is_refused_hides_no_other_and_mended_it_is_forgotten(e
     engine = SimpleNamespace(update_stats=lambda *texts: header.append(texts))
 
     def drawn():
-        image = viewport_drawing.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
-        viewport_drawing.show_problems(engine, memory.problems)
+        image = viewport.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
+        viewport.show_problems(engine, memory.problems)
         return image.pixels
 
     both = drawn()
@@ -257,7 +257,7 @@ def test_pixels_that_are_not_square_through_the_camera(empty, static_rig):
     space = blender_windows.viewport()["space_data"]
     empty.frame_set(4)
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    pixels = viewport_drawing.image_of(sharp_viewport(), depsgraph, region, (80, 64), space).pixels[::-1]
+    pixels = viewport.image_of(sharp_viewport(), depsgraph, region, (80, 64), space).pixels[::-1]
     display = srgb(pixels)
     np.testing.assert_allclose(255 * display[..., :3], expected_png(static_rig, rig_of_three()[2], 3.0), atol=1.5)
 

@@ -18,11 +18,12 @@ from support.small_scenes import rig_of_three, write_scene
 from frog_blender import point_cloud, redrawing
 from frog_blender.cameras import pose_of, view_camera
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.gaussians import joined
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.transform import transform
 from frog_blender.engine.rasterizer.mesh_depth import mesh_depth
-from frog_blender.render.collect_instances import joined, visible_captures
+from frog_blender.render.collect_instances import visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import playback
 from frog_blender.timeline.playback_cache import SceneTime

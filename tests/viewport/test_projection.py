@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from frog_blender.cameras import view_camera
-from frog_blender.viewport.projection import is_similarity, view_of
+from frog_blender.viewport.projection import view_of
 
 SIZE = (160, 90)
 NEAR, FAR = 0.1, 500.0
@@ -66,12 +66,3 @@ def test_colours_are_seen_from_the_same_side() -> None:
     view_matrix, window_matrix = np.linalg.inv(eye), window("perspective")
     view = view_of(view_camera(view_matrix, window_matrix, *SIZE), world, view_matrix, window_matrix)
     np.testing.assert_allclose((world @ np.append(view.eye, 1.0))[:3], eye[:3, 3], atol=1e-9)
-
-
-def test_only_what_keeps_shapes_is_a_similarity() -> None:
-    rotation = turned(0.3, -0.2, 1.0)
-    for scale in (1e-6, 0.02, 1.0, 4e5):
-        assert is_similarity(placed(rotation, (1.0, 2.0, 3e6), scale))
-    assert not is_similarity(placed(rotation @ np.diag([1.0, 1.0, 1.001]), (0.0, 0.0, 0.0)))
-    assert not is_similarity(placed(rotation @ np.diag([1.0, 1.0, -1.0]), (0.0, 0.0, 0.0)))
-    assert not is_similarity(np.zeros((4, 4))) and not is_similarity(np.full((4, 4), np.nan))

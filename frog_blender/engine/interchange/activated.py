@@ -3,8 +3,6 @@ torch."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,14 +43,6 @@ def usable(path: str | Path, gaussians: NumpyGaussians, *, keep_rows: bool) -> t
     g.scales, g.opacities = np.abs(g.scales), g.opacities.clip(0, 1)
     g.quaternions = _units(g.quaternions)
     return g, int((~fits).sum())
-
-
-def joined(parts: Sequence[NumpyGaussians]) -> NumpyGaussians:
-    """All Gaussians of one or more parts, with the SH coefficients of the highest degree among them."""
-    most = max(part.sh.shape[1] for part in parts)
-    padded = [replace(part, sh=np.pad(part.sh, ((0, 0), (0, most - part.sh.shape[1]), (0, 0)))) for part in parts]
-    columns = zip(*(vars(part).values() for part in padded), strict=True)
-    return GaussianArrays(*(np.concatenate(arrays) for arrays in columns))
 
 
 def _bounded(array: Array) -> Bools:

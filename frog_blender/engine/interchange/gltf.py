@@ -14,13 +14,13 @@ import numpy as np
 
 from ..arrays import Array, Float64s
 from ..errors import FrogError, brief, found_instead
-from ..gaussians import GaussianArrays, NumpyGaussians
+from ..gaussians import GaussianArrays, NumpyGaussians, joined
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, items, numbers, text, whole
 from ..io.regular_file import regular_file
 from ..playback.transform import transform
 from ..spherical_harmonics import SH_DC
-from .activated import joined, usable
+from .activated import usable
 from .gltf_buffers import BINARY, CHUNK, HEADER, JSON, MAGIC, opened
 from .usd_source import Y_UP
 

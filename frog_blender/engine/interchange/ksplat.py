@@ -13,11 +13,11 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import found_instead
-from ..gaussians import GaussianArrays, NumpyGaussians
+from ..gaussians import GaussianArrays, NumpyGaussians, joined
 from ..io.plain_values import UnfitValue
 from ..io.regular_file import regular_file
 from ..spherical_harmonics import SH_DC
-from .activated import joined, usable
+from .activated import usable
 
 _EXPECTED = "a .ksplat file of version 0.1"
 _MAIN, _SECTION = 4096, 1024  # bytes of the headers

@@ -15,12 +15,12 @@ import numpy as np
 from ..arrays import Array
 from ..capture.camera import Camera
 from ..errors import FrogError, brief, found_instead
-from ..gaussians import GaussianArrays, NumpyGaussians
+from ..gaussians import GaussianArrays, NumpyGaussians, joined
 from ..io.paths import is_network_path
 from ..io.regular_file import regular_file
 from ..playback.transform import Y_DOWN, transform
 from ..scene.header import MAX_FRAMES
-from .activated import joined, usable
+from .activated import usable
 from .usd_cameras import cameras_of
 from .usd_export import PRIM_TYPE
 

@@ -14,17 +14,9 @@ Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
 def transform(gaussians: NumpyGaussians, matrix: Array) -> NumpyGaussians:
-    """Gaussians after ``matrix`` (4, 4): a rotation times a uniform positive scale, and a translation.
-
-    FrogError for a matrix that shears, mirrors or scales unevenly: Gaussians could follow it, their colours could not.
-    """
+    """Gaussians after ``matrix`` (4, 4), see ``rotation_and_scale``."""
+    rotation, scale = rotation_and_scale(matrix)
     linear = np.asarray(matrix, np.float64)[:3, :3]
-    scale = np.cbrt(np.linalg.det(linear))
-    if not (np.isfinite(matrix).all() and scale > 1e-9):
-        raise FrogError("The object is mirrored or flattened; a Gaussian scene can only be moved, turned and scaled.")
-    rotation = linear / scale
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:
-        raise FrogError("The object is scaled unevenly or sheared; a Gaussian scene can only be scaled evenly.")
     if np.abs(rotation - np.eye(3)).max() < 1e-7:
         quaternions, sh = gaussians.quaternions, gaussians.sh
     else:
@@ -32,6 +24,21 @@ def transform(gaussians: NumpyGaussians, matrix: Array) -> NumpyGaussians:
         sh = rotate_sh(gaussians.sh, rotation)
     means = gaussians.means @ linear.T.astype(np.float32) + np.asarray(matrix, np.float32)[:3, 3]
     return GaussianArrays(means, quaternions, gaussians.scales * np.float32(scale), gaussians.opacities, sh).checked()
+
+
+def rotation_and_scale(matrix: Array) -> tuple[Array, float]:
+    """The rotation (3, 3) and the uniform positive scale in a matrix (4, 4).
+
+    FrogError for a matrix that shears, mirrors or scales unevenly: Gaussians could follow it, their colours could not.
+    """
+    linear = np.asarray(matrix, np.float64)[:3, :3]
+    scale = float(np.cbrt(np.linalg.det(linear)))
+    if not (np.isfinite(matrix).all() and scale > 1e-9):
+        raise FrogError("The object is mirrored or flattened; a Gaussian scene can only be moved, turned and scaled.")
+    rotation: Array = linear / scale
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:
+        raise FrogError("The object is scaled unevenly or sheared; a Gaussian scene can only be scaled evenly.")
+    return rotation, scale
 
 
 def rotate_sh(sh: Array, rotation: Array) -> Array:

@@ -77,7 +77,8 @@ def _check_settings(scene: bpy.types.Scene, splats: bpy.types.Scene) -> None:
 def _check_captures(scene: bpy.types.Scene) -> None:
     for obj in _rendered_captures(scene):
         playback.open_scene(playback.file_of(obj))
-        check_placement(obj.matrix_world, obj.name)
+        if any(map(any, obj.matrix_world.to_3x3())):  # scaled to nothing, it is not drawn
+            check_placement(obj.matrix_world, obj.name)
 
 
 def _rendered_captures(scene: bpy.types.Scene) -> list[bpy.types.Object]:

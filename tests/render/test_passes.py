@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from frog_blender.color_spaces import to_linear
-from frog_blender.render.pixel_passes import NO_SURFACE, combined_pass, depth_pass, pass_pixels
+from frog_blender.render.passes import NO_SURFACE, combined_pass, depth_pass, pass_pixels
 
 SIZES = pytest.mark.parametrize("size", [(1, 1), (5, 31), (40, 32), (7, 33), (23, 100)])  # around a band's rows
 
