@@ -101,29 +101,22 @@ def _export_take(options: argparse.Namespace, take: SceneTake) -> None:
 
 def _sound(scene_file: Path, take: SceneTake) -> Sound | None:
     """What is heard with a take of a scene's file; None for silence."""
-    from ..engine.interchange.take_sound import sound_of
+    from ..engine.interchange.take import sound_of
 
     shown = [float(frame) if take.timing is None else take.timing.frames[frame] for frame in take.chosen]
     return sound_of(take.header, scene_file, shown, take.rate)
 
 
 def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: range) -> None:
-    from ..engine.interchange.splats import export_frames
+    from ..engine.interchange.frame_files import export_frames
     from ..engine.interchange.spz import VERSIONS
     from ..engine.playback.transform import Y_DOWN
     from .progress import bar
 
-    turn = Y_DOWN if options.y_down else None
     suffix = ".spz" if options.spz else ".glb" if options.glb else ".ply"
+    path = options.out / f"{options.scene.stem}{suffix}"
+    turn, version = Y_DOWN if options.y_down else None, options.spz_version or VERSIONS[0]
     with bar("Exporting") as report:
-        paths = export_frames(
-            scene,
-            frames,
-            options.out,
-            options.scene.stem,
-            lambda done: report(done, len(frames)),
-            turn,
-            suffix=suffix,
-            spz_version=options.spz_version or VERSIONS[0],
-        )
-    say(f"{len(paths)} files in {options.out}")
+        for done, _ in enumerate(export_frames(scene, frames, path, turn=turn, spz_version=version), 1):
+            report(done, len(frames))
+    say(f"{len(frames)} files in {options.out}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from .printing import say
 
 if TYPE_CHECKING:
     from ..engine.playback.render_files import FrameRenderer
+    from ..engine.scene.header import SceneHeader
     from ..engine.scene.scene_file import SceneFile
 
 
@@ -56,29 +57,27 @@ class _Opened:
         count: of its frames, as they are retimed.
     """
 
-    scene: SceneFile
+    header: SceneHeader
     renderer: FrameRenderer
-    shown: Callable[[int], float] | None
+    shown: Callable[[int], float]
     count: int
+
+    def render(self, camera: str, frames: Sequence[int], folder: Path) -> Iterator[Path]:
+        """See ``render_frames``."""
+        from ..engine.playback.render_files import render_frames
+
+        return render_frames(self.header, camera, frames, folder, self.renderer, self.shown)
 
 
 def _render(options: argparse.Namespace) -> int:
-    from ..engine.playback.render_files import render_frames
     from .progress import bar
 
     opened = _opened(options.scene, options.device, options.edits)
     frames = frames_of(options.frames, opened.count)
     with bar("Rendering") as report:
         if options.scheduler is None:
-            render_frames(
-                opened.scene,
-                options.camera,
-                frames,
-                options.out,
-                renderer=opened.renderer,
-                shown=opened.shown,
-                progress=report,
-            )
+            for done, _ in enumerate(opened.render(options.camera, frames, options.out), 1):
+                report(done, len(frames))
         else:
             _on_cluster(options, frames, report)
     say(f"{len(frames)} images in {options.out}")
@@ -93,13 +92,13 @@ def _opened(scene_file: Path, device: str, edits: Path | None) -> _Opened:
 
     scene = read_scene(scene_file)
     if edits is None:
-        return _Opened(scene, frame_renderer(scene, device), None, scene.header.frame_count)
+        return _Opened(scene.header, frame_renderer(scene, device), float, scene.header.frame_count)
     if device == "cuda":
         raise FrogError("--edits: found --device cuda, expected cpu, which alone makes edits.")
     played, timing = edited_scene(ScenePlayer(scene), edits)
     if timing is None:
-        return _Opened(scene, cpu_renderer(played), None, scene.header.frame_count)
-    return _Opened(scene, cpu_renderer(RetimedScene(played, timing)), timing.capture_frame, len(timing.frames))
+        return _Opened(scene.header, cpu_renderer(played), float, scene.header.frame_count)
+    return _Opened(scene.header, cpu_renderer(RetimedScene(played, timing)), timing.capture_frame, len(timing.frames))
 
 
 def _on_cluster(options: argparse.Namespace, frames: range, report: Callable[[int, int], None]) -> None:
@@ -124,14 +123,11 @@ def render_part(task: Mapping[str, Any], say: Callable[[int], None], cancelled: 
     Args:
         task: the paths scene, out and edits (or None), the camera's name, the device, and a list of frames.
     """
-    from ..engine.playback.render_files import render_frames
-
     opened = _opened(Path(task["scene"]), task["device"], Path(task["edits"]) if task["edits"] else None)
     for frame in task["frames"]:
         if cancelled():
             return
-        out = Path(task["out"])
-        render_frames(opened.scene, task["camera"], [frame], out, renderer=opened.renderer, shown=opened.shown)
+        list(opened.render(task["camera"], [frame], Path(task["out"])))
         say(frame)
 
 

@@ -47,6 +47,10 @@ class GaussianArrays(Generic[ArrayT]):
         """0 to 3."""
         return _SH_DEGREES[self.sh.shape[1]]
 
+    def part(self: NumpyGaussians, rows: Array | slice) -> NumpyGaussians:
+        """Those of some rows: indices, a mask or a slice."""
+        return GaussianArrays(*(array[rows] for array in vars(self).values()))
+
     def checked(self) -> NumpyGaussians:
         """The same as contiguous float32 numpy arrays; ValueError names an array of the wrong shape."""
         count = len(self.means)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .errors import brief
+from .errors import FrogError, brief
+
+_PACKAGES = {"pxr": "usd-core"}  # of modules by other names
 
 
 def is_missing(error: ImportError) -> bool:
@@ -21,6 +23,14 @@ def not_loaded(error: ImportError, package: str = "") -> str:
     which = f"The Python package {known!r}" if (known := package or _package(error)) else "A Python package"
     said = brief(error).rstrip(".")
     return f"{which} is installed but could not be loaded ({said}); the usual reason is too little free memory"
+
+
+def needed_package(path: Path, error: ImportError) -> FrogError:
+    """The sentence about a file that cannot be read or written without a package."""
+    if not is_missing(error):
+        return FrogError(f"{path}: {not_loaded(error)}.")
+    module = _package(error)
+    return FrogError(f"{path}: the Python package {_PACKAGES.get(module, module)!r}, which it needs, is not installed.")
 
 
 def _package(error: ImportError) -> str:

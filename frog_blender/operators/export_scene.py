@@ -101,7 +101,7 @@ Esc or the right mouse button to stop"""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Several frames chosen in the file browser are written one by one while Blender stays responsive."""
-        from ..engine.interchange.splats import numbered
+        from ..engine.interchange.frame_files import numbered
 
         in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
         obj, path = active_capture(context), Path(bpy.path.abspath(self.filepath))

@@ -129,7 +129,7 @@ class ExportsTake(ModalOperator, ExportHelper):
 
 def _sound(obj: bpy.types.Object, scene: bpy.types.Scene, take: TimelineTake) -> Sound | None:
     """What is heard with a take; None for silence."""
-    from ..engine.interchange.take_sound import sound_of
+    from ..engine.interchange.take import sound_of
 
     shown = frames_shown(obj, scene, [int(number) for number in take.numbers])
     return sound_of(take.header, file_of(obj), shown, take.rate, has_sound)

@@ -29,7 +29,7 @@ class FrameExport:
         frames: of the timeline; ``paths`` their files.
         turn: (4, 4) from Blender's axes to those of the files, if the Gaussians are written where the capture has been
             placed; None to leave them in the capture's own space, which mostly needs no other frame to be shown.
-        spz_version: see ``interchange.splats.write_frame``.
+        spz_version: see ``interchange.frame_files.write_frame``.
     """
 
     visit: TimelineVisit
@@ -52,7 +52,7 @@ class FrameExport:
 
     def steps(self) -> Generator[int, None, None]:
         """Writes one file per step, atomically, and yields the number of files written; raises FrogError."""
-        from ..engine.interchange.splats import write_frame
+        from ..engine.interchange.frame_files import write_frame
 
         obj, _ = self.visit.found()
         promise = len(self.paths) > 1 and playback.open_scene(file_of(obj)).keeps_identity

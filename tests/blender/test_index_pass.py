@@ -27,14 +27,14 @@ def rendered_indices(scene, tmp_path):
 
 def solid(path, seed):
     """A still capture without cameras, whose Gaussians are nearly opaque."""
+    from frog_blender.engine.interchange.imports import import_scene
     from frog_blender.engine.interchange.ply import write_splats
-    from frog_blender.engine.interchange.splats import import_splats
     from frog_blender.engine.playback.player import ScenePlayer
 
     moving = write_scene(path.with_name("moving.frog"), rig_of_three(), count=60 - seed, seed=seed)
     gaussians = ScenePlayer.load(moving).at_frame(0)
     write_splats(path.with_suffix(".ply"), replace(gaussians, opacities=np.full(60 - seed, 0.98)))
-    return import_splats(path.with_suffix(".ply"), path).path
+    return import_scene(path.with_suffix(".ply"), path).path
 
 
 @pytest.fixture

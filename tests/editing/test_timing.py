@@ -20,8 +20,7 @@ from frog_blender.engine.editing.retimed_scene import RetimedScene
 from frog_blender.engine.editing.timing import Timing
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.ply import read_splats
-from frog_blender.engine.interchange.take import SceneTake
-from frog_blender.engine.interchange.take_sound import encoded, sound_of
+from frog_blender.engine.interchange.take import SceneTake, encoded, sound_of
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import render_image
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene

@@ -12,12 +12,11 @@ import numpy as np
 from frog_blender.cameras import lens_of, pose_of
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError, printable
-from frog_blender.engine.interchange.splats import export_frames
+from frog_blender.engine.interchange.frame_files import export_frames
 from frog_blender.engine.playback.importance import most_important, ranking
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
-from frog_blender.engine.playback.render_files import render_frames
-from frog_blender.engine.scene.scene_file import read_scene
+from frog_blender.engine.playback.render_files import cpu_renderer, render_frames
 from frog_blender.engine.source_media.clips import camera_path, capture_folders, find_clips
 
 _LARGEST = 2**20  # pixels of images that are drawn with all that there is to know; `frog render` draws larger ones
@@ -35,7 +34,7 @@ def use(path: Path, out: Path) -> bool:
         _play(scene)
         _draw(scene)
         _look_for_clips(scene, path)
-        export_frames(scene, [0, scene.header.frame_count - 1], out, "x")
+        list(export_frames(scene, [0, scene.header.frame_count - 1], out / "x.ply"))
         _render(path, scene, out)
     except FrogError as error:
         sentence = str(error)
@@ -87,4 +86,4 @@ def _render(path: Path, scene: ScenePlayer, out: Path) -> None:
     header = scene.header
     if header.cameras:
         name = "moving" if header.is_moving else header.cameras[0].name
-        render_frames(read_scene(path), name, [header.frame_count - 1], out)
+        list(render_frames(header, name, [header.frame_count - 1], out, cpu_renderer(scene)))

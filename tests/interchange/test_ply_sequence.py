@@ -12,9 +12,9 @@ from support.foreign_takes import assert_plays_alike, partly_static
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.interchange.frame_files import export_frames
 from frog_blender.engine.interchange.imports import free_scene_path, import_scene
 from frog_blender.engine.interchange.ply import PROMISE, write_splats
-from frog_blender.engine.interchange.splats import export_frames
 from frog_blender.engine.playback.player import ScenePlayer
 
 
@@ -56,7 +56,7 @@ def test_varying_counts_of_a_zip(scene: ScenePlayer, tmp_path: Path, compression
         np.testing.assert_allclose(found.means[:count], expected.means[:count], atol=1e-6)
         assert not found.opacities[count:].any()
     assert not back.keeps_identity and scene.keeps_identity
-    for path in export_frames(back, [0, 1], tmp_path / "again", "x"):
+    for path in export_frames(back, [0, 1], tmp_path / "again" / "x.ply"):
         assert PROMISE.encode() not in path.read_bytes(), "its rows are other Gaussians in each frame"
 
 

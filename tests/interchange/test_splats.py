@@ -10,9 +10,9 @@ from support.builders import ATTRIBUTES, scene_file
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.interchange.imports import free_scene_path
+from frog_blender.engine.interchange.frame_files import export_frames
+from frog_blender.engine.interchange.imports import free_scene_path, import_scene
 from frog_blender.engine.interchange.ply import read_splats
-from frog_blender.engine.interchange.splats import export_frames, import_splats
 from frog_blender.engine.playback.frame_delta import canonical_gaussians
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
@@ -29,8 +29,8 @@ def trained(tmp_path: Path) -> Path:
 
 def test_there_and_back_gives_the_same_gaussians(trained: Path, tmp_path: Path) -> None:
     scene = ScenePlayer.load(trained)
-    (path,) = export_frames(scene, [3], tmp_path / "out", "x")
-    imported = import_splats(path, tmp_path / "still.frog")
+    (path,) = export_frames(scene, [3], tmp_path / "out" / "x.ply")
+    imported = import_scene(path, tmp_path / "still.frog")
     still = ScenePlayer.load(imported.path)
     assert (imported.gaussians, imported.left_out, still.num_dynamic) == (scene.count, 0, 0)
     before, after = scene.at_frame(3), still.at_frame(0)
@@ -57,33 +57,32 @@ def test_the_command_turns_z_up_to_y_down(trained: Path, tmp_path: Path) -> None
 
 def test_packing_keeps_the_image(trained: Path, tmp_path: Path) -> None:
     scene = ScenePlayer.load(trained)
-    (path,) = export_frames(scene, [0], tmp_path, "x")
-    plain, packed = (import_splats(path, tmp_path / f"{c}.frog", compact=c).path for c in (False, True))
+    (path,) = export_frames(scene, [0], tmp_path / "x.ply")
+    plain, packed = (import_scene(path, tmp_path / f"{c}.frog", compact=c).path for c in (False, True))
     assert packed.stat().st_size < plain.stat().st_size / 2
     images = [draw(ScenePlayer.load(p).at_frame(0), scene.header.cameras[0]).rgb for p in (plain, packed)]
     assert 0 < np.abs(images[0] - images[1]).max() < 0.03
 
 
 def test_export_says_how_far_it_is_and_names_frames(trained: Path, tmp_path: Path) -> None:
-    told: list[int] = []
-    paths = export_frames(ScenePlayer.load(trained), range(2, 5), tmp_path / "a" / "b", "x", told.append)
-    assert [path.name for path in paths] == ["x_0002.ply", "x_0003.ply", "x_0004.ply"] and told == [1, 2, 3]
+    paths = list(export_frames(ScenePlayer.load(trained), range(2, 5), tmp_path / "a" / "b" / "x.ply"))
+    assert [path.name for path in paths] == ["x_0002.ply", "x_0003.ply", "x_0004.ply"]
     assert sorted(path.name for path in (tmp_path / "a" / "b").iterdir()) == [path.name for path in paths]
 
 
 def test_a_disk_that_refuses_is_one_sentence(trained: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(FrogError, match="could not be written"):
-        export_frames(ScenePlayer.load(trained), [0], tmp_path / "file", "x")
+        list(export_frames(ScenePlayer.load(trained), [0], tmp_path / "file" / "x.ply"))
 
 
 def test_no_trained_scene_is_written_over(trained: Path, tmp_path: Path) -> None:
     """x.frog lies beside x.ply, which was exported from it."""
     path = tmp_path / "x.ply"
-    export_frames(ScenePlayer.load(trained), [0], tmp_path, "x")[0].rename(path)
+    next(export_frames(ScenePlayer.load(trained), [0], tmp_path / "x.ply")).rename(path)
     target = free_scene_path(path)
     assert target.name == "x_ply.frog"
-    import_splats(path, target)
+    import_scene(path, target)
     assert free_scene_path(path) == target  # once more: the same file
     target.write_bytes(b"something else")
     assert free_scene_path(path).name == "x_ply2.frog"
@@ -95,9 +94,9 @@ def test_a_bad_import_changes_nothing(trained: Path, tmp_path: Path) -> None:
     before = trained.read_bytes()
     (tmp_path / "bad.ply").write_bytes(b"ply\nformat ascii 1.0\nend_header\n")
     with pytest.raises(FrogError, match="ascii"):
-        import_splats(tmp_path / "bad.ply", trained)
+        import_scene(tmp_path / "bad.ply", trained)
     with pytest.raises(FrogError, match=r"ends in \.frog"):
-        import_splats(tmp_path / "bad.ply", tmp_path / "x.blend")
+        import_scene(tmp_path / "bad.ply", tmp_path / "x.blend")
     assert trained.read_bytes() == before and len(list(tmp_path.iterdir())) == 2
 
 
@@ -136,7 +135,7 @@ def test_a_map_s_places_in_double_precision_keep_their_details(
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{properties}end_header\n"
     source = tmp_path / "map.ply"
     source.write_bytes(head.encode() + rows.tobytes())
-    imported = import_splats(source, tmp_path / "map.frog")
+    imported = import_scene(source, tmp_path / "map.frog")
     scene = read_scene(imported.path)
     found = scene.arrays["means"].astype(np.float64) + np.array(scene.header.world.origin)
     np.testing.assert_allclose(found, rows[:, :3], atol=1e-5)

@@ -15,9 +15,9 @@ from support.foreign_takes import partly_static, sorted_like
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.interchange.gltf import EXTENSION, read_gltf, write_glb
-from frog_blender.engine.interchange.imports import import_scene
-from frog_blender.engine.interchange.spz import read_spz, write_spz
+from frog_blender.engine.interchange.gltf import EXTENSION, write_glb
+from frog_blender.engine.interchange.imports import import_scene, open_source
+from frog_blender.engine.interchange.spz import write_spz
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.transform import transform
 
@@ -25,6 +25,12 @@ from frog_blender.engine.playback.transform import transform
 @pytest.fixture
 def scene(tmp_path: Path) -> ScenePlayer:
     return partly_static(tmp_path)
+
+
+def read(path: Path) -> tuple[GaussianArrays, int]:
+    """A file's Gaussians with z up, and how many are left out."""
+    source = open_source(path)
+    return source.at(0), source.left_out
 
 
 def turns_apart(found: GaussianArrays, expected: GaussianArrays) -> float:
@@ -39,7 +45,7 @@ def test_spz_there_and_back(tmp_path: Path, sh_count: int, version: int) -> None
     before = partly_static(tmp_path, sh_count=sh_count).at_frame(3)
     before.sh = before.sh.clip(-0.9, 0.9)
     write_spz(tmp_path / "x.spz", before, version=version)
-    after, left_out = read_spz(tmp_path / "x.spz")
+    after, left_out = read(tmp_path / "x.spz")
     assert (tmp_path / "x.spz").read_bytes()[:5] == (b"NGSP\4" if version == 4 else b"\x1f\x8b\x08\0\0")
     assert left_out == 0 and after.sh.shape == before.sh.shape
     np.testing.assert_allclose(after.means, before.means, atol=1e-5)
@@ -66,7 +72,7 @@ def test_old_spz_is_read(tmp_path: Path) -> None:
     body = (256).to_bytes(3, "little") * 3 + bytes([230, 85, 128, 170, 123, 123, 123, 128, 128, 128])
     for content in (head + body, zlib.compress(head + body, wbits=31)):
         (tmp_path / "x.spz").write_bytes(content)
-        found, _ = read_spz(tmp_path / "x.spz")
+        found, _ = read(tmp_path / "x.spz")
         np.testing.assert_allclose(found.means, [[1, -1, 1]], atol=1e-6)
         np.testing.assert_allclose(found.scales, np.exp(123 / 16 - 10), rtol=1e-5)
         np.testing.assert_allclose(found.opacities, 230 / 255, rtol=1e-6)
@@ -96,9 +102,9 @@ def fourth_spz(path: Path, gaussians: GaussianArrays, axes: int, degree: int = 0
 def test_axes_and_degree_of_a_fourth_spz(tmp_path: Path) -> None:
     before = partly_static(tmp_path, sh_count=4).at_frame(3)
     write_spz(tmp_path / "plain.spz", before)
-    plain, _ = read_spz(tmp_path / "plain.spz")
+    plain, _ = read(tmp_path / "plain.spz")
     fourth_spz(tmp_path / "x.spz", before, RDF, degree=4)
-    found, _ = read_spz(tmp_path / "x.spz")
+    found, _ = read(tmp_path / "x.spz")
     np.testing.assert_allclose(found.means, plain.means * (1, -1, -1), atol=1e-6)
     assert found.sh.shape == (40, 16, 3), "no other format has the fourth degree"
     np.testing.assert_allclose(np.square(found.sh[:, 1:]).sum(axis=1), 15 * 0.25, rtol=1e-4)
@@ -107,17 +113,17 @@ def test_axes_and_degree_of_a_fourth_spz(tmp_path: Path) -> None:
 def test_mirrored_axes_are_refused(scene: ScenePlayer, tmp_path: Path) -> None:
     fourth_spz(tmp_path / "x.spz", scene.at_frame(3), LUB)
     with pytest.raises(FrogError, match=r"x\.spz: .*mirrored"):
-        read_spz(tmp_path / "x.spz")
+        read(tmp_path / "x.spz")
 
 
 def test_old_spz_with_an_extension(scene: ScenePlayer, tmp_path: Path) -> None:
     write_spz(tmp_path / "x.spz", scene.at_frame(3))
     content = bytearray(zlib.decompress((tmp_path / "x.spz").read_bytes(), 31))
-    plain, _ = read_spz(tmp_path / "x.spz")
+    plain, _ = read(tmp_path / "x.spz")
     content[14] = 2
     content += struct.pack("<III", 0xADBE0003, 4, RDF)
     (tmp_path / "x.spz").write_bytes(zlib.compress(bytes(content), wbits=31))
-    found, _ = read_spz(tmp_path / "x.spz")
+    found, _ = read(tmp_path / "x.spz")
     np.testing.assert_allclose(found.means, plain.means * (1, -1, -1), atol=1e-6)
 
 
@@ -132,7 +138,7 @@ def test_a_small_fourth_spz_cannot_ask_for_much(tmp_path: Path) -> None:
     (tmp_path / "x.spz").write_bytes(head + toc + b"".join(streams))
     assert (tmp_path / "x.spz").stat().st_size < 100_000
     with pytest.raises(FrogError, match="5 streams in"):
-        read_spz(tmp_path / "x.spz")
+        read(tmp_path / "x.spz")
 
 
 @pytest.mark.parametrize("beside", [None, "the buffer.bin"])
@@ -165,14 +171,14 @@ def test_buffers_that_cannot_be_used(scene: ScenePlayer, tmp_path: Path, uri: st
     (tmp_path / "short.bin").write_bytes(buffer[:10])
     (tmp_path / "x.gltf").write_text(text)
     with pytest.raises(FrogError, match=sentence):
-        read_gltf(tmp_path / "x.gltf")
+        read(tmp_path / "x.gltf")
 
 
 @pytest.mark.parametrize("sh_count", [1, 16])
 def test_gltf_there_and_back(tmp_path: Path, sh_count: int) -> None:
     before = partly_static(tmp_path, sh_count=sh_count).at_frame(3)
     write_glb(tmp_path / "x.glb", before)
-    after, left_out = read_gltf(tmp_path / "x.glb")
+    after, left_out = read(tmp_path / "x.glb")
     assert left_out == 0 and turns_apart(after, before) < 1e-6
     for name in ("means", "scales", "opacities", "sh"):
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), atol=2e-6, err_msg=name)
@@ -206,7 +212,7 @@ def test_gltf_nodes_place_it(scene: ScenePlayer, tmp_path: Path) -> None:
     write_glb(tmp_path / "x.glb", before)
     parent = {"children": [1], "translation": [0, 5, 0], "scale": [2, 2, 2]}
     rewritten(tmp_path / "x.glb", nodes=[parent, {"mesh": 0}])
-    after, _ = read_gltf(tmp_path / "x.glb")
+    after, _ = read(tmp_path / "x.glb")
     expected = transform(before, np.array([[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 5], [0, 0, 0, 1.0]]))
     np.testing.assert_allclose(after.means, expected.means, atol=1e-5)
     np.testing.assert_allclose(after.scales, expected.scales, rtol=1e-5)
@@ -233,7 +239,7 @@ def test_gltf_that_cannot_be_used(
     write_glb(tmp_path / "x.glb", scene.at_frame(3))
     rewritten(tmp_path / "x.glb", **changes)
     with pytest.raises(FrogError, match=sentence):
-        read_gltf(tmp_path / "x.glb")
+        read(tmp_path / "x.glb")
 
 
 def imported(content: bytes, suffix: str, folder: Path) -> GaussianArrays:

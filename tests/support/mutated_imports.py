@@ -39,7 +39,7 @@ from frog_blender.engine.editing.grades import Grade
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.editing.timing import Timing
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.interchange import import_process
+from frog_blender.engine.interchange import imports
 from frog_blender.engine.interchange.imports import import_scene
 from frog_blender.engine.interchange.ply import splat_bytes
 from frog_blender.engine.interchange.take import SceneTake
@@ -147,7 +147,7 @@ class InProcess(Imports):
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder)
-        import_process.preload(self.path)
+        imports.preload(self.path)
 
     def imported(self) -> None:
         reader, writer = os.pipe()
@@ -160,7 +160,7 @@ class InProcess(Imports):
                 os.dup2(devnull, 2)
                 request = {"source": str(self.path), "target": str(self.target), "compact": False}
                 try:
-                    answer = import_process.convert(request, lambda *_: None)
+                    answer = imports.convert(request, lambda *_: None)
                 except FrogError as error:
                     answer = {"error": str(error)}
                 os.write(writer, json.dumps(answer).encode())

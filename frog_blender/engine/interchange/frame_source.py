@@ -9,9 +9,8 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -22,7 +21,7 @@ from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, found_instead
 from ..field.names import SEQUENCE
 from ..gaussians import GaussianArrays, NumpyGaussians
-from ..io.plain_values import JsonMapping, UnfitValue
+from ..io.plain_values import UnfitValue
 from ..io.tensor_files import LONGEST_HEADER
 from ..playback.frame_delta import column_names, column_of
 from ..scene.frame_rows import RowLayout, write_frames
@@ -38,8 +37,20 @@ _NOWHERE = 1e-6  # size of the rows that fill a frame with fewer Gaussians than 
 _MOST_CERTAIN, _THINNEST = 1 - 2.0**-26, 1e-30
 STILL_RATE = 24.0
 """Frames a second of a scene of one frame."""
+_OTHER_ROWS = (
+    "Its frames are not the same Gaussians in the same order: they play, without anything between two of them, and can "
+    "be edited by place alone."
+)
 _SAMPLED = 4096  # Gaussians whose steps are looked at
 _STEP = 0.1  # of the distance between two of them: a Gaussian that goes farther in a frame is another one
+
+
+Progress = Callable[[int, int], None]
+"""Told how many of how many steps are done."""
+
+
+def unheard(_done: int, _of: int) -> None:
+    """Progress that nobody is told."""
 
 
 class FrameSource(Protocol):
@@ -54,18 +65,12 @@ class FrameSource(Protocol):
         left_out: rows that could not be drawn and are in no frame, so far.
     """
 
-    @property
-    def frame_count(self) -> int: ...
-    @property
-    def rate(self) -> float: ...
-    @property
-    def keeps_identity(self) -> bool | None: ...
-    @property
-    def cameras(self) -> tuple[Camera, ...]: ...
-    @property
-    def origin(self) -> str: ...
-    @property
-    def left_out(self) -> int: ...
+    frame_count: int
+    rate: float
+    keeps_identity: bool | None
+    cameras: tuple[Camera, ...]
+    origin: str
+    left_out: int
 
     def at(self, frame: int) -> NumpyGaussians:
         """A frame, counted from 0: finite numbers, unit quaternions, at least one Gaussian; FrogError for others."""
@@ -121,20 +126,12 @@ class Imported:
         if not self.world.is_plain:
             sentences.append(f"The file's coordinates need more than single precision; they are {self.world}.")
         if not self.keeps_identity:
-            sentences.append(
-                "Its frames are not the same Gaussians in the same order: they play, without anything between two of "
-                "them, and can be edited by place alone."
-            )
+            sentences.append(_OTHER_ROWS)
         return " ".join(sentences)
 
 
 def write_source(
-    source: FrameSource,
-    file: Path,
-    target: Path,
-    *,
-    compact: bool = False,
-    progress: Callable[[int, int], None] = lambda done, of: None,
+    source: FrameSource, file: Path, target: Path, *, compact: bool = False, progress: Progress = unheard
 ) -> Imported:
     """Writes a scene of a source's frames; FrogError when it cannot, and nothing is changed then.
 
@@ -154,18 +151,20 @@ def write_source(
         rank[morton_order(seen.first.means)] = np.arange(seen.count)
         order = np.lexsort((rank, ~seen.moves))
     dynamic = int(seen.moves.sum())
-    arrays = _canonical(_rows(seen.first, order))
+    arrays = _canonical(seen.first.part(order))
     columns = tuple(name for name in column_names(seen.first.sh.shape[1]) if name in seen.columns)
     layout = RowLayout(columns, dynamic, compact, seen.keeps_identity)
     moves = bool(dynamic and columns)
-    header = imported_header(
-        file,
-        source.origin,
+    header = replace(
+        imported_header(file, source.origin),
         method=SEQUENCE if moves else "static",
         model=layout.model() if moves else {},
         cameras=source.cameras,
-        timing=(source.frame_count, source.rate),
+        camera_shots=(tuple(range(source.frame_count)),) * len(source.cameras),
+        frame_count=source.frame_count,
+        frames_per_second=source.rate,
     )
+    check_readable(file, header)
     if moves:
         _check_room(file, target, header, layout)
         stored, metadata = packed_metadata(header, arrays, compact=compact)
@@ -182,45 +181,26 @@ def check_ending(target: Path) -> None:
         raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
 
 
-def imported_header(
-    file: Path,
-    origin: str,
-    *,
-    method: str = "static",
-    model: JsonMapping = MappingProxyType({}),
-    cameras: tuple[Camera, ...] = (),
-    timing: tuple[int, float] = (1, STILL_RATE),
-    world: World = FILES_OWN,
-) -> SceneHeader:
-    """The header of a scene that another program's file becomes; FrogError for one that could not be read again.
-
-    Args:
-        file: what it is made of.
-        origin: its format.
-        timing: how many frames there are, and how many of them a second.
-    """
-    frame_count, rate = timing
-    header = SceneHeader(
-        method=method,
+def imported_header(file: Path, origin: str) -> SceneHeader:
+    """The header of a static scene without cameras that a file of a format becomes."""
+    return SceneHeader(
+        method="static",
         recipe={"name": "imported"},
-        model=model,
-        cameras=cameras,
-        camera_shots=(tuple(range(frame_count)),) * len(cameras),
+        model={},
+        cameras=(),
+        camera_shots=(),
         test_cameras=(),
         test_frames=(),
-        frame_count=frame_count,
-        frames_per_second=rate,
+        frame_count=1,
+        frames_per_second=STILL_RATE,
         background=(0.0, 0.0, 0.0),
         capture_path=str(file.resolve()),
         capture_format=origin,
         scale=1.0,
-        world=world,
     )
-    _check_readable(file, header)
-    return header
 
 
-def _check_readable(file: Path, header: SceneHeader) -> None:
+def check_readable(file: Path, header: SceneHeader) -> None:
     """FrogError for a header that could be written but not read again."""
     try:
         shots = sum(map(len, header.camera_shots))
@@ -250,8 +230,7 @@ def _check_room(file: Path, target: Path, header: SceneHeader, layout: RowLayout
 def _size_of(file: Path) -> int:
     """Bytes of a file, or of those in a folder."""
     try:
-        files = list(file.iterdir()) if file.is_dir() else [file]
-        return sum(each.stat().st_size for each in files)
+        return sum(part.stat().st_size for part in (file.iterdir() if file.is_dir() else [file]))
     except OSError:
         return 0
 
@@ -321,10 +300,6 @@ def _filled(gaussians: NumpyGaussians, count: int, degree: int) -> NumpyGaussian
     )
 
 
-def _rows(gaussians: NumpyGaussians, rows: Array) -> NumpyGaussians:
-    return GaussianArrays(*(array[rows] for array in vars(gaussians).values()))
-
-
 def _canonical(g: NumpyGaussians) -> SceneArrays:
     opacities = np.clip(g.opacities.astype(np.float64), 1e-12, _MOST_CERTAIN)
     return {
@@ -340,6 +315,6 @@ def _moving_rows(
     source: FrameSource, seen: _Survey, rows: Array, layout: RowLayout, done: Callable[[int], None]
 ) -> Iterator[bytes]:
     for frame in range(source.frame_count):
-        gaussians = _rows(_filled(source.at(frame), seen.count, seen.first.sh.shape[1]), rows)
+        gaussians = _filled(source.at(frame), seen.count, seen.first.sh.shape[1]).part(rows)
         yield layout.packed({name: column_of(gaussians, name) for name in layout.columns})
         done(source.frame_count + frame + 1)

@@ -7,30 +7,40 @@ are floats and normalized whole numbers, of a ``.glb`` or of a ``.gltf`` with bu
 
 from __future__ import annotations
 
+import base64
+import binascii
 import json
+import struct
+from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 
 from ..arrays import Array, Float64s
-from ..errors import FrogError, brief, found_instead
-from ..gaussians import GaussianArrays, NumpyGaussians, joined
+from ..errors import FrogError, brief
+from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.atomic_files import write_atomically
-from ..io.plain_values import JsonObject, UnfitValue, entries, items, numbers, text, whole
+from ..io.plain_values import JsonObject, UnfitValue, entries, items, numbers, plain_json, text, whole
 from ..io.regular_file import regular_file
 from ..playback.transform import transform
 from ..spherical_harmonics import SH_DC
-from .activated import usable
-from .gltf_buffers import BINARY, CHUNK, HEADER, JSON, MAGIC, opened
-from .usd_source import Y_UP
+from .stills import Y_UP, Part
 
 EXTENSION = "KHR_gaussian_splatting"
-_EXPECTED = f"a .glb or .gltf file with {EXTENSION}"
+EXPECTED = f"a .glb or .gltf file with {EXTENSION}"
+_GLTF = "a glTF 2.0 file"
+_MAGIC, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
+_HEADER, _CHUNK = struct.Struct("<III"), struct.Struct("<II")
 _POINTS, _FLOAT = 0, 5126
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", _FLOAT: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _MOST_NODES, _DEEPEST, _MOST_PRIMITIVES = 65_536, 64, 4096
 _FEWEST_BYTES = 4  # of a Gaussian: an eighth of what the smallest has, so that a mesh may stand in several places
+_LONGEST_NAME = 1024  # characters of a file beside the description
+_LONGEST_JSON, _LARGEST = 64 << 20, 4 << 30  # bytes, of all buffers together as well
+_MOST_BUFFERS = 1024
+_DATA = ("data:application/octet-stream;base64,", "data:application/gltf-buffer;base64,")
 
 
 def write_glb(path: Path, gaussians: NumpyGaussians) -> None:
@@ -84,52 +94,43 @@ def write_glb(path: Path, gaussians: NumpyGaussians) -> None:
     }
     head = json.dumps(document).encode()
     head += b" " * (-len(head) % 4)
-    size = HEADER.size + 2 * CHUNK.size + len(head) + start
+    size = _HEADER.size + 2 * _CHUNK.size + len(head) + start
     if size >= 2**32:
         raise FrogError(f"{path}: found {size:,} bytes of Gaussians, expected less than 4 GB, which a .glb can hold.")
-    chunks = [HEADER.pack(MAGIC, 2, size), CHUNK.pack(len(head), JSON), head, CHUNK.pack(start, BINARY)]
+    chunks = [_HEADER.pack(_MAGIC, 2, size), _CHUNK.pack(len(head), _JSON), head, _CHUNK.pack(start, _BINARY)]
     write_atomically(path, b"".join([*chunks, *pieces]))
 
 
-def read_gltf(path: Path) -> tuple[NumpyGaussians, int]:
-    """Gaussians with z up, and how many rows are left out that cannot be drawn; FrogError for any other file."""
-    content = regular_file(path, _EXPECTED).read_bytes()
-    try:
-        return _Document(path, content).gaussians()
-    except UnfitValue as error:
-        raise found_instead(path, error.found, error.expected) from error
+def decode_gltf(path: Path, content: bytes) -> Iterator[Part]:
+    """The primitives that are Gaussians, and where their nodes put them, with z up; UnfitValue for any other content.
+
+    Args:
+        path: of the file, beside which its buffers may lie.
+    """
+    return _Document(path, content).parts()
 
 
 class _Document:
     def __init__(self, path: Path, content: bytes) -> None:
-        self._path = path
-        self._json, self._buffers = opened(path, content)
+        self._json, self._buffers = _opened(path, content)
         self._nodes, self._meshes = self._list("nodes"), self._list("meshes")
         self._accessors, self._views = self._list("accessors"), self._list("bufferViews")
         needed = items(self._json.get("extensionsRequired", []), "extensionsRequired", 1024)
         if others := [name for name in needed if name != EXTENSION]:
-            raise UnfitValue(f"the required extension {brief(others[0])}", _EXPECTED)
+            raise UnfitValue(f"the required extension {brief(others[0])}", EXPECTED)
 
-    def gaussians(self) -> tuple[NumpyGaussians, int]:
-        """Of all its primitives, where their nodes put them."""
-        parts, left_out = [], 0
+    def parts(self) -> Iterator[Part]:
         # Several buffers may be the same bytes.
         contents = {id(buffer.obj): memoryview(buffer.obj).nbytes for buffer in self._buffers}
         room = most = sum(contents.values()) // _FEWEST_BYTES
         for primitive, matrix in self._placed():
-            read = self._read(primitive)
-            room -= len(read)  # nodes may share a mesh: a small file could ask for any number
+            gaussians = self._read(primitive)
+            room -= len(gaussians)  # nodes may share a mesh: a small file could ask for any number
             if room < 0:
                 raise UnfitValue("a mesh in very many places", f"at most {most:,} Gaussians in all")
-            found, without = usable(self._path, read, keep_rows=False)
-            left_out += without
-            try:
-                parts.append(transform(found, Y_UP @ matrix))
-            except FrogError as error:
-                raise FrogError(f"{self._path}: {error}") from error
-        if not parts:
-            raise UnfitValue("no Gaussians", _EXPECTED)
-        return joined(parts), left_out
+            yield gaussians, Y_UP @ matrix
+        if room == most:
+            raise UnfitValue("no Gaussians", EXPECTED)
 
     def _placed(self) -> list[tuple[JsonObject, Float64s]]:
         """The primitives that are Gaussians, and (4, 4) from their space to the world."""
@@ -143,7 +144,7 @@ class _Document:
             place, above, depth = waiting.pop()
             seen += 1
             if depth > _DEEPEST or seen > _MOST_NODES:
-                raise UnfitValue("nodes below nodes without end", _EXPECTED)
+                raise UnfitValue("nodes below nodes without end", EXPECTED)
             matrix = above @ _matrix(nodes[place])
             waiting += [(child, matrix, depth + 1) for child in children[place]]
             if "mesh" not in nodes[place]:
@@ -221,3 +222,99 @@ def _matrix(node: JsonObject) -> Float64s:
     matrix[:3, :3] = turn * numbers(node.get("scale", [1, 1, 1]), "a scale", (3,), 1e12)
     matrix[:3, 3] = numbers(node.get("translation", [0, 0, 0]), "a translation", (3,), 1e12)
     return matrix
+
+
+def _opened(path: Path, content: bytes) -> tuple[JsonObject, list[memoryview]]:
+    """The description and the buffers of a ``.glb`` or a ``.gltf``, whichever the content is.
+
+    A buffer beside the file is read from its own folder or one below, never from another place.
+
+    Raises:
+        UnfitValue: for any other content.
+        FrogError: for a buffer that is not there.
+    """
+    own: memoryview | None = None
+    if content[:4] == _MAGIC.to_bytes(4, "little"):
+        told, own = _chunks(content)
+    else:
+        told = content
+    if len(told) > _LONGEST_JSON:
+        raise UnfitValue(f"a description of {len(told):,} bytes", f"at most {_LONGEST_JSON:,}")
+    try:
+        document = entries(plain_json(told.decode("utf-8-sig"), "a description"), "a description")
+    except UnicodeDecodeError as error:
+        raise UnfitValue("a description that is no text", _GLTF) from error
+    version = entries(document.get("asset"), "asset").get("version")
+    if not str(version).startswith("2."):
+        raise UnfitValue(f"version {brief(version)}", _GLTF)
+    return document, _buffers(path, document, own)
+
+
+def _chunks(content: bytes) -> tuple[bytes, memoryview | None]:
+    """The description and the buffer of a binary file."""
+    _, version, size = _HEADER.unpack_from(content.ljust(_HEADER.size, b"\0"))
+    if version != 2 or size > len(content):
+        raise UnfitValue("no binary glTF 2.0, or a part of one", _GLTF)
+    chunks: dict[int, memoryview] = {}
+    at, whole_file = _HEADER.size, memoryview(content)
+    while at + _CHUNK.size <= size and len(chunks) < 2:
+        length, kind = _CHUNK.unpack_from(content, at)
+        at += _CHUNK.size
+        if at + length > size:
+            raise UnfitValue(f"a chunk of {length:,} bytes at {at:,} of {size:,}", _GLTF)
+        chunks[kind] = whole_file[at : at + length]
+        at += length
+    if _JSON not in chunks or len(chunks[_JSON]) > _LONGEST_JSON:
+        raise UnfitValue("no description", _GLTF)
+    return bytes(chunks[_JSON]), chunks.get(_BINARY)
+
+
+def _buffers(path: Path, document: JsonObject, own: memoryview | None) -> list[memoryview]:
+    found: list[memoryview] = []
+    files: dict[str, memoryview] = {}  # however often one is named, it is read once
+    room = _LARGEST
+    for index, item in enumerate(items(document.get("buffers"), "buffers", _MOST_BUFFERS)):
+        buffer = entries(item, "a buffer")
+        size = whole(buffer.get("byteLength"), "the size of a buffer", 1, _LARGEST)
+        if "uri" not in buffer:
+            if index or own is None:
+                raise UnfitValue("a buffer that is nowhere", _GLTF)
+            content = own
+        else:
+            name = text(buffer["uri"], "where a buffer is", _LONGEST_JSON)
+            if name not in files:
+                files[name] = memoryview(_in_text(name) if name.startswith("data:") else _beside(path, name, room))
+                room -= len(files[name])
+            content = files[name]
+        if len(content) < size:
+            raise UnfitValue(f"a buffer of {len(content):,} bytes", f"the {size:,} that are announced")
+        found.append(content[:size])
+    return found
+
+
+def _in_text(uri: str) -> bytes:
+    start = next((start for start in _DATA if uri.startswith(start)), None)
+    if start is None:
+        raise UnfitValue(f"a buffer written as {brief(uri[:60])}", "bytes in base64")
+    try:
+        return base64.b64decode(uri[len(start) :], validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise UnfitValue("a buffer that is no base64", _GLTF) from error
+
+
+def _beside(path: Path, uri: str, most: int) -> bytes:
+    """What a file near the description holds."""
+    if len(uri) > _LONGEST_NAME:
+        raise UnfitValue(f"a buffer at {brief(uri[:60])}", f"a name of {_LONGEST_NAME:,} characters at most")
+    name = unquote(uri)
+    parts = name.split("/")
+    if ":" in name or "\\" in name or "\0" in name or not name or ".." in parts or name.startswith("/"):
+        raise UnfitValue(f"a buffer at {brief(uri)}", "one in the folder of the file")
+    place = regular_file(path.parent / name, "a buffer of the glTF file")
+    try:
+        size = place.stat().st_size
+        if size > most:
+            raise UnfitValue(f"buffers of more than {_LARGEST:,} bytes", "smaller ones")
+        return place.read_bytes()
+    except OSError as error:
+        raise FrogError(f"{place}: could not be read ({error.strerror or error}).") from error

@@ -3,7 +3,7 @@
 ``x y z nx ny nz f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3``: opacities as logits, scales as logarithms,
 quaternions w, x, y, z, ``f_rest`` by channel (all of red, then green, then blue). Written as little-endian float32;
 read in either byte order, any order of properties, and floats of 16 (which PLY can only name whole numbers), 32 and 64
-bits. No file says which way is up: see interchange.splats.
+bits. No file says which way is up: see interchange.frame_files.
 
 plyfile was tried for this. Its current release wants numpy 2, which Blender 4.5 and 5.0 do not have; and for lists
 before the vertices, text, or a header without an end it asks for what the file says (30 GB for 200 bytes; 86 s for
@@ -13,7 +13,11 @@ with it what is written here.
 
 from __future__ import annotations
 
+import io
 import itertools
+import re
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -21,15 +25,18 @@ from typing import BinaryIO
 import numpy as np
 
 from ..arrays import Array, SceneArrays
+from ..capture.camera import Camera
 from ..capture.world import FILES_OWN, World
-from ..errors import FrogError, found_instead
+from ..errors import FrogError, brief, found_instead
 from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..io.regular_file import regular_file
+from ..playback.frame_delta import canonical_gaussians
+from ..scene.header import MAX_FRAMES
+from .stills import bounded, units
 
 _EXPECTED = "a binary 3DGS .ply"
 _MEANING = "logarithms of sizes, logits of opacities and the like, as 3DGS trainings write them"
-_LARGEST = 1e18  # its square is a float32 still
 _LARGEST_SIZE = 27.0  # a logarithm: the rasterizer draws none of 1e12 or more
 _USUAL_SIZE = 20.0  # more, and the numbers are no logarithms
 _THINNEST = -30.0  # logarithm that stands for that of a size of zero, which some programs write for flat Gaussians
@@ -50,6 +57,10 @@ _NAMES = {
     "f8": ("double", "float64"),
 }
 _TYPES = {name: code for code, names in _NAMES.items() for name in names}
+_FRAMES = "a folder or .zip of 3DGS .ply files"
+_PIECES = re.compile(r"(\d+)")
+_LARGEST_FRAME = 8 << 30  # bytes of a frame's file
+_MOST_PACKED = 1032  # bytes that one of a zip can become
 _RESTS = {0: 1, 9: 4, 24: 9, 45: 16}  # f_rest properties -> SH coefficients a channel
 
 
@@ -117,12 +128,10 @@ def splats_in(path: str | Path, file: BinaryIO) -> Splats:
     """As ``read_splats``, of an open file; ``path`` is what the sentence names."""
     start, count, dtype = _layout(path, file)
     size = count * dtype.itemsize
-    found = max(file.seek(0, 2) - start, 0)
-    if found < size:
-        raise found_instead(path, f"{found:,} bytes of Gaussians", f"the {size:,} that its header announces")
+    there = max(file.seek(0, 2) - start, 0)
     file.seek(start)
-    content = file.read(size)
-    if len(content) != size:
+    content = file.read(min(size, there))
+    if len(content) < size:
         raise found_instead(path, f"{len(content):,} bytes of Gaussians", f"the {size:,} that its header announces")
     return _splats(path, np.frombuffer(content, dtype, count))
 
@@ -252,20 +261,14 @@ def _cleaned(path: str | Path, arrays: SceneArrays, *, halves: bool) -> tuple[Sc
     scales[np.isneginf(scales)] = _THINNEST
     endless = np.isinf(logits)
     logits[endless] = np.copysign(_MOST_CERTAIN, logits[endless])
-    fits = np.logical_and.reduce([_bounded(array) for array in arrays.values()]) & (scales <= _LARGEST_SIZE).all(axis=1)
+    fits = np.logical_and.reduce([bounded(array) for array in arrays.values()]) & (scales <= _LARGEST_SIZE).all(axis=1)
     if complaint := _complaint(arrays, fits):
         made = "whole numbers of 16 bits that are no half floats: " if halves else ""
         raise found_instead(path, made + complaint, _MEANING)
     kept = arrays if fits.all() else {name: array[fits] for name, array in arrays.items()}
     kept["opacity_logits"] = kept["opacity_logits"].clip(-_MOST_CERTAIN, _MOST_CERTAIN)
-    kept["quaternions"] = _units(kept["quaternions"])
+    kept["quaternions"] = units(kept["quaternions"])
     return kept, int((~fits).sum())
-
-
-def _bounded(array: Array) -> Array:
-    """(N,) where all numbers of a row are finite and not too large."""
-    result: Array = (np.abs(array.reshape(len(array), -1)) <= _LARGEST).all(axis=1)
-    return result
 
 
 def _complaint(arrays: SceneArrays, fits: Array) -> str:
@@ -292,9 +295,72 @@ def _median(numbers: Array) -> float:
     return float(np.median(finite)) if finite.size else 0.0
 
 
-def _units(quaternions: Array) -> Array:
-    """Of length one; without a turn where they have no direction."""
-    exact = quaternions.astype(np.float64)
-    exact[~exact.any(axis=1)] = (1.0, 0.0, 0.0, 0.0)
-    result: Array = (exact / np.linalg.norm(exact, axis=1, keepdims=True)).astype(np.float32)
-    return result
+class PlySequence:
+    """The frames of a folder or zip of files, one a frame, as other trainers and players write them: a ``FrameSource``.
+
+    Files are taken in the order of the numbers in their names. Where the first says so (see PROMISE), the same row is
+    the same Gaussian in all of them; where none does, it is looked at what moves how far.
+
+    Args:
+        path: of the folder or zip.
+        rate: frames a second, which no file says.
+    """
+
+    origin = "plys"
+    cameras: tuple[Camera, ...] = ()
+
+    def __init__(self, path: Path, rate: float) -> None:
+        self._path, self.rate, self.left_out = path, rate, 0
+        if not 1e-3 <= rate <= 1e4:
+            raise FrogError(f"{path}: found {rate:g} frames a second, expected 0.001 to 10,000.")
+        self._archive: zipfile.ZipFile | None = None
+        if path.is_dir():
+            names = [each.name for each in path.iterdir() if each.suffix.lower() == ".ply"]
+        else:
+            regular_file(path, _FRAMES)
+            try:
+                self._archive = zipfile.ZipFile(path)
+                names = [name for name in self._archive.namelist() if name.lower().endswith(".ply")]
+            except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
+                raise found_instead(path, f"a zip that cannot be opened ({brief(error)})", _FRAMES) from error
+        self._names = sorted((name for name in names if not _is_hidden(name)), key=_by_number)
+        self.frame_count = len(self._names)
+        if not 1 <= self.frame_count <= MAX_FRAMES:
+            raise found_instead(path, f"{self.frame_count:,} .ply files", _FRAMES)
+        self.keeps_identity: bool | None = True if promises_order(self._file(0)) else None
+
+    def at(self, frame: int) -> NumpyGaussians:
+        """A frame, counted from 0, with the file's own axes."""
+        place = self._path / self._names[frame]
+        splats = read_splats(place) if self._archive is None else splats_in(place, self._file(frame))
+        self.left_out = max(self.left_out, splats.left_out)
+        if not splats.world.is_plain:
+            raise found_instead(place, "coordinates that need more than single precision", "local ones")
+        return canonical_gaussians(splats.arrays)
+
+    def _file(self, frame: int) -> io.BytesIO:
+        """What a frame's file holds, or of a folder's how it begins."""
+        name = self._names[frame]
+        if self._archive is None:
+            with regular_file(self._path / name, "a 3DGS .ply").open("rb") as file:
+                return io.BytesIO(file.read(1 << 16))
+        entry = self._archive.getinfo(name)
+        if entry.file_size > min(_LARGEST_FRAME, _MOST_PACKED * max(entry.compress_size, 1)):
+            raise found_instead(self._path, f"{entry.file_size:,} bytes of {brief(name)}", "what its size allows for")
+        try:
+            with self._archive.open(entry) as packed:
+                return io.BytesIO(packed.read(entry.file_size))
+        except (zipfile.BadZipFile, zlib.error, OSError, ValueError, RuntimeError, EOFError) as error:
+            sentence = f"{brief(name)}, which cannot be unpacked ({brief(error)})"
+            raise found_instead(self._path, sentence, _FRAMES) from error
+
+
+def _is_hidden(name: str) -> bool:
+    """What systems put into zips for themselves."""
+    return any(part.startswith((".", "__MACOSX")) for part in name.split("/"))
+
+
+def _by_number(name: str) -> list[tuple[int, int, str]]:
+    """So that 10 comes after 9."""
+    pieces = _PIECES.split(name)
+    return [(1, int(piece[:18]), "") if piece.isdecimal() else (0, 0, piece) for piece in pieces]

@@ -11,6 +11,7 @@ a few calls of numpy.
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 import struct
@@ -20,17 +21,15 @@ from pathlib import Path
 import numpy as np
 
 from ..arrays import Array, Float64s
-from ..errors import FrogError, brief, found_instead
+from ..errors import FrogError, brief
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.atomic_files import write_atomically
-from ..io.regular_file import regular_file
-from ..io.zstd import compressed, expanded
-from ..optional_imports import is_missing, not_loaded
+from ..io.plain_values import UnfitValue
+from ..optional_imports import needed_package
 from ..playback.transform import transform
-from .activated import usable
-from .usd_source import Y_UP
+from .stills import Y_UP, Part
 
-_MAGIC, _EXPECTED = 0x5053474E, "a .spz file of version 2, 3 or 4"
+_MAGIC, EXPECTED = 0x5053474E, "a .spz file of version 2, 3 or 4"
 VERSIONS = (3, 4)
 """That can be written: every program reads the first, and the second is smaller."""
 _HEADER = struct.Struct("<IIIBBBB")
@@ -47,6 +46,8 @@ _COLOR = 0.15  # of a harmonic of degree 0 in a colour's 8 bits
 _SCALES = 16.0, 10.0  # steps of a logarithm, and how far below zero they begin
 _MOST_BITS, _PLACES = 23, 2**23 - 1
 _BYTES_OF_BYTE = 1032  # that a byte of a gzip file can become; of zstd more, but of no file of Gaussians
+_SMALLEST_WINDOW = 1 << 23  # bytes, which every decoder of Zstandard has to have
+_LEVEL = 12
 _HARMONICS = {0: 0, 1: 3, 2: 8, 3: 15, 4: 24}
 _MOST_HARMONICS = 15
 
@@ -86,98 +87,98 @@ def write_spz(path: Path, gaussians: NumpyGaussians, *, version: int = VERSIONS[
         write_atomically(path, packer.compress(header + b"".join(parts)) + packer.flush())
         return
     try:
-        streams = [(len(part), compressed(part)) for part in parts if part]
+        from zstandard import ZstdCompressor
+
+        streams = [(len(part), ZstdCompressor(level=_LEVEL).compress(part)) for part in parts if part]
     except ImportError as error:
-        raise _without_zstd(path, error) from error
+        raise needed_package(path, error) from error
     sizes = [_SIZES.pack(len(stream), size) for size, stream in streams]
     head = header + _PLACES_OF_STREAMS.pack(_HEADER.size + _PLACES_OF_STREAMS.size)
     write_atomically(path, b"".join([head, *sizes, *(stream for _, stream in streams)]))
 
 
-def read_spz(path: Path) -> tuple[NumpyGaussians, int]:
-    """Gaussians with z up, and how many rows are left out that cannot be drawn; FrogError for any other file."""
-    content = regular_file(path, _EXPECTED).read_bytes()
+def decode_spz(_path: Path, content: bytes) -> list[Part]:
+    """Gaussians, and from their file's axes to z up; UnfitValue for any other content."""
     if not content.startswith(_MAGIC.to_bytes(4, "little") + b"\4"):
-        content = _unpacked(path, content)
+        content = _unpacked(content)
     magic, version, count, degree, bits, flags, streams = _HEADER.unpack_from(content.ljust(_HEADER.size, b"\0"))
     if magic != _MAGIC or version not in (2, 3, 4):
-        found = f"version {version}" if magic == _MAGIC else "no .spz file"
-        raise found_instead(path, found, _EXPECTED)
+        raise UnfitValue(f"version {version}" if magic == _MAGIC else "no .spz file", EXPECTED)
     if degree not in _HARMONICS or bits > _MOST_BITS or not count:
-        raise found_instead(path, f"{count:,} Gaussians of degree {degree} and {bits} fractional bits", _EXPECTED)
+        raise UnfitValue(f"{count:,} Gaussians of degree {degree} and {bits} fractional bits", EXPECTED)
     widths = (9, 1, 3, 3, 3 if version == 2 else 4, 3 * _HARMONICS[degree])
     if version == 4:
-        parts, records = _streams(path, content, [count * width for width in widths], streams)
+        parts, records = _streams(content, [count * width for width in widths], streams)
     else:
-        parts, records = _parts(path, content, count, widths)
+        parts, records = _attributes(content, count, widths)
         if not flags & _EXTENDED and records:
-            raise found_instead(path, f"{len(records):,} bytes more", f"those of its {count:,} Gaussians")
+            raise UnfitValue(f"{len(records):,} bytes more", f"those of its {count:,} Gaussians")
     columns = [np.frombuffer(part, np.uint8).reshape(count, -1) for part in parts[: 6 if degree else 5]]
-    gaussians, left_out = usable(path, _gaussians(columns, version, bits), keep_rows=False)
-    own = _axes(path, records) if flags & _EXTENDED else np.eye(4)
-    try:
-        return transform(gaussians, Y_UP @ own), left_out
-    except FrogError as error:
-        raise FrogError(f"{path}: {error}") from error
+    own = _axes(records) if flags & _EXTENDED else np.eye(4)
+    return [(_gaussians(columns, version, bits), Y_UP @ own)]
 
 
-def _parts(path: Path, content: bytes, count: int, widths: tuple[int, ...]) -> tuple[list[memoryview], memoryview]:
+def _attributes(content: bytes, count: int, widths: tuple[int, ...]) -> tuple[list[memoryview], memoryview]:
     """The attributes of version 2 or 3, and what follows them."""
     size = _HEADER.size + count * sum(widths)
     if len(content) < size:
-        raise found_instead(path, f"{len(content):,} bytes", f"the {size:,} of its {count:,} Gaussians")
+        raise UnfitValue(f"{len(content):,} bytes", f"the {size:,} of its {count:,} Gaussians")
     ends = np.cumsum([_HEADER.size, *(count * width for width in widths)]).tolist()
     view = memoryview(content)
     return [view[start:end] for start, end in itertools.pairwise(ends)], view[size:]
 
 
-def _streams(path: Path, content: bytes, sizes: list[int], number: int) -> tuple[list[memoryview], memoryview]:
+def _streams(content: bytes, sizes: list[int], number: int) -> tuple[list[memoryview], memoryview]:
     """The attributes of version 4, and the records of extensions before them."""
     sizes = [size for size in sizes if size]
     start = _PLACES_OF_STREAMS.unpack_from(content.ljust(32, b"\0"), _HEADER.size)[0]
     at = start + number * _SIZES.size
     first = _HEADER.size + _PLACES_OF_STREAMS.size
     if number != len(sizes) or start < first or at > len(content) or sum(sizes) > _BYTES_OF_BYTE * len(content):
-        expected = f"{len(sizes)} of {sum(sizes):,} bytes"
-        raise found_instead(path, f"{number} streams in {len(content):,} bytes", expected)
+        raise UnfitValue(f"{number} streams in {len(content):,} bytes", f"{len(sizes)} of {sum(sizes):,} bytes")
     parts, view = [], memoryview(content)
     for index, size in enumerate(sizes):
         packed, announced = _SIZES.unpack_from(content, start + index * _SIZES.size)
         if announced != size or packed > len(content) - at:
             found = f"a stream of {announced:,} bytes in {packed:,}"
-            raise found_instead(path, found, f"{size:,} in at most {len(content) - at:,}")
-        try:
-            parts.append(memoryview(expanded(view[at : at + packed], size)))
-        except ValueError as error:
-            raise found_instead(path, f"a stream that cannot be unpacked ({brief(error)})", _EXPECTED) from error
-        except ImportError as error:
-            raise _without_zstd(path, error) from error
+            raise UnfitValue(found, f"{size:,} in at most {len(content) - at:,}")
+        parts.append(memoryview(_expanded(view[at : at + packed], size)))
         at += packed
     return parts, view[first:start]
 
 
-def _without_zstd(path: Path, error: ImportError) -> FrogError:
-    if not is_missing(error):
-        return FrogError(f"{path}: {not_loaded(error, 'zstandard')}.")
-    return FrogError(f"{path}: the Python package 'zstandard', which packs .spz files of version 4, is not installed.")
+def _expanded(stream: memoryview, size: int) -> bytes:
+    """The content of one frame of Zstandard, which has to be ``size`` bytes; no more memory is taken than that and a
+    window."""
+    import zstandard
+
+    window = max(_SMALLEST_WINDOW, 1 << (size - 1).bit_length())
+    try:
+        reader = zstandard.ZstdDecompressor(max_window_size=window).stream_reader(io.BytesIO(stream))
+        content: bytes = reader.read(size + 1)
+    except zstandard.ZstdError as error:
+        raise UnfitValue(f"a stream that cannot be unpacked ({brief(error)})", EXPECTED) from error
+    if len(content) != size:
+        raise UnfitValue(f"a stream of {len(content):,} bytes at least", f"the {size:,} that are announced")
+    return content
 
 
-def _axes(path: Path, records: memoryview) -> Float64s:
+def _axes(records: memoryview) -> Float64s:
     """(4, 4) from a file's own axes, which one of its extensions may name, to x right, y up, z back."""
-    at, found = 0, np.eye(4)
+    at, axes = 0, np.eye(4)
     while at + _RECORD.size <= len(records):
         kind, length = _RECORD.unpack_from(records, at)
         at += _RECORD.size
         if length > len(records) - at:
-            raise found_instead(path, f"an extension of {length:,} bytes", f"at most {len(records) - at:,}")
+            raise UnfitValue(f"an extension of {length:,} bytes", f"at most {len(records) - at:,}")
         if kind == _AXES and length == 4:
             system = int.from_bytes(records[at : at + 4], "little")
             if system > len(_SYSTEMS):
-                raise found_instead(path, f"axes of number {system}", f"at most {len(_SYSTEMS)}")
+                raise UnfitValue(f"axes of number {system}", f"at most {len(_SYSTEMS)}")
             if system:  # 0 says nothing
-                found[:3, :3] = np.array([_DIRECTIONS[letter] for letter in _SYSTEMS[system - 1]]).T
+                axes[:3, :3] = np.array([_DIRECTIONS[letter] for letter in _SYSTEMS[system - 1]]).T
         at += length
-    return found
+    return axes
 
 
 def _gaussians(columns: list[Array], version: int, bits: int) -> NumpyGaussians:
@@ -195,7 +196,7 @@ def _gaussians(columns: list[Array], version: int, bits: int) -> NumpyGaussians:
     return GaussianArrays(means, rotations, np.exp(scales / _SCALES[0] - _SCALES[1]), opacities[:, 0] / 255.0, sh)
 
 
-def _unpacked(path: Path, content: bytes) -> bytes:
+def _unpacked(content: bytes) -> bytes:
     """What a gzip file holds, with no more memory than its header asks for; other content as it is."""
     if not content.startswith(b"\x1f\x8b"):
         return content
@@ -207,11 +208,11 @@ def _unpacked(path: Path, content: bytes) -> bytes:
         _, version, count, degree, _, flags, _ = _HEADER.unpack(head)
         size = count * (16 + (3 if version == 2 else 4) + 3 * _HARMONICS.get(degree, 0))
         if size > _BYTES_OF_BYTE * len(content):
-            raise found_instead(path, f"{len(content):,} bytes for {count:,} Gaussians", _EXPECTED)
+            raise UnfitValue(f"{len(content):,} bytes for {count:,} Gaussians", EXPECTED)
         size += _LONGEST_RECORDS if flags & _EXTENDED else 1  # one more shows that there are too many
         return head + unpacker.decompress(unpacker.unconsumed_tail, size)
     except zlib.error as error:
-        raise found_instead(path, f"a file that cannot be unpacked ({error})", _EXPECTED) from error
+        raise UnfitValue(f"a file that cannot be unpacked ({error})", EXPECTED) from error
 
 
 def _byte(values: Array) -> Array:

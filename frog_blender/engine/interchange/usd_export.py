@@ -15,34 +15,39 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence, Set
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..arrays import Array
-from ..capture.camera import Camera
 from ..errors import FrogError
 from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
-from ..source_media.clips import camera_path
-from .take import Sound, Take, TakeFrame
-from .usd_cameras import NAME, SIZE
+from .take import Sound, Take
+from .usd_cameras import add_cameras, time_code, transform_of, usd_matrix
 
 if TYPE_CHECKING:
     from pxr import Usd
 
 PRIM_TYPE = "ParticleField3DGaussianSplat"
 SUFFIXES = (".usdc", ".usda", ".usd")
-COLOR_SPACE = "srgb-rec709-display"
-"""What the colours are, in the words of the .4dgs format, whose tools read the key below."""
-_COLOR_KEYS = ("frog:colorSpace", "fourdgs:colorSpace")
+_COLOR_SPACE = "srgb-rec709-display"
 _MEANING = "Radiance is display-referred sRGB minus one half, as 3DGS trainings write it; it is no linear light."
 _SAME_ROWS = "The same row is the same Gaussian at every time."
 _OTHER_ROWS = "Rows are other Gaussians at each time: between two samples the earlier one holds."
 _SH_NAME = "radiance:sphericalHarmonicsCoefficients"
-_APERTURE = 36.0  # tenths of a unit, as of a 35 mm film in millimetres
+_ATTRIBUTES: dict[str, tuple[tuple[str, str], tuple[str, str] | None]] = {
+    "positions": (("Point3fArray", "Vec3f"), None),
+    "orientations": (("QuatfArray", "Quatf"), ("QuathArray", "Quath")),
+    "scales": (("Float3Array", "Vec3f"), ("Half3Array", "Vec3h")),
+    "opacities": (("FloatArray", "Float"), ("HalfArray", "Half")),
+    _SH_NAME: (("Float3Array", "Vec3f"), ("Half3Array", "Vec3h")),
+}
+"""Types of the prims' attributes and of Vt's arrays in single precision, and in half where that is enough."""
+_COLUMNS = {"means": "positions", "quaternions": "orientations", "scales": "scales"}
+_HALVES = {"Quath", "Vec3h", "Half"}
 _FLUSHED = 256 << 20  # bytes of samples that are held before they go to the disk
 _LARGEST_HALF = 65504.0
 _REACH = 3.0  # standard deviations within which a Gaussian is seen
@@ -98,34 +103,33 @@ def _written(unfinished: Path, path: Path, take: Take, full_precision: bool) -> 
     layer.comment = f"{_MEANING} {_SAME_ROWS if take.keeps_identity else _OTHER_ROWS}"
     root.SetMetadata("kind", "component")
     root.SetCustomDataByKey("frog:method", take.header.method)
-    static = dynamic = None
-    place, pending, before = _Place(stage, root), 0, None
+    fields: list[_Field] = []
+    place, pending, before = None, 0, None
+    changing = _attributes(take.changing)
     shown: list[tuple[float, float]] = []
     for done, frame in enumerate(take.frames(), 1):
         gaussians = _compatible(frame.gaussians, before)
         if done == 1:
-            count, moving = len(gaussians), take.num_dynamic
-            if moving < count:
-                static = _Field(stage, f"{root.GetPath()}/Static", gaussians, slice(moving, count), full_precision)
-            if moving:
-                dynamic = _Field(stage, f"{root.GetPath()}/Dynamic", gaussians, slice(0, moving), full_precision)
-        if static is not None and done == 1:
-            static.put_still(gaussians)
-        if dynamic is not None:
-            if done == 1:
-                dynamic.put_still(gaussians, without=_attributes(take.changing))
-            pending += dynamic.put(gaussians, frame.number, _attributes(take.changing))
-        place.put(frame)
+            rows = {"Static": slice(take.num_dynamic, len(gaussians)), "Dynamic": slice(0, take.num_dynamic)}
+            for name, some in rows.items():
+                if some.start < some.stop:
+                    field = _Field(stage, f"{root.GetPath()}/{name}", gaussians, some, full_precision)
+                    field.put(gaussians, _ATTRIBUTES.keys() - (changing if name == "Dynamic" else frozenset()))
+                    fields.append(field)
+        if take.num_dynamic:
+            pending += fields[-1].put(gaussians, changing, frame.number)
+        if frame.placement is not None:
+            place = place or transform_of(root)
+            place.Set(usd_matrix(frame.placement), frame.number)
         shown.append((frame.number, frame.time))
         before = gaussians.quaternions
         if pending > _FLUSHED:
             layer.Save()
             pending = 0
         yield done
-    for each in (static, dynamic):
-        if each is not None:
-            each.close()
-    _add_cameras(stage, f"{root.GetPath()}/Cameras", take, shown)
+    for field in fields:
+        field.close()
+    add_cameras(stage, f"{root.GetPath()}/Cameras", take.header, shown)
     if take.sound is not None:
         _add_sound(stage, f"{root.GetPath()}/Sound", take.sound, take.numbers[0], path)
     layer.Save()
@@ -144,12 +148,14 @@ def _add_sound(stage: Usd.Stage, path: str, sound: Sound, number: float, file: P
             played = file.with_name(f"{file.stem}_sound_{digest}.wav")
         write_atomically(played, sound.content)
 
-    types, uniform = Sdf.ValueTypeNames, Sdf.VariabilityUniform
-    prim = stage.DefinePrim(path, "SpatialAudio")
-    prim.CreateAttribute("filePath", types.Asset, False, uniform).Set(Sdf.AssetPath(_beside(played, file.parent)))
-    prim.CreateAttribute("auralMode", types.Token, False, uniform).Set("nonSpatial")
-    prim.CreateAttribute("startTime", types.TimeCode, False, uniform).Set(Sdf.TimeCode(number))
-    prim.CreateAttribute("mediaOffset", types.Double, False, uniform).Set(sound.start)
+    prim, types = stage.DefinePrim(path, "SpatialAudio"), Sdf.ValueTypeNames
+    for name, kind, value in (
+        ("filePath", types.Asset, Sdf.AssetPath(_beside(played, file.parent))),
+        ("auralMode", types.Token, "nonSpatial"),
+        ("startTime", types.TimeCode, Sdf.TimeCode(number)),
+        ("mediaOffset", types.Double, sound.start),
+    ):
+        prim.CreateAttribute(name, kind, False, Sdf.VariabilityUniform).Set(value)
 
 
 def _beside(file: Path, folder: Path) -> str:
@@ -163,10 +169,7 @@ def _beside(file: Path, folder: Path) -> str:
 
 def _attributes(columns: Sequence[str]) -> frozenset[str]:
     """The prim's attributes that hold columns of a frame."""
-    plain = {"means": "positions", "quaternions": "orientations", "scales": "scales"}
-    found = {plain[name] for name in columns if name in plain}
-    if any(name not in plain for name in columns):
-        found.add(_SH_NAME)
+    found = {_COLUMNS.get(name, _SH_NAME) for name in columns}
     return frozenset(found | ({"opacities"} if "base" in columns else set()))
 
 
@@ -188,44 +191,45 @@ class _Field:
     ) -> None:
         from pxr import Sdf
 
-        self._rows, self._full = rows, full_precision
+        self._rows = rows
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
         types, uniform = Sdf.ValueTypeNames, Sdf.VariabilityUniform
         self._prim = stage.DefinePrim(path, PRIM_TYPE)
-        for key in _COLOR_KEYS:
-            self._prim.SetCustomDataByKey(key, COLOR_SPACE)
+        self._prim.SetCustomDataByKey("frog:colorSpace", _COLOR_SPACE)
         self._prim.SetCustomDataByKey("frog:meaning", _MEANING)
         degree = self._prim.CreateAttribute("radiance:sphericalHarmonicsDegree", types.Int, False, uniform)
         degree.Set(gaussians.sh_degree)
         hint = self._prim.CreateAttribute("sortingModeHint", types.Token, False, uniform)
         hint.Set("zDepth")
-        kinds: Mapping[str, tuple[Any, Any]] = {
-            "positions": (types.Point3fArray, types.Point3hArray),
-            "orientations": (types.QuatfArray, types.QuathArray),
-            "scales": (types.Float3Array, types.Half3Array),
-            "opacities": (types.FloatArray, types.HalfArray),
-            _SH_NAME: (types.Float3Array, types.Half3Array),
+        self._arrays: dict[str, str] = {}  # of Vt, by attribute
+        self._targets: dict[str, Usd.Attribute] = {}
+        for name, (single, half) in _ATTRIBUTES.items():
+            kind, self._arrays[name] = single if full_precision or half is None else half
+            own = f"{name}h" if self._arrays[name] in _HALVES else name
+            self._targets[name] = self._prim.CreateAttribute(own, getattr(types, kind), False)
+
+    def put(self, gaussians: NumpyGaussians, names: Set[str], number: float | None = None) -> int:
+        """Writes attributes of a frame, without time samples where it has no number; returns the bytes they take."""
+        from pxr import Vt
+
+        rows, written = self._rows, 0
+        means, scales = gaussians.means[rows], gaussians.scales[rows]
+        reach = _REACH * scales.max(axis=1, keepdims=True)
+        self._low = np.minimum(self._low, (means - reach).min(axis=0))
+        self._high = np.maximum(self._high, (means + reach).max(axis=0))
+        values = {
+            "positions": means,
+            "orientations": np.roll(gaussians.quaternions[rows], -1, axis=1),  # in memory their real part comes last
+            "scales": scales,
+            "opacities": gaussians.opacities[rows],
+            _SH_NAME: gaussians.sh[rows].reshape(-1, 3),
         }
-        self._targets = {}
-        for name, (single, half) in kinds.items():
-            is_half = not full_precision and name != "positions"
-            self._targets[name] = self._prim.CreateAttribute(
-                f"{name}h" if is_half else name, half if is_half else single, False
-            )
-
-    def put_still(self, gaussians: NumpyGaussians, without: frozenset[str] = frozenset()) -> None:
-        """Writes what does not change, as attributes without time samples."""
-        for name, values in self._values(gaussians).items():
-            if name not in without:
-                self._targets[name].Set(values)
-
-    def put(self, gaussians: NumpyGaussians, number: float, names: frozenset[str]) -> int:
-        """Writes the attributes ``names`` of a frame; returns the bytes that they take."""
-        written = 0
-        for name, values in self._values(gaussians).items():
-            if name in names:
-                self._targets[name].Set(values, number)
-                written += 12 * len(values)
+        for name, array in self._arrays.items():
+            if name not in names:
+                continue
+            contiguous = _half(values[name]) if array in _HALVES else np.ascontiguousarray(values[name])
+            self._targets[name].Set(getattr(Vt, f"{array}Array").FromNumpy(contiguous), time_code(number))
+            written += 12 * len(contiguous)
         return written
 
     def close(self) -> None:
@@ -236,113 +240,6 @@ class _Field:
         corners = [Gf.Vec3f(*(float(value) for value in corner)) for corner in (self._low, self._high)]
         extent.Set(Vt.Vec3fArray(corners))
 
-    def _values(self, gaussians: NumpyGaussians) -> dict[str, Any]:  # of Vt, which has no types
-        from pxr import Vt
-
-        rows = self._rows
-        means, scales = gaussians.means[rows], gaussians.scales[rows]
-        reach = _REACH * scales.max(axis=1, keepdims=True)
-        self._low = np.minimum(self._low, (means - reach).min(axis=0))
-        self._high = np.maximum(self._high, (means + reach).max(axis=0))
-        turns = np.roll(gaussians.quaternions[rows], -1, axis=1)  # in memory their real part comes last
-        colors = gaussians.sh[rows].reshape(-1, 3)
-        single = Vt.Vec3fArray.FromNumpy
-        if self._full:
-            return {
-                "positions": single(np.ascontiguousarray(means)),
-                "orientations": Vt.QuatfArray.FromNumpy(np.ascontiguousarray(turns)),
-                "scales": single(np.ascontiguousarray(scales)),
-                "opacities": Vt.FloatArray.FromNumpy(np.ascontiguousarray(gaussians.opacities[rows])),
-                _SH_NAME: single(np.ascontiguousarray(colors)),
-            }
-        return {
-            "positions": single(np.ascontiguousarray(means)),
-            "orientations": Vt.QuathArray.FromNumpy(_half(turns)),
-            "scales": Vt.Vec3hArray.FromNumpy(_half(scales)),
-            "opacities": Vt.HalfArray.FromNumpy(_half(gaussians.opacities[rows])),
-            _SH_NAME: Vt.Vec3hArray.FromNumpy(_half(colors)),
-        }
-
 
 def _half(values: Array) -> Array:
     return np.ascontiguousarray(values.clip(-_LARGEST_HALF, _LARGEST_HALF), np.float16)
-
-
-class _Place:
-    """Where the take's root stands; time samples where it moves."""
-
-    def __init__(self, stage: Usd.Stage, root: Usd.Prim) -> None:
-        self._root = root
-        self._target: Usd.Attribute | None = None
-
-    def put(self, frame: TakeFrame) -> None:
-        from pxr import Gf, Sdf, Vt
-
-        if frame.placement is None:
-            return
-        if self._target is None:
-            self._target = self._root.CreateAttribute("xformOp:transform", Sdf.ValueTypeNames.Matrix4d, False)
-            order = self._root.CreateAttribute(
-                "xformOpOrder", Sdf.ValueTypeNames.TokenArray, False, Sdf.VariabilityUniform
-            )
-            order.Set(Vt.TokenArray(["xformOp:transform"]))
-        matrix = Gf.Matrix4d(np.asarray(frame.placement, np.float64).T.tolist())  # rows are vectors in USD
-        self._target.Set(matrix, frame.number)
-
-
-def _add_cameras(stage: Usd.Stage, scope: str, take: Take, shown: Sequence[tuple[float, float]]) -> None:
-    """The capture's cameras; one that moves is where it was at the frame that is shown.
-
-    Args:
-        shown: frame numbers, and the capture's frame at each.
-    """
-    header = take.header
-    if not header.cameras:
-        return
-    stage.DefinePrim(scope, "Scope")
-    if header.is_moving:
-        path = camera_path(header)
-        filmed = np.array([frame for frame, _ in path])
-        views = [(number, path[int(np.abs(filmed - time).argmin())][1]) for number, time in shown]
-        _add_camera(stage, scope, "Moving Camera", views)
-        return
-    for camera in header.cameras:
-        _add_camera(stage, scope, camera.name, [(None, camera)])
-
-
-def _add_camera(stage: Usd.Stage, scope: str, name: str, views: Sequence[tuple[float | None, Camera]]) -> None:
-    """One camera at its frame numbers, or without time samples where there is one view of number None."""
-    from pxr import Gf, Sdf, Tf, Usd, Vt
-
-    types, identifier, number = Sdf.ValueTypeNames, Tf.MakeValidIdentifier(name), 1
-    while stage.GetPrimAtPath(f"{scope}/{identifier}"):
-        number += 1
-        identifier = f"{Tf.MakeValidIdentifier(name)}_{number}"
-    prim = stage.DefinePrim(f"{scope}/{identifier}", "Camera")
-    prim.SetCustomDataByKey(NAME, name)
-    prim.SetCustomDataByKey(SIZE, Gf.Vec2i(views[0][1].width, views[0][1].height))
-    prim.CreateAttribute("clippingRange", types.Float2, False).Set(Gf.Vec2f(0.01, 10_000.0))
-    prim.CreateAttribute("projection", types.Token, False).Set("perspective")
-    lens = {each: prim.CreateAttribute(each, types.Float, False) for each in _lens(views[0][1])}
-    pose = prim.CreateAttribute("xformOp:transform", types.Matrix4d, False)
-    order = prim.CreateAttribute("xformOpOrder", types.TokenArray, False, Sdf.VariabilityUniform)
-    order.Set(Vt.TokenArray(["xformOp:transform"]))
-    for at, camera in views:
-        time = Usd.TimeCode.Default() if at is None else Usd.TimeCode(at)
-        for each, value in _lens(camera).items():
-            lens[each].Set(value, time)
-        to_world = np.linalg.inv(camera.world_to_camera) @ np.diag([1.0, -1.0, -1.0, 1.0])
-        pose.Set(Gf.Matrix4d(to_world.T.tolist()), time)
-
-
-def _lens(camera: Camera) -> dict[str, float]:
-    """A pinhole camera in USD's words; an off-centre principal point is an offset of the aperture."""
-    k, width, height = camera.intrinsics, camera.width, camera.height
-    tall = _APERTURE * height / width * k[0, 0] / k[1, 1]
-    return {
-        "focalLength": float(k[0, 0] * _APERTURE / width),
-        "horizontalAperture": _APERTURE,
-        "verticalAperture": float(tall),
-        "horizontalApertureOffset": float(_APERTURE * (0.5 - k[0, 2] / width)),
-        "verticalApertureOffset": float(tall * (k[1, 2] / height - 0.5)),
-    }

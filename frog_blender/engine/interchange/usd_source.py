@@ -1,7 +1,7 @@
 """Frames of anybody's USD file with ``ParticleField3DGaussianSplat`` prims, time-sampled or not.
 
 USD's own library reads the file, and it trusts what it reads: a damaged file can end the process. So this runs in a
-process of its own (see import_process), with a limit to its memory.
+process of its own (see imports), with a limit to its memory.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ import numpy as np
 
 from ..arrays import Array
 from ..capture.camera import Camera
-from ..errors import FrogError, brief, found_instead
+from ..errors import brief, found_instead
 from ..gaussians import GaussianArrays, NumpyGaussians, joined
 from ..io.paths import is_network_path
 from ..io.regular_file import regular_file
-from ..playback.transform import Y_DOWN, transform
 from ..scene.header import MAX_FRAMES
-from .activated import usable
-from .usd_cameras import cameras_of
+from .stills import AS_THEY_ARE, Y_UP, gathered
+from .usd_cameras import cameras_of, time_code, world_matrix
 from .usd_export import PRIM_TYPE
 
 if TYPE_CHECKING:
@@ -30,11 +29,9 @@ if TYPE_CHECKING:
 _EXPECTED = f"a USD file with {PRIM_TYPE} prims"
 _NAMES = ("positions", "orientations", "scales", "opacities", "radiance:sphericalHarmonicsCoefficients")
 _MOST_PRIMS = 4096
-SPARSE, SPARSEST = 4, 256
+_SPARSE, _SPARSEST = 4, 256
 """Frames for a time sample, at most: where times lie on a grid, and where they do not."""
 _COEFFICIENTS = (1, 4, 9, 16)
-Y_UP = np.linalg.inv(Y_DOWN) @ np.diag([1.0, -1.0, -1.0, 1.0])
-"""(4, 4) from axes with y up to those with z up: a turn about the x axis."""
 
 
 class UsdSource:
@@ -59,14 +56,15 @@ class UsdSource:
         try:
             _check_references(path)
             self._stage = Usd.Stage.Open(str(path))
-            self._prims = [prim for prim in self._stage.Traverse(Usd.TraverseInstanceProxies()) if _is_splats(prim)]
+            self._prims = [
+                prim for prim in self._stage.Traverse(Usd.TraverseInstanceProxies()) if prim.GetTypeName() == PRIM_TYPE
+            ]
             if not 1 <= len(self._prims) <= _MOST_PRIMS:
                 raise found_instead(path, f"{len(self._prims)} such prims", _EXPECTED)
             _make_placeable(self._stage, self._prims)
-            self._is_y_up = UsdGeom.GetStageUpAxis(self._stage) == "Y"
+            self._up = Y_UP if UsdGeom.GetStageUpAxis(self._stage) == "Y" else AS_THEY_ARE
             self._times, self.rate = self._grid(float(self._stage.GetTimeCodesPerSecond()))
-            up = Y_UP if self._is_y_up else np.eye(4)
-            self.cameras: tuple[Camera, ...] = tuple(cameras_of(self._stage, self._times[0], up))
+            self.cameras: tuple[Camera, ...] = tuple(cameras_of(self._stage, self._times[0], self._up))
         except Tf.ErrorException as error:
             raise found_instead(path, f"a file that the USD library cannot read ({brief(error)})", _EXPECTED) from error
         self.frame_count = len(self._times)
@@ -75,34 +73,25 @@ class UsdSource:
 
     def at(self, frame: int) -> NumpyGaussians:
         """A frame, counted from 0, in the file's world with z up."""
-        from pxr import Tf, Usd, UsdGeom
+        from pxr import Tf, UsdGeom
 
         time = self._times[frame]
         try:
-            cache = UsdGeom.XformCache(Usd.TimeCode.Default() if time is None else Usd.TimeCode(time))
-            parts = []
+            cache = UsdGeom.XformCache(time_code(time))
+            parts, left_out = [], 0
             for prim in self._prims:
-                gaussians = self._gaussians(prim, time)
-                matrix = np.array(cache.GetLocalToWorldTransform(prim), np.float64).T  # rows are vectors in USD
-                if self._is_y_up:
-                    matrix = Y_UP @ matrix
-                parts.append(self._placed(prim, gaussians, matrix))
+                where = f"{self._path}: {brief(prim.GetPath())}"
+                part = self._gaussians(where, prim, time), self._up @ world_matrix(cache, prim)
+                gaussians, without = gathered(where, [part], keep_rows=self.frame_count > 1)
+                parts.append(gaussians)
+                left_out += without
         except Tf.ErrorException as error:
-            raise found_instead(
-                self._path, f"a frame that the USD library cannot read ({brief(error)})", _EXPECTED
-            ) from error
-        return parts[0] if len(parts) == 1 else joined(parts)
+            found = f"a frame that the USD library cannot read ({brief(error)})"
+            raise found_instead(self._path, found, _EXPECTED) from error
+        self.left_out = max(self.left_out, left_out)
+        return joined(parts)
 
-    def _placed(self, prim: Usd.Prim, gaussians: NumpyGaussians, matrix: Array) -> NumpyGaussians:
-        if np.array_equal(matrix, np.eye(4)):
-            return gaussians
-        try:
-            return transform(gaussians, matrix)
-        except FrogError as error:
-            raise FrogError(f"{self._path}: {brief(prim.GetPath())}: {error}") from error
-
-    def _gaussians(self, prim: Usd.Prim, time: float | None) -> NumpyGaussians:
-        where = f"{self._path}: {brief(prim.GetPath())}"
+    def _gaussians(self, where: str, prim: Usd.Prim, time: float | None) -> NumpyGaussians:
         means = _value(prim, "positions", time)
         count = len(means)
         found = {name: _value(prim, name, time) for name in _NAMES[1:]}
@@ -120,10 +109,7 @@ class UsdSource:
             turns = np.tile(np.array([0, 0, 0, 1], np.float32), (count, 1))
         if not len(opacities):
             opacities = np.ones(count, np.float32)
-        made = GaussianArrays(means, np.roll(turns, 1, axis=1), scales, opacities, sh)
-        gaussians, left_out = usable(where, made, keep_rows=self.frame_count > 1)
-        self.left_out = max(self.left_out, left_out)
-        return gaussians
+        return GaussianArrays(means, np.roll(turns, 1, axis=1), scales, opacities, sh)
 
     def _grid(self, codes_per_second: float) -> tuple[list[float | None], float]:
         """Time codes of the frames, in equal steps, and frames a second. [None] for a file without time samples."""
@@ -139,10 +125,10 @@ class UsdSource:
         step = float(np.diff(times).min())
         places = (np.array(times) - times[0]) / step
         count = round(places[-1]) + 1
-        if np.abs(places - np.rint(places)).max() > 1e-3 or count > SPARSE * len(times) + 1:
+        if np.abs(places - np.rint(places)).max() > 1e-3 or count > _SPARSE * len(times) + 1:
             step, count = 1.0, int(times[-1] - times[0]) + 1
-        if count > min(MAX_FRAMES, SPARSEST * len(times)) or codes_per_second / step > 1e6:
-            expected = f"at most {SPARSEST} for each of its {len(times):,} time samples"
+        if count > min(MAX_FRAMES, _SPARSEST * len(times)) or codes_per_second / step > 1e6:
+            expected = f"at most {_SPARSEST} for each of its {len(times):,} time samples"
             raise found_instead(self._path, f"{count:,} frames", expected)
         return [times[0] + step * place for place in range(count)], codes_per_second / step
 
@@ -155,10 +141,6 @@ def _make_placeable(stage: Usd.Stage, prims: Sequence[Usd.Prim]) -> None:
     for prim in prims:
         if not prim.IsA(UsdGeom.Xformable) and not prim.IsInstanceProxy():
             prim.SetTypeName("Xform")
-
-
-def _is_splats(prim: Usd.Prim) -> bool:
-    return bool(prim.GetTypeName() == PRIM_TYPE)
 
 
 def _attributes(prim: Usd.Prim) -> list[Any]:  # of pxr, which has no types

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -15,9 +15,7 @@ from ..errors import FrogError
 from ..gaussians import NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..scene.header import SceneHeader
-from ..scene.scene_file import SceneFile
 from ..source_media.clips import camera_path
-from .player import ScenePlayer
 from .render import render_image
 
 FrameRenderer = Callable[[int, Camera], NDArray[np.uint8]]
@@ -50,23 +48,20 @@ def cpu_renderer(scene: PlayedFrames) -> FrameRenderer:
 
 
 def render_frames(
-    scene: SceneFile,
+    header: SceneHeader,
     camera_name: str,
     frames: Sequence[int],
     folder: Path,
-    *,
-    renderer: FrameRenderer | None = None,
-    shown: Callable[[int], float] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[Path]:
-    """Writes a PNG for each frame as one of the scene's cameras sees it; returns their paths.
+    renderer: FrameRenderer,
+    shown: Callable[[int], float] = float,
+) -> Iterator[Path]:
+    """Writes a PNG for each frame as one of a scene's cameras sees it; yields their paths as they are written.
 
     Args:
         camera_name: a camera of the scene. Of a moving camera each name is one pose, and "moving" follows its path.
         folder: made if it does not exist.
-        renderer: renders the frames; ``cpu_renderer`` by default.
+        renderer: renders the frames.
         shown: the capture's frame at each frame, where a renderer retimes them, for a camera that moves.
-        progress: called with the number of frames done and of all.
 
     Raises:
         FrogError: if there is no such camera, or a file cannot be written.
@@ -74,24 +69,16 @@ def render_frames(
     """
     import cv2
 
-    renderer = renderer or cpu_renderer(ScenePlayer(scene))
-    camera_at = _camera_at(scene.header, camera_name)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FrogError(f"{folder}: the folder could not be made ({error.strerror}).") from error
-    paths = []
+    camera_at = _camera_at(header, camera_name)
     for frame in frames:
         path = folder / f"{_file_name(camera_name)}_{frame:04d}.png"
-        camera = camera_at(frame if shown is None else shown(frame))
-        written, content = cv2.imencode(".png", cv2.cvtColor(renderer(frame, camera), cv2.COLOR_RGB2BGR))
+        written, content = cv2.imencode(
+            ".png", cv2.cvtColor(renderer(frame, camera_at(shown(frame))), cv2.COLOR_RGB2BGR)
+        )
         if not written:
             raise FrogError(f"{path}: the image could not be encoded.")
         write_atomically(path, content.tobytes())
-        paths.append(path)
-        if progress:
-            progress(len(paths), len(frames))
-    return paths
+        yield path
 
 
 def _camera_at(header: SceneHeader, name: str) -> Callable[[float], Camera]:

@@ -16,8 +16,7 @@ from ...capture.camera import Camera
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
-from ..take import Take, duration_of
-from ..take_sound import encoded
+from ..take import Take, duration_of, encoded
 from .content import PagePacker, Survey
 
 SCRIPTS = ("scene.js", "view.js", "splat_renderer.js", "page.js")

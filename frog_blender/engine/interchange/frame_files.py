@@ -1,0 +1,67 @@
+"""Frames of a scene as files for other programs, one a frame: 3DGS ``.ply``, ``.spz`` or ``.glb``.
+
+No ``.ply`` says which way is up; most viewers take y for down. Here numbers go in and out with the axes that they have,
+unless a turn is asked for; in Blender's menus, where z is up, the export turns to y down and the import back again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from ..arrays import Array
+from ..gaussians import NumpyGaussians
+from ..playback.render_files import PlayedFrames
+from ..playback.transform import transform
+from .gltf import write_glb
+from .ply import write_splats
+from .spz import VERSIONS, write_spz
+
+
+def numbered(path: Path, frame: int) -> Path:
+    """The file of one frame of several that are written as ``path``: ``NAME_0007.ply``."""
+    return path.with_name(f"{path.stem}_{frame:04d}{path.suffix}")
+
+
+def write_frame(
+    path: Path, gaussians: NumpyGaussians, *, promise: bool = False, spz_version: int = VERSIONS[0]
+) -> None:
+    """Writes Gaussians in the format of the path's ending, atomically; FrogError when it cannot.
+
+    Args:
+        path: ends in .ply, which takes the axes as they are, or .spz or .glb, for which z is up.
+        promise: see ``write_splats``; of a .ply alone.
+        spz_version: see ``write_spz``; of a .spz alone.
+    """
+    match path.suffix.lower():
+        case ".spz":
+            write_spz(path, gaussians, version=spz_version)
+        case ".glb":
+            write_glb(path, gaussians)
+        case _:
+            write_splats(path, gaussians, promise=promise)
+
+
+def export_frames(
+    scene: PlayedFrames,
+    frames: Sequence[int],
+    path: Path,
+    *,
+    turn: Array | None = None,
+    spz_version: int = VERSIONS[0],
+) -> Iterator[Path]:
+    """Writes frames (counted from 0) of a scene, each atomically; yields their paths as they are written.
+
+    Count and order of the Gaussians are the same in all of them, which the headers of several say where it is true.
+
+    Args:
+        path: of all of them, see ``numbered``.
+        turn: (4, 4) from the scene's own axes to those of the files, such as Y_DOWN; None to leave them.
+        spz_version: see ``write_frame``.
+    """
+    promise = len(frames) > 1 and scene.keeps_identity
+    for frame in frames:
+        gaussians = scene.at_frame(frame)
+        placed = gaussians if turn is None else transform(gaussians, turn)
+        write_frame(numbered(path, frame), placed, promise=promise, spz_version=spz_version)
+        yield numbered(path, frame)
