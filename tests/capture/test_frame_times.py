@@ -212,7 +212,7 @@ def test_listed_masks_that_are_missing_are_said(tmp_path: Path) -> None:
 def test_photographs_upside_down_are_said(tmp_path: Path) -> None:
     write(tmp_path, [], [posed("a.png", 0)])
     photograph(tmp_path / "a.png", np.zeros((30, 40, 3), np.uint8), turned=3)
-    assert "a.png (of 1 cameras' images) is turned by 180 degrees" in open_capture(tmp_path).warnings[0]
+    assert "a.png (of 1 such) is turned by 180 degrees" in open_capture(tmp_path).warnings[0]
 
 
 @pytest.mark.parametrize("orientation", [6, 8])

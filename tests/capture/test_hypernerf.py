@@ -256,7 +256,7 @@ def test_points_become_seeds_with_the_images_colours(rig: Rig, tmp_path: Path) -
         (
             "camera/000001_left.json",
             {"image_size": [HEIGHT, WIDTH]},
-            r"image_size 128 x 192 for 2x images of 96 x 64",
+            "images of 96 x 64 pixels .*, expected the proportions of the calibration, 128 x 192",
         ),
         ("camera/000001_left.json", {"radial_distortion": [0.0, 0.0]}, r"shape \(2,\) as radial_distortion"),
         ("camera/000001_left.json", {"principal_point": [float("nan"), 1]}, "not finite"),

@@ -9,9 +9,8 @@ import pytest
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
-from frog_blender.engine.capture.seeding.moving import NUM_BACKGROUND_FRAMES, NUM_FRAMES
-from frog_blender.engine.capture.seeding.views import scene_depth, spread
-from frog_blender.engine.capture.seeding.volume import fill_volume
+from frog_blender.engine.capture.seeding.drawn import NUM_FRAMES, fill_volume
+from frog_blender.engine.capture.seeding.views import NUM_BACKGROUND_FRAMES, TrainingImages, scene_depth, spread
 from frog_blender.engine.capture.seeds import Seeds, find_seeds, merge_points
 from frog_blender.engine.errors import FrogError
 
@@ -157,7 +156,7 @@ def test_a_moving_rig_that_trains_with_both_its_cameras_gets_seeds() -> None:
     assert not capture.is_moving
     store = Store(capture, images)
     check_on_planes(find_seeds(capture, store, count_limit=1500))
-    points, _ = fill_volume(capture, store, 1.0, 8.0, count=100, random=np.random.default_rng(0))
+    points, _ = fill_volume(TrainingImages(capture, store), (1.0, 8.0), 100, np.random.default_rng(0))
     assert len(points) == 100
 
 

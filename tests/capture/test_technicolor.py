@@ -146,7 +146,7 @@ def test_a_first_image_without_its_size_is_left_out(scene: Path, left: int) -> N
     capture = open_capture(scene)
     assert (capture.cameras[4].width, capture.cameras[4].height) == (WIDTH, HEIGHT)
     assert capture.shot_index(4, 0) is None and len(capture.shots) == 63
-    assert [f"{first}: the image is cut off and left out."] == list(capture.warnings)
+    assert capture.warnings[0] == f"{first}: the image is cut off and left out."
 
 
 def test_what_macos_writes_beside_an_image_is_none(scene: Path) -> None:
@@ -182,7 +182,7 @@ def test_a_file_without_its_header_keeps_its_first_camera(scene: Path) -> None:
         (lambda rows: [rows[0], rows[1][:11]], r"found shape \(11,\) as line 3"),
         (lambda rows: [[float("nan"), *rows[0][1:]], *rows[1:]], "line 2 with a value that is not finite"),
         (lambda rows: [[-1.0, *rows[0][1:]], *rows[1:]], "zero or less for cam00"),
-        (lambda rows: [[*rows[0][:5], 2.0, *rows[0][6:]], *rows[1:]], "quaternion of length .* for cam00"),
+        (lambda rows: [[*rows[0][:5], 2.0, *rows[0][6:]], *rows[1:]], "the row of cam00, a quaternion of length"),
     ],
 )
 def test_rows_that_make_no_sense_are_refused(scene: Path, change, sentence: str) -> None:  # type: ignore[no-untyped-def]
@@ -203,7 +203,9 @@ def test_images_of_another_kind_are_told(scene: Path) -> None:
     first.write_bytes(b"GIF89a" + bytes(40))
     assert f"{first}: the image is cut off and left out." in open_capture(scene).warnings
     cv2.imwrite(str(first), np.zeros((80, 80, 3), np.uint8))
-    with pytest.raises(FrogError, match="an image of 80 x 80 pixels, expected the proportions of 2048 x 1088"):
+    with pytest.raises(
+        FrogError, match="images of 80 x 80 pixels, expected the proportions of the calibration, 2048 x 1088"
+    ):
         open_capture(scene)
 
 

@@ -79,7 +79,7 @@ def test_paths_outside_the_folder_are_refused(tmp_path: Path, name: str) -> None
         ({"camera_model": "FISHEYE624"}, {}, "FISHEYE624"),
         ({"fl_x": None}, {}, "no focal length"),
         ({"fl_x": -3}, {}, "fl_x = -3"),
-        ({"w": 80}, {}, "same proportions"),
+        ({"w": 80}, {}, "the proportions of the calibration, 80 x 30"),
         ({"k1": float("inf")}, {}, "k1 with a value that is not finite"),
         ({}, {"transform_matrix": [[1, 2], [3, 4]]}, "transform_matrix"),
         ({}, {"transform_matrix": np.full((4, 4), np.nan).tolist()}, "not finite"),
@@ -93,7 +93,7 @@ def test_paths_outside_the_folder_are_refused(tmp_path: Path, name: str) -> None
         ({"fl_x": 1e-9}, {}, "a focal length of 1e-09"),
         ({"fps": 1e300}, {}, "fps with the number"),
         ({}, {"time": 10**400}, "time with a number too large"),
-        ({}, {"file_path": 3}, "without a file_path"),
+        ({}, {"file_path": 3}, "found 3 as a file_path"),
         ({}, {"time": "soon"}, "not made of numbers"),
     ],
 )
@@ -158,7 +158,7 @@ def test_an_image_of_other_proportions_than_its_own_size_is_named(tmp_path: Path
     data = write(tmp_path, 3)
     data["frames"][2].update({"w": 30, "h": 40})
     rewrite(tmp_path, data)
-    with pytest.raises(FrogError, match=r"w x h = 30 x 40 for transforms_002\.png of 40 x 30 pixels"):
+    with pytest.raises(FrogError, match=r"transforms_002\.png: found images of 40 x 30 .*, expected .*, 30 x 40"):
         open_capture(tmp_path)
 
 

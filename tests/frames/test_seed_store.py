@@ -31,7 +31,7 @@ def store(capture: Capture, tmp_path: Path) -> FrameStore:
 class Searches(list[int]):
     """In the place of ``find_seeds``: lists the seeds of its searches, which are short; each finds other points."""
 
-    def __call__(self, *_: Any, seed: int, **__: Any) -> Seeds:
+    def __call__(self, *_: Any, seed: int = 0, **__: Any) -> Seeds:
         self.append(seed)
         return replace(synthetic_capture.seeds(), points=synthetic_capture.seeds().points + np.float32(len(self)))
 

@@ -7,17 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Bools, Float32s, Float64s, Floats, Ints
+from ..arrays import Bools, Float32s, Float64s, Ints
 from ..errors import FrogError
 from .capture import Capture
 from .hull import VisualHull
 from .seeding.completion import ConfirmedDepth, points_seen_once
+from .seeding.drawn import background_points, fill_volume, points_at_times, subject_points
 from .seeding.matching import triangulate
-from .seeding.moving import background_points
 from .seeding.plane_sweep import DepthMap, consistent, sweep, world_points
-from .seeding.subject import subject_points
-from .seeding.views import Images, View, load_view, neighbours, sample_view, scene_depth, spread
-from .seeding.volume import fill_volume, points_at_times
+from .seeding.views import Cloud, Images, TrainingImages, View, neighbours, sample_view, scene_depth, spread
 
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
 _MATCH_VIEWS = 36
@@ -51,10 +49,6 @@ class Seeds:
     frames: Float32s | None = None
 
 
-Cloud = tuple[Float64s, Floats]
-"""World points (N, 3) and their colours (N, 3) in [0, 1]."""
-
-
 def find_seeds(
     capture: Capture,
     store: Images,
@@ -63,7 +57,7 @@ def find_seeds(
     seed: int = 0,
     share: float = 1.0,
     num_moments: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Seeds:
     """Seed points from matched features and a plane sweep, or from the common volume where views are too far apart.
 
@@ -81,97 +75,92 @@ def find_seeds(
     Raises:
         FrogError: if no training image is left, or no point is seen by the cameras.
     """
-    train = capture.train_indices
-    if not train:
+    images = TrainingImages(capture, store)
+    if not images.train:
         raise FrogError(f"{capture.path}: every image is held out, expected some to train on.")
     random = np.random.default_rng(seed)
-    references = _references(capture, train)
+    references = _references(images)
     steps = len(references) + 2
-
-    def report(done: int) -> None:
-        if progress is not None:
-            progress(done, steps)
-
-    cameras = [capture.cameras[capture.shots[index].camera] for index in train]
-    depth = _typical(capture.near_far) if capture.near_far else scene_depth(cameras)
-    found, given = _match(capture, store, train, depth), _given_points(capture, store, train)
-    matched = np.concatenate([found[0], given[0]]), np.concatenate([found[1], given[1]])
-    report(1)
-    near, far = _depth_range(capture, matched[0], depth)
+    found, given = _match(images), _given_points(images)
+    progress(1, steps)
+    near_far = _depth_range(images, np.concatenate([found[0], given[0]]))
     moving = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
-    if num_moments and _hull_is_tight(capture, train):
+    if num_moments and _hull_is_tight(images):
         most, own = int(_MOVING_SHARE * count_limit), np.random.default_rng((seed, 1))
-        moving = points_at_times(capture, store, near, far, count=most, num_frames=num_moments, random=own)
-        count_limit -= len(moving[0])
-    swept, textured = _sweep(capture, store, references, (near, far), lambda done: report(1 + done))
-    measured = len(matched[0]) + len(swept[0])
-    views_match = measured > 0
-    parts = []
-    if measured:
-        keep = _choose(textured, count_limit - min(len(matched[0]), count_limit // 3), random)
-        some = random.permutation(len(matched[0]))[: count_limit // 3]
-        points = np.concatenate([matched[0][some], swept[0][keep]])
-        colors = np.concatenate([matched[1][some], swept[1][keep]])
-        parts.append(merge_points((points, colors), np.array([camera.center for camera in cameras]), count_limit))
-    if share < 1 and measured:
-        kept = random.permutation(len(parts[0][0]))[: int(share * count_limit)]
-        measured = len(kept)
-        parts = [(parts[0][0][kept], parts[0][1][kept])]
-    hull = _hull(capture, store, train)
-    if hull is not None and parts:  # images of a subject over one colour match where there is nothing
-        inside = hull.contains(parts[0][0])
-        parts, measured = [(parts[0][0][inside], parts[0][1][inside])], int(inside.sum())
+        moving = points_at_times(images, near_far, most, num_moments, own)
+    count_limit -= len(moving[0])
+    swept, textured = _sweep(images, references, near_far, lambda done: progress(1 + done, steps))
     counts = {"matched": len(found[0]), "given": len(given[0]), "swept": len(swept[0])}
+    measured = sum(counts.values())
+    still = _merged(capture, (_joined(found, given), swept), textured, count_limit, random)
+    if share < 1:
+        still = _some_of(still, random.permutation(len(still[0]))[: int(share * count_limit)])
+        measured = len(still[0])
+    hull = _hull(images)
+    if hull is not None:  # images of a subject over one colour match where there is nothing
+        still = _some_of(still, np.flatnonzero(hull.contains(still[0])))
+        measured = len(still[0])
     if measured < _ENOUGH:
-        wanted = count_limit - sum(len(part[0]) for part in parts)
+        wanted = count_limit - len(still[0])
         if hull is not None:
-            parts.append(subject_points(capture, store, hull, (near, far), wanted, random))
-        elif views_match or not _has_film_of_several(capture, train):
-            parts.append(fill_volume(capture, store, near, far, count=wanted, random=random))
+            drawn = subject_points(images, hull, near_far, wanted, random)
         else:
-            most = int(_BACKGROUND_SHARE * wanted)
-            parts.append(background_points(capture, store, _BEHIND * far, count=most, random=random))
-            counts["behind"] = len(parts[-1][0])
-            parts.append(fill_volume(capture, store, near, far, count=wanted - counts["behind"], random=random))
-        counts["drawn"] = len(parts[-1][0])
-    report(steps)
-    points = np.concatenate([*(part[0] for part in parts), moving[0]])
-    colors = np.concatenate([*(part[1] for part in parts), moving[1]])
-    frames = np.concatenate([np.full(len(points) - len(moving[2]), np.nan), moving[2]]).astype(np.float32)
+            behind = 0 if sum(counts.values()) or not _has_film_of_several(images) else int(_BACKGROUND_SHARE * wanted)
+            background = background_points(images, _BEHIND * near_far[1], behind, random) if behind else _nothing()
+            counts["behind"] = len(background[0])
+            still = _joined(still, background)
+            drawn = fill_volume(images, near_far, wanted - counts["behind"], random)
+        counts["drawn"] = len(drawn[0])
+        still = _joined(still, drawn)
+    progress(steps, steps)
     counts["moving"] = len(moving[2])
+    points, colors = _joined(still, (moving[0], moving[1]))
+    frames = np.concatenate([np.full(len(still[0]), np.nan), moving[2]]).astype(np.float32)
     finite = np.isfinite(points).all(axis=1)
-    if hull is not None and not finite.any():
-        raise FrogError(f"{capture.path}: no point lies inside the masks of all cameras: are they of these images?")
     if not finite.any():
-        raise FrogError(f"{capture.path}: no point is seen by two training cameras: are the poses right?")
-    origin = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+        missing = "lies inside the masks of all cameras: are they of these images?"
+        missing = missing if hull is not None else "is seen by two training cameras: are the poses right?"
+        raise FrogError(f"{capture.path}: no point {missing}")
     return Seeds(
         points[finite].astype(np.float32),
         np.clip(colors[finite], 0, 1).astype(np.float32),
-        origin,
+        ", ".join(f"{count} {name}" for name, count in counts.items() if count),
         frames[finite] if counts["moving"] else None,
     )
 
 
-def _hull_is_tight(capture: Capture, train: list[int]) -> bool:
+def _nothing() -> Cloud:
+    return np.zeros((0, 3)), np.zeros((0, 3))
+
+
+def _joined(*clouds: Cloud) -> Cloud:
+    return np.concatenate([points for points, _ in clouds]), np.concatenate([colors for _, colors in clouds])
+
+
+def _some_of(cloud: Cloud, chosen: Ints) -> Cloud:
+    return cloud[0][chosen], cloud[1][chosen]
+
+
+def _hull_is_tight(images: TrainingImages) -> bool:
     """Whether silhouettes of what moves before the background can tell where it is."""
-    cameras = {capture.shots[index].camera for index in train}
-    return len(cameras) >= _FEWEST_CAMERAS and not capture.has_moving_cameras and not capture.has_masks
+    capture = images.capture
+    is_many = len(capture.train_cameras) >= _FEWEST_CAMERAS
+    return is_many and not capture.has_moving_cameras and not capture.has_masks
 
 
-def _has_film_of_several(capture: Capture, train: list[int]) -> bool:
+def _has_film_of_several(images: TrainingImages) -> bool:
     """Whether several static cameras have more than an image each."""
-    cameras = {capture.shots[index].camera for index in train}
-    return not capture.has_moving_cameras and 1 < len(cameras) < len(train)
+    return not images.capture.has_moving_cameras and 1 < len(images.capture.train_cameras) < len(images.train)
 
 
-def _hull(capture: Capture, store: Images, train: list[int]) -> VisualHull | None:
+def _hull(images: TrainingImages) -> VisualHull | None:
     """The subject's visual hull at some of the frames; None where there are no masks."""
-    if not capture.has_masks or store.alpha(train[0]) is None:
+    capture, train = images.capture, images.train
+    if not capture.has_masks or images.store.alpha(train[0]) is None:
         return None
-    frames = sorted({capture.shots[index].frame for index in train})
-    chosen = set(frames if len(frames) == len(train) else spread(frames, _HULL_FRAMES))
-    return VisualHull(capture, store, [index for index in train if capture.shots[index].frame in chosen])
+    frames = sorted(images.by_frame)
+    chosen = frames if len(frames) == len(train) else spread(frames, _HULL_FRAMES)
+    return VisualHull(capture, images.store, [index for frame in chosen for index in images.by_frame[frame]])
 
 
 def _typical(near_far: tuple[float, float]) -> float:
@@ -179,51 +168,56 @@ def _typical(near_far: tuple[float, float]) -> float:
     return 2 / (1 / near_far[0] + 1 / near_far[1])
 
 
-def _references(capture: Capture, train: list[int]) -> list[int]:
+def _usual_depth(images: TrainingImages) -> float:
+    """By the capture, or where its cameras look."""
+    capture = images.capture
+    if capture.near_far:
+        return _typical(capture.near_far)
+    return scene_depth([capture.cameras[capture.shots[index].camera] for index in images.train])
+
+
+def _references(images: TrainingImages) -> list[int]:
     """Shots whose depth is measured: those of the middle frame, or of moving cameras some over all frames."""
-    if capture.has_moving_cameras:
-        return spread(train, _SWEEP_REFERENCES)
-    frames = sorted({capture.shots[index].frame for index in train})
-    middle = frames[len(frames) // 2]
-    return spread([index for index in train if capture.shots[index].frame == middle], 2 * _SWEEP_REFERENCES)
+    if images.capture.has_moving_cameras:
+        return spread(images.train, _SWEEP_REFERENCES)
+    return spread(images.middle, 2 * _SWEEP_REFERENCES)
 
 
-def _candidates(capture: Capture, train: list[int], reference: int) -> list[int]:
-    """Training shots that may show the same state of the scene: of the same frame, or all of moving cameras."""
-    if capture.has_moving_cameras:
-        return [index for index in train if index != reference]
-    frame = capture.shots[reference].frame
-    return [index for index in train if capture.shots[index].frame == frame and index != reference]
+def _near_by(images: TrainingImages, shot: int, depth: float, count: int, best_angle: float = 6.0) -> list[int]:
+    """Training shots that may show the same state of the scene, of the same frame or all of moving cameras, from an
+    angle good for measuring depth."""
+    capture = images.capture
+    candidates = images.train if capture.has_moving_cameras else images.by_frame[capture.shots[shot].frame]
+    others = [index for index in candidates if index != shot]
+    return neighbours(capture, shot, others, depth, count, best_angle=best_angle)
 
 
-def _match(capture: Capture, store: Images, train: list[int], depth: float) -> Cloud:
+def _match(images: TrainingImages) -> Cloud:
     """Points triangulated from features, at some frames or between near ones."""
+    capture, train, depth = images.capture, images.train, _usual_depth(images)
     if capture.has_moving_cameras:
         shots = spread(train, _MATCH_VIEWS // 2)
     else:
-        frames = sorted({capture.shots[index].frame for index in train})
-        chosen = set(spread(frames, 3 if 3 * len(train) <= len(frames) * _MATCH_VIEWS else 2))
-        shots = [index for index in train if capture.shots[index].frame in chosen]
+        frames = sorted(images.by_frame)
+        chosen = spread(frames, 3 if 3 * len(train) <= len(frames) * _MATCH_VIEWS else 2)
+        shots = [index for frame in chosen for index in images.by_frame[frame]]
     partners = 2 if len(shots) > 20 else 3
-    views: dict[int, View] = {}
-    pairs = []
+    pairs: list[tuple[int, int]] = []
     for shot in shots:
-        for other in neighbours(capture, shot, _candidates(capture, train, shot), depth, partners, best_angle=8.0):
-            if (other, shot) in pairs:
-                continue
-            pairs.append((shot, other))
-            for index in (shot, other):
-                if index not in views:
-                    views[index] = load_view(capture, store, index, _MATCH_SIDE)
+        others = _near_by(images, shot, depth, partners, best_angle=8.0)
+        pairs += [(shot, other) for other in others if (other, shot) not in pairs]
+    used = list(dict.fromkeys(shot for pair in pairs for shot in pair))
+    views = dict(zip(used, images.views(used, _MATCH_SIDE), strict=True))
     return triangulate((views[first], views[second]) for first, second in pairs)
 
 
-def _depth_range(capture: Capture, points: Float64s, depth: float) -> tuple[float, float]:
-    """Depth range to search: the capture's, else that of the matched points, else around ``depth``."""
+def _depth_range(images: TrainingImages, points: Float64s) -> tuple[float, float]:
+    """Depth range to search: the capture's, else that of the matched points, else around the usual depth."""
+    capture, depth = images.capture, _usual_depth(images)
     if capture.near_far is not None:
         return capture.near_far
     if len(points) >= 50:
-        cameras = [capture.cameras[capture.shots[index].camera] for index in spread(capture.train_indices, 8)]
+        cameras = [capture.cameras[capture.shots[index].camera] for index in spread(images.train, 8)]
         depths = np.concatenate([camera.project(points)[1] for camera in cameras])
         low, high = np.percentile(depths[depths > 0], [2, 98])
         return 0.7 * float(low), 1.6 * float(high)
@@ -231,8 +225,7 @@ def _depth_range(capture: Capture, points: Float64s, depth: float) -> tuple[floa
 
 
 def _sweep(
-    capture: Capture,
-    store: Images,
+    images: TrainingImages,
     references: list[int],
     near_far: tuple[float, float],
     report: Callable[[int], None],
@@ -240,18 +233,15 @@ def _sweep(
     """Points of all reference views whose depth a second view confirms, and whether (N,) they lie on structure."""
     views: dict[int, View] = {}
     maps: dict[int, DepthMap] = {}
-    around: dict[int, list[int]] = {}
-    train, depth = capture.train_indices, _typical(near_far)
+    depth = _typical(near_far)
     for done, reference in enumerate(references, start=1):
-        around[reference] = neighbours(capture, reference, _candidates(capture, train, reference), depth, 4)
-        for index in [reference, *around[reference]]:
-            if index not in views:
-                views[index] = load_view(capture, store, index, _SWEEP_SIDE)
-        if around[reference]:
-            others = [views[index] for index in around[reference]]
-            maps[reference] = sweep(views[reference], others, *near_far)
+        others = _near_by(images, reference, depth, 4)
+        needed = [index for index in (reference, *others) if index not in views]
+        views |= zip(needed, images.views(needed, _SWEEP_SIDE), strict=True)
+        if others:
+            maps[reference] = sweep(views[reference], [views[index] for index in others], *near_far)
         report(done)
-    return _confirmed_points(capture, maps, depth)
+    return _confirmed_points(images.capture, maps, depth)
 
 
 def _confirmed_points(capture: Capture, maps: dict[int, DepthMap], depth: float) -> tuple[Cloud, Bools]:
@@ -279,6 +269,19 @@ def _confirmed_points(capture: Capture, maps: dict[int, DepthMap], depth: float)
             colors.append(their_colors)
             textured.append(on_structure)
     return (np.concatenate(points), np.concatenate(colors)), np.concatenate(textured)
+
+
+def _merged(
+    capture: Capture, clouds: tuple[Cloud, Cloud], textured: Bools, count_limit: int, random: np.random.Generator
+) -> Cloud:
+    """At most ``count_limit`` of matched points and of swept ones, of which some are ``textured`` (N,)."""
+    matched, swept = clouds
+    if not len(matched[0]) + len(swept[0]):
+        return _nothing()
+    keep = _choose(textured, count_limit - min(len(matched[0]), count_limit // 3), random)
+    some = random.permutation(len(matched[0]))[: count_limit // 3]
+    centers = np.array([camera.center for camera in capture.cameras])
+    return merge_points(_joined(_some_of(matched, some), _some_of(swept, keep)), centers, count_limit)
 
 
 def _choose(textured: Bools, count: int, random: np.random.Generator) -> Ints:
@@ -316,23 +319,18 @@ def merge_points(cloud: Cloud, centers: Float64s, count_limit: int) -> Cloud:
         voxel *= 1.12
 
 
-def _given_points(capture: Capture, store: Images, train: list[int]) -> tuple[Float64s, Float32s]:
-    """The capture's own points (N, 3) that training images see, and their colours (N, 3) float32 in [0, 1].
+def _given_points(images: TrainingImages) -> Cloud:
+    """The capture's own points that training images see, and their colours; none for captures without points.
 
-    N is 0 for captures without points. A point's colour is the median over the views that it projects into, which is
-    robust against occlusion in some of them.
+    A point's colour is the median over the views that it projects into, which is robust against occlusion in some of
+    them.
     """
-    points, colors = np.zeros((0, 3)), np.zeros((0, 3), np.float32)
-    if capture.points is None or not len(capture.points):
-        return points, colors
-    points = capture.points[:: -(-len(capture.points) // _MOST_GIVEN)]
-    values, seen = [], []
-    for index in spread(train, _GIVEN_VIEWS):
-        view = load_view(capture, store, index, _GIVEN_SIDE)
-        value, is_seen = sample_view(view, points, view.image)
-        values.append(np.where(is_seen[:, None], value, np.nan))
-        seen.append(is_seen)
+    given = images.capture.points
+    if given is None or not len(given):
+        return np.zeros((0, 3)), np.zeros((0, 3), np.float32)
+    points = given[:: -(-len(given) // _MOST_GIVEN)]
+    views = images.views(spread(images.train, _GIVEN_VIEWS), _GIVEN_SIDE)
+    values, seen = zip(*(sample_view(view, points, view.image) for view in views), strict=True)
     kept = np.any(seen, axis=0)
-    if kept.any():
-        colors = np.nanmedian(np.array(values)[:, kept], axis=0).astype(np.float32)
-    return points[kept], colors
+    colors = np.where(np.array(seen)[..., None], np.array(values), np.nan)[:, kept]
+    return points[kept], np.nanmedian(colors, axis=0).astype(np.float32) if kept.any() else np.zeros((0, 3), np.float32)

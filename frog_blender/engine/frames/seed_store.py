@@ -6,9 +6,10 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,28 +20,23 @@ from ..io.numpy_files import NUMBERS, TEXT, read_npz
 from .store import FrameStore
 
 _LONGEST_ORIGIN = 1000
-_VERSION = 5  # raise it when the same capture would get other seeds
+_VERSION = 6  # raise it when the same capture would get other seeds
 
 
 def stored_seeds(
     capture: Capture,
     store: FrameStore,
     *,
-    count_limit: int,
-    seed: int = 0,
-    share: float = 1.0,
-    num_moments: int = 0,
-    progress: Callable[[int, int], None] | None = None,
     search: Callable[..., Seeds] | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    **options: Any,  # of ``find_seeds``
 ) -> Seeds:
-    """``search``, by default ``find_seeds``, or what it found for the same images, cameras and arguments before."""
-    path = store.folder / f"seeds-{_key(capture, count_limit, seed, share, num_moments)}.npz"
-    if (kept := _kept(path, count_limit, capture.frame_count)) is not None:
+    """``search``, by default ``find_seeds``, with these options, or what it found for the same images, cameras and
+    options before."""
+    path = store.folder / f"seeds-{_key(capture, options)}.npz"
+    if (kept := _kept(path, int(options["count_limit"]), capture.frame_count)) is not None:
         return kept
-    search = find_seeds if search is None else search
-    seeds = search(
-        capture, store, count_limit=count_limit, seed=seed, share=share, num_moments=num_moments, progress=progress
-    )
+    seeds = (search or find_seeds)(capture, store, progress=progress, **options)
     _keep(path, seeds)
     return seeds
 
@@ -64,15 +60,12 @@ def _kept(path: Path, most: int, frame_count: int) -> Seeds | None:
     return Seeds(points, colors, str(origin), frames) if whole and named else None
 
 
-def _key(capture: Capture, count_limit: int, seed: int, share: float, num_moments: int) -> str:
+def _key(capture: Capture, options: Mapping[str, object]) -> str:
     """Everything that decides the seeds but the frames themselves, for which the store's folder stands."""
     points = b"" if capture.points is None else np.ascontiguousarray(capture.points).tobytes()
     decides = {
         "version": _VERSION,
-        "count_limit": count_limit,
-        "seed": seed,
-        "share": share,
-        "num_moments": num_moments,
+        "options": dict(options),
         "cameras": [camera.to_json() for camera in capture.cameras],
         "test": [sorted(capture.test_cameras), sorted(capture.test_frames)],
         "near_far": capture.near_far,

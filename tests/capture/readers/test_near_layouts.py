@@ -69,7 +69,7 @@ NEAR: dict[str, tuple[Callable[[Path], object], str]] = {
     "RealityCapture": (reality_capture, r"cameras of RealityCapture .*Registration > COLMAP"),
     "Bundler": (text("bundle.out", "# Bundle file v0.3\n"), r"cameras of Bundler .*a COLMAP model"),
     "VisualSFM": (text("x.nvm", "NVM_V3"), r"cameras of VisualSFM .*a COLMAP model"),
-    "ZJU-MoCap": (zju, r"annots.npy \(ZJU-MoCap\), which can run programs .*intri.yml"),
+    "ZJU-MoCap": (zju, r"annots.npy \(ZJU-MoCap\), which can run programs, .*intri.yml"),
     "half a model": (half_a_model, r"sparse/0/cameras.bin and no images.bin"),
     "project": (text("database.db"), r"a COLMAP project without a model"),
     "extri.yml": (without_intrinsics, r"extri.yml and no intri.yml"),

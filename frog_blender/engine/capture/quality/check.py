@@ -100,27 +100,21 @@ def _between(capture: Capture, pairs: list[tuple[int, int]], samples: dict[int, 
     checks: dict[tuple[str, str], list[PairCheck]] = defaultdict(list)
     depth = scene_depth(capture.cameras)
     for first, second in pairs:
-        names = tuple(capture.cameras[capture.shots[shot].camera].name for shot in (first, second))
-        check = check_pair(samples[first], samples[second])
         cameras = [capture.cameras[capture.shots[shot].camera] for shot in (first, second)]
+        check = check_pair(samples[first], samples[second])
         absurd = _ABSURD * max(cameras[0].width, cameras[0].height)
         if check.distance is not None and check.distance > absurd and parallax(cameras[0], cameras[1], depth) > _WIDE:
             check = replace(check, distance=None, offset=None, gain=None)  # which proves nothing
         if check.offset is not None:  # but for what the capture knows of the images' times
             late = capture.shots[first].offset - capture.shots[second].offset
             check = replace(check, offset=check.offset - late)
-        checks[names[0], names[1]].append(check)
+        checks[cameras[0].name, cameras[1].name].append(check)
     return [Between(*names, _median(of_pair)) for names, of_pair in checks.items()]
 
 
 def _median(checks: list[PairCheck]) -> PairCheck:
-    return PairCheck(
-        sum(check.matches for check in checks),
-        _middle([check.distance for check in checks]),
-        _middle([check.offset for check in checks]),
-        sum(check.moving for check in checks),
-        _middle([check.gain for check in checks]),
-    )
+    middles = (_middle([getattr(check, name) for check in checks]) for name in ("distance", "offset", "gain"))
+    return PairCheck(sum(check.matches for check in checks), *middles)
 
 
 def _middle(values: list[float | None]) -> float | None:
@@ -129,26 +123,22 @@ def _middle(values: list[float | None]) -> float | None:
 
 
 def _blur(capture: Capture, samples: dict[int, Sample]) -> dict[str, float]:
-    found: dict[str, list[float]] = defaultdict(list)
+    blurs: dict[str, list[float]] = defaultdict(list)
     for shot, sample in samples.items():
         if np.isfinite(sample.blur):
-            found[capture.cameras[capture.shots[shot].camera].name].append(sample.blur)
-    return {name: float(np.median(values)) for name, values in found.items()}
+            blurs[capture.cameras[capture.shots[shot].camera].name].append(sample.blur)
+    return {name: float(np.median(values)) for name, values in blurs.items()}
 
 
 def _gains(between: list[Between]) -> dict[str, float]:
     """Brightness of each camera over the mean of all, by least squares over the pairs, if these join all."""
-    known = [pair for pair in between if pair.check.gain is not None]
-    names = sorted({name for pair in known for name in (pair.first, pair.second)})
+    known = [(pair, pair.check.gain) for pair in between if pair.check.gain is not None]
+    names = sorted({name for pair, _ in known for name in (pair.first, pair.second)})
     if len(names) < 2:
         return {}
-    place = {name: index for index, name in enumerate(names)}
-    rows, values = np.zeros((len(known) + 1, len(names))), np.zeros(len(known) + 1)
-    for row, pair in enumerate(known):
-        rows[row, place[pair.first]], rows[row, place[pair.second]] = -1, 1
-        values[row] = np.log(pair.check.gain)  # type: ignore[arg-type]
-    rows[-1] = 1  # their mean is 1
-    solved, _, rank, _ = np.linalg.lstsq(rows, values, rcond=None)
+    rows = [[(name == pair.second) - float(name == pair.first) for name in names] for pair, _ in known]
+    values = [np.log(gain) for _, gain in known]
+    solved, _, rank, _ = np.linalg.lstsq([*rows, [1.0] * len(names)], [*values, 0.0], rcond=None)  # their mean is 1
     return dict(zip(names, np.exp(solved).tolist(), strict=True)) if rank == len(names) else {}
 
 

@@ -32,14 +32,12 @@ class PairCheck:
             None for too few of them.
         offset: frames by which the second camera shows what moves later than the first does; None where too little
             moves.
-        moving: points that it was measured on.
         gain: brightness of the second over the first; None for too few matches.
     """
 
     matches: int
     distance: float | None
     offset: float | None
-    moving: int
     gain: float | None
 
 
@@ -49,7 +47,7 @@ def check_pair(first: Sample, second: Sample) -> PairCheck:
     matrix = fundamental(first.camera, second.camera)
     agreeing = _agreeing(first.positions[a], second.positions[b])
     if agreeing.sum() < _ENOUGH or agreeing.mean() < _SHARE:
-        return PairCheck(int(agreeing.sum()), None, None, 0, None)
+        return PairCheck(int(agreeing.sum()), None, None, None)
     matched = a, b
     a, b = a[agreeing], b[agreeing]
     still = ~(_is_moving(first, first.positions[a]) | _is_moving(second, second.positions[b]))
@@ -57,8 +55,8 @@ def check_pair(first: Sample, second: Sample) -> PairCheck:
         a, b = a[still], b[still]
     to_b, to_a = line_distances(matrix, first.positions[a], second.positions[b])
     apart = float(np.median((np.abs(to_b) * second.scale + np.abs(to_a) * first.scale) / 2))
-    offset, moving = _offset(first, second, matched, matrix, apart / second.scale)
-    return PairCheck(len(a), apart, offset, moving, _gain(first.colors[a], second.colors[b]))
+    offset = _offset(first, second, matched, matrix, apart / second.scale)
+    return PairCheck(len(a), apart, offset, _gain(first.colors[a], second.colors[b]))
 
 
 def _match(first: Sample, second: Sample) -> tuple[Ints, Ints]:
@@ -98,23 +96,21 @@ def _is_moving(sample: Sample, positions: Float64s) -> Bools:
     return moving
 
 
-def _offset(
-    first: Sample, second: Sample, matched: tuple[Ints, Ints], matrix: Float64s, wrong: float
-) -> tuple[float | None, int]:
-    """By how many frames the second camera is late, from how moving points cross their epipolar lines, and how many.
+def _offset(first: Sample, second: Sample, matched: tuple[Ints, Ints], matrix: Float64s, wrong: float) -> float | None:
+    """By how many frames the second camera is late, from how moving points cross their epipolar lines.
 
     Args:
         wrong: pixels by which points that stand still are off: what the calibration may feign.
     """
     if second.following is None:
-        return None, 0
+        return None
     a, b = matched
     at_a, at_b = first.positions[a], second.positions[b]
     moving = _is_moving(first, at_a) & _is_moving(second, at_b)
     apart = np.abs(line_distances(matrix, at_a, at_b)[0])
     near = moving & (apart < _NEAR * max(second.gray.shape))
     if near.sum() < _ENOUGH_MOVING:
-        return None, int(near.sum())
+        return None
     at_a, at_b = at_a[near], at_b[near]
     cv2 = load_opencv()
     start = (at_b - 0.5).astype(np.float32)[:, None]
@@ -126,12 +122,12 @@ def _offset(
     crossing = then - now
     sure &= np.abs(crossing) > _CROSSING
     if sure.sum() < _ENOUGH_MOVING:
-        return None, int(sure.sum())
+        return None
     late, weights = -now[sure] / crossing[sure], np.abs(crossing[sure])
     middle = _weighted_median(late, weights)
     doubt = 1.5 * _weighted_median(np.abs(late - middle), weights) / np.sqrt(sure.sum())
     doubt = max(doubt, 0.5 * wrong / float(np.median(weights)))
-    return (middle if doubt < _CERTAIN else None), int(sure.sum())
+    return middle if doubt < _CERTAIN else None
 
 
 def _weighted_median(values: Float64s, weights: Float64s) -> float:

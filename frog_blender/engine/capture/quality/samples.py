@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ..camera import Camera
 from ..capture import Capture
 from ..decoding import decode_shots
 from ..frame_keys import decoding_order
+from ..seeding.matching import root_sift
 from ..seeding.views import neighbours, scene_depth, spread
 from ..video import load_opencv
 
@@ -71,13 +73,9 @@ def choose_pairs(capture: Capture) -> list[Pair]:
             pairs += [(min(shot, other), max(shot, other)) for other in others]
     pairs = list(dict.fromkeys(pairs))
     cameras = [tuple(capture.shots[shot].camera for shot in pair) for pair in pairs]
-    kept = set(spread_of(list(dict.fromkeys(cameras)), _MOST_PAIRS))
+    distinct = list(dict.fromkeys(cameras))
+    kept = {distinct[index] for index in spread(range(len(distinct)), _MOST_PAIRS)}
     return [pair for pair, of in zip(pairs, cameras, strict=True) if of in kept]
-
-
-def spread_of(items: Sequence[tuple[int, ...]], count: int) -> list[tuple[int, ...]]:
-    """At most ``count`` of the items, evenly spread."""
-    return [items[index] for index in spread(range(len(items)), count)]
 
 
 def take_samples(
@@ -88,34 +86,29 @@ def take_samples(
     Raises:
         FrogError: if a file cannot be decoded.
     """
-    wanted = sorted({shot for pair in pairs for shot in pair})
     factor = min(1.0, _LONGEST_SIDE / max(max(camera.width, camera.height) for camera in capture.cameras))
     small = capture.scaled(factor)
-    following: dict[int, int] = {}
-    if not capture.has_moving_cameras:
-        for shot in wanted:
-            entry = capture.shots[shot]
-            after = capture.shot_index(entry.camera, entry.frame + 1)
-            if after is not None:
-                following[shot] = after
-    needed = {*wanted, *following.values()}
+    following: dict[int, int | None] = {}
+    for shot in sorted({shot for pair in pairs for shot in pair}):
+        entry = capture.shots[shot]
+        following[shot] = None if capture.has_moving_cameras else capture.shot_index(entry.camera, entry.frame + 1)
+    needed = {*following, *following.values()}
     order = [index for index in decoding_order(small) if index in needed]
-    images: dict[int, ImageArray] = {}
     samples: dict[int, Sample] = {}
-    for done, (index, image) in enumerate(zip(order, decode_shots(small, order), strict=True), start=1):
-        images[index] = image
-        for shot in [
-            shot for shot in wanted if shot not in samples and {shot, following.get(shot, shot)} <= images.keys()
-        ]:
-            camera = small.cameras[capture.shots[shot].camera]
-            after_image = images[following[shot]] if shot in following else None
-            scale = capture.cameras[capture.shots[shot].camera].width / camera.width
-            samples[shot] = _sample(camera, scale, images[shot], after_image)
-        open_shots = {shot for shot in wanted if shot not in samples}
-        kept = open_shots | {following[shot] for shot in open_shots if shot in following}
-        images = {key: value for key, value in images.items() if key in kept}
-        if progress is not None:
-            progress(done, len(order))
+    done = 0
+    for camera, group in groupby(order, key=lambda index: capture.shots[index].camera):  # of one at a time
+        shots, images = list(group), dict[int, ImageArray]()
+        for shot, image in zip(shots, decode_shots(small, shots), strict=True):
+            images[shot] = image
+            done += 1
+            if progress is not None:
+                progress(done, len(order))
+        scale = capture.cameras[camera].width / small.cameras[camera].width
+        for shot in following.keys() & images.keys():
+            after = following[shot]
+            samples[shot] = _sample(
+                small.cameras[camera], scale, images[shot], None if after is None else images[after]
+            )
     return samples
 
 
@@ -142,16 +135,10 @@ def _sample(camera: Camera, scale: float, image: ImageArray, following: ImageArr
     cv2 = load_opencv()
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     after = None if following is None else cv2.cvtColor(following, cv2.COLOR_RGB2GRAY)
-    points, descriptors = cv2.SIFT_create(nfeatures=_FEATURES, contrastThreshold=0.01).detectAndCompute(gray, None)
-    if descriptors is None or not len(points):
-        empty = np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros((0, 3))
-        return Sample(camera, scale, gray, after, *empty, blur_of(gray))
-    positions = np.array([point.pt for point in points], dtype=np.float64) + 0.5  # OpenCV counts centres from 0
-    rooted = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6))
-    blurred = cv2.blur(image, (7, 7))
+    positions, descriptors = root_sift(gray, _FEATURES, 0.01)
     columns, lines = np.clip(positions.astype(int), 0, [camera.width - 1, camera.height - 1]).T
-    colors = blurred[lines, columns].astype(np.float64)
-    return Sample(camera, scale, gray, after, positions, rooted.astype(np.float32), colors, blur_of(gray))
+    colors = cv2.blur(image, (7, 7))[lines, columns].astype(np.float64)
+    return Sample(camera, scale, gray, after, positions, descriptors, colors, blur_of(gray))
 
 
 def blur_of(gray: ImageArray) -> float:

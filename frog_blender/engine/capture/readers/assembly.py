@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ...arrays import Float64s
-from ..camera import Camera
-from ..capture import Capture, Distortion
+from ...errors import found_instead
+from ..capture import Capture, Shot
 from ..video import image_size, image_turns
 from ..world import World
 from .checks import check_images
-from .footage import Calibrated, Filmed, Footage, at_times, fitted, on_common_frames
+from .footage import Filmed, Footage, at_times, fitted, natural, of_cameras, on_common_frames
+from .geometry import Calibrated
 
 _FAR = 300.0  # times the cameras' spread: beyond it, float32's steps come near to what images show
 _FAR_ALONE = 1000.0  # units, of cameras that all stand in one place
@@ -29,16 +32,47 @@ class View:
     """An image with a pose of its own.
 
     Attributes:
-        camera: at its calibrated size.
-        distortion: of its lens.
+        calibrated: its camera at its calibrated size, and the lens.
         image: the file.
         number: its time; see ``footage.at_times``.
     """
 
-    camera: Camera
-    distortion: Distortion | None
+    calibrated: Calibrated
     image: Path
     number: int
+
+
+def calibrated_cameras(
+    path: Path,
+    layout: str,
+    calibration: Path,
+    cameras: Sequence[Calibrated],
+    footage: Sequence[Footage],
+    warnings: Iterable[str] = (),
+    *,
+    named_by_film: bool = False,
+) -> Capture:
+    """The capture of cameras of a calibration that stand still, and of their footage, which is found by its name.
+
+    Args:
+        named_by_film: the cameras get the names of their footage.
+
+    Raises:
+        FrogError: if two cameras have one name, none has footage, or images cannot be used.
+    """
+    names = [camera.name for camera, _ in cameras]
+    if len(set(names)) < len(names):
+        name, _ = Counter(names).most_common(1)[0]
+        raise found_instead(calibration, f"several cameras named {name}", "one of each name")
+    filmed, about = of_cameras(calibration, names, footage)
+    pairs = [
+        ((replace(camera, name=filmed[camera.name].name if named_by_film else camera.name), lens), filmed[camera.name])
+        for camera, lens in cameras
+        if camera.name in filmed
+    ]
+    pairs.sort(key=lambda pair: natural(pair[0][0].name))
+    chosen, shown = [calibrated for calibrated, _ in pairs], [of_camera for _, of_camera in pairs]
+    return standing_cameras(path, layout, chosen, shown, warnings=[*warnings, *about])
 
 
 def standing_cameras(
@@ -46,8 +80,8 @@ def standing_cameras(
     layout: str,
     cameras: Sequence[Calibrated],
     footage: Sequence[Footage],
-    warnings: Sequence[str] = (),
     *,
+    warnings: Iterable[str] = (),
     filmed: Filmed | None = None,
 ) -> Capture:
     """The capture of cameras that stand still, where camera i filmed ``footage[i]``. Nothing is held out.
@@ -59,24 +93,21 @@ def standing_cameras(
         FrogError: if images do not have their camera's proportions, or cannot be used.
     """
     filmed = on_common_frames(path, footage) if filmed is None else filmed
-    at_size = [
-        fitted(calibrated, size, turns, each.files[0])
-        for calibrated, size, turns, each in zip(cameras, filmed.sizes, filmed.turns, footage, strict=True)
-    ]
-    return Capture(
-        path=path,
-        format=layout,
-        cameras=tuple(camera for camera, _ in at_size),
-        distortions=tuple(lens for _, lens in at_size),
+    return assembled(
+        path,
+        layout,
+        cameras,
+        [of_camera.files[0] for of_camera in footage],
+        sizes=list(zip(filmed.sizes, filmed.turns, strict=True)),
+        warnings=(*warnings, *filmed.warnings),
         shots=filmed.shots,
         frame_count=filmed.frame_count,
         frames_per_second=filmed.frames_per_second,
-        warnings=(*warnings, *filmed.warnings, *_upside_down(path, [each.files[0] for each in footage], filmed.turns)),
     )
 
 
 def moving_cameras(
-    path: Path, layout: str, views: Sequence[View], rate: float = 30.0, warnings: Sequence[str] = ()
+    path: Path, layout: str, views: Sequence[View], rate: float = 30.0, warnings: Iterable[str] = ()
 ) -> Capture:
     """The capture of images that each have a pose of their own; of a single camera every eighth frame is held out.
 
@@ -87,45 +118,71 @@ def moving_cameras(
     shots, count = at_times(
         [(index, view.image) for index, view in enumerate(views)], [view.number for view in views], path
     )
-    turns = [image_turns(view.image) for view in views]
-    at_size = [
-        fitted((view.camera, view.distortion), image_size(view.image), turn, view.image)
-        for view, turn in zip(views, turns, strict=True)
-    ]
-    capture = Capture(
+    capture = assembled(
+        path,
+        layout,
+        [view.calibrated for view in views],
+        [view.image for view in views],
+        warnings=warnings,
+        shots=tuple(shots),
+        frame_count=count,
+        frames_per_second=rate,
+    )
+    return with_holdout_of_one(capture)
+
+
+def assembled(
+    path: Path,
+    layout: str,
+    cameras: Sequence[Calibrated],
+    images: Sequence[Path],
+    *,
+    shots: tuple[Shot, ...],
+    sizes: Sequence[tuple[tuple[int, int], int]] | None = None,
+    warnings: Iterable[str] = (),
+    **facts: Any,
+) -> Capture:
+    """The capture of cameras at the size of what they filmed.
+
+    Args:
+        images: a file of each camera.
+        sizes: width and height of each, and the quarter turns by which it is shown; by default the files are asked.
+        facts: what else a ``Capture`` has.
+
+    Raises:
+        FrogError: if an image does not have its camera's proportions.
+    """
+    sizes = [(image_size(image), image_turns(image)) for image in images] if sizes is None else sizes
+    at_size = [fitted(*camera, *shown, image) for camera, shown, image in zip(cameras, sizes, images, strict=True)]
+    said = list(warnings)
+    if turned := [image.name for image, (_, turns) in zip(images, sizes, strict=True) if turns == 2]:
+        said.append(  # their size does not tell how they were calibrated
+            f"{path}: {turned[0]} (of {len(turned)} such) is turned by 180 degrees, as the file says; the poses are "
+            "taken for those of the turned images."
+        )
+    return Capture(
         path=path,
         format=layout,
         cameras=tuple(camera for camera, _ in at_size),
         distortions=tuple(lens for _, lens in at_size),
-        shots=tuple(shots),
-        frame_count=count,
-        frames_per_second=rate,
-        warnings=(*warnings, *_upside_down(path, [view.image for view in views], turns)),
+        shots=shots,
+        warnings=tuple(said),
+        **facts,
     )
-    alone = len({shot.frame for shot in shots}) == len(views) and capture.frame_count > HOLDOUT_EVERY // 2
-    return _with_some_held_out(capture) if alone else capture
 
 
-def _upside_down(path: Path, files: Sequence[Path], turns: Sequence[int]) -> list[str]:
-    """A warning about files that are shown turned by 180 degrees: their size does not tell how they were calibrated."""
-    turned = [file.name for file, turn in zip(files, turns, strict=True) if turn == 2]
-    if not turned:
-        return []
-    return [
-        f"{path}: {turned[0]} (of {len(turned)} such) is turned by 180 degrees, as the file says; the poses are taken "
-        "for those of the turned images."
-    ]
+def with_holdout_of_one(capture: Capture) -> Capture:
+    """The capture with every eighth frame held out, if it is of one moving camera and some image stays to train on."""
+    frames = {shot.frame for shot in capture.shots}
+    if len(frames) < len(capture.shots) or capture.frame_count <= HOLDOUT_EVERY // 2:
+        return capture
+    held = capture.with_holdout(HOLDOUT_EVERY)
+    return held if held.train_shots else capture
 
 
 def with_points(capture: Capture, points: Float64s | None) -> Capture:
     """The capture with points (N, 3) on surfaces; without them for None and for none."""
     return capture if points is None or not len(points) else replace(capture, points=points)
-
-
-def _with_some_held_out(capture: Capture) -> Capture:
-    """The capture with every eighth frame held out, unless none of its images would be left to train on."""
-    held = capture.with_holdout(HOLDOUT_EVERY)
-    return held if held.train_shots else capture
 
 
 def localized(capture: Capture) -> Capture:

@@ -11,8 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from ...arrays import Float64s
 from ...errors import FrogError, found_instead
 from ...io.paths import is_network_path
@@ -21,10 +19,10 @@ from ..capture import Capture, Distortion
 from ..orientation import turned_camera
 from ..video import VideoFacts, composed, find_videos, read_facts
 from . import qualisys
-from .assembly import standing_cameras, with_points
-from .checks import number, numbers, pinhole, read_json, rotation, size
-from .footage import Footage, find_footage, of_cameras
-from .geometry import distortion, is_transposed
+from .assembly import calibrated_cameras, with_points
+from .checks import number, numbers, read_json, size
+from .footage import Footage, find_footage
+from .geometry import is_transposed, opencv_camera
 from .pairing import Clock, pair_videos
 
 _OPENCV = "cameras_opencv.json"
@@ -89,12 +87,11 @@ def read(path: Path) -> Capture:
 
 def _of_frames(path: Path, calibration: Path, entries: list[_Calibrated], frames: list[Footage]) -> Capture:
     """Folders of frames instead of videos."""
-    cameras = {entry.camera.name: entry for entry in entries}
-    found, warnings = of_cameras(calibration, sorted(cameras), frames)
-    chosen = [(cameras[name].camera, cameras[name].lens) for name in found]
-    if any(cameras[name].clock != _IN_STEP for name in found):
+    warnings = []
+    if any(entry.clock != _IN_STEP for entry in entries):
         warnings.append(f"{calibration}: offsets and rates are those of films; images are paired by their numbers.")
-    return standing_cameras(path, "calibrated_videos", chosen, list(found.values()), warnings)
+    cameras = [(entry.camera, entry.lens) for entry in entries]
+    return calibrated_cameras(path, "calibrated_videos", calibration, cameras, frames, warnings)
 
 
 def named_videos(path: Path) -> dict[str, Path]:
@@ -120,15 +117,13 @@ def _calibration(path: Path) -> tuple[Path, list[_Calibrated], Float64s | None, 
     else:
         file = _qualisys_files(path)[0]
         calibrated = [_Calibrated(camera, lens) for camera, lens in qualisys.read_cameras(file)]
-    calibrated = [replace(entry, camera=_composed(entry.camera)) for entry in calibrated]
-    names = [entry.camera.name for entry in calibrated]
+    names = [composed(entry.camera.name) for entry in calibrated]
+    calibrated = [
+        replace(entry, camera=replace(entry.camera, name=name)) for name, entry in zip(names, calibrated, strict=True)
+    ]
     if len(set(names)) != len(names):
         raise found_instead(file, f"several cameras named {max(names, key=names.count)}", "one of each name")
     return file, calibrated, points, unused
-
-
-def _composed(camera: Camera) -> Camera:
-    return replace(camera, name=composed(camera.name))
 
 
 def _matched(path: Path, calibration: Path, calibrated: list[_Calibrated]) -> list[tuple[_Calibrated, Path]]:
@@ -221,22 +216,10 @@ def _opencv_cameras(path: Path, content: dict[str, object]) -> list[_Calibrated]
         name = "" if entry.get("name") is None else str(entry["name"])  # which may be the number 0
         if not name:
             raise found_instead(path, f"camera {position} without a name", "the name of its video")
-        intrinsics = pinhole(entry.get("K"), path, f"K of camera {name}")
-        world_to_camera = np.eye(4)
-        matrix = numbers(entry.get("R"), (3, 3), path, f"R of camera {name}")
-        world_to_camera[:3, :3] = rotation(matrix, path, f"the rotation of camera {name}")
-        world_to_camera[:3, 3] = numbers(entry.get("t"), (3,), path, f"t of camera {name}")
-        listed = entry.get("dist") or []
-        count = len(listed) if isinstance(listed, list) else 0
-        coefficients = numbers(listed, (count,), path, f"dist of camera {name}")
-        if count not in (0, 4, 5, 8, 12, 14):  # what OpenCV takes
-            raise found_instead(path, f"{count} distortion coefficients for camera {name}", "4, 5, 8, 12 or 14")
         width = size(entry.get("width"), path, f"width of camera {name}")
         height = size(entry.get("height"), path, f"height of camera {name}")
-        skew, intrinsics[0, 1] = intrinsics[0, 1] / intrinsics[0, 0], 0.0
-        camera = Camera(name, width, height, intrinsics, world_to_camera)
-        lens = distortion(coefficients if count else np.zeros(5), skew)
-        cameras.append(_Calibrated(camera, lens, _video(entry, path, name), _clock(entry, path, name)))
+        view = opencv_camera(name, (width, height), {key: entry.get(key) for key in ("K", "R", "t", "dist")}, path)
+        cameras.append(_Calibrated(*view, _video(entry, path, name), _clock(entry, path, name)))
     return cameras
 
 

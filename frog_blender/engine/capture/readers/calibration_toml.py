@@ -14,20 +14,14 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from ...arrays import Float64s
 from ...errors import FrogError, found_instead
-from ..camera import Camera, rotation_about
 from ..capture import Capture
-from ..lenses import FISHEYE
-from .assembly import standing_cameras
-from .checks import check_length, numbers, pinhole, rotation, size
-from .footage import MAX_CAMERAS, Calibrated, find_below, natural, of_cameras
-from .geometry import distortion, through_lens
+from .assembly import calibrated_cameras
+from .checks import numbers, read_text, size
+from .footage import MAX_CAMERAS, find_below
+from .geometry import Calibrated, flat, opencv_camera
 
 _FOLDERS = (".", "calibration", "Calibration", "calibration/extrinsic")
 _FOOTAGE = (".", "videos", "synchronized_videos", "recordings", "videos-raw", "images")
@@ -51,26 +45,17 @@ def read(path: Path) -> Capture:
     file = _calibration(path)
     if file is None:
         raise found_instead(path, "no TOML calibration", "camera_array.toml, calibration.toml or Calib.toml")
-    warnings: list[str] = []
-    calibrated: dict[str, Calibrated] = {}
-    for key, table in _tables(_parsed(file)).items():
-        if table.get("ignore") is True:
-            continue
-        if any(not isinstance(table.get(needed), list) for needed in _NEEDED):
-            warnings.append(f"{file}: the camera {key} has no pose and is left out.")
-            continue
-        camera, lens = _camera(key, table, file)
-        if camera.name in calibrated:
-            raise found_instead(file, f"several cameras named {camera.name}", "one of each name")
-        calibrated[camera.name] = camera, lens
-    if not calibrated:
+    tables = {key: table for key, table in _tables(_parsed(file)).items() if table.get("ignore") is not True}
+    warnings = [
+        f"{file}: the camera {key} has no pose and is left out."
+        for key, table in tables.items()
+        if not _is_camera(table)
+    ]
+    cameras = [_camera(key, table, file) for key, table in tables.items() if _is_camera(table)]
+    if not cameras:
         raise found_instead(file, "no camera with matrix, rotation and translation", "at least one")
-    footage, about = of_cameras(file, list(calibrated), find_below(path, _FOOTAGE))
-    pairs = sorted(
-        ((found, calibrated[name]) for name, found in footage.items()), key=lambda pair: natural(pair[0].name)
-    )
-    cameras = [(replace(camera, name=found.name), lens) for found, (camera, lens) in pairs]
-    return standing_cameras(path, "calibration_toml", cameras, [found for found, _ in pairs], [*warnings, *about])
+    footage = find_below(path, _FOOTAGE)
+    return calibrated_cameras(path, "calibration_toml", file, cameras, footage, warnings, named_by_film=True)
 
 
 def _calibration(path: Path) -> Path | None:
@@ -89,16 +74,11 @@ def _calibration(path: Path) -> Path | None:
 
 def _parsed(file: Path) -> dict[str, object]:
     """The file's tables; FrogError where it is not TOML, or longer than a calibration."""
-    check_length(file, "a TOML calibration")
-    if file.stat().st_size > _LONGEST:
-        raise found_instead(file, f"{file.stat().st_size:,} bytes", f"a TOML calibration of at most {_LONGEST:,}")
+    text = read_text(file, "a TOML calibration", _LONGEST)
+    if max(map(len, text.splitlines()), default=0) > _LONGEST_LINE:
+        raise found_instead(file, f"a line of more than {_LONGEST_LINE:,} characters", "a TOML calibration")
     try:
-        text = file.read_text(encoding="utf-8-sig")
-        if max(map(len, text.splitlines()), default=0) > _LONGEST_LINE:
-            raise found_instead(file, f"a line of more than {_LONGEST_LINE:,} characters", "a TOML calibration")
         return tomllib.loads(text)
-    except OSError as error:
-        raise found_instead(file, f"a file that cannot be read ({error.strerror})", "a TOML calibration") from error
     except (ValueError, RecursionError, OverflowError) as error:
         raise found_instead(file, f"text that is not TOML ({error})", "a TOML calibration") from error
 
@@ -118,37 +98,10 @@ def _is_camera(table: Mapping[str, object]) -> bool:
 def _camera(key: str, table: Mapping[str, object], file: Path) -> Calibrated:
     given = table.get("name")
     name = given if isinstance(given, str) and given else key
-    about = f"of camera {name}"
-    width, height = (
-        size(side, file, f"size {about}") for side in numbers(table.get("size"), (2,), file, f"size {about}")
-    )
-    pose = np.eye(4)
-    pose[:3, :3] = _turn(table.get("rotation"), file, about)
-    pose[:3, 3] = numbers(_flat(table.get("translation")), (3,), file, f"translation {about}")
-    camera = Camera(name, width, height, pinhole(table.get("matrix"), file, f"matrix {about}"), pose)
-    listed = _flat(table.get("distortions") or [])
-    count = len(listed) if isinstance(listed, list) else 0
-    coefficients = numbers(listed, (count,), file, f"distortions {about}")
-    if table.get("fisheye") is True:
-        if count < 4:
-            raise found_instead(file, f"{count} distortions {about}", "4 of a fisheye")
-        return through_lens(camera, FISHEYE, coefficients[:4], file)
-    if count not in (0, 1, 4, 5, 8, 12, 14):  # what OpenCV takes, and k1 alone
-        raise found_instead(file, f"{count} distortions {about}", "4, 5, 8, 12 or 14")
-    if count == 1:
-        coefficients = np.append(coefficients, np.zeros(4))
-    return camera, distortion(coefficients)
-
-
-def _turn(value: object, file: Path, about: str) -> Float64s:
-    """(3, 3) world to camera of a rotation vector or a matrix."""
-    if isinstance(value, list) and len(value) == 3 and isinstance(value[0], list) and len(value[0]) == 3:
-        return rotation(numbers(value, (3, 3), file, f"rotation {about}"), file, f"the rotation {about}")
-    return rotation_about(numbers(_flat(value), (3,), file, f"rotation {about}", most=100.0))
-
-
-def _flat(value: object) -> object:
-    """A list of numbers that stands as a row or a column of a matrix."""
-    if isinstance(value, list) and value and all(isinstance(each, list) for each in value):
-        return [number for each in value for number in each]
-    return value
+    what = f"size of camera {name}"
+    width, height = (size(side, file, what) for side in numbers(table.get("size"), (2,), file, what))
+    lens = flat(table.get("distortions") or [])
+    if isinstance(lens, list) and len(lens) == 1:  # k1 alone
+        lens = [*lens, 0.0, 0.0, 0.0]
+    values = {needed: table[needed] for needed in _NEEDED} | {"distortions": lens}
+    return opencv_camera(name, (width, height), values, file, is_fisheye=table.get("fisheye") is True)

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ...arrays import Float64s
-from ...errors import FrogError, found_instead
+from ...arrays import Array, Float64s
+from ...errors import FrogError, brief, found_instead
 from ...io.regular_file import regular_file
 from ..camera import MAX_SIDE, exact_pinhole
-from ..capture import MAX_FRAMES, MAX_IMAGES, Capture, Shot
-from ..video import VideoFacts
+from ..capture import MAX_FRAMES, MAX_IMAGES, Capture
 
 MAX_COORDINATE = 1e12
 """World units or pixels: larger values were not measured, and their products are not finite."""
 _MAX_TEXT = 2**28  # bytes
 _MIN_FOCAL = 1e-6  # pixels
+_LONGEST_NAME = 4096  # characters
 
 
 def read_json(path: Path) -> dict[str, object]:
@@ -28,20 +28,56 @@ def read_json(path: Path) -> dict[str, object]:
     Raises:
         FrogError: if the file is missing, not JSON, or not an object.
     """
-    try:
-        check_length(path, "a JSON file")
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a JSON file") from error
-    except (ValueError, RecursionError) as error:
-        reason = f"line {error.lineno}" if isinstance(error, json.JSONDecodeError) else type(error).__name__
-        raise found_instead(path, f"text that is not JSON ({reason})", "a complete JSON file") from error
+    data = parsed_json(path)
     if not isinstance(data, dict):
         raise found_instead(path, f"a JSON {type(data).__name__}", "a JSON object")
     return data
 
 
-def check_length(path: Path, expected: str) -> None:
+def parsed_json(path: Path) -> object:
+    """What a JSON file says; FrogError if it is missing or not JSON."""
+    text = read_text(path, "a JSON file")
+    try:
+        found: object = json.loads(text)
+        return found
+    except (ValueError, RecursionError) as error:
+        reason = f"line {error.lineno}" if isinstance(error, json.JSONDecodeError) else type(error).__name__
+        raise found_instead(path, f"text that is not JSON ({reason})", "a complete JSON file") from error
+
+
+def read_text(path: Path, expected: str, most: int = _MAX_TEXT) -> str:
+    """The text of a file, in which "\ufffd" stands for what is none.
+
+    Args:
+        expected: what the file should be, such as "a JSON file".
+        most: bytes.
+
+    Raises:
+        FrogError: if it is not a file, too large, or cannot be read.
+    """
+    check_length(path, expected, most)
+    try:
+        return path.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror})", expected) from error
+
+
+def path_inside(folder: Path, name: str, file: Path, what: str) -> Path:
+    """The path of a file that ``file`` lists, below a folder; FrogError for one outside of it."""
+    inside = os.path.normpath(os.path.join(folder, name.replace("\\", "/")))
+    if not Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder)):
+        raise FrogError(f"{file}: the {what} {name!r} lies outside the capture's folder, expected one inside.")
+    return Path(inside)
+
+
+def listed_name(value: object, file: Path, what: str) -> str:
+    """A file's name from a list; FrogError for what is none."""
+    if not isinstance(value, str) or not value or "\0" in value or len(value) > _LONGEST_NAME:
+        raise found_instead(file, f"{brief(repr(value))} as {what}", "the path of a file")
+    return value
+
+
+def check_length(path: Path, expected: str, most: int = _MAX_TEXT) -> None:
     """Checks the size of a text file before it is read.
 
     Args:
@@ -51,8 +87,8 @@ def check_length(path: Path, expected: str) -> None:
         FrogError: if it is not a file, or larger than any calibration.
     """
     length = regular_file(path, expected).stat().st_size
-    if length > _MAX_TEXT:
-        raise found_instead(path, f"{length:,} bytes", f"at most {_MAX_TEXT:,} of text")
+    if length > most:
+        raise found_instead(path, f"{length:,} bytes", f"{expected} of at most {most:,}")
 
 
 def numbers(value: object, shape: tuple[int, ...], path: Path, what: str, most: float = MAX_COORDINATE) -> Float64s:
@@ -76,6 +112,14 @@ def numbers(value: object, shape: tuple[int, ...], path: Path, what: str, most: 
     if np.abs(array).max(initial=0.0) > most:
         raise found_instead(path, f"{what} with the number {np.abs(array).max():g}", f"at most {most:g}")
     return array
+
+
+def usable_points(points: Array) -> Float64s:
+    """Those of the points (N, 3), of any kind of number, that are finite and within the limits; as float64."""
+    with np.errstate(invalid="ignore"):  # some NaN warn when they are converted
+        converted: Float64s = points.astype(np.float64)
+    usable: Float64s = converted[(np.abs(converted) <= MAX_COORDINATE).all(axis=1)]  # which leaves out NaN
+    return usable
 
 
 def number(value: object, path: Path, what: str, *, positive: bool = False, most: float = MAX_COORDINATE) -> float:
@@ -167,36 +211,6 @@ def rotation(matrix: Float64s, path: Path, what: str) -> Float64s:
     if np.abs(nearest - matrix).max() > 0.02 or np.linalg.det(nearest) < 0:
         raise found_instead(path, f"{what} that mirrors, scales or shears", "a rotation")
     return nearest
-
-
-def shared_frame_count(path: Path, videos: Sequence[Path], facts: Sequence[VideoFacts]) -> tuple[int, list[str]]:
-    """Number of frames that all synchronised videos have, and warnings if their lengths or rates differ.
-
-    Raises:
-        FrogError: if a video has no frame, or there are too many frames or images.
-    """
-    counts = [fact.frame_count for fact in facts]
-    shared = min(counts)
-    if shared < 1:
-        raise found_instead(videos[counts.index(shared)], "no frame", "videos that share at least one frame")
-    frame_span(0, shared - 1, path, "frames")
-    check_images(path, shared * len(videos))
-    warnings = []
-    if shared != max(counts):
-        shortest, longest = videos[counts.index(shared)].name, videos[counts.index(max(counts))].name
-        warnings.append(
-            f"{path}: the videos have different lengths ({shortest} {shared} frames, {longest} {max(counts)}); "
-            f"the first {shared} frames are used."
-        )
-    rates = [fact.frames_per_second for fact in facts]
-    if max(rates) > 1.02 * min(rates):
-        warnings.append(f"{path}: the videos' frame rates differ ({min(rates):g} to {max(rates):g} a second).")
-    return shared, warnings
-
-
-def shots_of_videos(videos: Sequence[Path], frame_count: int) -> tuple[Shot, ...]:
-    """The images of all videos, where video i is of camera i."""
-    return tuple(Shot(c, f, video, f) for f in range(frame_count) for c, video in enumerate(videos))
 
 
 def checked(capture: Capture) -> Capture:

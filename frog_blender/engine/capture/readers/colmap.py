@@ -21,9 +21,10 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ..capture import Capture
-from .assembly import View, moving_cameras, standing_cameras, with_points
+from .assembly import View, calibrated_cameras, moving_cameras, standing_cameras, with_points
 from .colmap_model import Model, PosedImage, has_model, read_model
-from .footage import Calibrated, Footage, find_footage, images_in, natural, of_cameras, split_number
+from .footage import Footage, find_footage, images_in, natural, of_cameras, split_number
+from .geometry import Calibrated
 
 _LAYOUT = "colmap"
 _MODELS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "dense/sparse", "dense/0/sparse", "colmap", ".")
@@ -132,15 +133,13 @@ def _grouped(path: Path, model: Model, root: Path, groups: Group, warnings: list
         raise _no_image(path, model)
     if lacking:
         warnings.append(f"{path}: {lacking} of {len(model.images)} images of the model are missing and left out.")
-    return standing_cameras(path, _LAYOUT, cameras, footage, warnings)
+    return standing_cameras(path, _LAYOUT, cameras, footage, warnings=warnings)
 
 
 def _footage_beside(path: Path, model: Model, beside: list[Footage], warnings: list[str]) -> Capture:
     """One image of each camera, whose videos or frames lie beside."""
-    images = {PurePosixPath(image.name).stem: image for image in model.images}
-    found, about = of_cameras(model.folder, list(images), beside)
-    cameras = [model.camera(images[name], each.name) for name, each in found.items()]
-    return standing_cameras(path, _LAYOUT, cameras, list(found.values()), [*warnings, *about])
+    cameras = [model.camera(image, PurePosixPath(image.name).stem) for image in model.images]
+    return calibrated_cameras(path, _LAYOUT, model.folder, cameras, beside, warnings, named_by_film=True)
 
 
 def _alone(path: Path, model: Model, root: Path, warnings: list[str]) -> Capture:
@@ -154,7 +153,7 @@ def _alone(path: Path, model: Model, root: Path, warnings: list[str]) -> Capture
         if not there:
             raise _no_image(path, model)
         footage = [Footage(stems[index], (files[index],), (0,)) for index in there]
-        return standing_cameras(path, _LAYOUT, [cameras[index] for index in there], footage, warnings)
+        return standing_cameras(path, _LAYOUT, [cameras[index] for index in there], footage, warnings=warnings)
     ordered = len(set(numbers)) == len(numbers) and None not in numbers
     places = [number if ordered and number is not None else place for place, number in enumerate(numbers)]
     return _moving(path, model, root, list(zip(model.images, places, strict=True)), warnings)
@@ -170,8 +169,7 @@ def _moving(path: Path, model: Model, root: Path, images: list[tuple[PosedImage,
     views = []
     for image, number in there:
         name = PurePosixPath(image.name)
-        camera, lens = model.camera(image, str(name.with_suffix("")))
-        views.append(View(camera, lens, root / image.name, number))
+        views.append(View(model.camera(image, str(name.with_suffix(""))), root / image.name, number))
     return moving_cameras(path, _LAYOUT, views, warnings=warnings)
 
 

@@ -5,27 +5,37 @@ and ``W_NAME`` (optional), ``Rot_NAME`` (3 x 3) or ``R_NAME`` (rotation vector),
 OpenCV's axes. (zju3dv/EasyVolcap, easyvolcap/utils/easy_utils.py; zju3dv/EasyMocap.)
 
 Nothing is held out. Masks are not used.
+
+Their files are of the YAML that OpenCV's FileStorage writes: ``key: !!opencv-matrix`` with rows, cols, dt and data;
+``key: number``; ``key:`` with a list of names, or in brackets. Nothing else of YAML is read. An own reader: sizes and
+types are checked here, and no other program's parser is trusted with what anybody may have written.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
 from ...arrays import Float64s
 from ...errors import found_instead
-from ..camera import Camera, rotation_about
 from ..capture import Capture
-from .assembly import standing_cameras
-from .checks import pinhole, rotation, size
-from .footage import MAX_CAMERAS, Calibrated, Footage, find_below, natural, of_cameras, on_common_frames
-from .geometry import distortion
-from .opencv_yaml import OpencvYaml
+from .assembly import calibrated_cameras
+from .checks import number, numbers, read_text, size
+from .footage import MAX_CAMERAS, find_below, of_cameras, on_common_frames
+from .geometry import opencv_camera
 
 _INTRINSICS, _EXTRINSICS = "intri.yml", "extri.yml"
 _CALIBRATIONS = (".", "optimized", "calib")
 _FOOTAGE = ("images", "videos", ".")
+# A key at a line's begin, and what follows it until the next one.
+_ENTRY = re.compile(r'^"?([^\s:"#%\-\]][^:"\n]*)"?[ \t]*:(.*(?:\n(?:[ \t\-\]#%].*)?)*)', re.MULTILINE)
+_FIELD = re.compile(r"^\s+(rows|cols|dt)\s*:\s*(\S+)\s*$", re.MULTILINE)
+_DATA = re.compile(r"^\s+data\s*:\s*\[([^\]]*)\]", re.MULTILINE)
+_MATRIX = "!!opencv-matrix"
+_MOST_NUMBERS = 1000
+_LONGEST = 2**24  # bytes: a camera takes a thousand
 
 
 def matches(path: Path) -> bool:
@@ -42,53 +52,71 @@ def read(path: Path) -> Capture:
     folder = next(path / calibration for calibration in _CALIBRATIONS if (path / calibration / _INTRINSICS).is_file())
     if not (folder / _EXTRINSICS).is_file():
         raise found_instead(folder, f"{_INTRINSICS} and no {_EXTRINSICS}", "both: the cameras' lenses and their poses")
-    inner, outer = OpencvYaml(folder / _INTRINSICS), OpencvYaml(folder / _EXTRINSICS)
-    names = inner.names("names") or [key[2:] for key in inner.keys if key.startswith("K_")]
+    inner, outer = _OpencvYaml(folder / _INTRINSICS), _OpencvYaml(folder / _EXTRINSICS)
+    names = inner.names("names") or [key[2:] for key in inner.blocks if key.startswith("K_")]
     if not names or len(names) > MAX_CAMERAS or len(set(names)) < len(names):
         found = f"{len(names)} cameras" if names else "no camera"
         raise found_instead(inner.path, found, "names, each with a K_NAME")
-    footage, warnings = of_cameras(inner.path, names, find_below(path, _FOOTAGE))
-    names = sorted(footage, key=natural)
-    shown = [footage[name] for name in names]
-    sizes = _sizes(path, inner, names, shown)
-    cameras = [_camera(name, size, inner, outer) for name, size in zip(names, sizes, strict=True)]
-    return standing_cameras(path, "easyvolcap", cameras, shown, warnings)
+    footage = find_below(path, _FOOTAGE)
+    sizes = {name: (inner.number(f"W_{name}"), inner.number(f"H_{name}")) for name in names}
+    if not all(min(sides) > 0 for sides in sizes.values()):  # the file does not say it: that of the images
+        filmed, _ = of_cameras(inner.path, names, footage)
+        sizes = dict(zip(filmed, on_common_frames(path, list(filmed.values())).sizes, strict=True))
+    cameras = []
+    for name, sides in sizes.items():
+        width, height = (size(side, inner.path, f"{key}_{name}") for key, side in zip("WH", sides, strict=True))
+        turn = next((key for key in (f"Rot_{name}", f"R_{name}") if key in outer.blocks), f"Rot_{name}")
+        lens = next((key for key in (f"D_{name}", f"dist_{name}") if key in inner.blocks), None)
+        values = {
+            f"K_{name}": inner.matrix(f"K_{name}").tolist(),
+            turn: outer.matrix(turn).tolist(),
+            f"T_{name}": outer.matrix(f"T_{name}").tolist(),
+            lens or f"D_{name}": inner.matrix(lens).tolist() if lens else [],
+        }
+        cameras.append(opencv_camera(name, (width, height), values, inner.path))
+    return calibrated_cameras(path, "easyvolcap", inner.path, cameras, footage)
 
 
-def _sizes(path: Path, inner: OpencvYaml, names: list[str], footage: list[Footage]) -> list[tuple[int, int]]:
-    """Width and height that each camera was calibrated at: its images', where the file does not say it."""
-    known = [(inner.number(f"W_{name}") or 0, inner.number(f"H_{name}") or 0) for name in names]
-    if all(min(each) > 0 for each in known):
-        return [
-            (size(width, inner.path, f"W_{name}"), size(height, inner.path, f"H_{name}"))
-            for name, (width, height) in zip(names, known, strict=True)
-        ]
-    return list(on_common_frames(path, footage).sizes)
+class _OpencvYaml:
+    """A file's values by key."""
 
+    def __init__(self, path: Path) -> None:
+        """Reads the file; FrogError where it is not such a file."""
+        self.path = path
+        self.blocks: dict[str, str] = {}
+        for match in _ENTRY.finditer(read_text(path, "OpenCV's YAML", _LONGEST)):
+            self.blocks.setdefault(match[1].strip(), match[2].lstrip())
+        if not self.blocks:
+            raise found_instead(path, "no key with a value", "OpenCV's YAML (%YAML:1.0)")
 
-def _camera(name: str, size: tuple[int, int], inner: OpencvYaml, outer: OpencvYaml) -> Calibrated:
-    matrix = pinhole(inner.matrix(f"K_{name}"), inner.path, f"K_{name}")
-    pose = np.eye(4)
-    pose[:3, :3] = _turn(name, outer)
-    shift = outer.matrix(f"T_{name}")
-    if shift.size != 3:
-        raise found_instead(outer.path, f"{shift.size} numbers in T_{name}", "3")
-    pose[:3, 3] = shift.ravel()
-    key = next((each for each in (f"D_{name}", f"dist_{name}") if each in inner), None)
-    coefficients = inner.matrix(key).ravel() if key else np.zeros(5)
-    if coefficients.size not in (4, 5, 8, 12, 14):  # what OpenCV takes
-        raise found_instead(inner.path, f"{coefficients.size} numbers in {key}", "4, 5, 8, 12 or 14")
-    return Camera(name, *size, matrix, pose), distortion(coefficients)
+    def matrix(self, key: str) -> Float64s:
+        """(rows, cols) numbers.
 
+        Raises:
+            FrogError: if the key is not there or no matrix of at most ``_MOST_NUMBERS`` finite numbers.
+        """
+        block = self.blocks.get(key)
+        if block is None or not block.startswith(_MATRIX):
+            raise found_instead(self.path, f"no matrix {key}", f"{key}: {_MATRIX}")
+        fields, data = dict(_FIELD.findall(block)), _DATA.search(block)
+        if data is None or not {"rows", "cols"} <= fields.keys():
+            raise found_instead(self.path, f"a matrix {key} without rows, cols or data", "all three")
+        shape = tuple(round(number(fields[side], self.path, f"{side} of {key}")) for side in ("rows", "cols"))
+        values = [word for word in re.split(r"[\s,]+", data[1]) if word]
+        if min(shape) < 1 or shape[0] * shape[1] != len(values) or len(values) > _MOST_NUMBERS:
+            found = f"{len(values)} numbers in {key} of {shape[0]} x {shape[1]}"
+            raise found_instead(self.path, found, f"as many as it has places, at most {_MOST_NUMBERS}")
+        return np.reshape(numbers(values, (len(values),), self.path, key), shape)
 
-def _turn(name: str, outer: OpencvYaml) -> Float64s:
-    """(3, 3) world to camera."""
-    for key in (f"Rot_{name}", f"R_{name}"):
-        if key in outer:
-            value = outer.matrix(key)
-            if value.shape == (3, 3):
-                return rotation(value, outer.path, key)
-            if value.size != 3 or np.abs(value).max() > 100:
-                raise found_instead(outer.path, f"{key} of {value.shape[0]} x {value.shape[1]}", "3 x 3 or 3 x 1")
-            return rotation_about(value.ravel())
-    raise found_instead(outer.path, f"no rotation of camera {name}", f"Rot_{name} or R_{name}")
+    def number(self, key: str) -> float:
+        """A number; 0 where the key is not there. FrogError for anything else."""
+        return number(self.blocks.get(key, "0").strip(), self.path, key)
+
+    def names(self, key: str) -> list[str]:
+        """A list of names; none where the key is not there."""
+        block = self.blocks.get(key, "").strip()
+        if block.startswith("["):
+            items = block.strip("[] \n").split(",")
+        else:
+            items = [line.strip()[1:] for line in block.splitlines() if line.strip().startswith("-")]
+        return [name for item in items if (name := item.strip().strip("\"'"))]

@@ -19,13 +19,11 @@ from ..orientation import turned_camera
 from ..video import composed, find_images, find_videos, image_size, image_turns, read_facts
 from .checks import check_images
 from .frame_times import frame_times
-from .geometry import is_transposed, same_proportions
+from .geometry import Calibrated, is_transposed, same_proportions
 from .pairing import pair_videos
 
 MAX_CAMERAS = 10_000
 _DIGITS = re.compile(r"(\d+)")
-Calibrated = tuple[Camera, Distortion | None]
-"""A camera at its calibrated size, with its lens."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +209,7 @@ def at_times(images: Sequence[tuple[int, Path]], numbers: Sequence[int], path: P
     return shots, times.count
 
 
-def fitted(calibrated: Calibrated, size: tuple[int, int], turns: int, source: Path) -> Calibrated:
+def fitted(camera: Camera, lens: Distortion | None, size: tuple[int, int], turns: int, source: Path) -> Calibrated:
     """The calibrated camera, and its lens, at the size (width, height) at which its images are shown.
 
     Args:
@@ -221,9 +219,8 @@ def fitted(calibrated: Calibrated, size: tuple[int, int], turns: int, source: Pa
     Raises:
         FrogError: if their proportions differ.
     """
-    camera, lens = calibrated
     if is_transposed(size, (camera.width, camera.height)) and turns % 2:
-        camera, lens = turned_camera(camera, lens, turns) or calibrated
+        camera, lens = turned_camera(camera, lens, turns) or (camera, lens)
     if size == (camera.width, camera.height):
         return camera, lens
     if not same_proportions(size, (camera.width, camera.height)):

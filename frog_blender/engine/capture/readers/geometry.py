@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,12 +10,17 @@ import numpy as np
 
 from ...arrays import Float64s
 from ...errors import found_instead
-from ..camera import Camera
+from ..camera import Camera, rotation_about
 from ..capture import Distortion
-from ..lenses import pinhole_for
+from ..lenses import FISHEYE, pinhole_for
+from .checks import numbers, pinhole, rotation
 
 _PROPORTIONS = 0.02  # relative difference of two aspect ratios that rounded sizes explain
 _TRANSPOSED = 0.01
+OPENGL_AXES = np.diag([1.0, -1.0, -1.0])
+"""(3, 3) from OpenCV's axes to OpenGL's (x right, y up, looking along -z), and back."""
+Calibrated = tuple[Camera, Distortion | None]
+"""A camera at its calibrated size, with its lens."""
 
 
 def intrinsics(focal_x: float, focal_y: float, center_x: float, center_y: float) -> Float64s:
@@ -44,6 +50,51 @@ def is_transposed(size: tuple[float, float], other: tuple[float, float]) -> bool
 def same_proportions(size: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two sizes (width, height) have the same aspect ratio, to 2 %."""
     return abs(size[0] * other[1] / (size[1] * other[0]) - 1) <= _PROPORTIONS
+
+
+def opencv_camera(
+    name: str, size: tuple[int, int], values: Mapping[str, object], path: Path, *, is_fisheye: bool = False
+) -> Calibrated:
+    """A camera that a calibration describes as OpenCV does, and its lens.
+
+    Args:
+        size: width and height in pixels.
+        values: what the calibration calls K (3 x 3), rotation (3 x 3, or a vector about which it turns by its length in
+            radians), translation and distortion, in this order; rotation and translation take the world to the camera.
+        path: the calibration, for the sentence.
+        is_fisheye: the distortion is that of ``cv2.fisheye``.
+
+    Raises:
+        FrogError: for a value that cannot be used.
+    """
+    (of_matrix, matrix), (of_turn, turn), (of_shift, shift), (of_lens, lens) = values.items()
+    intrinsics = pinhole(matrix, path, f"{of_matrix} of camera {name}").copy()
+    world_to_camera = np.eye(4)
+    vector = flat(turn)
+    if isinstance(vector, list) and len(vector) == 3:
+        world_to_camera[:3, :3] = rotation_about(numbers(vector, (3,), path, f"{of_turn} of camera {name}", 100.0))
+    else:
+        found = numbers(turn, (3, 3), path, f"{of_turn} of camera {name}")
+        world_to_camera[:3, :3] = rotation(found, path, f"the rotation of camera {name}")
+    world_to_camera[:3, 3] = numbers(flat(shift), (3,), path, f"{of_shift} of camera {name}")
+    lens = flat(lens or [])
+    count = len(lens) if isinstance(lens, list) else 0
+    coefficients = numbers(lens, (count,), path, f"{of_lens} of camera {name}")
+    if count < 4 if is_fisheye else count not in (0, 4, 5, 8, 12, 14):  # what OpenCV takes
+        expected = "4 of a fisheye" if is_fisheye else "4, 5, 8, 12 or 14"
+        raise found_instead(path, f"{count} distortion coefficients for camera {name}", expected)
+    skew, intrinsics[0, 1] = intrinsics[0, 1] / intrinsics[0, 0], 0.0
+    camera = Camera(name, *size, intrinsics, world_to_camera)
+    if is_fisheye:
+        return through_lens(camera, FISHEYE, coefficients[:4], path)
+    return camera, distortion(coefficients if count else np.zeros(5), skew)
+
+
+def flat(value: object) -> object:
+    """A list of numbers that stands as a row or a column of a matrix."""
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        return [number for row in value for number in row]
+    return value
 
 
 def through_lens(camera: Camera, model: str, coefficients: Float64s, path: Path) -> tuple[Camera, Distortion]:

@@ -11,6 +11,8 @@ centre and scale are not applied.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +21,11 @@ from ...arrays import Float64s
 from ...errors import FrogError, found_instead
 from ...io.numpy_files import read_npy
 from ..camera import Camera
-from ..capture import Capture, Distortion, Shot
-from ..video import read_image, with_ending
-from .checks import MAX_COORDINATE, frame_span, number, numbers, read_json, rotation, size
-from .geometry import distortion, intrinsics, pose, same_proportions
+from ..capture import Capture, Shot
+from ..video import image_size, with_ending
+from .assembly import assembled
+from .checks import frame_span, number, numbers, read_json, rotation, size, usable_points
+from .geometry import Calibrated, distortion, intrinsics, pose
 
 _DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
 _USUAL = "2x"  # the size at which HyperNeRF and later papers evaluate
@@ -54,29 +57,19 @@ def read(path: Path) -> Capture:
         raise found_instead(path / _DATASET, "no image to train on", "train_ids with images in rgb and in camera")
     names = [*train, *held_out]
     frames = _frames(path, names)
-    cameras: list[Camera] = []
-    distortions: list[Distortion | None] = []
-    sizes: dict[tuple[int, int], tuple[int, int]] = {}
-    for name in names:
-        camera, distortion = _camera(name, path / "camera" / f"{name}.json")
-        full = (camera.width, camera.height)
-        if full not in sizes:  # the images of one camera share a size; decoding the first is enough
-            sizes[full] = _image_size(images[name], full, path / "camera" / f"{name}.json")
-        cameras.append(camera.resized(*sizes[full]))
-        distortions.append(distortion)
     points = _points(path / _POINTS)
-    return Capture(
-        path=path,
-        format="hypernerf",
-        cameras=tuple(cameras),
-        distortions=tuple(distortions),
-        shots=tuple(Shot(i, frames[name], images[name], 0) for i, name in enumerate(names)),
+    capture = assembled(
+        path,
+        "hypernerf",
+        [_camera(name, path / "camera" / f"{name}.json") for name in names],
+        [images[name] for name in names],
+        shots=tuple(Shot(index, frames[name], images[name], 0) for index, name in enumerate(names)),
         frame_count=max(frames.values()) + 1,
         test_cameras=frozenset(held_out),
-        near_far=_near_far(path, cameras[: len(train)], points),
         points=points,
-        warnings=tuple(warnings),
+        warnings=warnings,
     )
+    return replace(capture, near_far=_near_far(path, capture.cameras[: len(train)], points))
 
 
 def _split(path: Path, warnings: list[str]) -> tuple[list[str], list[str]]:
@@ -134,7 +127,7 @@ def _image_folder(path: Path, names: list[str], warnings: list[str]) -> Path:
         return usual
     if not examples:
         raise found_instead(path, "none of the listed images", f"them in rgb/{_USUAL} (or rgb/1x, rgb/4x, ...)")
-    sides = {folder: max(read_image(example).shape[:2]) for folder, example in examples.items()}
+    sides = {folder: max(image_size(example)) for folder, example in examples.items()}
     fitting = [folder for folder, side in sides.items() if side <= _LARGEST_SIDE]
     chosen = max(fitting, key=sides.__getitem__) if fitting else min(sides, key=sides.__getitem__)
     warnings.append(f"{path}: there are no images in rgb/{_USUAL}, those of rgb/{chosen.name} are taken.")
@@ -144,16 +137,12 @@ def _image_folder(path: Path, names: list[str], warnings: list[str]) -> Path:
 def _frames(path: Path, names: list[str]) -> dict[str, int]:
     """The frame of each image, counted from 0 in the largest step that divides all differences."""
     metadata = read_json(path / _METADATA)
-    entries: list[dict[str, object]] = []
-    for name in names:
-        entry = metadata.get(name)
-        if not isinstance(entry, dict):
-            raise found_instead(path / _METADATA, f"nothing about the image {name}", '{"warp_id": ...}')
-        entries.append(entry)
-    key = "time_id" if all("time_id" in entry for entry in entries) else "warp_id"
+    entries = {name: entry for name in names if isinstance(entry := metadata.get(name), dict)}
+    if lacking := [name for name in names if name not in entries]:
+        raise found_instead(path / _METADATA, f"nothing about the image {lacking[0]}", '{"warp_id": ...}')
+    key = "time_id" if all("time_id" in entry for entry in entries.values()) else "warp_id"
     values = [
-        number(entry.get(key), path / _METADATA, f"{key} of {name}", most=_MAX_TIME)
-        for name, entry in zip(names, entries, strict=True)
+        number(entry.get(key), path / _METADATA, f"{key} of {name}", most=_MAX_TIME) for name, entry in entries.items()
     ]
     whole = np.array(values).round().astype(np.int64)
     if np.abs(whole - values).max() > 1e-6:
@@ -164,7 +153,7 @@ def _frames(path: Path, names: list[str]) -> dict[str, int]:
     return dict(zip(names, whole.tolist(), strict=True))
 
 
-def _camera(name: str, file: Path) -> tuple[Camera, Distortion | None]:
+def _camera(name: str, file: Path) -> Calibrated:
     """The camera of one image at its 1x size."""
     data = read_json(file)
     width, height = (
@@ -184,15 +173,6 @@ def _camera(name: str, file: Path) -> tuple[Camera, Distortion | None]:
     return Camera(name, width, height, matrix, pose(orientation, position)), distortion(coefficients, skew)
 
 
-def _image_size(image: Path, full: tuple[int, int], file: Path) -> tuple[int, int]:
-    """(width, height) of a stored image, which must have the proportions of its camera."""
-    height, width = read_image(image).shape[:2]
-    if not same_proportions((width, height), full):
-        found = f"image_size {full[0]} x {full[1]} for {image.parent.name} images of {width} x {height}"
-        raise found_instead(file, found, "[width, height] of the same proportions")
-    return width, height
-
-
 def _points(file: Path) -> Float64s | None:
     """(N, 3) points in world units, None where the capture has none."""
     if not file.is_file():
@@ -200,13 +180,10 @@ def _points(file: Path) -> Float64s | None:
     points = read_npy(file, "points of shape (N, 3)", 3 * _MAX_POINTS)
     if points.ndim != 2 or points.shape[1] != 3:
         raise found_instead(file, f"{points.dtype} of shape {points.shape}", "numbers of shape (N, 3)")
-    with np.errstate(invalid="ignore"):  # some NaN warn when they are converted
-        converted: Float64s = points.astype(np.float64)
-    usable: Float64s = converted[(np.abs(converted) <= MAX_COORDINATE).all(axis=1)]  # which leaves out NaN
-    return usable
+    return usable_points(points)
 
 
-def _near_far(path: Path, cameras: list[Camera], points: Float64s | None) -> tuple[float, float] | None:
+def _near_far(path: Path, cameras: Sequence[Camera], points: Float64s | None) -> tuple[float, float] | None:
     """Depth range of the scene in world units: of its points if there are enough, else from ``scene.json``."""
     if points is not None and len(points) >= _MIN_POINTS:
         depths = np.concatenate([camera.project(points)[1] for camera in cameras[:: -(-len(cameras) // 8)]])

@@ -11,7 +11,6 @@ Axes are OpenCV's. The first camera, in the rig's middle, is held out, as Spacet
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,10 +20,10 @@ from ...errors import found_instead
 from ..camera import Camera, rotation_about
 from ..capture import Capture
 from ..lenses import FISHEYE
-from .assembly import standing_cameras
-from .checks import check_length, number, numbers, size
-from .footage import MAX_CAMERAS, Calibrated, find_below, natural, of_cameras
-from .geometry import distortion, intrinsics, pose, through_lens
+from .assembly import calibrated_cameras
+from .checks import number, numbers, parsed_json, size
+from .footage import MAX_CAMERAS, find_below
+from .geometry import Calibrated, distortion, intrinsics, pose, through_lens
 
 _MODELS = "models.json"
 _FOOTAGE = (".", "videos", "images")
@@ -42,32 +41,15 @@ def read(path: Path) -> Capture:
         FrogError: if no camera has a film, or a value cannot be used.
     """
     file = path / _MODELS
-    calibrated: dict[str, Calibrated] = {}
-    for entry in _entries(file):
-        camera, lens = _camera(entry, file)
-        if camera.name in calibrated:
-            raise found_instead(file, f"several cameras named {camera.name}", "one of each name")
-        calibrated[camera.name] = camera, lens
-    footage, warnings = of_cameras(file, list(calibrated), find_below(path, _FOOTAGE))
-    names = sorted(footage, key=natural)
-    cameras = [calibrated[name] for name in names]
-    capture = standing_cameras(path, "immersive", cameras, [footage[name] for name in names], warnings)
-    return replace(capture, test_cameras=frozenset(names[:1] if len(names) > 1 else []))
-
-
-def _entries(file: Path) -> list[dict[str, object]]:
-    try:
-        check_length(file, "a JSON file")
-        data = json.loads(file.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise found_instead(file, f"a file that cannot be read ({error.strerror})", "a JSON file") from error
-    except (ValueError, RecursionError) as error:
-        raise found_instead(file, f"text that is not JSON ({type(error).__name__})", "a complete JSON file") from error
-    if not isinstance(data, list) or not data or not all(isinstance(entry, dict) for entry in data):
+    entries = parsed_json(file)
+    if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
         raise found_instead(file, "no list of cameras", '[{"name": "camera_0001", ...}, ...]')
-    if len(data) > MAX_CAMERAS:
-        raise found_instead(file, f"{len(data):,} cameras", f"at most {MAX_CAMERAS:,}")
-    return data
+    if len(entries) > MAX_CAMERAS:
+        raise found_instead(file, f"{len(entries):,} cameras", f"at most {MAX_CAMERAS:,}")
+    cameras = [_camera(entry, file) for entry in entries]
+    capture = calibrated_cameras(path, "immersive", file, cameras, find_below(path, _FOOTAGE))
+    first, *others = (camera.name for camera in capture.cameras)
+    return replace(capture, test_cameras=frozenset({first} if others else ()))
 
 
 def _camera(entry: dict[str, object], file: Path) -> Calibrated:

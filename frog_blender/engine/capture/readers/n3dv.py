@@ -1,21 +1,30 @@
 """N3DV (Neural 3D Video): ``camNN.mp4``, or frames in ``camNN`` or ``camNN/images``, and ``poses_bounds.npy``.
 
-Rows (see ``llff``) belong to the cameras sorted by name; the numbers in the names may have gaps. The first camera is
-the test view.
+Rows belong to the cameras sorted by name; the numbers in the names may have gaps. The first camera is the test view.
+
+A row is LLFF's, a 3 x 5 matrix [R | t | (H, W, f)], camera-to-world, followed by near and far. The columns of R are
+LLFF's axes (down, right, backwards). The principal point is the image's centre. (Fyusion/LLFF, README.) 4DGaussians'
+multipleview captures have such rows, too.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ...errors import FrogError, found_instead
+import numpy as np
+
+from ...arrays import Float64s
+from ...errors import found_instead
+from ...io.numpy_files import read_npy
+from ..camera import Camera
 from ..capture import Capture
 from ..video import find_images
 from .assembly import standing_cameras
-from .footage import Footage, find_footage, on_common_frames
-from .geometry import is_transposed
-from .llff import read_rows, row_camera
+from .checks import numbers, rotation
+from .footage import MAX_CAMERAS, Footage, find_footage, on_common_frames
+from .geometry import intrinsics, is_transposed, pose
 
 _POSES = "poses_bounds.npy"
 
@@ -31,39 +40,14 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if videos and rows do not fit, or a value cannot be used.
     """
-    rows = read_rows(path / _POSES)
     footage = _footage(path)
     if not footage:
-        raise found_instead(path, f"{len(rows)} poses and no video", f"{len(rows)} videos cam00.mp4, cam01.mp4, ...")
-    if len(rows) != len(footage):
-        raise FrogError(
-            f"{path / _POSES}: found {len(rows)} rows for {len(footage)} videos ({footage[0].name} to "
-            f"{footage[-1].name}), expected one row for each video."
-        )
-    filmed = on_common_frames(path, footage)
-    warnings = []
-    cameras = [
-        row_camera(row, each.name, size, path / _POSES)
-        for row, each, size in zip(rows, footage, filmed.sizes, strict=True)
-    ]
-    for camera, row in zip(cameras, rows, strict=True):
-        stored_height, stored_width = row[4], row[9]
-        if is_transposed((camera.width, camera.height), (stored_width, stored_height)):
-            found = (
-                f"{stored_width:g} x {stored_height:g} for images of {camera.width} x {camera.height} of {camera.name}"
-            )
-            raise found_instead(path / _POSES, found, "the same way up: they are turned by 90 degrees")
-        if abs(camera.width / camera.height - stored_width / stored_height) > 0.01 * stored_width / stored_height:
-            warnings.append(
-                f"{path}: the images of {camera.name} are {camera.width} x {camera.height}, "
-                f"{_POSES} says {stored_width:g} x {stored_height:g}: their proportions differ."
-            )
-    near_far = (float(rows[:, 15].min()), float(rows[:, 16].max()))
-    capture = standing_cameras(path, "n3dv", [(camera, None) for camera in cameras], footage, warnings, filmed=filmed)
+        raise found_instead(path, f"{_POSES} and no video", "a video for each pose: cam00.mp4, cam01.mp4, ...")
+    capture, near_far = read_rows(path, "n3dv", path / _POSES, footage)
+    first, *others = (camera.name for camera in capture.cameras)
     return replace(
         capture,
-        # With one camera nothing would be left to train on.
-        test_cameras=frozenset({cameras[0].name}) if len(cameras) > 1 else frozenset(),
+        test_cameras=frozenset({first} if others else ()),  # of one camera nothing would be left to train on
         near_far=near_far if 0 < near_far[0] < near_far[1] else None,
     )
 
@@ -77,3 +61,51 @@ def _footage(path: Path) -> list[Footage]:
     if not of_cameras and (path / "images").is_dir():
         of_cameras = [Footage(image.stem, (image,), (0,)) for image in find_images(path / "images")]
     return sorted(of_cameras, key=lambda footage: footage.name)
+
+
+def read_rows(path: Path, layout: str, file: Path, footage: Sequence[Footage]) -> tuple[Capture, tuple[float, float]]:
+    """The capture of a file of rows, a row for each of the footage, and the depths between which the scene lies.
+
+    Raises:
+        FrogError: for a file of another shape, or a value that cannot be used.
+    """
+    stored = read_npy(file, "numbers of shape (cameras, 17)", 17 * MAX_CAMERAS)
+    if stored.ndim != 2 or stored.shape[1] != 17:
+        raise found_instead(file, f"{stored.dtype} of shape {stored.shape}", "numbers of shape (cameras, 17)")
+    rows = np.array([numbers(row, (17,), file, f"row {index}") for index, row in enumerate(stored)]).reshape(-1, 17)
+    bad = np.flatnonzero((rows[:, [4, 9, 14]] <= 0).any(axis=1))
+    if bad.size:
+        raise found_instead(
+            file, f"a height, width or focal length of zero or less in row {bad[0]}", "positive numbers"
+        )
+    if len(rows) != len(footage):
+        names = f"{footage[0].name} to {footage[-1].name}"
+        found = f"{len(rows)} rows for {len(footage)} videos or folders of frames ({names})"
+        raise found_instead(file, found, "one row for each")
+    filmed = on_common_frames(path, footage)
+    warnings: list[str] = []
+    cameras = [
+        (_camera(row, of_camera.name, size, file, warnings), None)
+        for row, of_camera, size in zip(rows, footage, filmed.sizes, strict=True)
+    ]
+    capture = standing_cameras(path, layout, cameras, footage, warnings=warnings, filmed=filmed)
+    return capture, (float(rows[:, 15].min()), float(rows[:, 16].max()))
+
+
+def _camera(row: Float64s, name: str, size: tuple[int, int], file: Path, warnings: list[str]) -> Camera:
+    """The OpenCV camera of one row, at the size (width, height) of its decoded frames."""
+    matrix = row[:15].reshape(3, 5)
+    down, right, backwards = matrix[:, 0], matrix[:, 1], matrix[:, 2]
+    camera_to_world = rotation(np.stack([right, down, -backwards], axis=1), file, f"the pose of {name}")
+    (stored_height, stored_width, focal), (width, height) = matrix[:, 4], size
+    said = f"{stored_width:g} x {stored_height:g}"
+    if is_transposed(size, (stored_width, stored_height)):
+        found = f"{said} for images of {width} x {height} of {name}"
+        raise found_instead(file, found, "the same way up: they are turned by 90 degrees")
+    if abs(width / height - stored_width / stored_height) > 0.01 * stored_width / stored_height:
+        warnings.append(
+            f"{file.parent}: the images of {name} are {width} x {height}, {file.name} says {said}: their proportions "
+            "differ."
+        )
+    lens = intrinsics(focal * width / stored_width, focal * height / stored_height, width / 2, height / 2)
+    return Camera(name, width, height, lens, pose(camera_to_world.T, matrix[:, 3]))

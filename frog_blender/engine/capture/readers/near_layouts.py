@@ -82,67 +82,60 @@ class _Folder:
 
 
 _Sentence = tuple[str, str]
-_EXPORT = "a COLMAP model (sparse/0 with cameras, images and points3D) beside the folder images: export "
+_COLMAP = "a COLMAP model (sparse/0 with cameras, images and points3D) beside the folder images: export one "
+_METASHAPE = _COLMAP + "with File > Export > Export Cameras > COLMAP"
+_REALITY_CAPTURE = _COLMAP + "with Alignment > Export > Registration > COLMAP"
+_ITS_PROGRAM = _COLMAP + "from the program that wrote them"
+_OTHER_PROGRAMS = {
+    ".xml": ("<chunk", "cameras of Metashape", _METASHAPE),
+    ".psx": ("", "a project of Metashape", _METASHAPE),
+    ".psz": ("", "a project of Metashape", _METASHAPE),
+    ".csv": ("#name", "cameras of RealityCapture", _REALITY_CAPTURE),
+    ".rcproj": ("", "a project of RealityCapture", _REALITY_CAPTURE),
+    ".out": ("bundle file", "cameras of Bundler", _ITS_PROGRAM),
+    ".nvm": ("", "cameras of VisualSFM", _ITS_PROGRAM),
+    ".sfm": ("", "cameras of Meshroom", _ITS_PROGRAM),
+    "sfm_data.json": ("", "cameras of OpenMVG", _COLMAP + "with openMVG_main_openMVG2Colmap"),
+    "reconstruction.json": ("", "cameras of OpenSfM", _COLMAP + "with opensfm export_colmap"),
+}
+"""Calibrations without a reader, by the end of their names: what the file says, whose they are, what to export."""
+_MAPPER = "a COLMAP project without a model", "cameras.bin and images.bin in sparse/0: did its mapper finish?"
+_RECORD3D = "metadata and no folder rgbd or rgb (Record3D)", "Record3D's export with images (EXR + RGB)"
+_PARTS = {
+    "annots.npy": ("annots.npy (ZJU-MoCap), which can run programs", "intri.yml and extri.yml of EasyMocap"),
+    "extri.yml": ("extri.yml and no intri.yml (EasyVolcap)", "both: the cameras' poses and their lenses"),
+    "test_meta.json": ("test_meta.json and no train_meta.json (PanopticSports)", "both, and the images in ims"),
+    "dataset.json": ("dataset.json and no folder camera (HyperNeRF)", "camera/ID.json for each image, and rgb/2x"),
+    "camera": ("a folder camera and no dataset.json (HyperNeRF)", "dataset.json, metadata.json and rgb beside it"),
+    "keyframes": ("keyframes without cameras or images (Polycam)", "Polycam's raw data export, with both"),
+    "metadata.json": _RECORD3D,
+    "metadata": _RECORD3D,
+    "sparse_": ("sparse_ without a COLMAP model (multipleview)", "cameras.bin and images.bin in sparse_"),
+    "database.db": _MAPPER,
+    "sparse": _MAPPER,
+}
+"""Parts of known layouts, by their names: what is missing beside them, and what is expected."""
 
 
 def _other_programs(folder: _Folder) -> Iterator[_Sentence]:
-    """Calibrations that have no reader: what to export instead."""
-    if (name := folder.ending(".xml")) and "<chunk" in folder.head(name):
-        yield f"cameras of Metashape ({name})", _EXPORT + "one with File > Export > Export Cameras > COLMAP"
-    if name := folder.ending(".psx", ".psz"):
-        yield f"a project of Metashape ({name})", _EXPORT + "one with File > Export > Export Cameras > COLMAP"
-    if (name := folder.ending(".csv")) and folder.head(name).lower().startswith(("#name,x,y", "#cameras", "#name;x")):
-        yield f"cameras of RealityCapture ({name})", _EXPORT + "one with Alignment > Export > Registration > COLMAP"
-    if name := folder.ending(".rcproj"):
-        yield f"a project of RealityCapture ({name})", _EXPORT + "one with Alignment > Export > Registration > COLMAP"
-    if (name := folder.ending(".out")) and "bundle file" in folder.head(name).lower():
-        yield f"cameras of Bundler ({name})", _EXPORT + "one from the program that wrote them"
-    if (name := folder.ending(".nvm")) and not {"images", "sparse"} & folder.names:
-        yield f"cameras of VisualSFM ({name})", _EXPORT + "one from the program that wrote them"
-    if name := folder.ending(".sfm"):
-        yield f"cameras of Meshroom ({name})", _EXPORT + "one from Meshroom"
-    if "sfm_data.json" in folder.names:
-        yield "cameras of OpenMVG (sfm_data.json)", _EXPORT + "one with openMVG_main_openMVG2Colmap"
-    if "reconstruction.json" in folder.names:
-        yield "cameras of OpenSfM (reconstruction.json)", _EXPORT + "one with opensfm export_colmap"
-    if "annots.npy" in folder.names:
-        yield "annots.npy (ZJU-MoCap), which can run programs and is not read", "intri.yml and extri.yml of EasyMocap"
+    for ending, (head, whose, expected) in _OTHER_PROGRAMS.items():
+        if (name := folder.ending(ending)) and head in folder.head(name).lower():
+            yield f"{whose} ({name})", expected
 
 
 def _half_a_layout(folder: _Folder) -> Iterator[_Sentence]:
     """Known layouts of which a part is missing, or has another name."""
-    names = folder.names
-    for one, other in (("cameras", "images"), ("images", "cameras")):
-        for place, shown in (
-            (folder.path, ""),
-            (folder.path / "sparse", "sparse/"),
-            (folder.path / "sparse/0", "sparse/0/"),
-        ):
-            for end in (".bin", ".txt"):
-                if (place / f"{one}{end}").is_file() and not (place / f"{other}{end}").is_file():
-                    yield f"a COLMAP model's {shown}{one}{end} and no {other}{end}", "both, and points3D"
-    if "transforms.json" not in names and (name := folder.ending("transforms.json", "transforms_train.json")):
+    for place in ("", "sparse/", "sparse/0/"):
+        for end in (".bin", ".txt"):
+            there = [name for name in ("cameras", "images") if (folder.path / f"{place}{name}{end}").is_file()]
+            if len(there) == 1:
+                lacking = "images" if there == ["cameras"] else "cameras"
+                yield f"a COLMAP model's {place}{there[0]}{end} and no {lacking}{end}", "both, and points3D"
+    if name := folder.ending("transforms.json", "transforms_train.json"):
         yield name, "the name transforms.json, beside the images that it lists"
-    if "extri.yml" in names:
-        yield "extri.yml and no intri.yml (EasyVolcap)", "both: the cameras' poses and their lenses"
-    if "test_meta.json" in names:
-        yield "test_meta.json and no train_meta.json (PanopticSports)", "both, and the images in ims"
-    if "dataset.json" in names:
-        yield "dataset.json and no folder camera (HyperNeRF)", "camera/ID.json for each image, and rgb/2x"
-    if "camera" in names and "rgb" in names:
-        yield "the folders camera and rgb and no dataset.json (HyperNeRF)", "dataset.json and metadata.json beside them"
-    if name := next(
-        (name for name in sorted(names) if name.startswith("poses_bounds") and name.endswith(".npy")), None
-    ):
+    if name := next((name for name in sorted(folder.names) if name.startswith("poses_bounds")), None):
         yield name, "the name poses_bounds.npy, beside the videos cam00.mp4, cam01.mp4, ..."
-    if "keyframes" in names:
-        yield "keyframes without cameras or images (Polycam)", "Polycam's raw data export, with both"
-    if {"metadata.json", "metadata"} & names:
-        yield "metadata and no folder rgbd or rgb (Record3D)", "Record3D's export with images (EXR + RGB)"
-    if "sparse_" in names:
-        yield "sparse_ without a COLMAP model (multipleview)", "cameras.bin and images.bin in sparse_"
-    if "database.db" in names or "sparse" in names:
-        yield "a COLMAP project without a model", "cameras.bin and images.bin in sparse/0: did its mapper finish?"
+    yield from (sentence for name, sentence in _PARTS.items() if name in folder.names)
 
 
 def _archives(folder: _Folder) -> Iterator[_Sentence]:

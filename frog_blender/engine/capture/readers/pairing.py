@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Float64s, Ints
-from ...errors import FrogError
+from ...errors import FrogError, found_instead
 from ..capture import Shot, with_a_time
 from ..tone_mapping import NAMES
 from ..video import VideoFacts
-from .checks import check_images, frame_span, shared_frame_count, shots_of_videos
+from .checks import check_images, frame_span
 
 _ROUNDING = 0.02  # frames: an image this near to its frame's time was taken at it
 _STAMP_ROUNDING = 0.00075  # seconds by which stamps of whole milliseconds, and cameras' own clocks, waver
@@ -93,9 +93,9 @@ def pair_videos(
     films = [_film(fact, clock) for fact, clock in zip(facts, clocks or [Clock()] * len(facts), strict=True)]
     looks = _looks(videos, facts)
     if _in_step(films):
-        count, warnings = shared_frame_count(path, videos, facts)
+        count, warnings = _shared_frame_count(path, videos, facts)
         rate = facts[0].frames_per_second if clocks is None else films[0].rate
-        return Pairing(shots_of_videos(videos, count), count, rate, looks + warnings)
+        return Pairing(_shots_of_videos(videos, count), count, rate, looks + warnings)
     rate = statistics.median_low(film.rate for film in films)
     frames, offsets = _on_grid(films, rate)
     first, last = _shared(frames)
@@ -153,6 +153,36 @@ def _in_step(films: Sequence[_Film]) -> bool:
         and abs(film.times[0] - first.times[0]) * first.rate <= tolerance
         for film in films
     )
+
+
+def _shared_frame_count(path: Path, videos: Sequence[Path], facts: Sequence[VideoFacts]) -> tuple[int, list[str]]:
+    """Number of frames that all synchronised videos have, and warnings if their lengths or rates differ.
+
+    Raises:
+        FrogError: if a video has no frame, or there are too many frames or images.
+    """
+    counts = [fact.frame_count for fact in facts]
+    shared = min(counts)
+    if shared < 1:
+        raise found_instead(videos[counts.index(shared)], "no frame", "videos that share at least one frame")
+    frame_span(0, shared - 1, path, "frames")
+    check_images(path, shared * len(videos))
+    warnings = []
+    if shared != max(counts):
+        shortest, longest = videos[counts.index(shared)].name, videos[counts.index(max(counts))].name
+        warnings.append(
+            f"{path}: the videos have different lengths ({shortest} {shared} frames, {longest} {max(counts)}); "
+            f"the first {shared} frames are used."
+        )
+    rates = [fact.frames_per_second for fact in facts]
+    if max(rates) > 1.02 * min(rates):
+        warnings.append(f"{path}: the videos' frame rates differ ({min(rates):g} to {max(rates):g} a second).")
+    return shared, warnings
+
+
+def _shots_of_videos(videos: Sequence[Path], frame_count: int) -> tuple[Shot, ...]:
+    """The images of all videos, where video i is of camera i."""
+    return tuple(Shot(c, f, video, f) for f in range(frame_count) for c, video in enumerate(videos))
 
 
 def _on_grid(films: Sequence[_Film], rate: float) -> tuple[list[Ints], list[Float64s]]:

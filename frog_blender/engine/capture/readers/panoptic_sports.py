@@ -8,38 +8,42 @@ moves. (JonathonLuiten/Dynamic3DGaussians, train.py.)
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from ...arrays import Float64s
-from ...errors import FrogError, found_instead
+from ...errors import found_instead
 from ...io.numpy_files import read_npz
 from ..camera import Camera
-from ..capture import MAX_IMAGES, Capture, Shot
-from ..video import image_size, image_turns
-from .assembly import with_points
-from .checks import MAX_COORDINATE, check_images, frame_span, number, pinhole, read_json, rigid, rotation, size
-from .footage import fitted
+from ..capture import Capture, Shot
+from .assembly import assembled, with_points
+from .checks import (
+    check_images,
+    frame_span,
+    listed_name,
+    number,
+    path_inside,
+    pinhole,
+    read_json,
+    rigid,
+    rotation,
+    size,
+    usable_points,
+)
 
 _TRAIN, _TEST, _IMAGES, _POINTS = "train_meta.json", "test_meta.json", "ims", "init_pt_cld.npz"
 _KEYS = ("fn", "k", "w2c", "cam_id")
 _MOST_POINTS = 10_000_000
-_LONGEST_NAME = 1000  # characters
 
 
 @dataclass(frozen=True, eq=False)
 class _Entry:
-    """A listed image that exists; ``key`` is equal for images of one standing camera."""
+    """A listed image that exists, and its camera, which has the id as its name."""
 
     frame: int
-    name: str
     image: Path
     camera: Camera
-    key: tuple[object, ...]
 
 
 def matches(path: Path) -> bool:
@@ -57,30 +61,23 @@ def read(path: Path) -> Capture:
     train = _entries(path, path / _TRAIN, warnings)
     if not train:
         raise found_instead(path / _TRAIN, "images of which none exists", f"them in {_IMAGES}")
-    test = _entries(path, path / _TEST, warnings) if (path / _TEST).is_file() else []
-    entries = [*train, *test]
+    entries = [*train, *(_entries(path, path / _TEST, warnings) if (path / _TEST).is_file() else [])]
     names = _names(entries)
-    first = {name: index for index, name in reversed(list(enumerate(names)))}
-    order = sorted(first, key=first.__getitem__)
-    place = {name: index for index, name in enumerate(order)}
-    cameras = []
-    for name in order:
-        entry = entries[first[name]]
-        size_and_turns = image_size(entry.image), image_turns(entry.image)
-        camera, _ = fitted((entry.camera, None), *size_and_turns, entry.image)
-        cameras.append(replace(camera, name=name))
-    shots: dict[tuple[int, int], Shot] = {}
+    first: dict[str, _Entry] = {}
+    shots: dict[tuple[str, int], Path] = {}
     for name, entry in zip(names, entries, strict=True):
-        shots.setdefault((place[name], entry.frame), Shot(place[name], entry.frame, entry.image, 0))
-    capture = Capture(
-        path=path,
-        format="panoptic_sports",
-        cameras=tuple(cameras),
-        distortions=(None,) * len(cameras),
-        shots=tuple(shots.values()),
+        first.setdefault(name, entry)
+        shots.setdefault((name, entry.frame), entry.image)
+    place = {name: index for index, name in enumerate(first)}
+    capture = assembled(
+        path,
+        "panoptic_sports",
+        [(replace(entry.camera, name=name), None) for name, entry in first.items()],
+        [entry.image for entry in first.values()],
+        shots=tuple(Shot(place[name], frame, image, 0) for (name, frame), image in shots.items()),
+        warnings=warnings,
         frame_count=max(entry.frame for entry in entries) + 1,
         test_cameras=frozenset(names[len(train) :]) - frozenset(names[: len(train)]),
-        warnings=tuple(warnings),
     )
     return with_points(capture, _points(path / _POINTS))
 
@@ -89,64 +86,45 @@ def _entries(path: Path, file: Path, warnings: list[str]) -> list[_Entry]:
     """The listed images that exist."""
     data = read_json(file)
     width, height = (size(data.get(key), file, key) for key in ("w", "h"))
-    found, listed = [], 0
-    for frame, where, (name, matrix, pose, camera) in _rows(data, file):
-        listed += 1
-        image = Path(os.path.normpath(path / _IMAGES / name.replace("\\", "/")))
-        if not image.is_relative_to(os.path.normpath(path / _IMAGES)):
-            raise FrogError(f"{file}: the image {name!r} lies outside {_IMAGES}, expected one inside.")
-        if not image.is_file():
-            continue
-        intrinsics = pinhole(matrix, file, f"k of {where}")
-        world_to_camera = rigid(pose, file, f"w2c of {where}")
-        exact = np.eye(4)
-        exact[:3, :3] = rotation(world_to_camera[:3, :3], file, f"w2c of {where}")
-        exact[:3, 3] = world_to_camera[:3, 3]
-        key = (camera, intrinsics.tobytes(), exact.tobytes())
-        found.append(_Entry(frame, camera, image, Camera(camera, width, height, intrinsics, exact), key))
-    if found and len(found) < listed:
-        warnings.append(f"{file}: {listed - len(found)} of {listed} listed images are missing and left out.")
-    check_images(path, len(found))
-    return found
-
-
-def _rows(data: dict[str, object], file: Path) -> Iterator[tuple[int, str, tuple[str, object, object, str]]]:
-    """Frame, place in words, and the values of each image."""
-    lists = [_list(data.get(key), key, file) for key in _KEYS]
-    times = len(lists[0])
-    if not times or any(len(each) != times for each in lists):
-        raise found_instead(file, "lists fn, k, w2c and cam_id of different lengths", "the same times in each")
-    frame_span(0, times - 1, file, "times")
-    total = 0
-    for frame, each in enumerate(zip(*lists, strict=True)):
-        row = [_list(values, f"{key} at time {frame}", file) for key, values in zip(_KEYS, each, strict=True)]
-        if len({len(values) for values in row}) > 1:
-            raise found_instead(file, f"different numbers of cameras at time {frame}", "the same in fn, k, w2c, cam_id")
-        total += len(row[0])
-        if total > MAX_IMAGES:
-            raise found_instead(file, f"more than {MAX_IMAGES:,} images", "fewer")
-        for name, matrix, pose, camera in zip(*row, strict=True):
+    entries, listed = [], 0
+    times = _together([data.get(key) for key in _KEYS], file, "")
+    frame_span(0, len(times) - 1, file, "times")
+    for frame, at_time in enumerate(times):
+        for name, matrix, pose, camera in _together(at_time, file, f" at time {frame}"):
+            listed += 1
+            check_images(file, listed)
             where = f"camera {camera} at time {frame}"
-            if not isinstance(name, str) or not name or "\0" in name or len(name) > _LONGEST_NAME:
-                raise found_instead(file, f"no name of the image of {where}", "a path below ims")
-            number_of_camera = number(camera, file, "cam_id")
-            yield frame, where, (name, matrix, pose, f"{number_of_camera:g}")
+            image = path_inside(path / _IMAGES, listed_name(name, file, f"fn of {where}"), file, "image")
+            if image.is_file():
+                intrinsics = pinhole(matrix, file, f"k of {where}")
+                world_to_camera = rigid(pose, file, f"w2c of {where}").copy()
+                world_to_camera[:3, :3] = rotation(world_to_camera[:3, :3], file, f"w2c of {where}")
+                world_to_camera[3] = (0, 0, 0, 1)
+                named = f"{number(camera, file, 'cam_id'):g}"
+                entries.append(_Entry(frame, image, Camera(named, width, height, intrinsics, world_to_camera)))
+    if entries and len(entries) < listed:
+        warnings.append(f"{file}: {listed - len(entries)} of {listed} listed images are missing and left out.")
+    return entries
 
 
-def _list(value: object, what: str, file: Path) -> list[object]:
-    if not isinstance(value, list):
-        raise found_instead(file, f"no list {what}", "lists fn, k, w2c and cam_id, nested by time and camera")
-    return value
+def _together(lists: Sequence[object], file: Path, when: str) -> list[tuple[object, ...]]:
+    """What lists of one length have at the same places."""
+    columns = [values for values in lists if isinstance(values, list)]
+    if len(columns) < len(_KEYS) or len({len(column) for column in columns}) > 1 or not columns[0]:
+        found = f"no lists {', '.join(_KEYS)} of one length{when}"
+        raise found_instead(file, found, "these lists, nested by time and camera")
+    return list(zip(*columns, strict=True))
 
 
 def _names(entries: list[_Entry]) -> list[str]:
     """The name of each image's camera: its id where it stands; else id and time, an image being a camera."""
-    keys: dict[str, set[object]] = {}
+    views: dict[str, set[bytes]] = {}
     for entry in entries:
-        keys.setdefault(entry.name, set()).add(entry.key)
-    if all(len(of_camera) == 1 for of_camera in keys.values()):
-        return [entry.name for entry in entries]
-    return [f"{entry.name}_{entry.frame:05d}" for entry in entries]
+        camera = entry.camera
+        views.setdefault(camera.name, set()).add(camera.intrinsics.tobytes() + camera.world_to_camera.tobytes())
+    if all(len(of_camera) == 1 for of_camera in views.values()):
+        return [entry.camera.name for entry in entries]
+    return [f"{entry.camera.name}_{entry.frame:05d}" for entry in entries]
 
 
 def _points(file: Path) -> Float64s | None:
@@ -161,7 +139,4 @@ def _points(file: Path) -> Float64s | None:
     arrays = read_npz(file, "points (init_pt_cld.npz)", wanted, 7 * _MOST_POINTS)
     if "data" not in arrays:
         raise found_instead(file, f"arrays {', '.join(arrays) or 'none'}", "data")
-    with np.errstate(invalid="ignore"):  # some NaN warn when they are converted
-        points: Float64s = arrays["data"][:, :3].astype(np.float64)
-    usable: Float64s = points[(np.abs(points) <= MAX_COORDINATE).all(axis=1)]
-    return usable
+    return usable_points(arrays["data"][:, :3])

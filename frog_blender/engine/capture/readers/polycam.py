@@ -12,8 +12,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from ...errors import found_instead
 from ..camera import Camera
 from ..capture import MAX_IMAGES, Capture
@@ -21,11 +19,10 @@ from ..video import with_ending
 from .assembly import View, moving_cameras
 from .checks import number, numbers, read_json, rotation, size
 from .footage import natural, number_of
-from .geometry import intrinsics, pose
+from .geometry import OPENGL_AXES, intrinsics, pose
 
 _KEYFRAMES = "keyframes"
 _FOLDERS = (("corrected_cameras", "corrected_images"), ("cameras", "images"))
-_TO_OPENCV = np.diag([1.0, -1.0, -1.0])
 
 
 def matches(path: Path) -> bool:
@@ -56,7 +53,7 @@ def read(path: Path) -> Capture:
     times = [index if number is None else number for index, number in enumerate(numbered)]
     if len(set(times)) < len(times):
         times = list(range(len(pairs)))
-    views = [View(_camera(file), None, image, time) for (file, image), time in zip(pairs, times, strict=True)]
+    views = [View((_camera(file), None), image, time) for (file, image), time in zip(pairs, times, strict=True)]
     warnings = []
     if len(pairs) < len(files):
         warnings.append(f"{path}: {len(files) - len(pairs)} of {len(files)} images are missing and left out.")
@@ -80,4 +77,4 @@ def _camera(file: Path) -> Camera:
     rows = [[data.get(f"t_{row}{column}") for column in range(4)] for row in range(3)]
     matrix = numbers(rows, (3, 4), file, "t_00 to t_23")
     turn = rotation(matrix[:, :3], file, "t_00 to t_23")
-    return Camera(file.stem, width, height, intrinsics(*focal, *center), pose(_TO_OPENCV @ turn.T, matrix[:, 3]))
+    return Camera(file.stem, width, height, intrinsics(*focal, *center), pose(OPENGL_AXES @ turn.T, matrix[:, 3]))

@@ -14,7 +14,7 @@ from ...errors import found_instead
 from ..camera import Camera
 from ..capture import Distortion
 from .checks import check_length, number, rotation, size
-from .geometry import distortion, pose
+from .geometry import OPENGL_AXES, distortion, pose
 
 _SUBPIXELS = 64.0  # the file counts pixels in sixty-fourths
 
@@ -63,7 +63,7 @@ def _read_camera(element: ElementTree.Element, path: Path) -> tuple[Camera, Dist
         raise found_instead(path, f"a focal length of zero or less for camera {name}", "a positive one")
     # The rows are the camera's axes in the world; Qualisys' camera looks along -z with y up.
     rows = np.array([[value("transform", f"r{i}{j}") for j in (1, 2, 3)] for i in (1, 2, 3)])
-    world_to_camera = rotation(np.diag([1.0, -1.0, -1.0]) @ rows, path, f"the rotation of camera {name}")
+    world_to_camera = rotation(OPENGL_AXES @ rows, path, f"the rotation of camera {name}")
     center = np.array([value("transform", axis) for axis in "xyz"]) / 1000.0
     names = (
         "radialDistortion1",

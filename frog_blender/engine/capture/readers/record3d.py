@@ -12,8 +12,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from ...errors import found_instead
 from ..camera import Camera
 from ..capture import MAX_IMAGES, Capture
@@ -21,11 +19,10 @@ from ..video import find_images
 from .assembly import View, moving_cameras
 from .checks import number, numbers, read_json, size
 from .footage import natural, number_of
-from .geometry import from_quaternion, intrinsics, pose
+from .geometry import OPENGL_AXES, from_quaternion, intrinsics, pose
 
 _METADATA = ("metadata.json", "metadata")
 _IMAGES = ("rgbd", "rgb", "EXR_RGBD/rgb")
-_TO_OPENCV = np.diag([1.0, -1.0, -1.0])
 
 
 def matches(path: Path) -> bool:
@@ -62,10 +59,9 @@ def read(path: Path) -> Capture:
             raise found_instead(file, f"a focal length of {min(lens[:2]):g}", "a positive one")
         values = numbers(poses[index], (7,), file, f"pose {index}")
         turn = from_quaternion(values[[3, 0, 1, 2]], file, f"pose {index}")
-        world_to_camera = pose(_TO_OPENCV @ turn.T, values[4:])
-        views.append(
-            View(Camera(str(index), width, height, intrinsics(*lens), world_to_camera), None, images[index], index)
-        )
+        world_to_camera = pose(OPENGL_AXES @ turn.T, values[4:])
+        camera = Camera(str(index), width, height, intrinsics(*lens), world_to_camera)
+        views.append(View((camera, None), images[index], index))
     rate = number(data.get("fps", 30.0), file, "fps", positive=True, most=1e6)
     warnings = []
     if len(known) < len(poses):

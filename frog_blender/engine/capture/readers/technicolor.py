@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +21,11 @@ from ...arrays import Float64s
 from ...errors import FrogError, found_instead
 from ...io.regular_file import regular_file
 from ..camera import Camera
-from ..capture import Capture, Distortion, Shot
-from ..video import image_size
-from .checks import check_length, frame_span, numbers
-from .geometry import distortion, intrinsics, pose, same_proportions
+from ..capture import Capture
+from .assembly import standing_cameras
+from .checks import frame_span, numbers, read_text
+from .footage import Footage
+from .geometry import Calibrated, distortion, from_quaternion, intrinsics, pose
 
 _PARAMETERS = "cameras_parameters.txt"
 _IMAGE = re.compile(r"(?P<scene>[^.].*)_undist_(?P<frame>\d{1,9})_(?P<camera>\d{1,4})\.png", re.IGNORECASE)
@@ -52,53 +54,34 @@ def read(path: Path, frames: range | None = None) -> Capture:
     """
     rows = _read_rows(path / _PARAMETERS)
     files = _find_images(path, len(rows))
-    found = {frame for _, frame in files}
-    if frames is None:
-        frames = range(min(found), min(found) + frame_span(min(found), max(found), path, "images of frames"))
-    elif not found.issuperset(frames):
-        expected = f"every frame from {frames[0]} to {frames[-1]}"
-        raise found_instead(path, f"frames between {min(found)} and {max(found)}", expected)
-    files = {key: file for key, file in files.items() if key[1] in frames}
-    used = sorted({camera for camera, _ in files})
-    place = {camera: index for index, camera in enumerate(used)}
-    cameras: list[Camera] = []
-    distortions: list[Distortion | None] = []
-    for index in used:
-        own = [file for (camera, _), file in sorted(files.items()) if camera == index]
-        example = next((file for file in own if _is_whole(file)), own[0])  # others are replaced or left out below
-        camera, lens_distortion = _camera(f"cam{index:02d}", rows[index], path / _PARAMETERS)
-        cameras.append(camera.resized(*_image_size(example)))
-        distortions.append(lens_distortion)
-    warnings = []
-    if len(used) < len(rows):
-        warnings.append(f"{path}: {_PARAMETERS} has {len(rows)} cameras, and {len(used)} of them have images.")
-    if missing := len(used) * len(frames) - len(files):
-        warnings.append(f"{path}: {missing} of {len(used) * len(frames)} images are missing and left out.")
-    whole = _replace_damaged(files, warnings)
-    names = {camera.name for camera in cameras}
+    numbered = {frame for _, frame in files}
+    frame_span(min(numbered), max(numbered), path, "images of frames")
+    if frames is not None:
+        if not numbered.issuperset(frames):
+            expected = f"every frame from {frames[0]} to {frames[-1]}"
+            raise found_instead(path, f"frames between {min(numbered)} and {max(numbered)}", expected)
+        files = {(camera, frame): file for (camera, frame), file in files.items() if frame in frames}
+    warnings: list[str] = []
+    images: dict[int, dict[int, Path]] = {}
+    for (camera, frame), file in sorted(_whole_images(files, warnings).items()):
+        images.setdefault(camera, {})[frame] = file
+    footage = {camera: Footage(f"cam{camera:02d}", tuple(own.values()), tuple(own)) for camera, own in images.items()}
+    if not footage:
+        raise found_instead(path, "images that are all cut off", "whole ones")
+    if len(footage) < len(rows):
+        warnings.append(f"{path}: {_PARAMETERS} has {len(rows)} cameras, and {len(footage)} of them have images.")
+    names = [filmed.name for filmed in footage.values()]
     if _TEST_CAMERA not in names:
         warnings.append(f"{path}: the test view {_TEST_CAMERA} has no images, so no camera is held out.")
-    return Capture(
-        path=path,
-        format="technicolor",
-        cameras=tuple(cameras),
-        distortions=tuple(distortions),
-        shots=tuple(Shot(place[camera], frame - frames[0], file, 0) for (camera, frame), file in whole.items()),
-        frame_count=len(frames),
-        test_cameras=frozenset({_TEST_CAMERA} & names) if len(names) > 1 else frozenset(),
-        warnings=tuple(warnings),
-    )
+    cameras = [_camera(filmed.name, rows[camera], path / _PARAMETERS) for camera, filmed in footage.items()]
+    capture = standing_cameras(path, "technicolor", cameras, list(footage.values()), warnings=warnings)
+    return replace(capture, test_cameras=frozenset({_TEST_CAMERA} & {*names} if len(names) > 1 else ()))
 
 
 def _read_rows(path: Path) -> Float64s:
     """(cameras, 12) float64 rows, checked."""
-    try:
-        check_length(path, "a row for each camera")
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror})", "a row for each camera") from error
     rows = []
-    for position, line in enumerate(lines, start=1):
+    for position, line in enumerate(read_text(path, "a row for each camera").splitlines(), start=1):
         fields = line.split()  # rows end in blanks
         try:
             values = [float(field) for field in fields]
@@ -136,38 +119,18 @@ def _find_images(path: Path, cameras: int) -> dict[tuple[int, int], Path]:
     raise found_instead(path, f"{_PARAMETERS} and no image", "images named SCENE_undist_00151_00.png and so on")
 
 
-def _camera(name: str, row: Float64s, path: Path) -> tuple[Camera, Distortion | None]:
+def _camera(name: str, row: Float64s, path: Path) -> Calibrated:
     """The camera of one row at the size it was calibrated at; skew is what remains to be removed."""
     focal, center_x, center_y, aspect, skew = row[:5]
     if min(focal, aspect) <= 0:
         raise found_instead(path, f"a focal length or aspect of zero or less for {name}", "positive numbers")
-    w, x, y, z = row[5:9]
-    length = float(np.linalg.norm(row[5:9]))
-    if abs(length - 1) > 0.02:
-        raise found_instead(path, f"a quaternion of length {length:g} for {name}", "one of length 1")
-    w, x, y, z = row[5:9] / length
-    matrix = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    turn = from_quaternion(row[5:9], path, f"the row of {name}")
     lens = intrinsics(focal, focal * aspect, center_x, center_y)
-    camera = Camera(name, *_CALIBRATED, lens, pose(matrix, -matrix.T @ row[9:12]))
+    camera = Camera(name, *_CALIBRATED, lens, pose(turn, -turn.T @ row[9:12]))
     return camera, distortion(np.zeros(5), skew / focal if skew else 0.0)
 
 
-def _image_size(image: Path) -> tuple[int, int]:
-    """(width, height) of an image, checked against the proportions of the calibration."""
-    width, height = size = image_size(image)
-    if not same_proportions(size, _CALIBRATED):
-        expected = f"the proportions of {_CALIBRATED[0]} x {_CALIBRATED[1]}"
-        raise found_instead(image, f"an image of {width} x {height} pixels", expected)
-    return width, height
-
-
-def _replace_damaged(files: dict[tuple[int, int], Path], warnings: list[str]) -> dict[tuple[int, int], Path]:
+def _whole_images(files: dict[tuple[int, int], Path], warnings: list[str]) -> dict[tuple[int, int], Path]:
     """The images, damaged ones replaced by the frame before of the same camera, or left out where none is whole."""
     whole = {key: file for key, file in files.items() if _is_whole(file)}
     for (camera, frame), file in sorted(files.items()):

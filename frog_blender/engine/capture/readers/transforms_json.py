@@ -15,21 +15,20 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import FrogError, brief, found_instead
+from ...errors import found_instead
 from ..camera import Camera
-from ..capture import Capture, Distortion, Shot
+from ..capture import Capture, Shot
 from ..lenses import FISHEYE
 from ..masking import MaskSource
-from ..orientation import turned_camera, turned_size
-from ..video import image_size, image_turns, with_ending
-from .checks import number, read_json, rigid, rotation, size
+from ..video import image_size, with_ending
+from .assembly import assembled, with_holdout_of_one
+from .checks import listed_name, number, path_inside, read_json, rigid, rotation, size
 from .frame_times import camera_names, first_images, frame_times, times_by_name
-from .geometry import distortion, intrinsics, is_transposed, pose, same_proportions, through_lens
+from .geometry import OPENGL_AXES, Calibrated, distortion, intrinsics, pose, through_lens
 
 _SINGLE = "transforms.json"
 _TRAIN = "transforms_train.json"
 _HELD_OUT = ("transforms_val.json", "transforms_test.json")
-_HOLDOUT_EVERY = 8
 _MAX_RATE = 1e6  # images a second
 _MAX_TIME = 1e30  # in any unit, such as nanoseconds since 1970
 _LENS = ("camera_model", "is_fisheye", "w", "h", "fl_x", "fl_y", "camera_angle_x", "camera_angle_y", "cx", "cy")
@@ -85,12 +84,6 @@ def read(path: Path) -> Capture:
     for name, entry in zip(names, entries, strict=True):
         first.setdefault(name, entry)
     place = {name: index for index, name in enumerate(first)}
-    views = [_camera(name, entry) for name, entry in first.items()]
-    if turned := [entry.image.name for entry in first.values() if image_turns(entry.image) == 2]:
-        warnings.append(
-            f"{path}: {turned[0]} (of {len(turned)} cameras' images) is turned by 180 degrees, as its EXIF says; the "
-            "poses are taken for those of the turned images."
-        )
     when = zip(found.frames.tolist(), found.offsets.tolist(), strict=True)
     shots = [
         Shot(place[name], frame, entry.image, 0, offset, ignore=_ignored(path, entry))
@@ -98,21 +91,20 @@ def read(path: Path) -> Capture:
     ]
     warnings += _lens_warnings(entries) + _mask_warnings(entries, shots)
     rate = number(entries[0].top.get("fps", 30.0), training, "fps", positive=True, most=_MAX_RATE)
-    capture = Capture(
-        path=path,
-        format="transforms",
-        cameras=tuple(camera for camera, _ in views),
-        distortions=tuple(lens for _, lens in views),
+    capture = assembled(
+        path,
+        "transforms",
+        [_camera(name, entry) for name, entry in first.items()],
+        [entry.image for entry in first.values()],
         shots=tuple(shots),
         frame_count=found.count,
         frames_per_second=rate,
         test_cameras=frozenset(name for name, entry in first.items() if entry.file != training),
         # D-NeRF's images are composited over white, as in all published results.
         background=(1.0, 1.0, 1.0) if has_splits else (0.0, 0.0, 0.0),
-        warnings=tuple(warnings),
+        warnings=warnings,
     )
-    is_one_camera = len(set(times)) == len(shots) and capture.frame_count > _HOLDOUT_EVERY // 2
-    return capture.with_holdout(_HOLDOUT_EVERY) if is_one_camera and not has_splits else capture
+    return capture if has_splits else with_holdout_of_one(capture)
 
 
 def images_by_camera(path: Path) -> dict[str, list[Path]]:
@@ -160,22 +152,14 @@ def _find_images(folder: Path, file: Path) -> tuple[list[_Entry], int, bool]:
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
         raise found_instead(file, "no list of frames", '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]')
     found = []
-    names = [_listed_name(frame, file) for frame in frames]
+    names = [listed_name(frame.get("file_path"), file, "a file_path").replace("\\", "/") for frame in frames]
     places, is_ordered = times_by_name(names, [_view(frame, index) for index, frame in enumerate(frames)])
     for place, name, frame in zip(places, names, frames, strict=True):
-        inside = _inside(folder, name, file, "image")
+        inside = path_inside(folder, name, file, "image")
         image = inside if os.path.isfile(inside) else with_ending(inside)
         if image is not None:
             found.append(_Entry(file, top, frame, image, place))
     return found, len(frames), is_ordered or all(frame.get("time") is not None for frame in frames)
-
-
-def _inside(folder: Path, name: str, file: Path, what: str) -> Path:
-    """The path of a listed file; FrogError for one outside the capture's folder."""
-    inside = os.path.normpath(os.path.join(folder, name))
-    if not Path(os.path.abspath(inside)).is_relative_to(os.path.abspath(folder)):
-        raise FrogError(f"{file}: the {what} {name!r} lies outside the capture's folder, expected one inside.")
-    return Path(inside)
 
 
 def _ignored(folder: Path, entry: _Entry) -> MaskSource | None:
@@ -183,27 +167,13 @@ def _ignored(folder: Path, entry: _Entry) -> MaskSource | None:
     name = entry.own.get("mask_path")
     if name is None:
         return None
-    if not isinstance(name, str) or not name or "\0" in name:
-        raise found_instead(entry.file, f"a mask_path {brief(repr(name))}", "the path of an image")
-    mask = _inside(folder, name.replace("\\", "/"), entry.file, "mask")
+    mask = path_inside(folder, listed_name(name, entry.file, "a mask_path"), entry.file, "mask")
     return MaskSource(mask, inverted=True) if os.path.isfile(mask) else None
-
-
-def _listed_name(frame: dict[str, object], file: Path) -> str:
-    """The path of a listed image, with slashes."""
-    name = frame.get("file_path")
-    if not isinstance(name, str) or not name or "\0" in name:
-        raise found_instead(file, "a frame without a file_path", "a file_path for each frame")
-    return name.replace("\\", "/")
-
-
-def _have_times(entries: list[_Entry]) -> bool:
-    return all(entry.own.get("time") is not None for entry in entries)
 
 
 def _times(entries: list[_Entry]) -> list[float]:
     """A time for each image: its own where all have one, else its place by its name."""
-    if _have_times(entries):
+    if all(entry.own.get("time") is not None for entry in entries):
         # Rounded, so that 1/3 written with 6 digits by one list and 16 by another is one time.
         return [round(number(entry.own["time"], entry.file, "time", most=_MAX_TIME), 6) for entry in entries]
     return [entry.place for entry in entries]
@@ -273,52 +243,39 @@ def _image_names(folder: Path, images: list[Path]) -> list[str]:
     return names if len(set(names)) == len(names) else [f"{name}#{index}" for index, name in enumerate(names)]
 
 
-def _camera(name: str, entry: _Entry) -> tuple[Camera, Distortion | None]:
-    """The OpenCV camera of one image, and its lens, at the size at which the image is shown."""
-    file, top, own = entry.file, entry.top, entry.own
-    both, model, real = _both(entry), _model(entry), image_size(entry.image)
+def _camera(name: str, entry: _Entry) -> Calibrated:
+    """The OpenCV camera of one image, and its lens, at the size that the list says."""
+    file, both, model = entry.file, _both(entry), _model(entry)
     is_fisheye = _is_fisheye(entry)
     if not is_fisheye and model not in _MODELS:
         expected = f"a perspective camera ({', '.join(sorted(_MODELS))}) or OPENCV_FISHEYE"
         raise found_instead(file, f"the camera model {model}", expected)
-    width = size(both.get("w", real[0]), file, "w")
-    height = size(both.get("h", real[1]), file, "h")
-    # Poses are mostly found in images as they are stored; the size tells which, of those turned by 90 degrees.
-    turns = image_turns(entry.image) if is_transposed((width, height), real) else 0
-    real = turned_size(real, turns)
-    if not same_proportions((width, height), real):
-        found = f"w x h = {width} x {height} for {entry.image.name} of {real[0]} x {real[1]} pixels"
-        turned = ": they are turned by 90 degrees" if is_transposed((width, height), real) else ""
-        raise found_instead(file, found, f"the same proportions{turned}")
-    focal_x = _focal(file, top, own, "x", width)
+    real = image_size(entry.image) if "w" not in both or "h" not in both else (0, 0)
+    width, height = (size(both.get(key, side), file, key) for key, side in zip("wh", real, strict=True))
+    focal_x = _focal(entry, "x", width)
     if focal_x is None:
         raise found_instead(file, "no focal length", "fl_x or camera_angle_x")
-    focal_y = _focal(file, top, own, "y", height)
+    focal_y = _focal(entry, "y", height)
     center_x = number(both.get("cx", width / 2), file, "cx")
     center_y = number(both.get("cy", height / 2), file, "cy")
     lens = intrinsics(focal_x, focal_y or focal_x, center_x, center_y)
-    matrix = rigid(own.get("transform_matrix"), file, f"transform_matrix of {name}")
-    camera_to_world = rotation(matrix[:3, :3], file, f"the transform_matrix of {name}") @ np.diag([1.0, -1.0, -1.0])
-    coefficients = np.array([number(both.get(key, 0.0), file, key) for key in _DISTORTION])
-    coefficients = coefficients if coefficients[5:].any() else coefficients[:5]
+    matrix = rigid(entry.own.get("transform_matrix"), file, f"transform_matrix of {name}")
+    camera_to_world = rotation(matrix[:3, :3], file, f"the transform_matrix of {name}") @ OPENGL_AXES
     camera = Camera(name, width, height, lens, pose(camera_to_world.T, matrix[:3, 3]))
-    lens_distortion = distortion(coefficients)
+    coefficients = np.array([number(both.get(key, 0.0), file, key) for key in _DISTORTION])
     if is_fisheye:
-        radial = np.array([number(both.get(key, 0.0), file, key) for key in ("k1", "k2", "k3", "k4")])
-        camera, lens_distortion = through_lens(camera, FISHEYE, radial, file)
-    if (width, height) != real:
-        camera = camera.resized(*real)
-    view = turned_camera(camera, lens_distortion, turns)
-    assert view is not None  # no skew, and no sensor is tilted
-    return view
+        return through_lens(camera, FISHEYE, coefficients[[0, 1, 4, 5]], file)
+    return camera, distortion(coefficients if coefficients[5:].any() else coefficients[:5])
 
 
-def _focal(file: Path, top: dict[str, object], own: dict[str, object], axis: str, pixels: int) -> float | None:
+def _focal(entry: _Entry, axis: str, pixels: int) -> float | None:
     """Focal length in pixels along x or y: the image's own before the list's, fl before the angle."""
-    for source in (own, top):
+    file = entry.file
+    for source in (entry.own, entry.top):
         if source.get(f"fl_{axis}") is not None:
             return number(source[f"fl_{axis}"], file, f"fl_{axis}", positive=True)
-        if axis == "y" and any(source.get(key) is not None for key in ("fl_x", "camera_angle_x")) and source is own:
+        is_own = source is entry.own
+        if axis == "y" and is_own and any(source.get(key) is not None for key in ("fl_x", "camera_angle_x")):
             return None  # square pixels: do not mix an image's own fl_x with the list's fl_y
         if source.get(f"camera_angle_{axis}") is not None:
             angle = number(source[f"camera_angle_{axis}"], file, f"camera_angle_{axis}", positive=True)

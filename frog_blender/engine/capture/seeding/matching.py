@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ...arrays import Float32s, Float64s
+from ...arrays import Float32s, Float64s, ImageArray
 from ..camera import Camera
 from ..epipolar import fundamental, sampson_table
 from ..video import load_opencv
@@ -23,8 +23,13 @@ Features = tuple[Float64s, Float32s]
 def describe(view: View) -> Features:
     """Positions (N, 2) in pixels and unit-free descriptors (N, 128) of the SIFT features of a view."""
     cv2 = load_opencv()
-    gray = cv2.cvtColor((view.image * 255).astype(np.uint8), cv2.COLOR_RGB2GRAY)
-    points, descriptors = cv2.SIFT_create(nfeatures=_FEATURES, contrastThreshold=0.02).detectAndCompute(gray, None)
+    return root_sift(cv2.cvtColor((view.image * 255).astype(np.uint8), cv2.COLOR_RGB2GRAY), _FEATURES, 0.02)
+
+
+def root_sift(gray: ImageArray, count: int, contrast: float) -> Features:
+    """The same of brightness (H, W) uint8, of at most ``count`` features above a contrast."""
+    cv2 = load_opencv()
+    points, descriptors = cv2.SIFT_create(nfeatures=count, contrastThreshold=contrast).detectAndCompute(gray, None)
     if descriptors is None:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     positions = np.array([point.pt for point in points], dtype=np.float64) + 0.5  # OpenCV counts centres from 0

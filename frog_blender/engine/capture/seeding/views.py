@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Bools, Float32s, Float64s, ImageArray
+from ...arrays import Bools, Float32s, Float64s, Floats, ImageArray
 from ..camera import Camera
 from ..capture import Capture
 from ..video import load_opencv
 
+SMALL = 320
+"""Pixels of the longest side of images in which points are drawn."""
+NUM_BACKGROUND_FRAMES = 9
 Value = TypeVar("Value", bound=np.generic)
+Cloud = tuple[Float64s, Floats]
+"""World points (N, 3) and their colours (N, 3) in [0, 1]."""
 
 
 class Images(Protocol):
@@ -46,6 +52,42 @@ class View:
     image: Float32s
 
 
+class TrainingImages:
+    """A capture's training images, and nothing else of it.
+
+    Attributes:
+        capture: with its cameras.
+        store: with its images.
+        train: indices of the images into ``capture.shots``.
+        by_frame: the same of each frame that has any.
+    """
+
+    def __init__(self, capture: Capture, store: Images) -> None:
+        self.capture, self.store, self.train = capture, store, capture.train_indices
+        self.by_frame: dict[int, list[int]] = {}
+        for index in self.train:
+            self.by_frame.setdefault(capture.shots[index].frame, []).append(index)
+
+    @property
+    def middle(self) -> list[int]:
+        """The images of the middle frame."""
+        frames = sorted(self.by_frame)
+        return self.by_frame[frames[len(frames) // 2]]
+
+    def views(self, shots: Sequence[int], longest_side: int = SMALL) -> list[View]:
+        """Some of the images, reduced."""
+        return [load_view(self.capture, self.store, shot, longest_side) for shot in shots]
+
+    @cached_property
+    def medians(self) -> dict[int, Float32s]:
+        """For each static camera the median (H, W, 3) of its images over some frames: the static background."""
+        stacks: dict[int, list[Float32s]] = {}
+        for frame in spread(sorted(self.by_frame), NUM_BACKGROUND_FRAMES):
+            for view in self.views(self.by_frame[frame]):
+                stacks.setdefault(self.capture.shots[view.shot].camera, []).append(view.image)
+        return {camera: np.median(np.stack(stack), axis=0) for camera, stack in stacks.items()}
+
+
 def load_view(capture: Capture, store: Images, shot: int, longest_side: int) -> View:
     """The image of a training shot, reduced so that its longest side has at most ``longest_side`` pixels."""
     if capture.is_test(capture.shots[shot]):
@@ -68,6 +110,25 @@ def sample_view(view: View, points: Float64s, image: NDArray[Value]) -> tuple[ND
     height, width = image.shape[:2]
     seen = (depths > 0) & (columns >= 0) & (lines >= 0) & (columns < width) & (lines < height)
     return image[np.where(seen, lines, 0), np.where(seen, columns, 0)], seen
+
+
+def mean_colors(
+    views: Sequence[View], points: Float64s, images: Sequence[Float32s] | None = None
+) -> tuple[Float64s, Float64s]:
+    """Mean colours (N, C) of points in the views that see them, and the variance (N,) over those, of all channels.
+
+    Args:
+        images: (H, W, C) of the views, where it is not their own.
+    """
+    seen_by = np.zeros((len(points), 1))
+    color, square = np.zeros((len(points), 1)), np.zeros((len(points), 1))
+    for view, image in zip(views, images or [view.image for view in views], strict=True):
+        value, seen = sample_view(view, points, image)
+        shown = value.astype(np.float64).reshape(len(points), -1) * seen[:, None]
+        seen_by, color, square = seen_by + seen[:, None], color + shown, square + shown**2
+    total = np.maximum(seen_by, 1)
+    color = color / total
+    return color, np.maximum(square / total - color**2, 0).sum(axis=1)
 
 
 def spread(items: Sequence[int], count: int) -> list[int]:
