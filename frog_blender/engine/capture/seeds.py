@@ -118,9 +118,9 @@ def find_seeds(
     frames = np.concatenate([np.full(len(still[0]), np.nan), moving[2]]).astype(np.float32)
     finite = np.isfinite(points).all(axis=1)
     if not finite.any():
-        missing = "lies inside the masks of all cameras: are they of these images?"
-        missing = missing if hull is not None else "is seen by two training cameras: are the poses right?"
-        raise FrogError(f"{capture.path}: no point {missing}")
+        if hull is not None:
+            raise FrogError(f"{capture.path}: no point lies inside the masks of all cameras: are they of these images?")
+        raise FrogError(f"{capture.path}: no point is seen by two training cameras: are the poses right?")
     return Seeds(
         points[finite].astype(np.float32),
         np.clip(colors[finite], 0, 1).astype(np.float32),
