@@ -32,7 +32,7 @@ from frog_blender.engine.editing.edited_scene import edited
 from frog_blender.engine.editing.gestures import GESTURES, Gesture, gesture
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.scene.scene_file import write_scene
-from frog_blender.operators.edit_operator import mark, scene_of
+from frog_blender.operators.bases import mark, scene_of
 from frog_blender.operators.select_by_hand import seen_in
 from frog_blender.timeline import playback
 from frog_blender.timeline.edits import standing_out

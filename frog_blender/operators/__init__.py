@@ -1,9 +1,13 @@
-"""Operators, one family per file."""
+"""Operators, one family per file. What a family registers, and in which menus it stands, its classes say."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib import import_module
 from types import ModuleType
+from typing import Any
+
+import bpy
 
 from .. import edition
 
@@ -11,7 +15,6 @@ _FAMILIES = (
     "import_frog",
     "import_ply",
     "export_scene",
-    "export_take",
     "open_capture",
     "bake",
     "relink",
@@ -20,7 +23,6 @@ _FAMILIES = (
     "align",
     "set_up_scene",
     "show_result",
-    "timing",
     "retime",
     "capture_sound",
     "compose",
@@ -46,11 +48,46 @@ def _families() -> list[ModuleType]:
     return [import_module(f".{name}", __package__) for name in names]
 
 
+def _classes(family: ModuleType) -> list[Any]:  # Any: Blender's classes
+    """The operators and file handlers that a family defines, in order."""
+    of_it = [kind for kind in vars(family).values() if getattr(kind, "__module__", "") == family.__name__]
+    return [kind for kind in of_it if isinstance(kind, type) and "bl_idname" in vars(kind)]
+
+
+def _draw(self: bpy.types.Menu, name: str) -> None:
+    for family in _families():
+        for kind in _classes(family):
+            if text := getattr(kind, name, ""):
+                self.layout.operator(kind.bl_idname, text=text)
+
+
+def _draw_imports(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    _draw(self, "import_menu")
+
+
+def _draw_exports(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    _draw(self, "export_menu")
+
+
+def _menus() -> tuple[tuple[Any, Callable[..., None]], ...]:
+    return (bpy.types.TOPBAR_MT_file_import, _draw_imports), (bpy.types.TOPBAR_MT_file_export, _draw_exports)
+
+
 def register() -> None:
     for family in _families():
-        family.register()
+        for kind in _classes(family):
+            bpy.utils.register_class(kind)
+        if hasattr(family, "on_register"):
+            family.on_register()
+    for menu, draw in _menus():
+        menu.append(draw)
 
 
 def unregister() -> None:
+    for menu, draw in _menus():
+        menu.remove(draw)
     for family in reversed(_families()):
-        family.unregister()
+        if hasattr(family, "on_unregister"):
+            family.on_unregister()
+        for kind in reversed(_classes(family)):
+            bpy.utils.unregister_class(kind)

@@ -11,14 +11,16 @@ from ..engine.errors import FrogError
 from ..engine.playback.ground_plane import Floor, camera_up, find_floor, min_height, placement, static_points
 from ..scene_import.capture_objects import active_capture, cameras_of, root_of
 from ..timeline import playback
+from .bases import UNDOABLE, FrogOperator
 
 
-class FROG_OT_align_to_floor(bpy.types.Operator):
+class FROG_OT_align_to_floor(FrogOperator, bpy.types.Operator):
     """Rotate and move the capture so that its floor lies on the grid, z points up and its center is at the origin"""
 
     bl_idname = "frog.align_to_floor"
     bl_label = "Align to Floor"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = UNDOABLE
+    needs_capture = True
 
     use_floor: BoolProperty(
         name="Find Floor",
@@ -45,29 +47,18 @@ class FROG_OT_align_to_floor(bpy.types.Operator):
         subtype="DISTANCE",
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("Select a capture first.")
-        return active_capture(context) is not None
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         obj = active_capture(context)
         root = root_of(obj)
         context.view_layer.update()  # matrices of objects that were just moved are outdated
         if root.library is not None:
-            self.report({"ERROR"}, f"{root.name} is linked from another file. Append it to move it.")
-            return {"CANCELLED"}
-        try:
-            scale = self._scale(context, obj)
-            matrix, said = aligned(obj, context.scene.frame_current_final, use_floor=self.use_floor, flip=self.flip)
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+            raise FrogError(f"{root.name} is linked from another file. Append it to move it.")
+        scale = self._scale(context, obj)
+        matrix, said = aligned(obj, context.scene.frame_current_final, use_floor=self.use_floor, flip=self.flip)
         # The Gaussians relative to the object that is moved.
         inside = root.matrix_world.inverted_safe() @ obj.matrix_world
         root.matrix_world = Matrix.Scale(scale, 4) @ Matrix(matrix.tolist()) @ inside.inverted_safe()
-        self.report({"INFO"}, said)
-        return {"FINISHED"}
+        return said
 
     def _scale(self, context: bpy.types.Context, obj: bpy.types.Object) -> float:
         """The capture's scale: scene units per unit of the capture."""
@@ -113,6 +104,3 @@ def _sentence(name: str, floor: Floor, certain: bool, use_floor: bool) -> str:
     source = "the cameras' up direction" if certain else "the cameras' images, which may be pitched"
     why = "found no floor among the Gaussians. It" if use_floor else "it"
     return f"{name}: {why} is upright by {source}, with its lowest part on the grid."
-
-
-register, unregister = bpy.utils.register_classes_factory((FROG_OT_align_to_floor,))

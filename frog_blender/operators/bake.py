@@ -6,9 +6,7 @@ Playback Cache.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -20,23 +18,13 @@ from ..scene_import.capture_objects import named_or_active_capture
 from ..timeline import open_scenes, playback, playback_cache
 from ..timeline.frame_timing import evaluated_frames
 from ..timeline.retiming import needs_evaluated_time, stretched
-from .modal_operator import ModalOperator
+from .bases import FrogOperator
+from .modal_operator import ModalOperator, Steps
 
 
-@dataclass
-class Baking:
-    """A bake in progress: each step of ``steps`` writes one frame. Closing the generator removes the unfinished
-    file.
-    """
-
-    path: Path
-    total: int
-    steps: Generator[int, None, None]
-
-
-def begin(obj: bpy.types.Object, scene: bpy.types.Scene) -> Baking:
-    """Prepares a bake of the file that ``obj`` plays, over the frame range of ``scene``; FrogError if it cannot be
-    baked.
+def begin_bake(obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Path, Steps, int]:
+    """A bake of the file that ``obj`` plays, over the frame range of ``scene``: its file, and the steps that each write
+    a frame; closing them removes the unfinished file. FrogError if it cannot be baked.
 
     Other objects of the scene that play the same file from the same bake are in it as well.
     """
@@ -55,7 +43,7 @@ def begin(obj: bpy.types.Object, scene: bpy.types.Scene) -> Baking:
         raise FrogError(f"{path.name}: {needs}. Raise the limit or shorten the scene's frame range.")
     # Windows cannot replace an open file. Playback opens it again on demand.
     open_scenes.let_go_of_bake(path)
-    return Baking(path, len(times), write_bake(path, file, playable, times))
+    return path, write_bake(path, file, playable, times), len(times)
 
 
 def _times(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> set[float]:
@@ -71,7 +59,7 @@ def _times(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> set[float
         }
 
 
-class _CaptureOperator:
+class _OfCapture:
     """Base of operators on one capture."""
 
     object_name: StringProperty(
@@ -84,7 +72,7 @@ class _CaptureOperator:
         return named_or_active_capture(context, self.object_name)
 
 
-class FROG_OT_bake(_CaptureOperator, ModalOperator, bpy.types.Operator):
+class FROG_OT_bake(_OfCapture, ModalOperator, bpy.types.Operator):
     """Compute this capture at every frame of the scene's frame range and store the results on disk, so that scrubbing \
 has nothing to compute. Press Esc or the right mouse button to stop"""
 
@@ -93,37 +81,28 @@ has nothing to compute. Press Esc or the right mouse button to stop"""
 
     doing = "Baking {done:,} of {total:,} frames"
     slice_seconds = 0.03
-    _baking: Baking | None = None
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """For scripts: returns when everything is done."""
-        return self._bake(context, self.run_all_steps)
+    _path = Path()
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        """In a window: works in short slices."""
-        return self._bake(context, self.run_in_window if self.has_window(context) else self.run_all_steps)
+        self.is_interactive = True
+        return self.execute(context)
 
-    def _bake(self, context: bpy.types.Context, go: Callable[..., set[str]]) -> set[str]:
-        try:
-            self._baking = begin(self.capture(context), context.scene)
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return go(context, self._baking.steps, self._baking.total)
+    def begin(self, context: bpy.types.Context) -> tuple[Steps, int]:
+        self._path, steps, total = begin_bake(self.capture(context), context.scene)
+        return steps, total
 
     def restore(self) -> None:
         playback.refresh(bpy.context.scene)  # the bake was closed
 
     def finished_message(self) -> str:
-        assert self._baking is not None
-        size = self._baking.path.stat().st_size / playback_cache.MEGABYTE
-        return f"Baked {self._baking.total:,} frames to {self._baking.path} ({size:,.0f} MB)."
+        size = self._path.stat().st_size / playback_cache.MEGABYTE
+        return f"Baked {self._total:,} frames to {self._path} ({size:,.0f} MB)."
 
     def stopped_message(self) -> str:
         return "Baking was stopped. Nothing was written."
 
 
-class FROG_OT_clear_bake(_CaptureOperator, bpy.types.Operator):
+class FROG_OT_clear_bake(_OfCapture, FrogOperator, bpy.types.Operator):
     """Delete the baked playback of this capture from disk. Frames are computed again when they are shown"""
 
     bl_idname = "frog.clear_bake"
@@ -132,32 +111,24 @@ class FROG_OT_clear_bake(_CaptureOperator, bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_confirm(self, event)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
+        path = playback.bake_path(self.capture(context))
+        open_scenes.let_go_of_bake(path)
         try:
-            path = playback.bake_path(self.capture(context))
-            open_scenes.let_go_of_bake(path)
             path.unlink()
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
         except OSError as error:
-            self.report({"ERROR"}, f"{path}: the bake could not be deleted ({error.strerror or error}).")
-            return {"CANCELLED"}
-        return {"FINISHED"}
+            raise FrogError(f"{path}: the bake could not be deleted ({error.strerror or error}).") from error
+        return ""
 
 
-class FROG_OT_clear_cache(bpy.types.Operator):
+class FROG_OT_clear_cache(FrogOperator, bpy.types.Operator):
     """Free the memory used by cached frames. They are computed again when they are shown"""
 
     bl_idname = "frog.clear_cache"
     bl_label = "Clear Playback Cache"
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> str:
         playback_cache.clear()
         for obj in playback.captures(bpy.data.objects):
             point_cloud.invalidate(obj.data)
-        return {"FINISHED"}
-
-
-_CLASSES = (FROG_OT_bake, FROG_OT_clear_bake, FROG_OT_clear_cache)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)
+        return ""

@@ -11,51 +11,42 @@ from ..engine.errors import FrogError
 from ..engine.io.child_process import Progress
 from ..tasks.calibration import CalibrationTask, Calibrator, calibrator_of
 from ..ui import capture_summary, report_images, torch_environment
-from .cancel_operator import CancelsTask
+from .bases import CancelOperator, FrogOperator
 
 if TYPE_CHECKING:
     from ..engine.capture.calibration.pipeline import Outcome
 
 
-class FROG_OT_calibrate(bpy.types.Operator):
+class FROG_OT_calibrate(FrogOperator, bpy.types.Operator):
     """Find where the cameras stood and when each began to film, in the background. No file that is there is changed"""
 
     bl_idname = "frog.calibrate"
     bl_label = "Calibrate Cameras"
 
     @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        cls.poll_message_set("A calibration is already running.")
-        return not CalibrationTask.is_any_running()
+    def problem(cls, _context: bpy.types.Context) -> str:
+        return "A calibration is already running." if CalibrationTask.is_any_running() else ""
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        return begin_calibration(self, context)
+    def act(self, context: bpy.types.Context) -> str:
+        return begin_calibration(context.scene)
 
 
-class FROG_OT_cancel_calibration(CancelsTask, bpy.types.Operator):
+class FROG_OT_cancel_calibration(CancelOperator, bpy.types.Operator):
     """Stop the calibration. Stages that are done are kept, so that the next one continues there"""
 
     bl_idname = "frog.cancel_calibration"
-    bl_label = "Cancel"
-
     kind = CalibrationTask
 
 
-def begin_calibration(operator: bpy.types.Operator, context: bpy.types.Context, points: str = "") -> set[str]:
-    """Starts the calibration of the scene's capture and returns what Blender is told; by a file of points in its folder
-    if one is named.
-    """
-    try:
-        folder = footage_folder(context.scene.frog.capture_folder)
-        needed = torch_environment.calibration_needed()
-        if needed:
-            raise FrogError(needed)
-        opening = CaptureOpening(folder, calibrator_of(folder, folder / points if points else None))
-        CalibrationTask(folder, opening.calibrate, opening.show).begin()
-    except FrogError as error:
-        operator.report({"ERROR"}, str(error))
-        return {"CANCELLED"}
-    return {"FINISHED"}
+def begin_calibration(scene: bpy.types.Scene, points: str = "") -> str:
+    """Starts the calibration of a scene's capture; by a file of points in its folder if one is named. See ``act``."""
+    folder = footage_folder(scene.frog.capture_folder)
+    needed = torch_environment.calibration_needed()
+    if needed:
+        raise FrogError(needed)
+    opening = CaptureOpening(folder, calibrator_of(folder, folder / points if points else None))
+    CalibrationTask(folder, opening.calibrate, opening.show).begin()
+    return ""
 
 
 def footage_folder(stored: str) -> Path:
@@ -93,7 +84,3 @@ class CaptureOpening:
             if named and Path(os.path.normpath(named)) == Path(os.path.normpath(self.folder)):
                 capture_summary.store(named, self._summary, self._stamp)
                 report_images.show(self.folder, self._summary.capture)
-
-
-_CLASSES = (FROG_OT_calibrate, FROG_OT_cancel_calibration)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

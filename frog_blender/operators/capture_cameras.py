@@ -2,7 +2,6 @@
 
 # mypy: disable-error-code="valid-type"
 
-from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -13,33 +12,31 @@ from ..engine.errors import FrogError
 from ..tasks.calibration import CalibrationTask
 from ..tasks.clocks import OFFSETS, RATES, CameraClock, write_clock
 from ..ui import capture_reading, capture_summary, contact_sheet, preview_image, report_images, torch_environment
+from .bases import FrogOperator
 
 
-class FROG_OT_show_contact_sheet(bpy.types.Operator):
+class FROG_OT_show_contact_sheet(FrogOperator, bpy.types.Operator):
     """Show the first image of each camera"""
 
     bl_idname = "frog.show_contact_sheet"
     bl_label = "Show Images"
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)
         summary = capture_summary.known(folder) or capture_reading.read(folder)
         if summary is None:
-            self.report({"INFO"}, "The capture is being read. Show its images when the panel says what is in it.")
-            return {"CANCELLED"}
+            return "The capture is being read. Show its images when the panel says what is in it."
         if summary.error or not folder:
-            self.report({"ERROR"}, summary.error or "No capture is selected. Choose the folder with the videos.")
-            return {"CANCELLED"}
+            raise FrogError(summary.error or "No capture is selected. Choose the folder with the videos.")
         torch_environment.add_environment()  # may have OpenCV, which reads videos
         try:
             contact_sheet.show(folder, summary)
         except OSError as error:
-            self.report({"ERROR"}, f"{folder}: could not be read ({error.strerror}).")
-            return {"CANCELLED"}
-        return {"FINISHED"}
+            raise FrogError(f"{folder}: could not be read ({error.strerror}).") from error
+        return ""
 
 
-class FROG_OT_edit_clock(bpy.types.Operator):
+class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
     """Correct when this camera began to film. The calibration that FRoG wrote is changed, never one that was given"""
 
     bl_idname = "frog.edit_clock"
@@ -77,87 +74,73 @@ class FROG_OT_edit_clock(bpy.types.Operator):
         layout.prop(self, "rate")
         preview_image.draw(layout, context, report_images.ONE_CURVE)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)
-        try:
-            write_clock(Path(folder), CameraClock(self.camera, _rounded(self.offset), _rounded(self.rate)))
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        write_clock(Path(folder), CameraClock(self.camera, _rounded(self.offset), _rounded(self.rate)))
         summary = capture_reading.read(folder)
         if summary is not None and summary.error:
             self.report({"WARNING"}, summary.error)
-        return {"FINISHED"}
+        return ""
 
 
-class FROG_OT_use_found_cameras(bpy.types.Operator):
+class _UseCameras(FrogOperator):
+    """Base of operators that train from the other one of two calibrations from now on."""
+
+    @staticmethod
+    def other(folder: Path) -> Path | None:
+        """The calibration that is not used; FrogError and OSError where that cannot be read."""
+        raise NotImplementedError
+
+    @staticmethod
+    def use(folder: Path) -> Path:
+        """Makes it the one in use, and returns its file; FrogError and OSError."""
+        raise NotImplementedError
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str:
+        folder = context.scene.frog.capture_folder
+        try:
+            if folder and not CalibrationTask.is_any_running() and cls.other(Path(bpy.path.abspath(folder))):
+                return ""
+        except (FrogError, OSError):
+            pass
+        return "There is no other calibration beside the one in use, or a calibration is running."
+
+    def act(self, context: bpy.types.Context) -> str:
+        folder = bpy.path.abspath(context.scene.frog.capture_folder)
+        try:
+            used = self.use(Path(folder))
+        except OSError as error:
+            raise FrogError(str(error)) from error
+        context.scene.frog.capture_folder = context.scene.frog.capture_folder  # opens it, and shows its rig
+        summary = capture_summary.known(folder)
+        if summary is not None and summary.error and not capture_reading.is_reading(folder):
+            self.report({"WARNING"}, summary.error)
+            return ""
+        return f"{used.name} is used now."
+
+
+class FROG_OT_use_found_cameras(_UseCameras, bpy.types.Operator):
     """Train from the cameras that were found from now on. The given calibration is kept beside them"""
 
     bl_idname = "frog.use_found_cameras"
     bl_label = "Use Found Cameras"
+    other = staticmethod(found_beside)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return _can_choose(cls, context, found_beside)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        return _chosen(self, context, lambda folder: use_found(folder)[0])
+    @staticmethod
+    def use(folder: Path) -> Path:
+        return use_found(folder)[0]
 
 
-class FROG_OT_use_given_cameras(bpy.types.Operator):
+class FROG_OT_use_given_cameras(_UseCameras, bpy.types.Operator):
     """Train from the given calibration again. What was found is kept beside it"""
 
     bl_idname = "frog.use_given_cameras"
     bl_label = "Use Given Cameras"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return _can_choose(cls, context, given_beside)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        return _chosen(self, context, use_given)
-
-
-def _can_choose(
-    operator: type[bpy.types.Operator], context: bpy.types.Context, beside: Callable[[Path], Path | None]
-) -> bool:
-    """Whether there is another calibration, and nothing reads or writes those of the folder."""
-    operator.poll_message_set("There is no other calibration beside the one in use, or a calibration is running.")
-    folder = context.scene.frog.capture_folder
-    if not folder or CalibrationTask.is_any_running():
-        return False
-    try:
-        return beside(Path(bpy.path.abspath(folder))) is not None
-    except (FrogError, OSError):
-        return False
-
-
-def _chosen(operator: bpy.types.Operator, context: bpy.types.Context, use: Callable[[Path], Path]) -> set[str]:
-    """Changes the calibration and opens the capture anew."""
-    folder = bpy.path.abspath(context.scene.frog.capture_folder)
-    try:
-        used = use(Path(folder))
-    except (FrogError, OSError) as error:
-        operator.report({"ERROR"}, str(error))
-        return {"CANCELLED"}
-    context.scene.frog.capture_folder = context.scene.frog.capture_folder  # opens it, and shows its rig
-    summary = capture_summary.known(folder)
-    if summary is not None and summary.error and not capture_reading.is_reading(folder):
-        operator.report({"WARNING"}, summary.error)
-    else:
-        operator.report({"INFO"}, f"{used.name} is used now.")
-    return {"FINISHED"}
+    other = staticmethod(given_beside)
+    use = staticmethod(use_given)
 
 
 def _rounded(value: float) -> float:
     """As typed: Blender's numbers are of single precision, so that 0.1 reads 0.10000000149."""
     return float(f"{value:.7g}")
-
-
-_CLASSES = (
-    FROG_OT_show_contact_sheet,
-    FROG_OT_edit_clock,
-    FROG_OT_use_found_cameras,
-    FROG_OT_use_given_cameras,
-)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -6,7 +6,7 @@ import bpy
 
 from ..scene_import import capture_sound
 from ..scene_import.capture_objects import active_capture
-from .edit_operator import EditOperator
+from .bases import EditOperator
 
 
 class FROG_OT_add_sound_strip(EditOperator, bpy.types.Operator):
@@ -27,11 +27,8 @@ class FROG_OT_add_speaker(EditOperator, bpy.types.Operator):
     bl_label = "Add Speaker"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Speakers are added in Object Mode.")
-            return False
-        return super().poll(context)
+    def problem(cls, context: bpy.types.Context) -> str:
+        return super().problem(context) if context.mode == "OBJECT" else "Speakers are added in Object Mode."
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         made = capture_sound.place(context, obj, speaker=True)
@@ -45,17 +42,12 @@ class FROG_OT_update_sound(EditOperator, bpy.types.Operator):
     bl_label = "Update Sound"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        obj = active_capture(context)
-        cls.poll_message_set("Add a sound strip or a speaker of the capture first.")
-        return obj is not None and capture_sound.sound_of(obj) is not None
+    def problem(cls, context: bpy.types.Context) -> str:
+        missing = super().problem(context)
+        if not missing and capture_sound.sound_of(active_capture(context)) is None:
+            return "Add a sound strip or a speaker of the capture first."
+        return missing
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         capture_sound.place(context, obj)
         return ""
-
-
-_CLASSES = (FROG_OT_add_sound_strip, FROG_OT_add_speaker, FROG_OT_update_sound)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

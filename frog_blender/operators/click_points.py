@@ -12,10 +12,11 @@ from ..engine.capture.video import decode
 from ..engine.errors import FrogError
 from ..ui import points_overlay, torch_environment
 from ..ui.clicked_points import ENDING, FILE, ClickedPoints, points_of
+from .bases import FrogOperator
 from .calibrate import begin_calibration, footage_folder
 
 
-class FROG_OT_click_points(bpy.types.Operator):
+class FROG_OT_click_points(FrogOperator, bpy.types.Operator):
     """Click the same 16 points in each camera's image: corners near and far, not all on one plane. Each click is \
 saved beside the videos"""
 
@@ -31,12 +32,11 @@ saved beside the videos"""
     _is_fitted = False
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return bool(context.scene.frog.capture_folder)
+    def problem(cls, context: bpy.types.Context) -> str:
+        return "" if context.scene.frog.capture_folder else "No capture is selected."
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        self.report({"ERROR"}, "Points are clicked in a window, found none.")
-        return {"CANCELLED"}
+    def act(self, _context: bpy.types.Context) -> str:
+        raise FrogError("Points are clicked in a window, found none.")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if context.area is None or bpy.app.background:
@@ -49,8 +49,7 @@ saved beside the videos"""
             self._points = points_of(self._path, self._films)
             image = image_of(self._films[self._points.camera])
         except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+            return self.failed(error)
         self._area, self._former = context.area.as_pointer(), context.area.ui_type
         context.area.ui_type = "IMAGE_EDITOR"
         points_overlay.begin(self._points)
@@ -115,14 +114,14 @@ saved beside the videos"""
         return {"FINISHED"}
 
 
-class FROG_OT_calibrate_from_points(bpy.types.Operator):
+class FROG_OT_calibrate_from_points(FrogOperator, bpy.types.Operator):
     """Find where the cameras stood by the clicked points alone, in the background. No file that is there is changed"""
 
     bl_idname = "frog.calibrate_from_points"
     bl_label = "Calibrate from Points"
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        return begin_calibration(self, context, FILE)
+    def act(self, context: bpy.types.Context) -> str:
+        return begin_calibration(context.scene, FILE)
 
 
 def image_of(film: Film) -> bpy.types.Image:
@@ -147,7 +146,3 @@ def _remove_image() -> None:
 def _is_over(region: bpy.types.Region, event: bpy.types.Event) -> bool:
     inside_x = 0 <= event.mouse_x - region.x < region.width
     return inside_x and 0 <= event.mouse_y - region.y < region.height
-
-
-_CLASSES = (FROG_OT_click_points, FROG_OT_calibrate_from_points)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -2,7 +2,6 @@
 
 # mypy: disable-error-code="valid-type"
 
-from collections.abc import Generator
 from pathlib import Path
 
 import bpy
@@ -13,7 +12,8 @@ from ..engine.source_media.undistorted_clips import Undistortion
 from ..scene_import.camera_clips import OPACITY, add_clips, begin_undistortion, hide_clip, refresh_drivers
 from ..scene_import.capture_objects import active_capture, cameras_of, find_by_uid
 from ..viewport import drawing
-from .modal_operator import ModalOperator
+from .bases import UNDOABLE, FrogOperator
+from .modal_operator import ModalOperator, Steps
 
 
 class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
@@ -22,7 +22,7 @@ undistorted copies are first written next to the scene file"""
 
     bl_idname = "frog.add_clips"
     bl_label = "Show Clips"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = UNDOABLE
 
     directory: StringProperty(
         name="Capture Folder",
@@ -57,13 +57,10 @@ undistorted copies are first written next to the scene file"""
     _folder: Path | None = None
     _shown = 0
     _problem = ""
-    is_interactive = False  # by a user, not a script
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("Select a capture with cameras first.")
-        obj = active_capture(context)
-        return obj is not None and bool(cameras_of(obj))
+    def problem(cls, context: bpy.types.Context) -> str:
+        return _no_cameras(context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """In a window: writes the clips in short slices, and asks for the capture's folder if it was not found."""
@@ -100,13 +97,12 @@ undistorted copies are first written next to the scene file"""
         self._folder = folder
         if films is not None:
             self._show_now(obj, straight=False)  # until the undistorted clips are written
-            go = self.run_in_window if self.is_interactive and self.has_window(context) else self.run_all_steps
-            return go(context, self._write(films, obj.session_uid), films.total)
+            steps = self._write(films, obj.session_uid)
+            return self.run_steps(context, steps, films.total, in_steps=self.is_interactive)
         try:
             self._show_now(obj, straight=self.straighten)
         except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+            return self.failed(error)
         if not self._shown:
             self._problem = problem
             return None
@@ -116,7 +112,7 @@ undistorted copies are first written next to the scene file"""
             self.report({"INFO"}, self.finished_message())
         return {"FINISHED"}
 
-    def _write(self, films: Undistortion, capture: int) -> Generator[int, None, None]:
+    def _write(self, films: Undistortion, capture: int) -> Steps:
         """Write the clips, then show them if the capture still exists."""
         yield from films.steps
         obj = find_by_uid(bpy.data.objects, capture)
@@ -138,6 +134,11 @@ undistorted copies are first written next to the scene file"""
         return f"The original clips are shown: {reason}" if self._shown else reason
 
 
+def _no_cameras(context: bpy.types.Context) -> str:
+    obj = active_capture(context)
+    return "" if obj is not None and cameras_of(obj) else "Select a capture with cameras first."
+
+
 def _is_covered(context: bpy.types.Context) -> bool:
     """Whether splats cover what is behind the scene in the viewport of a context."""
     space = context.space_data
@@ -146,27 +147,23 @@ def _is_covered(context: bpy.types.Context) -> bool:
     return space.shading.type == "RENDERED" or drawing.is_wanted(context.scene)
 
 
-class FROG_OT_hide_clips(bpy.types.Operator):
+class FROG_OT_hide_clips(FrogOperator, bpy.types.Operator):
     """Hide the videos behind the capture's cameras"""
 
     bl_idname = "frog.hide_clips"
     bl_label = "Hide Clips"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = UNDOABLE
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return FROG_OT_add_clips.poll(context)
+    def problem(cls, context: bpy.types.Context) -> str:
+        return _no_cameras(context)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         for camera in cameras_of(active_capture(context)):
             hide_clip(camera)
-        return {"FINISHED"}
+        return ""
 
 
-_CLASSES = (FROG_OT_add_clips, FROG_OT_hide_clips)
-_register_classes, unregister = bpy.utils.register_classes_factory(_CLASSES)
-
-
-def register() -> None:
-    _register_classes()
+def on_register() -> None:
+    """See ``operators``."""
     refresh_drivers()

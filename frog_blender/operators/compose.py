@@ -17,15 +17,16 @@ from ..render.compositing import compositor, scenes
 from ..scene_import.capture_objects import active_capture
 from ..scene_import.scene_setup import has_world_of_its_own
 from ..timeline import playback
+from .bases import UNDOABLE, FrogOperator
 
 
-class FROG_OT_compose(bpy.types.Operator):
+class FROG_OT_compose(FrogOperator, bpy.types.Operator):
     """Render your objects with Cycles or EEVEE and the captures with FRoG into one image, with correct occlusion. \
 Later changes of camera, frame range, render region, resolution, collections and objects are followed"""
 
     bl_idname = "frog.compose"
     bl_label = "Render With My Objects"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = UNDOABLE
 
     engine: EnumProperty(
         name="Objects",
@@ -44,15 +45,14 @@ Later changes of camera, frame range, render region, resolution, collections and
     )
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        is_splats = _is_splats(context.scene)
-        asked = "Use this in the scene of your objects." if is_splats else "Import a capture first."
-        if is_splats and context.scene.frog.composed_with is None:
-            asked = "Disable Objects Hide Splats first."
-        cls.poll_message_set(asked)
-        return not is_splats and playback.has_captures(context.scene)
+    def problem(cls, context: bpy.types.Context) -> str:
+        if context.scene.frog.composed_with is not None:
+            return "Use this in the scene of your objects."
+        if _is_splats(context.scene):
+            return "Disable Objects Hide Splats first."
+        return "" if playback.has_captures(context.scene) else "Import a capture first."
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         scene = context.scene
         if scene.render.engine != (engine := _engine_name(self.engine)):
             scene.render.engine = engine
@@ -62,10 +62,9 @@ Later changes of camera, frame range, render region, resolution, collections and
             compositor.overlay_scene(scene, splats)
         splats.frog.composed_with, splats.frog.hold_out = scene, True
         scenes.begin()
-        self.report({"INFO"}, f"F12 in {scene.name} now also renders {splats.name} and overlays it.")
         if self.light and not has_world_of_its_own(scene) and not world.is_lit(scene):
             self._light(context)
-        return {"FINISHED"}
+        return f"F12 in {scene.name} now also renders {splats.name} and overlays it."
 
     def _light(self, context: bpy.types.Context) -> None:
         """Without it, the objects would stand in the dark of a grey or black world among what was filmed in light."""
@@ -101,6 +100,3 @@ def _splat_scene(scene: bpy.types.Scene) -> bpy.types.Scene:
 def _follows_none(scene: bpy.types.Scene) -> bool:
     """Whether a scene is a captures' scene from a .blend that did not store the scene it belongs to yet."""
     return _is_splats(scene) and scene.frog.composed_with is None
-
-
-register, unregister = bpy.utils.register_classes_factory((FROG_OT_compose,))

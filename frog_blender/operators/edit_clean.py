@@ -12,7 +12,7 @@ from .. import addon_state
 from ..engine.errors import FrogError
 from ..timeline import playback
 from ..timeline.edited_scenes import EditedScenes
-from .edit_operator import EditOperator, chosen_in, mark, scene_of
+from .bases import EditOperator, chosen_in, mark, scene_of, select
 
 CRITERIA = (
     ("OPACITY", "Faint", "Whose opacity is small at all times"),
@@ -25,6 +25,8 @@ CRITERIA = (
     ("HIDDEN", "Hidden", "That are hidden now"),
     ("POINTS", "Selected Points", "Whose points are selected in Edit Mode"),
 )
+_LIMITS = {"OPACITY": "opacity", "SIZE": "size", "DISTANCE": "distance", "CAMERAS": "cameras", "CLUSTER": "members"}
+"""The property that a criterion asks for."""
 MODES = (
     ("SET", "Set", "Select these alone"),
     ("EXTEND", "Extend", "Select these as well"),
@@ -58,18 +60,14 @@ class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
         layout.use_property_split = True
         layout.prop(self, "by")
         layout.prop(self, "mode")
-        of = {"OPACITY": "opacity", "SIZE": "size", "DISTANCE": "distance", "CAMERAS": "cameras", "CLUSTER": "members"}
-        if self.by in of:
-            layout.prop(self, of[self.by])
+        if self.by in _LIMITS:
+            layout.prop(self, _LIMITS[self.by])
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         from ..engine.editing.selections import combined
 
-        scene = scene_of(obj)
-        before, these = chosen_in(obj.frog_edits.selection, scene), self._found(context, obj)
-        chosen = combined(before, these, self.mode)
-        mark(obj.frog_edits.selection, scene, chosen)
-        return f"{np.count_nonzero(chosen):,} of {scene.count:,} Gaussians are selected."
+        before = chosen_in(obj.frog_edits.selection, scene_of(obj))
+        return select(obj, combined(before, self._found(context, obj), self.mode))
 
     def _found(self, context: bpy.types.Context, obj: bpy.types.Object) -> np.ndarray:
         from ..engine.editing import selections
@@ -119,7 +117,7 @@ class FROG_OT_select_gaussians_all(EditOperator, bpy.types.Operator):
             chosen = ~chosen_in(obj.frog_edits.selection, scene)
         else:
             chosen = np.full(scene.count, self.action == "ALL")
-        mark(obj.frog_edits.selection, scene, chosen)
+        select(obj, chosen)
         return ""
 
 
@@ -140,9 +138,7 @@ class FROG_OT_grow_selection(EditOperator, bpy.types.Operator):
 
         scene = scene_of(obj)
         chosen = chosen_in(obj.frog_edits.selection, scene)
-        found = (shrunk if self.shrink else grown)(scene, chosen, self.distance, _time(context, obj))
-        mark(obj.frog_edits.selection, scene, found)
-        return f"{np.count_nonzero(found):,} of {scene.count:,} Gaussians are selected."
+        return select(obj, (shrunk if self.shrink else grown)(scene, chosen, self.distance, _time(context, obj)))
 
 
 class FROG_OT_hide_gaussians(EditOperator, bpy.types.Operator):
@@ -162,7 +158,7 @@ class FROG_OT_hide_gaussians(EditOperator, bpy.types.Operator):
             raise FrogError(f"{obj.name}: found no Gaussian to hide, expected a selection.")
         mark(settings.hidden, scene, chosen_in(settings.hidden, scene) | chosen)
         if not self.unselected:
-            mark(settings.selection, scene, np.zeros(scene.count, bool))
+            select(obj, np.zeros(scene.count, bool))
         return f"{np.count_nonzero(chosen_in(settings.hidden, scene)):,} of {scene.count:,} Gaussians are hidden."
 
 
@@ -235,14 +231,3 @@ def _selected_points(context: bpy.types.Context, obj: bpy.types.Object) -> np.nd
     chosen = np.zeros(shown.file_count, bool)
     chosen[np.flatnonzero(selected) if shown.rows is None else shown.rows[selected]] = True
     return chosen
-
-
-_CLASSES = (
-    FROG_OT_select_gaussians,
-    FROG_OT_select_gaussians_all,
-    FROG_OT_grow_selection,
-    FROG_OT_hide_gaussians,
-    FROG_OT_restore_gaussians,
-    FROG_OT_clean_up,
-)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -13,7 +13,7 @@ from .. import addon_state
 from ..engine.errors import FrogError
 from ..timeline.edited_scenes import EditedScenes
 from ..timeline.edits import GRADE, SETTINGS, is_crop_object
-from .edit_operator import EditOperator, chosen_in, mark, remove_crop, scene_of
+from .bases import EditOperator, chosen_in, mark, new_crop, remove_crop, scene_of
 
 _MARGIN = 1.05  # of a first crop around what the cameras see together
 
@@ -35,52 +35,68 @@ class FROG_OT_add_crop(EditOperator, bpy.types.Operator):
     )
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        crops = getattr(obj, SETTINGS).crops
         if self.shape == "OBJECT":
-            known = {crop.object for crop in crops}
-            found = [
-                candidate
-                for candidate in context.selected_objects
-                if is_crop_object(candidate) and candidate not in known
-            ]
-            if not found:
-                raise FrogError("Found no selected mesh or empty to crop with, expected one besides the capture.")
-            for candidate in found:
-                crops.add().object = candidate
-            return ""
-        scene = scene_of(obj)
+            _crop_by(obj, context.selected_objects)
+        else:
+            self._add(obj, context.scene)
+        return ""
+
+    def _add(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
         from ..engine.editing.common_view import common_view
 
-        low, high = common_view(scene, addon_state.get(EditedScenes).weights(scene))
-        half = np.maximum((high - low) / 2 * _MARGIN, 1e-6)
-        crop = bpy.data.objects.new(f"{obj.name} Crop", None)
-        crop.empty_display_type, crop.empty_display_size = ("CUBE" if self.shape == "BOX" else "SPHERE"), 1.0
-        for collection in obj.users_collection or [context.scene.collection]:
-            collection.objects.link(crop)
-        crop.parent = obj
-        sides = half if self.shape == "BOX" else np.full(3, float(np.linalg.norm(half)))
-        matrix = np.diag([*sides, 1.0])
-        matrix[:3, 3] = (low + high) / 2
-        crop.matrix_basis = Matrix(matrix.tolist())
-        crop.hide_render = True
-        crops.add().object = crop
+        playing = scene_of(obj)
+        low, high = common_view(playing, addon_state.get(EditedScenes).weights(playing))
+        sides = np.maximum((high - low) / 2 * _MARGIN, 1e-6)
+        crop, _ = new_crop(obj, scene)
+        crop.empty_display_type, crop.empty_display_size = "CUBE", 1.0
+        if self.shape == "SPHERE":
+            crop.empty_display_type, sides = "SPHERE", np.full(3, float(np.linalg.norm(sides)))
+        crop.matrix_basis = Matrix.LocRotScale(((low + high) / 2).tolist(), None, sides.tolist())
+
+
+def _crop_by(obj: bpy.types.Object, objects: list[bpy.types.Object]) -> None:
+    """Crops a capture by those of some objects that can; FrogError for none."""
+    crops = getattr(obj, SETTINGS).crops
+    known = {crop.object for crop in crops}
+    new = [candidate for candidate in objects if is_crop_object(candidate) and candidate not in known]
+    if not new:
+        raise FrogError("Found no selected mesh or empty to crop with, expected one besides the capture.")
+    for candidate in new:
+        crops.add().object = candidate
+
+
+class _RemovesEntry(EditOperator):
+    """Base of operators that remove one of several crops or grades."""
+
+    index: IntProperty(name="Index", min=0)
+    entries = ""
+    """The list of the capture's edits that it is in."""
+
+    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        found = len(getattr(obj.frog_edits, self.entries))
+        if self.index >= found:
+            raise FrogError(f"{obj.name}: found {found} {self.entries}, expected one of the number {self.index}.")
+        if self.entries == "crops":
+            remove_crop(obj, self.index)
+        else:
+            obj.frog_edits.grades.remove(self.index)
         return ""
 
 
-class FROG_OT_remove_crop(EditOperator, bpy.types.Operator):
+class FROG_OT_remove_crop(_RemovesEntry, bpy.types.Operator):
     """Remove a crop of the capture, and its empty if it was made for it"""
 
     bl_idname = "frog.remove_crop"
     bl_label = "Remove Crop"
+    entries = "crops"
 
-    index: IntProperty(name="Index", min=0)
 
-    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        crops = getattr(obj, SETTINGS).crops
-        if self.index >= len(crops):
-            raise FrogError(f"{obj.name}: found {len(crops)} crops, expected one of the number {self.index}.")
-        remove_crop(obj, self.index)
-        return ""
+class FROG_OT_remove_grade(_RemovesEntry, bpy.types.Operator):
+    """Remove a grade of a selection"""
+
+    bl_idname = "frog.remove_grade"
+    bl_label = "Remove Grade"
+    entries = "grades"
 
 
 class FROG_OT_add_grade(EditOperator, bpy.types.Operator):
@@ -99,22 +115,6 @@ class FROG_OT_add_grade(EditOperator, bpy.types.Operator):
         return f"A grade of {np.count_nonzero(chosen):,} Gaussians was added."
 
 
-class FROG_OT_remove_grade(EditOperator, bpy.types.Operator):
-    """Remove a grade of a selection"""
-
-    bl_idname = "frog.remove_grade"
-    bl_label = "Remove Grade"
-
-    index: IntProperty(name="Index", min=0)
-
-    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        grades = obj.frog_edits.grades
-        if self.index >= len(grades):
-            raise FrogError(f"{obj.name}: found {len(grades)} grades, expected one of the number {self.index}.")
-        grades.remove(self.index)
-        return ""
-
-
 class FROG_OT_reset_grade(EditOperator, bpy.types.Operator):
     """Reset the grade of the whole capture"""
 
@@ -122,16 +122,11 @@ class FROG_OT_reset_grade(EditOperator, bpy.types.Operator):
     bl_label = "Reset Grade"
 
     def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        for name in (*GRADE, "gains", "offsets"):
-            obj.frog_edits.grade.property_unset(name)
+        reset_grade(obj)
         return ""
 
 
-_CLASSES = (
-    FROG_OT_add_crop,
-    FROG_OT_remove_crop,
-    FROG_OT_add_grade,
-    FROG_OT_remove_grade,
-    FROG_OT_reset_grade,
-)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)
+def reset_grade(obj: bpy.types.Object) -> None:
+    """Gives the grade of a whole capture its defaults."""
+    for name in (*GRADE, "gains", "offsets"):
+        obj.frog_edits.grade.property_unset(name)

@@ -21,23 +21,36 @@ from ..timeline.edits import GRADE, SETTINGS, edits_of, needs_evaluation, store_
 from ..timeline.frame_timing import timing_of, write_timing
 from ..timeline.retiming import is_plain, needs_evaluated_time
 from ..timeline.timing_curve import check_editable
-from .edit_operator import EditOperator, remove_crop, scene_of
+from .bases import EditOperator, new_crop, remove_crop, scene_of
+from .edit_crops import reset_grade
 
 if TYPE_CHECKING:
     from ..engine.editing.crops import Crop
     from ..engine.editing.edits import Edits
     from ..engine.editing.grades import Grade
 
-_SUFFIX = ".edits.json"
+
+class _OfFile(EditOperator):
+    """Base, with a helper of Blender's for file browsers, of operators on a file of edits."""
+
+    filename_ext = ".json"
+    filepath: StringProperty(subtype="FILE_PATH")
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if not self.filepath:
+            path = named_file(active_capture(context))
+            self.filepath = str(path.with_name(f"{path.stem}.edits.json"))
+        result: set[str] = super().invoke(context, event)  # type: ignore[misc]  # of Blender's helper
+        return result
+
+    @property
+    def path(self) -> Path:
+        """Of the file."""
+        return Path(bpy.path.abspath(self.filepath))
 
 
-def _suggest(operator: Any, context: bpy.types.Context) -> None:
-    if not operator.filepath:
-        path = named_file(active_capture(context))
-        operator.filepath = str(path.with_name(f"{path.stem}{_SUFFIX}"))
-
-
-class FROG_OT_save_edits(EditOperator, bpy.types.Operator, ExportHelper):
+class FROG_OT_save_edits(_OfFile, ExportHelper, bpy.types.Operator):
     """Write the edits of the capture as they are at the current frame, and its timing in the scene's frame range, for \
 ``frog render --edits`` and other files"""
 
@@ -45,53 +58,37 @@ class FROG_OT_save_edits(EditOperator, bpy.types.Operator, ExportHelper):
     bl_label = "Save Edits"
     bl_options = {"REGISTER"}
 
-    filename_ext = ".json"
-    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        _suggest(self, context)
-        return super().invoke(context, event)
-
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         from ..engine.editing.edits import Edits
         from ..engine.editing.edits_file import save_edits
 
-        path = Path(bpy.path.abspath(self.filepath))
         is_animated = needs_evaluation(obj, even_unused=True)
         evaluated = obj.evaluated_get(context.evaluated_depsgraph_get()) if is_animated else None
         edits = edits_of(obj, evaluated, even_unused=True) or Edits()
         if not is_plain(obj.frog, context.scene) or needs_evaluated_time(obj):
             edits = replace(edits, timing=timing_of(obj, context.scene))
-        save_edits(path, edits)
+        save_edits(self.path, edits)
         animated = " as they are at this frame" if evaluated is not None else ""
-        return f"The edits{animated} were written to {path}."
+        return f"The edits{animated} were written to {self.path}."
 
 
-class FROG_OT_load_edits(EditOperator, bpy.types.Operator, ImportHelper):
+class FROG_OT_load_edits(_OfFile, ImportHelper, bpy.types.Operator):
     """Replace the edits of the capture by those of a file, and its timing if the file has one"""
 
     bl_idname = "frog.load_edits"
     bl_label = "Load Edits"
 
-    filename_ext = ".json"
-    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        _suggest(self, context)
-        return super().invoke(context, event)
-
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         from ..engine.editing.edits_file import load_edits
 
-        path = Path(bpy.path.abspath(self.filepath))
-        found = load_edits(path)
-        _, dropped = found.fitted(scene_of(obj))
-        if found.timing is not None:
+        edits = load_edits(self.path)
+        _, dropped = edits.fitted(scene_of(obj))
+        if edits.timing is not None:
             check_editable(obj)  # before anything is changed
-        write_edits(obj, found, context.scene)
-        if found.timing is not None:
-            write_timing(obj, found.timing, context.scene)
-        return " ".join([f"The edits of {path.name} were loaded.", *dropped])
+        write_edits(obj, edits, context.scene)
+        if edits.timing is not None:
+            write_timing(obj, edits.timing, context.scene)
+        return " ".join([f"The edits of {self.path.name} were loaded.", *dropped])
 
 
 def write_edits(obj: bpy.types.Object, edits: Edits, scene: bpy.types.Scene) -> None:
@@ -110,8 +107,7 @@ def write_edits(obj: bpy.types.Object, edits: Edits, scene: bpy.types.Scene) -> 
     settings.grades.clear()
     for crop in edits.crops:
         _add_crop(obj, crop, scene)
-    for name in (*GRADE, "gains", "offsets"):
-        settings.grade.property_unset(name)
+    reset_grade(obj)
     for grade in edits.grades:
         _write_grade(settings.grade if grade.only is None else settings.grades.add(), grade)
     settings.use = True
@@ -125,25 +121,17 @@ def _write_grade(settings: Any, grade: Grade) -> None:
 
 
 def _add_crop(obj: bpy.types.Object, crop: Crop, scene: bpy.types.Scene) -> None:
-    name, data = f"{obj.name} Crop", None
+    data = None
     if crop.mesh is not None:
-        data = bpy.data.meshes.new(name)
+        data = bpy.data.meshes.new(f"{obj.name} Crop")
         vertices = np.frombuffer(crop.mesh.vertices, "<f4").reshape(-1, 3)
         data.from_pydata(vertices.tolist(), [], np.frombuffer(crop.mesh.triangles, "<i4").reshape(-1, 3).tolist())
-    target = bpy.data.objects.new(name, data)
+    target, settings = new_crop(obj, scene, data)
     if data is None:
         target.empty_display_type, target.empty_display_size = crop.shape.replace("box", "cube").upper(), 1.0
     else:
         target.display_type = "WIRE"
-    for collection in obj.users_collection or [scene.collection]:
-        collection.objects.link(target)
-    target.hide_render = True
-    target.parent = obj
     # Into the inverse of the parent, which holds any matrix; location, rotation and scale hold none that is sheared.
     target.matrix_parent_inverse = Matrix(np.array(crop.matrix).reshape(4, 4).tolist())
-    settings = getattr(obj, SETTINGS).crops.add()
-    settings.object, settings.keep = target, ("INSIDE" if crop.keep_inside else "OUTSIDE")
+    settings.keep = "INSIDE" if crop.keep_inside else "OUTSIDE"
     settings.feather, settings.use_time, settings.time = crop.feather, crop.time is not None, crop.time or 0.0
-
-
-register, unregister = bpy.utils.register_classes_factory((FROG_OT_save_edits, FROG_OT_load_edits))

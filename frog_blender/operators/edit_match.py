@@ -11,7 +11,7 @@ from ..engine.errors import FrogError
 from ..scene_import.capture_objects import root_of
 from ..timeline import playback
 from ..timeline.edits import edits_of
-from .edit_operator import EditOperator, scene_of
+from .bases import EditOperator, scene_of
 
 _MOST_PIXELS = 1 << 20
 
@@ -71,6 +71,3 @@ def _pixels(image: bpy.types.Image) -> np.ndarray:
     pixels = pixels[:: -(-len(pixels) // _MOST_PIXELS)]
     colors = pixels[:, :3] if image.channels >= 3 else np.repeat(pixels[:, :1], 3, axis=1)
     return np.clip(linear_to_srgb(np.maximum(colors, 0)) if image.is_float else colors, 0, 1)
-
-
-register, unregister = bpy.utils.register_classes_factory((FROG_OT_match_grade,))

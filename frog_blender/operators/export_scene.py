@@ -1,24 +1,36 @@
-"""File > Export: frames of a capture as 3DGS .ply files, and a copy of its .frog file."""
+"""File > Export: what the timeline plays of a capture, for other programs, and a copy of its .frog file.
+
+Each frame becomes a file of its own (.ply, .spz, .glb), or all become one that plays: USD, or a web page.
+"""
 
 # mypy: disable-error-code="valid-type"
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..capture_files import named_file
+from ..capture_files import file_of, named_file
 from ..engine.errors import FrogError
 from ..engine.playback.transform import Y_DOWN
 from ..scene_import.capture_objects import active_capture, stored_path
+from ..scene_import.capture_sound import has_sound
 from ..timeline import playback
-from ..timeline.retiming import raw_frame
-from .frame_export import FrameExport
-from .modal_operator import ModalOperator
+from ..timeline.frame_timing import frames_shown
+from ..timeline.retiming import raw_frame, stretched
+from .bases import UNDOABLE, FrogOperator
+from .modal_operator import ModalOperator, Steps
+from .timeline_visit import TimelineTake, TimelineVisit
+
+if TYPE_CHECKING:
+    from ..engine.gaussians import GaussianArrays
+    from ..engine.interchange.take import Sound
 
 FORMATS = (
     (".ply", "3DGS (.ply)", "What every splat program opens"),
@@ -26,39 +38,106 @@ FORMATS = (
     (".glb", "glTF (.glb)", "glTF with KHR_gaussian_splatting"),
 )
 RANGES = (
-    ("CURRENT", "Current Frame", "One file, of the current frame"),
-    ("SCENE", "Scene Range", "One file for each frame of the scene's frame range"),
-    ("CUSTOM", "Custom Range", "One file for each frame of a range"),
+    ("CURRENT", "Current Frame", "The current frame alone"),
+    ("SCENE", "Scene Range", "The frames of the scene's frame range"),
+    ("CUSTOM", "Custom Range", "The frames of a range"),
 )
 
 
-class FROG_OT_export_frames(ModalOperator, bpy.types.Operator, ExportHelper):
+class _ExportsCapture(FrogOperator, ExportHelper):
+    """Base of all: suggests a path next to the .frog file, with the same name."""
+
+    filepath: StringProperty(subtype="FILE_PATH")
+    needs_capture = True
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if not self.filepath:
+            self.filepath = str(named_file(active_capture(context)).with_suffix(self.filename_ext))
+        return super().invoke(context, event)
+
+    @property
+    def path(self) -> Path:
+        """The chosen one."""
+        return Path(bpy.path.abspath(self.filepath))
+
+
+def _frames(default: str) -> Any:  # Any: a property of Blender's
+    return EnumProperty(name="Frames", description="Frames of the timeline to write", items=RANGES, default=default)
+
+
+class _ExportsTimeline(_ExportsCapture, ModalOperator):
+    """Base of those that write frames of the timeline; classes say how."""
+
+    frames: _frames("SCENE")
+    first: IntProperty(name="First", description="First frame of the timeline to write", default=1)
+    last: IntProperty(name="Last", description="Last frame of the timeline to write", default=250)
+    apply_transform: BoolProperty(
+        name="Apply Transform",
+        description="Write where the capture's empty stands. Otherwise the Gaussians are written in the capture's own "
+        "coordinates",
+        default=True,
+    )
+
+    bl_options = {"REGISTER"}
+    doing = "Exporting {done:,} of {total:,} frames"
+    is_placed = True  # it matters where the capture stands
+    _visit: TimelineVisit | None = None
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self.is_interactive = True
+        self.first, self.last = context.scene.frame_start, context.scene.frame_end
+        return super().invoke(context, event)
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(self, "frames")
+        if self.frames == "CUSTOM":
+            layout.prop(self, "first")
+            layout.prop(self, "last")
+        if self.is_placed:
+            layout.prop(self, "apply_transform")
+
+    def begin(self, context: bpy.types.Context) -> tuple[Steps, int]:
+        obj, scene = active_capture(context), context.scene
+        if obj is None:
+            raise FrogError("No capture is selected. Import or select one first.")
+        first, last = (self.first, self.last) if self.frames == "CUSTOM" else (scene.frame_start, scene.frame_end)
+        frames = [float(frame) for frame in range(first, last + 1)]
+        if self.frames == "CURRENT":
+            frames = [raw_frame(scene)]
+        if not frames:
+            raise FrogError(f"The range is empty: it starts at frame {first} and ends at frame {last}.")
+        self._visit = TimelineVisit.of(context, obj)
+        return self.written(self._visit, frames), len(frames)
+
+    def written(self, visit: TimelineVisit, frames: list[float]) -> Steps:
+        """Writes frames of a capture; raises FrogError."""
+        raise NotImplementedError
+
+    def restore(self) -> None:
+        if self._visit is not None:
+            self._visit.restore()
+
+
+class FROG_OT_export_frames(_ExportsTimeline, bpy.types.Operator):
     """Write the Gaussians of a capture, frame by frame, as files that other splat programs can open. Press \
 Esc or the right mouse button to stop"""
 
     bl_idname = "export_scene.frog_frames"
     bl_label = "Export FRoG Frames"
-    bl_options = {"REGISTER"}
+    export_menu = "FRoG Frames (.ply, .spz, .glb)"
 
     filename_ext = ".ply"
     filter_glob: StringProperty(default="*.ply;*.spz;*.glb", options={"HIDDEN"})
+    frames: _frames("CURRENT")
     file_format: EnumProperty(name="Format", description="Kind of files to write", items=FORMATS, default=".ply")
-    frames: EnumProperty(name="Frames", description="Frames of the timeline to write", items=RANGES, default="CURRENT")
-    first: IntProperty(name="First", description="First frame of the timeline to write", default=1)
-    last: IntProperty(name="Last", description="Last frame of the timeline to write", default=250)
-    apply_transform: BoolProperty(
-        name="Apply Transform",
-        description="Apply the location, rotation and scale of the capture's empty to the Gaussians. Otherwise they "
-        "are written in the capture's own coordinates",
-        default=True,
-    )
     y_down: BoolProperty(
         name="Y Down",
         description="Convert Blender's axes (z up) to those of most 3DGS files (y down), so that the Gaussians are "
         "upright in other programs and return to their place when they are imported here again",
         default=True,
     )
-
     spz_version: EnumProperty(
         name="Version",
         description="Version of .spz files",
@@ -69,94 +148,69 @@ Esc or the right mouse button to stop"""
         default="3",
     )
 
-    doing = "Exporting {done:,} of {total:,} frames"
-    is_interactive = False  # by a user, in the file browser
-    _export: FrameExport | None = None
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("Import or select a FRoG capture first.")
-        return active_capture(context) is not None
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        _suggest(self, context)
-        self.is_interactive = True
-        self.first, self.last = context.scene.frame_start, context.scene.frame_end
-        return super().invoke(context, event)
-
-    def draw(self, _context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
-        layout.prop(self, "file_format")
+    def draw(self, context: bpy.types.Context) -> None:
+        self.layout.use_property_split = True
+        self.layout.prop(self, "file_format")
         if self.file_format == ".spz":
-            layout.prop(self, "spz_version")
-        layout.prop(self, "frames")
-        if self.frames == "CUSTOM":
-            layout.prop(self, "first")
-            layout.prop(self, "last")
-        layout.prop(self, "apply_transform")
-        row = layout.row()
+            self.layout.prop(self, "spz_version")
+        super().draw(context)
+        row = self.layout.row()
         row.enabled = self.apply_transform and self.file_format == ".ply"
         row.prop(self, "y_down")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Several frames chosen in the file browser are written one by one while Blender stays responsive."""
-        from ..engine.interchange.frame_files import numbered
+    def written(self, visit: TimelineVisit, frames: list[float]) -> Steps:
+        from ..engine.interchange.frame_files import numbered, write_frame
 
-        in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
-        obj, path = active_capture(context), Path(bpy.path.abspath(self.filepath))
-        frames = self._frames(context.scene)
-        if obj is None:
-            self.report({"ERROR"}, "No capture is selected. Import or select one first.")
-            return {"CANCELLED"}
-        if not frames:
-            self.report(
-                {"ERROR"}, f"The range is empty: it starts at frame {self.first} and ends at frame {self.last}."
-            )
-            return {"CANCELLED"}
-        if self.file_format != ".ply":
-            path = path.with_suffix(self.file_format)
-        paths = [path if self.frames == "CURRENT" else numbered(path, int(frame)) for frame in frames]
+        path = self.path if self.file_format == ".ply" else self.path.with_suffix(self.file_format)
         to_y_down = self.y_down and self.file_format == ".ply"  # the others say themselves which way is up
         turn = (Y_DOWN if to_y_down else np.eye(4)) if self.apply_transform else None
-        export = self._export = FrameExport.of(context, obj, frames, paths, turn)
-        export.spz_version = int(self.spz_version)
-        if in_steps and len(frames) > 1 and self.has_window(context):
-            return self.run_in_window(context, export.steps(), len(frames))
-        return self.run_all_steps(context, export.steps(), len(frames))
+        promise = len(frames) > 1 and playback.open_scene(file_of(visit.found()[0])).keeps_identity
+        several, version = self.frames != "CURRENT", int(self.spz_version)
+        for done, frame in enumerate(frames, 1):
+            gaussians = _gaussians(visit, frame, turn)
+            file = numbered(path, int(frame)) if several else path
+            write_frame(file, gaussians, promise=promise, spz_version=version)
+            yield done
 
     def finished_message(self) -> str:
-        return f"{self._done:,} {'file' if self._done == 1 else 'files'} written to {self._folder}."
+        return f"{self._done:,} {'file' if self._done == 1 else 'files'} written to {self.path.parent}."
 
     def stopped_message(self) -> str:
-        return f"The export was stopped. {self._done:,} of {self._total:,} files were written to {self._folder}."
+        return f"The export was stopped. {self._done:,} of {self._total:,} files were written to {self.path.parent}."
 
     def failed_message(self, reason: str) -> str:
         if not self._done:
             return reason
-        return f"{reason.rstrip('.')}; {self._done:,} of {self._total:,} files were written to {self._folder}."
-
-    def restore(self) -> None:
-        if self._export is not None:
-            self._export.restore()
-
-    @property
-    def _folder(self) -> Path:
-        return Path(bpy.path.abspath(self.filepath)).parent
-
-    def _frames(self, scene: bpy.types.Scene) -> list[float]:
-        if self.frames == "CURRENT":
-            return [raw_frame(scene)]
-        first, last = (self.first, self.last) if self.frames == "CUSTOM" else (scene.frame_start, scene.frame_end)
-        return [float(frame) for frame in range(first, last + 1)]
+        return f"{reason.rstrip('.')}; {self._done:,} of {self._total:,} files were written to {self.path.parent}."
 
 
-class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
+def _gaussians(visit: TimelineVisit, frame: float, turn: np.ndarray | None) -> GaussianArrays:
+    """Of a frame, placed and turned to the axes of the files; in the capture's own space, which mostly needs no other
+    frame to be shown, if nothing turns them.
+    """
+    from ..engine.playback.transform import transform
+
+    obj, scene = visit.found()
+    if turn is None and not playback.needs_evaluation(obj):
+        return playback.gaussians_at(obj, stretched(scene, frame))
+    obj, scene, evaluated = visit.evaluated_at(frame)
+    gaussians = playback.gaussians_at(obj, scene.frame_current_final, evaluated)
+    if turn is None:
+        return gaussians
+    try:
+        return transform(gaussians, turn @ np.array(evaluated.matrix_world))
+    except FrogError as error:
+        reason = str(error).rstrip(".")
+        raise FrogError(f"{obj.name}: {reason}, or be exported without Apply Transform.") from error
+
+
+class FROG_OT_export_scene(_ExportsCapture, bpy.types.Operator):
     """Copy the capture's .frog file to another location"""
 
     bl_idname = "export_scene.frog"
     bl_label = "Export FRoG Scene"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = UNDOABLE
+    export_menu = "FRoG Scene (.frog)"
 
     filename_ext = ".frog"
     filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
@@ -166,58 +220,104 @@ class FROG_OT_export_scene(bpy.types.Operator, ExportHelper):
         default=False,
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("Import or select a FRoG capture first.")
-        return active_capture(context) is not None
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        _suggest(self, context)
-        return super().invoke(context, event)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         from ..engine.io.atomic_files import write_atomically
 
-        obj, path = active_capture(context), Path(bpy.path.abspath(self.filepath))
+        obj, path = active_capture(context), self.path
         source = playback.file_of(obj)
+        playback.open_scene(source)  # a damaged file is not copied
+        if path.resolve() == source.resolve():
+            raise FrogError(f"{path}: {obj.name} already plays this file. Choose another location.")
         try:
-            playback.open_scene(source)  # a damaged file is not copied
-            if path.resolve() == source.resolve():
-                raise FrogError(f"{path}: {obj.name} already plays this file. Choose another location.")
-            try:
-                content = source.read_bytes()
-            except OSError as error:
-                raise FrogError(f"{source}: could not be read ({error.strerror or error}).") from error
-            write_atomically(path, content)
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+            content = source.read_bytes()
+        except OSError as error:
+            raise FrogError(f"{source}: could not be read ({error.strerror or error}).") from error
+        write_atomically(path, content)
         if self.use_copy:
             obj.frog.filepath = stored_path(path)
-        self.report({"INFO"}, f"Exported {path}.")
-        return {"FINISHED"}
+        return f"Exported {path}."
 
 
-def _suggest(operator: bpy.types.Operator, context: bpy.types.Context) -> None:
-    """Suggests a path next to the .frog file, with the same name."""
-    if not operator.filepath:
-        operator.filepath = str(named_file(active_capture(context)).with_suffix(operator.filename_ext))
+class _ExportsTake(_ExportsTimeline):
+    """Base of those that write the frames to one file that plays."""
+
+    use_sound: BoolProperty(
+        name="Sound",
+        description="Write the sound of the capture's videos, if one of them can be found that has any",
+        default=True,
+    )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        super().draw(context)
+        self.layout.prop(self, "use_sound")
+
+    def written(self, visit: TimelineVisit, frames: list[float]) -> Steps:
+        take = TimelineTake.of(visit, frames, placed=self.is_placed and self.apply_transform)
+        if self.use_sound:
+            take.sound = _sound(*visit.found(), take)
+        return self.take_written(take)
+
+    def take_written(self, take: TimelineTake) -> Steps:
+        """Writes the take; raises FrogError."""
+        raise NotImplementedError
+
+    def finished_message(self) -> str:
+        return f"{self._total:,} {'frame' if self._total == 1 else 'frames'} written to {self.path}."
+
+    def stopped_message(self) -> str:
+        return f"The export was stopped. {self.path} was not written."
 
 
-def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator(FROG_OT_export_frames.bl_idname, text="FRoG Frames (.ply, .spz, .glb)")
-    self.layout.operator(FROG_OT_export_scene.bl_idname, text="FRoG Scene (.frog)")
+def _sound(obj: bpy.types.Object, scene: bpy.types.Scene, take: TimelineTake) -> Sound | None:
+    """What is heard with a take; None for silence."""
+    from ..engine.interchange.take import sound_of
+
+    shown = frames_shown(obj, scene, [int(number) for number in take.numbers])
+    return sound_of(take.header, file_of(obj), shown, take.rate, has_sound)
 
 
-_CLASSES = (FROG_OT_export_frames, FROG_OT_export_scene)
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
+class FROG_OT_export_usd(_ExportsTake, bpy.types.Operator):
+    """Write a capture as animated USD, which Blender from 5.3 on and other programs play without FRoG. Press Esc or \
+the right mouse button to stop"""
+
+    bl_idname = "export_scene.frog_usd"
+    bl_label = "Export FRoG as USD"
+    export_menu = "FRoG as USD (.usdc)"
+
+    filename_ext = ".usdc"
+    filter_glob: StringProperty(default="*.usdc;*.usda;*.usd", options={"HIDDEN"})
+    full_precision: BoolProperty(
+        name="Single Precision",
+        description="Write single precision. Half precision, but for locations, makes the file almost half as large",
+        default=False,
+    )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        super().draw(context)
+        self.layout.prop(self, "full_precision")
+
+    def take_written(self, take: TimelineTake) -> Steps:
+        from ..engine.interchange.usd_export import write_usd
+
+        bpy.utils.expose_bundled_modules()  # Blender's own USD library, which the builds of Linux distributions lack
+        if find_spec("pxr") is None:
+            raise FrogError("This Blender's Python has no USD library (pxr); Blender from blender.org has one.")
+        return write_usd(self.path, take, full_precision=self.full_precision)
 
 
-def register() -> None:
-    _register_classes()
-    bpy.types.TOPBAR_MT_file_export.append(_menu)
+class FROG_OT_export_web_page(_ExportsTake, bpy.types.Operator):
+    """Write a capture as one web page that plays it in any browser, with sound and without a network. Press Esc or \
+the right mouse button to stop"""
 
+    bl_idname = "export_scene.frog_web_page"
+    bl_label = "Export FRoG as Web Page"
+    export_menu = "FRoG as Web Page (.html)"
 
-def unregister() -> None:
-    bpy.types.TOPBAR_MT_file_export.remove(_menu)
-    _unregister_classes()
+    filename_ext = ".html"
+    is_placed = False
+    filter_glob: StringProperty(default="*.html", options={"HIDDEN"})
+
+    def take_written(self, take: TimelineTake) -> Steps:
+        from ..engine.interchange.web_page.page import write_page
+
+        return write_page(self.path, take)

@@ -1,26 +1,107 @@
-"""File > Import > FRoG scene, and dropping a .frog file into the viewport."""
+"""File > Import > FRoG scene, and dropping a .frog file into the viewport; and what all importers have in common."""
 
 # mypy: disable-error-code="valid-type"
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, FloatProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper
 
 from ..engine.errors import FrogError
 from ..scene_import.camera_clips import clip_of
 from ..scene_import.capture_objects import cameras_of, select_capture
 from ..scene_import.create_objects import import_scene
-from .file_drop import DropsIntoViews, OpensDroppedFile
-from .set_up_scene import SetsUpScene
+from ..scene_import.scene_setup import is_untouched
+from .bases import UNDOABLE, FrogOperator
 
 
-class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
+class ImportsFiles(FrogOperator, ImportHelper):
+    """Base of importers: a dropped file needs no file browser, several can be selected, and two properties decide what
+    else of the scene changes.
+
+    Left alone these are on where the scene holds nothing of the user's, else off. They are not remembered from one
+    import to the next, because the next scene is another.
+    """
+
+    bl_options = UNDOABLE
+
+    # Blender fills them with what was dropped or chosen; its ``invoke_popup`` asks for ``files``.
+    directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
+    set_up_scene: BoolProperty(
+        name="Set Up Scene",
+        description="Use the capture's frame range, frame rate, image size, camera and background, and show its "
+        "colors unchanged (Standard view transform, no dithering). Enabled by default in a new file only",
+        default=True,
+        options={"SKIP_SAVE"},
+    )
+    use_frog_engine: BoolProperty(
+        name="Render with FRoG",
+        description="Make FRoG the scene's render engine, which draws the captures as they were trained, and show "
+        "rendered viewports. Enabled by default in a new file only",
+        default=True,
+        options={"SKIP_SAVE"},
+    )
+
+    _decided: Mapping[str, bool] = MappingProxyType({})
+    """What ``decide`` has set."""
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Shows the properties with this scene's defaults."""
+        self.decide(context.scene)
+        if self.filepath and Path(self.filepath).is_file():
+            return self.invoke_popup(context)
+        return super().invoke(context, event)
+
+    def paths(self) -> list[Path]:
+        """All files that were dropped, selected or named."""
+        folder = Path(bpy.path.abspath(self.directory))
+        several = [folder / file.name for file in self.files if file.name]
+        return several if len(several) > 1 else [Path(bpy.path.abspath(self.filepath))]
+
+    def decide(self: Any, scene: bpy.types.Scene) -> bool:
+        """Sets both properties, unless they were given. Returns whether the settings stay unchanged by default."""
+        given, untouched = self.properties.is_property_set, is_untouched(scene)
+        left_alone = not given("set_up_scene") and not untouched
+        decided = dict(self._decided)
+        if not given("set_up_scene"):
+            self.set_up_scene = decided["set_up_scene"] = untouched
+        if not given("use_frog_engine"):
+            self.use_frog_engine = decided["use_frog_engine"] = untouched or self.set_up_scene
+        self._decided = decided
+        return left_alone
+
+    def wanted(self: Any, scene: bpy.types.Scene) -> tuple[bool, bool]:
+        """Both properties, long after ``decide``: on only where the user chose so, or where the scene still holds
+        nothing of the user's.
+        """
+        untouched = is_untouched(scene)
+
+        def is_chosen(name: str) -> bool:
+            return getattr(self, name) != self._decided.get(name)
+
+        sets_up = self.set_up_scene and (untouched or is_chosen("set_up_scene"))
+        return sets_up, self.use_frog_engine and (untouched or sets_up or is_chosen("use_frog_engine"))
+
+
+class DropsIntoViews:
+    """Base of file handlers: files can be dropped into viewports and outliners."""
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        return context.area is not None and context.area.type in {"VIEW_3D", "OUTLINER"}
+
+
+class FROG_OT_import_scene(ImportsFiles, bpy.types.Operator):
     """Import a trained FRoG scene: its Gaussians, its cameras and its frame range"""
 
     bl_idname = "import_scene.frog"
     bl_label = "Import FRoG Scene"
-    bl_options = {"REGISTER", "UNDO"}
+    import_menu = "FRoG Scene (.frog)"
 
     filename_ext = ".frog"
     filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
@@ -36,31 +117,37 @@ class FROG_OT_import_scene(SetsUpScene, OpensDroppedFile, bpy.types.Operator):
         default=True,
     )
 
-    def open_file(self, context: bpy.types.Context) -> set[str]:
-        path = Path(bpy.path.abspath(self.filepath))
-        left_alone = self.decide(context.scene)
-        try:
-            point_cloud = import_scene(
-                path,
-                context.scene,
-                start_frame=self.start_frame,
-                set_up_scene=self.set_up_scene,
-                use_frog_engine=self.use_frog_engine,
-                show_clips=self.show_clips,
-            )
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+    def act(self, context: bpy.types.Context) -> str:
+        """Opens every file; one that cannot be opened does not stop the others. The first one sets up the scene."""
+        left_alone, sets_up = self.decide(context.scene), self.set_up_scene
+        paths, errors = self.paths(), []
+        for path in paths:
+            try:
+                self._open(context, path, sets_up)
+                sets_up = False
+            except FrogError as error:
+                errors.append(error)
+        if len(errors) == len(paths):
+            raise FrogError("\n".join(map(str, errors)))
+        for problem in errors:
+            self.report({"ERROR"}, str(problem))
+        if not left_alone:
+            return ""
+        return "The scene's settings were not changed. Use Set Up Scene in the FRoG tab to apply the capture's."
+
+    def _open(self, context: bpy.types.Context, path: Path, sets_up: bool) -> None:
+        point_cloud = import_scene(
+            path,
+            context.scene,
+            start_frame=self.start_frame,
+            set_up_scene=sets_up,
+            use_frog_engine=self.use_frog_engine,
+            show_clips=self.show_clips,
+        )
         select_capture(context, point_cloud)
         cameras = cameras_of(point_cloud)
         if self.show_clips and cameras and not any(clip_of(camera) for camera in cameras):
             self.report({"INFO"}, "The capture's videos were not found. Use Show Clips in the FRoG tab to locate them.")
-        if left_alone:
-            self.report(
-                {"INFO"},
-                "The scene's settings were not changed. Use Set Up Scene in the FRoG tab to apply the capture's.",
-            )
-        return {"FINISHED"}
 
 
 class FROG_FH_scene(DropsIntoViews, bpy.types.FileHandler):
@@ -70,21 +157,3 @@ class FROG_FH_scene(DropsIntoViews, bpy.types.FileHandler):
     bl_label = "FRoG Scene"
     bl_import_operator = "import_scene.frog"
     bl_file_extensions = ".frog"
-
-
-def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator(FROG_OT_import_scene.bl_idname, text="FRoG Scene (.frog)")
-
-
-_CLASSES = (FROG_OT_import_scene, FROG_FH_scene)
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
-
-
-def register() -> None:
-    _register_classes()
-    bpy.types.TOPBAR_MT_file_import.append(_menu)
-
-
-def unregister() -> None:
-    bpy.types.TOPBAR_MT_file_import.remove(_menu)
-    _unregister_classes()

@@ -20,10 +20,8 @@ from ..scene_import.capture_objects import finder, root_of, select_capture
 from ..scene_import.create_objects import import_scene
 from ..tasks.foreign_import import Converter, ForeignImport, Importing
 from ..timeline.retiming import frame_rate
-from .file_drop import DropsIntoViews, OpensDroppedFile
-from .foreign_formats import expose_usd
-from .modal_operator import ModalOperator
-from .set_up_scene import SetsUpScene
+from .import_frog import DropsIntoViews, ImportsFiles
+from .modal_operator import ModalOperator, Steps
 
 if TYPE_CHECKING:
     from ..engine.interchange.frame_source import Imported
@@ -34,13 +32,13 @@ _TURN = "rotate its empty by -90 degrees about the global X axis, around the wor
 """What Y Down to Z Up does."""
 
 
-class FROG_OT_import_splats(SetsUpScene, OpensDroppedFile, ModalOperator, bpy.types.Operator):
+class FROG_OT_import_splats(ImportsFiles, ModalOperator, bpy.types.Operator):
     """Import another program's Gaussians as a capture: one time of them, or a sequence that plays. They are converted \
 to a .frog file"""
 
     bl_idname = "import_scene.frog_splats"
     bl_label = "Import 3DGS Splats"
-    bl_options = {"REGISTER", "UNDO"}
+    import_menu = "Splats (.ply, .spz, .glb, .splat, .usd)"
 
     filename_ext = ".ply"
     filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
@@ -72,14 +70,12 @@ to a .frog file"""
     at_once = 0.5
     timer_seconds = 0.1
     is_beside = True
-    is_interactive = False  # by a user, in a window
     said = ""  # of the last file
     _written: Path | None = None  # and not added yet
 
     @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        cls.poll_message_set(ForeignImport.busy)
-        return not ForeignImport.is_busy()
+    def problem(cls, _context: bpy.types.Context) -> str:
+        return ForeignImport.busy if ForeignImport.is_busy() else ""
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self.is_interactive = True
@@ -93,25 +89,21 @@ to a .frog file"""
             found.setdefault(path.parent if is_frame else path, path)
         return list(found.values())
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def begin(self, context: bpy.types.Context) -> tuple[Steps, int]:
         """Converts beside the main thread, and adds each capture when it is there. In a window that takes longer than
         a moment the user goes on working meanwhile.
         """
-        paths = self.paths() or [Path(bpy.path.abspath(self.filepath))]
+        paths = self.paths()
         self.decide(context.scene)
-        expose_usd()
-        steps, total = self._steps_of(context, paths), _PARTS * len(paths)
-        in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
-        if not (in_steps and self.has_window(context)):
-            return self.run_all_steps(context, steps, total)
-        return self.run_in_window(context, steps, total)
+        bpy.utils.expose_bundled_modules()  # Blender's own USD library, if it has one
+        return self._steps_of(context, paths), _PARTS * len(paths)
 
     @property
     def is_waiting(self) -> bool:
         """Whether it has changed nothing in the file yet."""
         return not self.has_changed_file
 
-    def _steps_of(self, context: bpy.types.Context, paths: list[Path]) -> Generator[int, None, None]:
+    def _steps_of(self, context: bpy.types.Context, paths: list[Path]) -> Steps:
         """Imports every file; one that cannot be imported does not stop the others. The first one sets up the scene."""
         find, rate = finder(context.scene), frame_rate(context.scene)
         errors, self.said = [], ""
@@ -216,21 +208,3 @@ class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
     bl_label = "3DGS Splats (FRoG)"
     bl_import_operator = "import_scene.frog_splats"
     bl_file_extensions = ";".join(SUFFIXES)
-
-
-def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator(FROG_OT_import_splats.bl_idname, text="Splats (.ply, .spz, .glb, .splat, .usd)")
-
-
-_CLASSES = (FROG_OT_import_splats, FROG_FH_splats)
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
-
-
-def register() -> None:
-    _register_classes()
-    bpy.types.TOPBAR_MT_file_import.append(_menu)
-
-
-def unregister() -> None:
-    bpy.types.TOPBAR_MT_file_import.remove(_menu)
-    _unregister_classes()

@@ -27,22 +27,23 @@ from ..tasks.packages import (
 )
 from ..tasks.training import TrainingTask
 from ..ui import torch_environment
-from .cancel_operator import CancelsTask
+from .bases import CancelOperator, FrogOperator
 
 BUILDS = {CPU: "CPU only", CUDA: "NVIDIA GPU (CUDA)"}
 """Builds of torch, in words."""
 
 
-def may_download(operator: type[bpy.types.Operator]) -> bool:
-    """Whether the user allows downloads and none is running; otherwise it says why not."""
-    if not bpy.app.online_access:
-        operator.poll_message_set("Enable Online Access in Preferences > System first.")
-        return False
-    operator.poll_message_set("An installation is already running.")
-    return not PipTask.is_any_running()
+class _Downloads(FrogOperator):
+    """Base of operators that download, where the user allows it."""
+
+    @classmethod
+    def problem(cls, _context: bpy.types.Context) -> str:
+        if not bpy.app.online_access:
+            return "Enable Online Access in Preferences > System first."
+        return "An installation is already running." if PipTask.is_any_running() else ""
 
 
-class FROG_OT_install_torch(bpy.types.Operator):
+class FROG_OT_install_torch(_Downloads, bpy.types.Operator):
     """Download torch, OpenCV and pycolmap into a separate folder. Blender itself is not changed"""
 
     bl_idname = "frog.install_torch"
@@ -64,10 +65,6 @@ class FROG_OT_install_torch(bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
 
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        return may_download(cls)
-
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("build"):
             self.build = suitable_build()
@@ -88,108 +85,80 @@ class FROG_OT_install_torch(bpy.types.Operator):
             layout.prop(self, "index")
         layout.label(text=f"OpenCV and pycolmap {PYCOLMAP} come with it.")
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> str:
         index = self.index.strip() or torch_environment.package_index()
-        try:
-            if index_needed(self.build) and not index:
-                raise FrogError(f"{index_needed(self.build)} Nothing was downloaded.")
-            # Besides pip's own, which alone has the other packages.
-            arguments = ["--extra-index-url", index] if index else []
-            is_chosen = self.properties.is_property_set("build")  # else it depends on the index
-            installation.begin(arguments, torch_environment.use_installation, build=self.build if is_chosen else CPU)
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        if index_needed(self.build) and not index:
+            raise FrogError(f"{index_needed(self.build)} Nothing was downloaded.")
+        # Besides pip's own, which alone has the other packages.
+        arguments = ["--extra-index-url", index] if index else []
+        is_chosen = self.properties.is_property_set("build")  # else it depends on the index
+        installation.begin(arguments, torch_environment.use_installation, build=self.build if is_chosen else CPU)
+        return ""
 
 
-class FROG_OT_remove_torch(bpy.types.Operator):
+class FROG_OT_remove_torch(FrogOperator, bpy.types.Operator):
     """Remove what Install torch downloaded. Training needs it again; playing and rendering do not"""
 
     bl_idname = "frog.remove_torch"
     bl_label = "Remove torch"
 
     @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        cls.poll_message_set("Install torch has installed nothing here.")
+    def problem(cls, _context: bpy.types.Context) -> str:
         if installed(installation.folder()) is None:
-            return False
-        cls.poll_message_set("Wait until the training or the installation has ended.")
-        return not PipTask.is_any_running() and not TrainingTask.is_any_running()
+            return "Install torch has installed nothing here."
+        is_busy = PipTask.is_any_running() or TrainingTask.is_any_running()
+        return "Wait until the training or the installation has ended." if is_busy else ""
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_confirm(self, event, title="Remove torch", confirm_text="Remove")
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> str:
         is_gone = remove(installation.folder())
         torch_environment.forget_installation()
-        if not is_gone:
-            self.report({"INFO"}, "torch is in use. It is removed when Blender starts the next time.")
-        return {"FINISHED"}
+        return "" if is_gone else "torch is in use. It is removed when Blender starts the next time."
 
 
-class FROG_OT_install_calibration(bpy.types.Operator):
+class FROG_OT_install_calibration(_Downloads, bpy.types.Operator):
     """Download pycolmap and OpenCV, which calibration needs, into a separate folder. Blender itself is not changed"""
 
     bl_idname = "frog.install_calibration"
     bl_label = "Install pycolmap"
 
     @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        cls.poll_message_set("There is no pycolmap for this kind of computer.")
-        return has_pycolmap_wheel() and may_download(cls)
+    def problem(cls, context: bpy.types.Context) -> str:
+        return super().problem(context) if has_pycolmap_wheel() else "There is no pycolmap for this kind of computer."
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         text = f"This downloads pycolmap {PYCOLMAP} and OpenCV, {CALIBRATION_SIZES}."
         return context.window_manager.invoke_confirm(self, event, title="Install pycolmap", message=text)
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        try:  # from pip's own index: PyTorch's has no pycolmap
-            installation.begin_calibration([], torch_environment.add_folder)
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+    def act(self, _context: bpy.types.Context) -> str:
+        # From pip's own index: PyTorch's has no pycolmap.
+        installation.begin_calibration([], torch_environment.add_folder)
+        return ""
 
 
-class FROG_OT_fetch_landmarks(bpy.types.Operator):
+class FROG_OT_fetch_landmarks(_Downloads, bpy.types.Operator):
     """Download the file that finds a person's joints, by which cameras that stand far apart can be calibrated"""
 
     bl_idname = "frog.fetch_landmarks"
     bl_label = "Fetch Landmark File"
 
     @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        cls.poll_message_set("The landmark file is there.")
-        return landmark_file() is None and may_download(cls)
+    def problem(cls, context: bpy.types.Context) -> str:
+        return super().problem(context) if landmark_file() is None else "The landmark file is there."
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         text = f"This downloads {LICENSE}: {LANDMARK_SIZES}."
         return context.window_manager.invoke_confirm(self, event, title="Fetch Landmark File", message=text)
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        try:
-            LandmarkDownload().begin()
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+    def act(self, _context: bpy.types.Context) -> str:
+        LandmarkDownload().begin()
+        return ""
 
 
-class FROG_OT_cancel_installation(CancelsTask, bpy.types.Operator):
+class FROG_OT_cancel_installation(CancelOperator, bpy.types.Operator):
     """Stop the download and discard what was downloaded so far"""
 
     bl_idname = "frog.cancel_installation"
-    bl_label = "Cancel"
-
     kind = PipTask
-
-
-_CLASSES = (
-    FROG_OT_install_torch,
-    FROG_OT_remove_torch,
-    FROG_OT_install_calibration,
-    FROG_OT_fetch_landmarks,
-    FROG_OT_cancel_installation,
-)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

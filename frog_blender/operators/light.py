@@ -8,21 +8,22 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty
 
-from ..engine.errors import FrogError
 from ..lighting import world
 from ..lighting.captured_light import WIDTH, light_by
 from ..scene_import.capture_objects import active_capture
+from .bases import UNDOABLE, FrogOperator
 
 _WIDTHS = ("128", "256", "512", "1024", "2048", "4096")
 
 
-class FROG_OT_light_objects(bpy.types.Operator):
+class FROG_OT_light_objects(FrogOperator, bpy.types.Operator):
     """Light the objects of this scene with what the capture shows at the current frame. Cameras see the world as \
 before. Press again after changes to take the light anew"""
 
     bl_idname = "frog.light_objects"
     bl_label = "Light Objects by This Capture"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = UNDOABLE
+    needs_capture = True
 
     place: EnumProperty(
         name="Taken From",
@@ -40,40 +41,25 @@ before. Press again after changes to take the light anew"""
         default=str(WIDTH),
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("Select one of the scene's captures first.")
-        return active_capture(context) is not None
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         scene = world.lit_scene(context.scene)
         place = np.array(context.scene.cursor.location, np.float64) if self.place == "CURSOR" else None
-        try:
-            light_by(active_capture(context), context, place, int(self.width))
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        self.report({"INFO"}, f"The objects of {scene.name} are lit by frame {context.scene.frame_current}.")
-        return {"FINISHED"}
+        light_by(active_capture(context), context, place, int(self.width))
+        return f"The objects of {scene.name} are lit by frame {context.scene.frame_current}."
 
 
-class FROG_OT_use_own_world(bpy.types.Operator):
+class FROG_OT_use_own_world(FrogOperator, bpy.types.Operator):
     """Light the objects of this scene with its own world again. What else was changed in the world while it was lit \
 stays in the lit one, which the .blend then keeps"""
 
     bl_idname = "frog.use_own_world"
     bl_label = "Use My Own World"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = UNDOABLE
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("The scene has its own world.")
-        return world.is_lit(world.lit_scene(context.scene))
+    def problem(cls, context: bpy.types.Context) -> str:
+        return "" if world.is_lit(world.lit_scene(context.scene)) else "The scene has its own world."
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         world.restore(world.lit_scene(context.scene))
-        return {"FINISHED"}
-
-
-_CLASSES = (FROG_OT_light_objects, FROG_OT_use_own_world)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)
+        return ""

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,8 @@ from ..lighting import proxy
 from ..render.compositing import scenes
 from ..scene_import.capture_objects import active_capture
 from ..timeline import playback, retiming
-from .modal_operator import ModalOperator
+from .bases import no_own_capture
+from .modal_operator import ModalOperator, Steps
 from .timeline_visit import TimelineVisit
 
 if TYPE_CHECKING:
@@ -66,68 +66,50 @@ other edits count; after another edit or another timing, make it again. Press Es
 
     doing = "Making the proxy mesh: step {done:,} of {total:,}"
     slice_seconds = 0.03
-    is_interactive = False  # by a user, who was asked for the settings
     _visit: TimelineVisit | None = None
     _told = ""
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("Select a capture of this file first.")
-        obj = active_capture(context)
-        return obj is not None and obj.library is None
+    def problem(cls, context: bpy.types.Context) -> str:
+        return no_own_capture(context)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         self.is_interactive = True
         return context.window_manager.invoke_props_dialog(self, title="Make Proxy Mesh")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def begin(self, context: bpy.types.Context) -> tuple[Steps, int]:
         from ..engine.surfaces.proxy import steps_of
 
-        in_steps, self.is_interactive = self.is_interactive, False
         obj, scene = active_capture(context), context.scene
         numbers = list(range(scene.frame_start, scene.frame_end + 1))
         if self.frames == "CURRENT":
             numbers = [scene.frame_current]
         numbers = [number for number in numbers if retiming.is_shown(obj, retiming.stretched(scene, number))]
         if not numbers:
-            self.report({"ERROR"}, f"{obj.name}: it is in none of these frames, as Limit in its timing says.")
-            return {"CANCELLED"}
-        try:
-            playing = playback.scene_time(obj, retiming.stretched(scene, numbers[0])).scene
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+            raise FrogError(f"{obj.name}: it is in none of these frames, as Limit in its timing says.")
+        playing = playback.scene_time(obj, retiming.stretched(scene, numbers[0])).scene
         if not playing.source.changing and not playback.needs_evaluation(obj):
             numbers = numbers[:1]
-        self._visit = TimelineVisit.of(context, obj, obj.name)
-        steps = self._made(numbers, playing.keeps_identity)
-        run = self.run_in_window if in_steps and self.has_window(context) else self.run_all_steps
-        return run(context, steps, steps_of(len(numbers)))
+        self._visit = TimelineVisit.of(context, obj)
+        return self._made(self._visit, numbers, playing.keeps_identity), steps_of(len(numbers))
 
-    def _made(self, numbers: list[int], keeps_identity: bool) -> Generator[int, None, None]:
+    def _made(self, visit: TimelineVisit, numbers: list[int], keeps_identity: bool) -> Steps:
         from ..engine.surfaces.proxy import make_proxy
 
-        assert self._visit is not None
-        obj, _ = self._visit.found()
+        obj, _ = visit.found()
         cameras = playback.open_scene(playback.file_of(obj)).header.cameras
-        frames = [partial(self._gaussians_at, number) for number in numbers]
+        frames = [partial(_gaussians_at, visit, number) for number in numbers]
         made = yield from make_proxy(frames, cameras, self.resolution, keeps_identity=keeps_identity)
-        obj, scene = self._visit.found()
+        obj, scene = visit.found()
         proxy.place(obj, scene, made, numbers[0], self.use)
         scenes.follow_all()  # which sees what catches shadows
         quads = len(made.still.quads), [len(mesh.quads) for mesh in made.moving]
         moving = f", and {max(quads[1]):,} at most in {len(quads[1]):,} frames of what moves" if quads[1] else ""
         self._told = f"The proxy mesh has {quads[0]:,} faces{moving}; its detail is {made.voxel:.3g}."
 
-    def _gaussians_at(self, number: int) -> NumpyGaussians:
-        """In the capture's own space."""
-        assert self._visit is not None
-        obj, scene, evaluated = self._visit.evaluated_at(number)
-        return playback.gaussians_at(obj, scene.frame_current_final, evaluated)
-
     def restore(self) -> None:
-        assert self._visit is not None
-        self._visit.restore()
+        if self._visit is not None:
+            self._visit.restore()
 
     def finished_message(self) -> str:
         return self._told
@@ -136,4 +118,7 @@ other edits count; after another edit or another timing, make it again. Press Es
         return "The proxy mesh was stopped. Nothing was changed."
 
 
-register, unregister = bpy.utils.register_classes_factory((FROG_OT_make_proxy,))
+def _gaussians_at(visit: TimelineVisit, number: int) -> NumpyGaussians:
+    """In the capture's own space."""
+    obj, scene, evaluated = visit.evaluated_at(number)
+    return playback.gaussians_at(obj, scene.frame_current_final, evaluated)

@@ -6,18 +6,22 @@ import sys
 import time
 import traceback
 from collections.abc import Generator
-from typing import Any
+from typing import Any, TypeAlias
 
 import bpy
 
 from ..engine.errors import FrogError
+from .bases import FrogOperator
+
+Steps: TypeAlias = Generator[int, None, None]
+"""Yields the number of steps done."""
 
 
-class ModalOperator:
-    """A base next to ``bpy.types.Operator``; ``execute`` ends with ``run_all_steps`` or ``run_in_window``.
+class ModalOperator(FrogOperator):
+    """A base next to ``bpy.types.Operator``: ``begin`` says which steps there are.
 
-    The steps are a generator that yields the number of steps done. An exception ends the operator with a message.
-    Between two steps anything may happen to the file, so a step must not keep references to its objects.
+    An exception of a step ends the operator with a message. Between two steps anything may happen to the file, so a
+    step must not keep references to its objects.
     """
 
     doing = "Working: {done:,} of {total:,}"
@@ -27,27 +31,46 @@ class ModalOperator:
     """Seconds of work before the user goes on."""
     slice_seconds = 0.0
     """Seconds of work between two checks of the keyboard, at least one step."""
-
     timer_seconds = 0.01
     """Between two steps in a window, or groups of steps."""
     is_beside = False
     """Whether the user works meanwhile: the cursor stays as it is then."""
+    is_interactive = False
+    """Whether a user asked for it, not a script: several steps are then done while Blender stays responsive."""
     has_changed_file = False
     """Set by a step after which the operator ends as finished, whatever ends it: so there is an undo step for it."""
 
-    _steps: Generator[int, None, None] | None = None
+    _steps: Steps | None = None
     timer: Any = None  # Any: of Blender; None while no window waits for the next step
     _done = 0
     _total = 0
     _has_cursor = False  # whether the cursor shows the progress
     _workspaces: frozenset[int] = frozenset()  # session_uids of those that show a text
 
+    def begin(self, context: bpy.types.Context) -> tuple[Steps, int]:
+        """The steps, and how many there are; FrogError where nothing can be begun."""
+        raise NotImplementedError
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        in_steps, self.is_interactive = self.is_interactive, False  # a repeated operator runs to its end
+        try:
+            steps, total = self.begin(context)
+        except FrogError as error:
+            return self.failed(error)
+        return self.run_steps(context, steps, total, in_steps=in_steps)
+
+    def run_steps(self, context: bpy.types.Context, steps: Steps, total: int, *, in_steps: bool) -> set[str]:
+        """Runs the steps: one by one in a window if so asked, or all of them now."""
+        if in_steps and total > 1 and self.has_window(context):
+            return self.run_in_window(context, steps, total)
+        return self.run_all_steps(context, steps, total)
+
     @staticmethod
     def has_window(context: bpy.types.Context) -> bool:
         """Whether there is a window to show progress in, whose timers fire."""
         return context.window is not None and not bpy.app.background
 
-    def run_all_steps(self, context: bpy.types.Context, steps: Generator[int, None, None], total: int) -> set[str]:
+    def run_all_steps(self, context: bpy.types.Context, steps: Steps, total: int) -> set[str]:
         """Runs all steps now."""
         self._begin(context, steps, total, with_cursor=True)
         try:
@@ -57,7 +80,7 @@ class ModalOperator:
             self._clean_up(context)
         return ended
 
-    def run_in_window(self, context: bpy.types.Context, steps: Generator[int, None, None], total: int) -> set[str]:
+    def run_in_window(self, context: bpy.types.Context, steps: Steps, total: int) -> set[str]:
         """Runs the steps from a timer, after those that ``at_once`` suffices for."""
         self._begin(context, steps, total, with_cursor=not self.is_beside)
         deadline = time.perf_counter() + self.at_once
@@ -103,9 +126,7 @@ class ModalOperator:
     def restore(self) -> None:
         """Restore what the steps changed; not called when the file is closed."""
 
-    def _begin(
-        self, context: bpy.types.Context, steps: Generator[int, None, None], total: int, *, with_cursor: bool
-    ) -> None:
+    def _begin(self, context: bpy.types.Context, steps: Steps, total: int, *, with_cursor: bool) -> None:
         self._steps, self._done, self._total = steps, 0, total
         self._has_cursor, self.has_changed_file = with_cursor, False
         if with_cursor:
@@ -116,11 +137,11 @@ class ModalOperator:
         assert self._steps is not None
         try:
             done = next(self._steps, None)
-        except FrogError as error:
-            return self.end(context, "ERROR", self.failed_message(str(error)), self._unfinished())
         except Exception as error:
-            traceback.print_exc(file=sys.stderr)
-            reason = f"Stopped on an unexpected {type(error).__name__}: {error}."
+            reason = str(error)
+            if not isinstance(error, FrogError):
+                traceback.print_exc(file=sys.stderr)
+                reason = f"Stopped on an unexpected {type(error).__name__}: {error}."
             return self.end(context, "ERROR", self.failed_message(reason), self._unfinished())
         if done is None:
             return self.end(context, "INFO", self.finished_message(), {"FINISHED"})
@@ -144,7 +165,7 @@ class ModalOperator:
         """Cleans up, reports and gives Blender the result."""
         self._clean_up(context)
         self.restore()
-        self.report({kind}, sentence)  # type: ignore[attr-defined]
+        self.report({kind}, sentence)
         return result
 
     def _clean_up(self, context: bpy.types.Context) -> None:

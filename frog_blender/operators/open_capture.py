@@ -2,7 +2,6 @@
 
 # mypy: disable-error-code="valid-type"
 
-from collections.abc import Callable, Generator
 from pathlib import Path
 
 import bpy
@@ -10,9 +9,11 @@ from bpy.props import BoolProperty, CollectionProperty, StringProperty
 
 from ..engine.capture.video import VIDEO_SUFFIXES
 from ..engine.errors import FrogError
+from ..scene_import.capture_objects import find_by_uid
 from ..ui import capture_reading
 from ..ui.sidebar_panel import show_tab
-from .modal_operator import ModalOperator
+from .bases import UNDOABLE
+from .modal_operator import ModalOperator, Steps
 
 _WAIT = 0.01  # seconds: shorter than what anybody notices
 
@@ -28,13 +29,16 @@ class OpensCapture(ModalOperator):
     at_once = 0.03  # seconds: for a folder whose films are long, of which nothing is decoded
     _said = ""
 
-    def open(self, context: bpy.types.Context, find: Callable[[], Path]) -> set[str]:
-        """Opens the folder that ``find`` returns; it may raise FrogError."""
-        run = self.run_in_window if self.has_window(context) else self.run_all_steps
-        return run(context, self._steps_of(find, context.scene.session_uid), 1)
+    def folder(self) -> Path:
+        """The folder that is opened; FrogError if there is none."""
+        raise NotImplementedError
 
-    def _steps_of(self, find: Callable[[], Path], uid: int) -> Generator[int, None, None]:
-        folder = find()
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        run = self.run_in_window if self.has_window(context) else self.run_all_steps
+        return run(context, self._reading(context.scene.session_uid), 1)
+
+    def _reading(self, uid: int) -> Steps:
+        folder = self.folder()
         reading = capture_reading.begin(str(folder))
         while reading.is_running:
             reading.join(_WAIT if self.timer is None else 0.0)
@@ -44,7 +48,7 @@ class OpensCapture(ModalOperator):
         summary = reading.result
         if summary.error:
             raise FrogError(summary.error)
-        scene = next((scene for scene in bpy.data.scenes if scene.session_uid == uid), None)
+        scene = find_by_uid(bpy.data.scenes, uid)
         if scene is None:
             raise FrogError(f"{folder}: the scene that it was chosen for is not there any more.")
         capture_reading.choose(scene, str(folder), summary)
@@ -69,9 +73,8 @@ class FROG_OT_drop_videos(OpensCapture, bpy.types.Operator):
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        videos = [Path(self.directory) / file.name for file in self.files]
-        return self.open(context, lambda: capture_of(videos))
+    def folder(self) -> Path:
+        return capture_of([Path(self.directory) / file.name for file in self.files])
 
 
 class FROG_FH_videos(bpy.types.FileHandler):
@@ -92,7 +95,8 @@ class FROG_OT_import_capture(OpensCapture, bpy.types.Operator):
 
     bl_idname = "import_scene.frog_capture"
     bl_label = "Open FRoG Capture"
-    bl_options = {"REGISTER", "UNDO"}
+    import_menu = "FRoG Capture (folder)"
+    bl_options = UNDOABLE
 
     directory: StringProperty(
         name="Capture",
@@ -107,8 +111,8 @@ class FROG_OT_import_capture(OpensCapture, bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        return self.open(context, lambda: Path(bpy.path.abspath(self.directory)))
+    def folder(self) -> Path:
+        return Path(bpy.path.abspath(self.directory))
 
 
 def capture_of(videos: list[Path]) -> Path:
@@ -131,21 +135,3 @@ def _show_panel(context: bpy.types.Context) -> None:
     area.spaces.active.show_region_ui = True
     if not bpy.app.background:
         show_tab(area)
-
-
-def _menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator(FROG_OT_import_capture.bl_idname, text="FRoG Capture (folder)")
-
-
-_CLASSES = (FROG_OT_drop_videos, FROG_FH_videos, FROG_OT_import_capture)
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
-
-
-def register() -> None:
-    _register_classes()
-    bpy.types.TOPBAR_MT_file_import.append(_menu)
-
-
-def unregister() -> None:
-    bpy.types.TOPBAR_MT_file_import.remove(_menu)
-    _unregister_classes()

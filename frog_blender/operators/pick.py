@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import bpy
 import numpy as np
@@ -19,6 +18,7 @@ from ..render.collect_instances import placed, visible_captures
 from ..render.viewport import focal_ratio
 from ..scene_import.capture_objects import select_capture, select_only
 from ..timeline import playback
+from .bases import FrogOperator
 
 _REACH = 2  # pixels on each side of the mouse
 _SEEN = 0.5  # alpha from which splats are what is seen there
@@ -37,6 +37,8 @@ class Hit:
 
 def splats_at(context: bpy.types.Context, x: int, y: int) -> Hit | None:
     """The nearest capture that is seen at a pixel of the context's region, from its lower left corner."""
+    from ..engine.playback.render import draw
+
     region, view, space = context.region, context.region_data, context.space_data
     if not (0 <= x < region.width and 0 <= y < region.height):
         return None
@@ -50,18 +52,12 @@ def splats_at(context: bpy.types.Context, x: int, y: int) -> Hit | None:
     for obj, evaluated, matrix in visible_captures(depsgraph, space):
         try:
             shown = playback.displayed(obj, depsgraph.scene.frame_current_final, evaluated)
-            found = _drawn(placed(shown.gaussians(), matrix, obj.name), camera, options)
+            drawn = draw(placed(shown.gaussians(), matrix, obj.name), camera, options=options)
         except FrogError:  # which viewports and the panel tell
             continue
-        if found.alpha.mean() >= _SEEN and np.isfinite(found.median_z).any():
-            hits.append(Hit(obj, matrix, float(np.nanmedian(found.median_z))))
+        if drawn.alpha.mean() >= _SEEN and np.isfinite(drawn.median_z).any():
+            hits.append(Hit(obj, matrix, float(np.nanmedian(drawn.median_z))))
     return min(hits, key=lambda hit: hit.depth, default=None)
-
-
-def _drawn(gaussians: Any, camera: Any, options: RasterizeOptions) -> Any:
-    from ..engine.playback.render import draw
-
-    return draw(gaussians, camera, options=options)
 
 
 def is_hidden(context: bpy.types.Context, hit: Hit, x: int, y: int) -> bool:
@@ -99,7 +95,7 @@ def _instancer(context: bpy.types.Context, hit: Hit) -> bpy.types.Object | None:
     return None
 
 
-class FROG_OT_pick(bpy.types.Operator):
+class FROG_OT_pick(FrogOperator, bpy.types.Operator):
     """Select the capture whose splats are under the mouse"""
 
     bl_idname = "frog.pick"
@@ -107,13 +103,10 @@ class FROG_OT_pick(bpy.types.Operator):
     bl_options = {"UNDO", "INTERNAL"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return (
-            context.mode == "OBJECT"
-            and context.region_data is not None
-            and context.region.type == "WINDOW"
-            and bool(playback.captures_in(context.scene))
-        )
+    def problem(cls, context: bpy.types.Context) -> str:
+        is_viewport = context.region_data is not None and context.region.type == "WINDOW"
+        can_pick = context.mode == "OBJECT" and is_viewport and playback.captures_in(context.scene)
+        return "" if can_pick else "Only among captures, in a viewport in Object Mode."
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.type != f"{_select_button()}MOUSE":
@@ -159,8 +152,8 @@ class PickKeys:
         self.items: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
 
 
-def register() -> None:
-    bpy.utils.register_class(FROG_OT_pick)
+def on_register() -> None:
+    """See ``operators``."""
     keys = bpy.context.window_manager.keyconfigs.addon
     if keys is None:  # without a window
         return
@@ -171,9 +164,9 @@ def register() -> None:
             items.append((keymap, keymap.keymap_items.new(FROG_OT_pick.bl_idname, button, value, shift=shift)))
 
 
-def unregister() -> None:
+def on_unregister() -> None:
+    """See ``operators``."""
     items = addon_state.get(PickKeys).items
     for keymap, item in items:
         keymap.keymap_items.remove(item)
     items.clear()
-    bpy.utils.unregister_class(FROG_OT_pick)

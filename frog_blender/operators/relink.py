@@ -14,6 +14,7 @@ from ..engine.errors import FrogError
 from ..relative_paths import library_of
 from ..scene_import.capture_objects import named_or_active_capture, stored_path
 from ..timeline import playback
+from .bases import UNDOABLE, FrogOperator
 
 
 def relink(obj: bpy.types.Object, path: Path, *, also_others: bool) -> list[bpy.types.Object]:
@@ -27,20 +28,17 @@ def relink(obj: bpy.types.Object, path: Path, *, also_others: bool) -> list[bpy.
     if library is not None:
         raise FrogError(f"{obj.name}: it is linked from {bpy.path.abspath(library.filepath)}. Find its file there.")
     playback.open_scene(path)
-    lost, found = playback.file_of(obj), [obj]
-    others = [other for other in playback.captures(bpy.data.objects) if other != obj and library_of(other) is None]
-    changes = {obj: path}
-    for other in others if also_others else ():
+    lost, changes = playback.file_of(obj), {obj: path}
+    for other in playback.captures(bpy.data.objects) if also_others else ():
         file = playback.file_of(other)
-        if file.is_file():
+        if other == obj or library_of(other) is not None or file.is_file():
             continue
         there = path if file == lost else path.parent / file.name
         if there.is_file() and _plays(there):
             changes[other] = there
-            found.append(other)
     for capture, file in changes.items():
         capture.frog.filepath = stored_path(file)
-    return found
+    return list(changes)
 
 
 def _plays(path: Path) -> bool:
@@ -51,12 +49,12 @@ def _plays(path: Path) -> bool:
     return True
 
 
-class FROG_OT_relink(bpy.types.Operator, ImportHelper):
+class FROG_OT_relink(FrogOperator, ImportHelper, bpy.types.Operator):
     """Choose the current location of this capture's .frog file"""
 
     bl_idname = "frog.relink"
     bl_label = "Find Scene File"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = UNDOABLE
 
     filename_ext = ".frog"
     filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
@@ -71,20 +69,11 @@ class FROG_OT_relink(bpy.types.Operator, ImportHelper):
         default=True,
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         path = Path(bpy.path.abspath(self.filepath))
-        try:
-            found = relink(named_or_active_capture(context, self.object_name), path, also_others=self.all_missing)
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        found = relink(named_or_active_capture(context, self.object_name), path, also_others=self.all_missing)
         for scene in bpy.data.scenes:
             playback.refresh(scene)
         missing = [other.name for other in playback.captures(bpy.data.objects) if not playback.file_of(other).is_file()]
         text = f"Found the files of {len(found)} captures." if len(found) > 1 else f"Found the file of {found[0].name}."
-        self.report({"INFO"}, f"{text} Still missing: {', '.join(missing)}." if missing else text)
-        return {"FINISHED"}
-
-
-_CLASSES = (FROG_OT_relink,)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)
+        return f"{text} Still missing: {', '.join(missing)}." if missing else text

@@ -10,10 +10,12 @@ import bpy
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
+from ..engine.errors import FrogError
 from ..timeline import playback
+from .bases import FrogOperator
 
 
-class FROG_OT_render_film(bpy.types.Operator, ExportHelper):
+class FROG_OT_render_film(FrogOperator, bpy.types.Operator, ExportHelper):
     """Render the scene's frame range into an .mp4 film, with its sound. Sets the scene's output to that film"""
 
     bl_idname = "frog.render_film"
@@ -23,28 +25,23 @@ class FROG_OT_render_film(bpy.types.Operator, ExportHelper):
     filter_glob: StringProperty(default="*.mp4", options={"HIDDEN"})
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        has_captures = playback.has_captures(context.scene)
-        cls.poll_message_set("Set a camera first." if has_captures else "Import a capture first.")
-        return has_captures and context.scene.camera is not None
+    def problem(cls, context: bpy.types.Context) -> str:
+        if not playback.has_captures(context.scene):
+            return "Import a capture first."
+        return "Set a camera first." if context.scene.camera is None else ""
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         scene, path = context.scene, Path(bpy.path.abspath(self.filepath))
         if not path.parent.is_dir():
-            self.report({"ERROR"}, f"{path.parent}: found no such folder, expected one for the film.")
-            return {"CANCELLED"}
-        width, height = _size(scene.render)
+            raise FrogError(f"{path.parent}: found no such folder, expected one for the film.")
+        share = scene.render.resolution_percentage / 100
+        # Rounded as Blender does.
+        width, height = int(scene.render.resolution_x * share), int(scene.render.resolution_y * share)
         if width % 2 or height % 2:
-            self.report({"ERROR"}, f"Renders have {width} x {height} pixels; films need even numbers of both.")
-            return {"CANCELLED"}
+            raise FrogError(f"Renders have {width} x {height} pixels; films need even numbers of both.")
         _set_output(scene, path)
-        return bpy.ops.render.render("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", animation=True)
-
-
-def _size(render: bpy.types.RenderSettings) -> tuple[int, int]:
-    """Pixels of a render, rounded as Blender does."""
-    share = render.resolution_percentage / 100
-    return int(render.resolution_x * share), int(render.resolution_y * share)
+        bpy.ops.render.render("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", animation=True)
+        return ""
 
 
 def _set_output(scene: bpy.types.Scene, path: Path) -> None:
@@ -64,6 +61,3 @@ def _has_sound(scene: bpy.types.Scene) -> bool:
     return any(obj.type == "SPEAKER" for obj in scene.objects) or (
         editor is not None and any(strip.type == "SOUND" for strip in editor.strips_all)
     )
-
-
-register, unregister = bpy.utils.register_classes_factory((FROG_OT_render_film,))

@@ -1,4 +1,6 @@
-"""Split, Reverse, Freeze Frame, Ramp Speed, Timing to Curve and Play in Sequence: a capture in time."""
+"""A capture in time: Split, Reverse, Freeze Frame, Ramp Speed, Timing to Curve, Play in Sequence, Fit Frame Range, and
+Play in Real Time.
+"""
 
 # mypy: disable-error-code="valid-type"
 
@@ -12,22 +14,19 @@ from bpy.props import FloatProperty, IntProperty
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture, root_of, select_capture
 from ..timeline import playback, retiming, timing_curve
-from .edit_operator import EditOperator, scene_of
+from ..ui.capture_list import chosen_capture
+from .bases import UNDOABLE, EditOperator, FrogOperator, scene_of
 
 
 class _Retimes(EditOperator):
     """Base of operators on a capture that moves."""
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        problem = cls.problem(context, active_capture(context))
-        cls.poll_message_set(problem)  # type: ignore[attr-defined]  # of the Operator
-        return not problem
+    def problem(cls, context: bpy.types.Context) -> str:
+        return super().problem(context) or cls.problem_of(context, active_capture(context))
 
     @classmethod
-    def problem(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         """Why a capture cannot be retimed so, or an empty string."""
         return "" if _frames(obj) > 1 else "The capture does not move, or its file cannot be played."
 
@@ -36,8 +35,8 @@ class _EditsCurve(_Retimes):
     """Base of operators on the curve of the Shown Frame."""
 
     @classmethod
-    def problem(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        return super().problem(context, obj) or timing_curve.problem(obj)
+    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        return super().problem_of(context, obj) or timing_curve.problem(obj)
 
 
 class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
@@ -47,7 +46,7 @@ class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
     bl_label = "Split Capture"
 
     @classmethod
-    def problem(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         if context.mode != "OBJECT":
             return "Captures are split in Object Mode."
         first, end = _range(context.scene, obj)
@@ -55,7 +54,7 @@ class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
             return "Go to a frame between the first and the last one at which the capture is there."
         if any(context.view_layer.objects.get(moved.name) != moved for moved in (obj, root_of(obj))):
             return "The capture is in a collection that is excluded from the view layer."
-        return super().problem(context, obj)
+        return super().problem_of(context, obj)
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         frame, (first, end) = context.scene.frame_current_final, _limits(obj)
@@ -73,8 +72,8 @@ class FROG_OT_reverse_capture(_Retimes, bpy.types.Operator):
     bl_label = "Reverse Capture"
 
     @classmethod
-    def problem(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        found = super().problem(context, obj) or timing_curve.problem(obj)
+    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        found = super().problem_of(context, obj) or timing_curve.problem(obj)
         if found or not obj.frog.use_remap:
             return found or ("" if obj.frog.speed else "Its speed is zero.")
         return "" if retiming.shown_curve(obj) else "Its Shown Frame has no curve."
@@ -150,10 +149,10 @@ class FROG_OT_timing_to_curve(_EditsCurve, bpy.types.Operator):
     bl_label = "Timing to Curve"
 
     @classmethod
-    def problem(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         if obj.frog.use_remap:
             return "Time Remapping decides already."
-        return super().problem(context, obj)
+        return super().problem_of(context, obj)
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         _curve(context, obj)
@@ -167,9 +166,8 @@ class FROG_OT_play_in_sequence(EditOperator, bpy.types.Operator):
     bl_label = "Play in Sequence"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("Select two captures or more of this file first.")
-        return len(_selected(context)) > 1
+    def problem(cls, context: bpy.types.Context) -> str:
+        return "" if len(_selected(context)) > 1 else "Select two captures or more of this file first."
 
     def edit(self, context: bpy.types.Context, _obj: bpy.types.Object) -> str:
         spans = []
@@ -180,7 +178,7 @@ class FROG_OT_play_in_sequence(EditOperator, bpy.types.Operator):
             if span is None:
                 raise FrogError(f"{root_of(obj).name}: found no first and last frame that it plays, expected some.")
             spans.append((*span, obj))
-        spans.sort(key=lambda each: each[:2])
+        spans.sort(key=lambda span: span[:2])
         at = math.floor(spans[0][0])
         begin = at
         for first, end, obj in spans:
@@ -189,6 +187,65 @@ class FROG_OT_play_in_sequence(EditOperator, bpy.types.Operator):
             obj.frog.range_start, obj.frog.range_end, obj.frog.use_range = at, following, True
             at = following
         return f"{len(spans)} captures play in frames {begin:,} to {at - 1:,}."
+
+
+class _OfChosen(FrogOperator):
+    """Base of operators on the capture that is chosen in the list, which moves."""
+
+    bl_options = UNDOABLE
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str:
+        obj = chosen_capture(context)
+        if obj is None or _frames(obj) < 2:
+            return "The chosen capture does not move, or its file cannot be played."
+        return cls.problem_of(context, obj)
+
+    @classmethod
+    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        """Why this cannot be done to a capture, or an empty string."""
+        raise NotImplementedError
+
+
+class FROG_OT_fit_frame_range(_OfChosen, bpy.types.Operator):
+    """Make the scene begin and end with the chosen capture, as its Start Frame and Speed have it"""
+
+    bl_idname = "frog.fit_frame_range"
+    bl_label = "Fit Frame Range"
+
+    @classmethod
+    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        settings = obj.frog
+        if retiming.playing_frames(obj, context.scene, _frames(obj)) is not None:
+            return ""
+        if settings.use_remap and retiming.shown_curve(obj) is None:
+            return "Time Remapping decides when it plays."
+        return "Its limits leave nothing of it." if settings.use_remap or settings.speed else "Its speed is zero."
+
+    def act(self, context: bpy.types.Context) -> str:
+        obj, scene = chosen_capture(context), context.scene
+        begin, end = retiming.playing_frames(obj, scene, _frames(obj)) or (0.0, -1.0)
+        first, last = max(0, math.floor(begin + 1e-4)), math.ceil(end - 1e-4)
+        if last < first or last > retiming.LAST_FRAME:
+            raise FrogError(f"It plays from frame {begin:,.0f} to {end:,.0f}, which no scene has.")
+        scene.frame_start, scene.frame_end = first, last
+        return ""
+
+
+class FROG_OT_play_in_real_time(_OfChosen, bpy.types.Operator):
+    """Set the chosen capture's Speed so that it plays as fast as it was filmed at the scene's frame rate"""
+
+    bl_idname = "frog.play_in_real_time"
+    bl_label = "Real Time"
+
+    @classmethod
+    def problem_of(cls, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        return "Time Remapping decides when it plays." if obj.frog.use_remap else ""
+
+    def act(self, context: bpy.types.Context) -> str:
+        obj = chosen_capture(context)
+        obj.frog.speed = retiming.real_time_speed(context.scene, scene_of(obj).header.frames_per_second)
+        return ""
 
 
 def _frames(obj: bpy.types.Object) -> int:
@@ -255,14 +312,3 @@ def _selected(context: bpy.types.Context) -> list[bpy.types.Object]:
     captures = playback.captures(context.scene.objects)
     selected = set(context.selected_objects)
     return [obj for obj in captures if obj.library is None and (obj in selected or root_of(obj) in selected)]
-
-
-_CLASSES = (
-    FROG_OT_split_capture,
-    FROG_OT_reverse_capture,
-    FROG_OT_freeze_frame,
-    FROG_OT_ramp_speed,
-    FROG_OT_timing_to_curve,
-    FROG_OT_play_in_sequence,
-)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)

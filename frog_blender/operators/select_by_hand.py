@@ -19,8 +19,8 @@ from ..scene_import.capture_objects import active_capture
 from ..timeline import playback
 from ..ui import gesture_overlay
 from ..ui.selection_tools import HAND, LARGEST_BRUSH, brush_in
+from .bases import EditOperator, FrogOperator, chosen_in, scene_of, select
 from .edit_clean import MODES
-from .edit_operator import EditOperator, chosen_in, mark, scene_of
 
 if TYPE_CHECKING:
     from ..engine.editing.on_screen import OnScreen
@@ -108,12 +108,10 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
     _gesture: Any = None
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        cls.poll_message_set("Only in a 3D viewport in Object Mode.")
-        region = context.region
-        return context.mode == "OBJECT" and context.region_data is not None and region.type == "WINDOW"
+    def problem(cls, context: bpy.types.Context) -> str:
+        is_viewport = context.region_data is not None and context.region.type == "WINDOW"
+        here = "" if context.mode == "OBJECT" and is_viewport else "Only in a 3D viewport in Object Mode."
+        return super().problem(context) or here
 
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
@@ -129,8 +127,7 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
         try:
             self._seen = seen_in(context, active_capture(context), self.only_visible)
         except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+            return self.failed(error)
         self._gesture = gesture(self.shape, self._seen.screen, self.radius)
         gesture_overlay.begin(self._seen.screen, self._gesture, self.shape, self.radius, context.region)
         self._move(event)
@@ -174,9 +171,7 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
             raise FrogError(f"{obj.name}: found another training than at the beginning of the gesture; draw it again.")
         these = self._seen.chosen(self._gesture.hit, scene.file_count)
         self._seen = self._gesture = None
-        chosen = combined(chosen_in(obj.frog_edits.selection, scene), these, self.mode)
-        mark(obj.frog_edits.selection, scene, chosen)
-        return f"{np.count_nonzero(chosen):,} of {scene.count:,} Gaussians are selected."
+        return select(obj, combined(chosen_in(obj.frog_edits.selection, scene), these, self.mode))
 
     def _replay(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         """A gesture made again with other settings, or by a script."""
@@ -192,7 +187,7 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
         self._gesture.move((event.mouse_region_x + 0.5, self._seen.height - event.mouse_region_y - 0.5))
 
 
-class FROG_OT_resize_selection_brush(bpy.types.Operator):
+class FROG_OT_resize_selection_brush(FrogOperator, bpy.types.Operator):
     """Make the brush that selects Gaussians larger or smaller"""
 
     bl_idname = "frog.resize_selection_brush"
@@ -202,18 +197,13 @@ class FROG_OT_resize_selection_brush(bpy.types.Operator):
     factor: FloatProperty(name="Factor", description="Of the brush's radius", default=1.25, min=0.1, max=10.0)
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("Only with the brush that selects Gaussians.")
-        return brush_in(context) is not None
+    def problem(cls, context: bpy.types.Context) -> str:
+        return "Only with the brush that selects Gaussians." if brush_in(context) is None else ""
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         settings = brush_in(context).operator_properties(HAND)
         step = 1 if self.factor > 1 else -1
-        wanted = round(settings.radius * self.factor)
-        settings.radius = min(max(wanted if wanted != settings.radius else wanted + step, 1), LARGEST_BRUSH)
+        radius = round(settings.radius * self.factor)
+        settings.radius = min(max(radius if radius != settings.radius else radius + step, 1), LARGEST_BRUSH)
         context.area.tag_redraw()
-        return {"FINISHED"}
-
-
-_CLASSES = (FROG_OT_select_by_hand, FROG_OT_resize_selection_brush)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)
+        return ""

@@ -10,38 +10,37 @@ import bpy
 from bpy.props import StringProperty
 
 from .. import point_cloud
+from ..engine.errors import FrogError
 from ..scene_import.capture_objects import cameras_of, root_of, select_capture, that_plays
 from ..scene_import.scene_setup import has_camera_of_its_own, start_cube
+from .bases import UNDOABLE, FrogOperator
 
 _FIELD = 3.0  # reaches of a capture without cameras that a view is away from it
 
 
-class FROG_OT_show_result(bpy.types.Operator):
+class FROG_OT_show_result(FrogOperator, bpy.types.Operator):
     """Select the capture and look at it as its first camera did"""
 
     bl_idname = "frog.show_result"
     bl_label = "Show"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = UNDOABLE
 
     filepath: StringProperty(name="Scene", description="The .frog file that is shown", options={"SKIP_SAVE"})
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("Leave the present mode first.")
-        return context.mode == "OBJECT"
+    def problem(cls, context: bpy.types.Context) -> str:
+        return "" if context.mode == "OBJECT" else "Leave the present mode first."
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         obj = that_plays(context.scene, Path(bpy.path.abspath(self.filepath)))
         if obj is None:
-            self.report({"ERROR"}, f"{self.filepath}: found no capture of this scene that plays it. Import it first.")
-            return {"CANCELLED"}
+            raise FrogError(f"{self.filepath}: found no capture of this scene that plays it. Import it first.")
         if root_of(obj).name not in context.view_layer.objects:
             found = "found its collection excluded from this view layer, expected it to be included"
-            self.report({"ERROR"}, f"{root_of(obj).name}: {found}.")
-            return {"CANCELLED"}
+            raise FrogError(f"{root_of(obj).name}: {found}.")
         select_capture(context, obj)
         look_at(context, obj)
-        return {"FINISHED"}
+        return ""
 
 
 def look_at(context: bpy.types.Context, obj: bpy.types.Object) -> None:
@@ -66,24 +65,19 @@ def look_at(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     view.view_distance = max(_FIELD * reach * obj.matrix_world.median_scale, 0.01)
 
 
-class FROG_OT_hide_start_cube(bpy.types.Operator):
+class FROG_OT_hide_start_cube(FrogOperator, bpy.types.Operator):
     """Hide the cube of a new file in viewports and renders"""
 
     bl_idname = "frog.hide_start_cube"
     bl_label = "Hide the Default Cube"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = UNDOABLE
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        cls.poll_message_set("There is no default cube in sight.")
-        return start_cube(context.scene) is not None
+    def problem(cls, context: bpy.types.Context) -> str:
+        return "There is no default cube in sight." if start_cube(context.scene) is None else ""
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         cube = start_cube(context.scene)
         if cube is not None:
             cube.hide_viewport = cube.hide_render = True
-        return {"FINISHED"}
-
-
-_CLASSES = (FROG_OT_show_result, FROG_OT_hide_start_cube)
-register, unregister = bpy.utils.register_classes_factory(_CLASSES)
+        return ""

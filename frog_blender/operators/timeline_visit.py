@@ -1,15 +1,23 @@
-"""A capture and the scene that plays it, found anew at each frame of an export."""
+"""A capture as the timeline plays it, for other programs: found anew at each frame, retimed, and where it stands."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import bpy
+import numpy as np
 
 from ..engine.errors import FrogError
+from ..engine.interchange.take import Sound, TakeFrame
 from ..scene_import.capture_objects import find_by_uid
 from ..timeline import playback
-from ..timeline.retiming import raw_frame
+from ..timeline.edits import needs_evaluation
+from ..timeline.retiming import frame_rate, is_shown, raw_frame, stretched
+
+if TYPE_CHECKING:
+    from ..engine.scene.header import SceneHeader
 
 
 @dataclass(frozen=True)
@@ -30,11 +38,11 @@ class TimelineVisit:
     shown: tuple[int, float]
 
     @classmethod
-    def of(cls, context: bpy.types.Context, obj: bpy.types.Object, name: str) -> TimelineVisit:
+    def of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> TimelineVisit:
         """Of ``obj`` in the current scene."""
         scene = context.scene
         shown = scene.frame_current, scene.frame_subframe
-        return cls(obj.session_uid, name, scene.session_uid, context.view_layer.name, shown)
+        return cls(obj.session_uid, obj.name, scene.session_uid, context.view_layer.name, shown)
 
     def found(self) -> tuple[bpy.types.Object, bpy.types.Scene]:
         """The object and the scene as they are now; FrogError if either is gone."""
@@ -60,3 +68,59 @@ class TimelineVisit:
         scene = find_by_uid(bpy.data.scenes, self.scene)
         if scene is not None and (scene.frame_current, scene.frame_subframe) != self.shown:
             scene.frame_set(self.shown[0], subframe=self.shown[1])
+
+
+@dataclass
+class TimelineTake:
+    """Frames of the timeline as a ``Take``.
+
+    Attributes:
+        visit: finds the capture at each frame.
+        name: of the capture's root.
+        numbers: frames of the timeline.
+        rate: frames a second.
+        header, num_dynamic, changing: of the capture (see ``Take``).
+        keeps_identity: see ``Take``.
+        placed: whether the Gaussians stand where the capture has been placed; else in the capture's own space.
+        sound: what plays with it.
+    """
+
+    visit: TimelineVisit
+    name: str
+    numbers: Sequence[float]
+    rate: float
+    header: SceneHeader
+    num_dynamic: int
+    changing: Sequence[str]
+    keeps_identity: bool
+    placed: bool
+    sound: Sound | None = None
+
+    @classmethod
+    def of(cls, visit: TimelineVisit, numbers: Sequence[float], *, placed: bool) -> TimelineTake:
+        """What the capture shows; FrogError if its file cannot be played."""
+        obj, scene = visit.found()
+        playing = playback.scene_time(obj, numbers[0]).scene
+        several = len(numbers) > 1
+        appears = len({is_shown(obj, stretched(scene, number)) for number in numbers}) > 1
+        all_change = needs_evaluation(obj) or appears  # edits that are animated, and where it is not there
+        return cls(
+            visit=visit,
+            name=obj.parent.name if obj.parent is not None else obj.name,
+            numbers=numbers,
+            rate=frame_rate(scene),
+            header=playing.header,
+            num_dynamic=(playing.count if all_change else playing.num_dynamic) if several else 0,
+            changing=(playing.columns if all_change else playing.changing) if several else (),
+            keeps_identity=playing.keeps_identity,
+            placed=placed,
+        )
+
+    def frames(self) -> Iterator[TakeFrame]:
+        """Each frame, in order; the scene is moved to it."""
+        for number in self.numbers:
+            obj, scene, evaluated = self.visit.evaluated_at(number)
+            time = playback.shown_frame(obj, scene.frame_current_final, evaluated)
+            gaussians = playback.gaussians_at(obj, scene.frame_current_final, evaluated)
+            placement = np.array(evaluated.matrix_world) if self.placed else None
+            yield TakeFrame(number, time, gaussians, placement)

@@ -30,7 +30,7 @@ from ..tasks.training_request import (
 from ..timeline import playback
 from ..ui import capture_reading, capture_summary, torch_environment
 from ..unsaved_changes import is_being_edited
-from .cancel_operator import CancelsTask
+from .bases import CancelOperator, FrogOperator
 
 
 class ResultImporter:
@@ -88,16 +88,14 @@ def reason_not_to_train(settings: Any) -> str:
     return torch_environment.needed(settings)
 
 
-class StartsTraining:
-    """A base next to ``bpy.types.Operator``: starts trainings, and tells why it cannot."""
+class StartsTraining(FrogOperator):
+    """Base of operators that start trainings."""
 
     @classmethod
-    def poll(cls: Any, context: bpy.types.Context) -> bool:
-        reason = reason_not_to_train(context.scene.frog)
-        cls.poll_message_set(reason)
-        return not reason
+    def problem(cls, context: bpy.types.Context) -> str:
+        return reason_not_to_train(context.scene.frog)
 
-    def begin(self: Any, settings: Any, request: TrainingRequest) -> None:
+    def begin(self, settings: Any, request: TrainingRequest) -> None:
         """Starts it; the scene's output becomes that of the request. FrogError if it cannot be started."""
         after = ResultImporter(settings.id_data) if settings.import_when_done else None
         prepare = after.prepare if after is not None else None
@@ -137,14 +135,9 @@ class FROG_OT_train(StartsTraining, bpy.types.Operator):
             return "Go on with the training that was cancelled or interrupted, with the settings that it began with"
         return ""
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        settings = context.scene.frog
-        try:
-            self.begin(settings, request_of(settings, self.resume))
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+    def act(self, context: bpy.types.Context) -> str:
+        self.begin(context.scene.frog, request_of(context.scene.frog, self.resume))
+        return ""
 
 
 class FROG_OT_train_longer(StartsTraining, bpy.types.Operator):
@@ -161,32 +154,26 @@ class FROG_OT_train_longer(StartsTraining, bpy.types.Operator):
     )
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        cls.poll_message_set("There is no finished training of this capture to go on with.")
-        return can_train_longer(context.scene.frog)
+    def problem(cls, context: bpy.types.Context) -> str:
+        none = "There is no finished training of this capture to go on with."
+        return super().problem(context) or ("" if can_train_longer(context.scene.frog) else none)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("steps"):
             self.steps = 2 * steps_done(context.scene.frog)
         return context.window_manager.invoke_props_dialog(self)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         settings = context.scene.frog
         done = steps_done(settings)
         steps = self.steps if self.properties.is_property_set("steps") else 2 * done
-        try:
-            if steps <= done:
-                raise FrogError(f"The training has had {done:,} steps already, expected more than that in all.")
-            self.begin(settings, longer_request(settings, steps))
-        except FrogError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        if steps <= done:
+            raise FrogError(f"The training has had {done:,} steps already, expected more than that in all.")
+        self.begin(settings, longer_request(settings, steps))
+        return ""
 
 
-class FROG_OT_dismiss_training(bpy.types.Operator):
+class FROG_OT_dismiss_training(FrogOperator, bpy.types.Operator):
     """Remove the report of the last training from the panel. Its files stay"""
 
     bl_idname = "frog.dismiss_training"
@@ -197,11 +184,11 @@ class FROG_OT_dismiss_training(bpy.types.Operator):
         task = TrainingTask.current()
         return task is not None and not task.is_running and not task.waiting
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> str:
         TrainingTask.forget()
         redrawing.sidebars()
         redrawing.status_bars()
-        return {"FINISHED"}
+        return ""
 
 
 @persistent
@@ -214,16 +201,14 @@ def forget_shown_training(*_: Any) -> None:
         TrainingTask.forget()
 
 
-class FROG_OT_cancel_training(CancelsTask, bpy.types.Operator):
+class FROG_OT_cancel_training(CancelOperator, bpy.types.Operator):
     """Stop the training. The scene as trained so far is written to the output file"""
 
     bl_idname = "frog.cancel_training"
-    bl_label = "Cancel"
-
     kind = TrainingTask
 
 
-class FROG_OT_pause_training(bpy.types.Operator):
+class FROG_OT_pause_training(FrogOperator, bpy.types.Operator):
     """Pause the training to free the computer for other work. Nothing is lost"""
 
     bl_idname = "frog.pause_training"
@@ -233,15 +218,15 @@ class FROG_OT_pause_training(bpy.types.Operator):
     def poll(cls, _context: bpy.types.Context) -> bool:
         return TrainingTask.is_computing()
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> str:
         task = TrainingTask.current()
         if task is not None:
             task.control.pause()
             redrawing.status_bars()
-        return {"FINISHED"}
+        return ""
 
 
-class FROG_OT_resume_training(bpy.types.Operator):
+class FROG_OT_resume_training(FrogOperator, bpy.types.Operator):
     """Continue the paused training"""
 
     bl_idname = "frog.resume_training"
@@ -252,49 +237,36 @@ class FROG_OT_resume_training(bpy.types.Operator):
         task = TrainingTask.current()
         return task is not None and task.paused
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> str:
         task = TrainingTask.current()
         if task is not None:
             task.control.resume()
             redrawing.status_bars()
-        return {"FINISHED"}
+        return ""
 
 
-class FROG_OT_inspect_capture(bpy.types.Operator):
+class FROG_OT_inspect_capture(FrogOperator, bpy.types.Operator):
     """Read the capture folder again"""
 
     bl_idname = "frog.inspect_capture"
     bl_label = "Check Capture"
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         summary = capture_reading.read(bpy.path.abspath(context.scene.frog.capture_folder))
         if summary is not None and summary.error:
-            self.report({"ERROR"}, summary.error)
-            return {"CANCELLED"}
-        return {"FINISHED"}
-
-
-_CLASSES = (
-    FROG_OT_train,
-    FROG_OT_train_longer,
-    FROG_OT_dismiss_training,
-    FROG_OT_pause_training,
-    FROG_OT_resume_training,
-    FROG_OT_cancel_training,
-    FROG_OT_inspect_capture,
-)
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
+            raise FrogError(summary.error)
+        return ""
 
 
 def _handlers() -> app_handlers.Handlers:
     return [(bpy.app.handlers.load_pre, forget_shown_training)]
 
 
-def register() -> None:
-    _register_classes()
+def on_register() -> None:
+    """See ``operators``."""
     app_handlers.add(_handlers())
 
 
-def unregister() -> None:
+def on_unregister() -> None:
+    """See ``operators``."""
     app_handlers.remove(_handlers())
-    _unregister_classes()

@@ -196,20 +196,20 @@ def test_a_bake_that_does_not_end_well_leaves_the_one_before(empty, capture, sta
     path = static_rig.with_suffix(".frogbake")
     before = path.read_bytes()
     empty.frame_end = 5
-    work = bake.begin(capture, empty)
-    assert work.total == 5 and leftovers(path.parent) == []
-    assert [next(work.steps), next(work.steps)] == [0, 1]
+    _, steps, total = bake.begin_bake(capture, empty)
+    assert total == 5 and leftovers(path.parent) == []
+    assert [next(steps), next(steps)] == [0, 1]
     assert len(leftovers(path.parent)) == 1
     if ending == "stopped":
-        work.steps.close()
+        steps.close()
     elif ending == "fails":
         full.append(True)
         with pytest.raises(FrogError, match="No space left"):
-            list(work.steps)
+            list(steps)
     else:
         write_scene(static_rig, rig_of_three(), seed=2)
         with pytest.raises(FrogError, match="another version"):
-            list(work.steps)
+            list(steps)
     assert leftovers(path.parent) == [] and path.read_bytes() == before
 
 

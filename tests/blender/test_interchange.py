@@ -14,7 +14,7 @@ from frog_blender import point_cloud
 from frog_blender.engine.interchange.ply import read_splats, write_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.transform import transform
-from frog_blender.operators import foreign_formats
+from frog_blender.operators import export_scene
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback
 
@@ -207,7 +207,7 @@ def test_one_of_several_captures_is_exported(empty, static_rig, tmp_path):
 
 
 def test_a_blender_without_a_usd_library_says_so(empty, capture, tmp_path, monkeypatch):
-    monkeypatch.setattr(foreign_formats, "find_spec", lambda name: None)
+    monkeypatch.setattr(export_scene, "find_spec", lambda name: None)
     with pytest.raises(RuntimeError, match="This Blender's Python has no USD library"):
         bpy.ops.export_scene.frog_usd(filepath=str(tmp_path / "x.usdc"))
     assert not list(tmp_path.glob("x.*"))

@@ -15,7 +15,7 @@ from frog_blender.cli.main import main
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.operators import retime
-from frog_blender.operators.timeline_take import TimelineTake
+from frog_blender.operators.timeline_visit import TimelineTake, TimelineVisit
 from frog_blender.scene_import.capture_objects import active_capture, root_of, select_capture
 from frog_blender.timeline import playback, retiming, timing_curve
 from frog_blender.timeline.frame_timing import frames_shown, timing_of
@@ -185,9 +185,9 @@ def test_what_cannot_be_selected_is_not_split(empty, capture):
         for old in [old for old in each.users_collection if old != collection]:
             old.objects.unlink(each)
     empty.frame_set(11)
-    assert not retime.FROG_OT_split_capture.problem(bpy.context, capture)
+    assert not retime.FROG_OT_split_capture.problem(bpy.context)
     bpy.context.view_layer.layer_collection.children["away"].exclude = True
-    assert "excluded" in retime.FROG_OT_split_capture.problem(bpy.context, capture)
+    assert "excluded" in retime.FROG_OT_split_capture.problem(bpy.context)
 
 
 @pytest.mark.parametrize("repeat", ["HOLD", "LOOP", "PING_PONG"])
@@ -307,7 +307,7 @@ def test_only_what_comes_and_goes_is_exported_whole(empty, capture):
     numbers = [float(number) for number in range(3, 9)]
 
     def take():
-        return TimelineTake.of(bpy.context, capture, numbers, placed=True)
+        return TimelineTake.of(TimelineVisit.of(bpy.context, capture), numbers, placed=True)
 
     plain = take()
     capture.frog.use_range, capture.frog.range_start, capture.frog.range_end = True, 2.0, 20.0

@@ -17,7 +17,7 @@ from support.undo_steps import check_undo_and_redo
 from frog_blender import point_cloud
 from frog_blender.engine.editing.gestures import drawn
 from frog_blender.operators import select_by_hand
-from frog_blender.operators.edit_operator import EditOperator
+from frog_blender.operators.bases import EditOperator
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import edits, playback
 from frog_blender.ui import edit_panel, gesture_overlay, selection_tools

@@ -1,0 +1,168 @@
+"""Bases of operators: what is missing is said beforehand, and an error in one sentence afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import bpy
+import numpy as np
+
+from ..engine.errors import FrogError
+from ..scene_import.capture_objects import active_capture
+from ..timeline import edits_in_progress, playback
+from ..timeline.edits import SETTINGS, marks_of, store_marks
+
+if TYPE_CHECKING:
+    from ..engine.playback.player import ScenePlayer
+    from ..tasks.background_task import BackgroundTask
+
+UNDOABLE = {"REGISTER", "UNDO"}
+MISSING = {"selection": "Select Gaussians of the capture first.", "hidden": "No Gaussian of the capture is hidden."}
+"""By the name of the marks that an operator needs."""
+
+
+class FrogOperator:
+    """Base of all, next to ``bpy.types.Operator``: ``problem`` says why it cannot be done, ``act`` does it."""
+
+    report: Callable[[set[str], str], None]  # of the Operator
+    poll_message_set: Callable[[str], None]
+
+    import_menu = export_menu = ""
+    """What it is called in File > Import and in File > Export, if it stands there."""
+    needs_capture = False
+    """Whether there is nothing to do without an active capture."""
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str:
+        """Why it cannot be done now, as a sentence; empty where it can."""
+        is_missing = cls.needs_capture and active_capture(context) is None
+        return "Import or select a capture first." if is_missing else ""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = cls.problem(context)
+        cls.poll_message_set(problem)
+        return not problem
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            said = self.act(context)
+        except FrogError as error:
+            return self.failed(error)
+        if said:
+            self.report({"INFO"}, said)
+        return {"FINISHED"}
+
+    def act(self, context: bpy.types.Context) -> str:
+        """Does it and says what was done, if that is not seen; raises FrogError for what cannot be."""
+        raise NotImplementedError
+
+    def failed(self, error: FrogError) -> set[str]:
+        """Reports an error, after which nothing has changed."""
+        self.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+
+
+class CancelOperator(FrogOperator):
+    """Base of those that cancel what runs in the background."""
+
+    bl_label = "Cancel"
+
+    kind: ClassVar[type[BackgroundTask]]
+    """Of what is cancelled."""
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        return cls.kind.is_any_running()
+
+    def act(self, _context: bpy.types.Context) -> str:
+        task = self.kind.current()
+        if task is not None:
+            task.cancel()
+        return ""
+
+
+class EditOperator(FrogOperator):
+    """Base of those that edit the active capture."""
+
+    bl_options = UNDOABLE
+    needs = ""
+    """The marks without which there is nothing to do, a key of MISSING."""
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str:
+        missing = no_own_capture(context)
+        if not missing and cls.needs and not getattr(active_capture(context).frog_edits, cls.needs).bits:
+            return MISSING[cls.needs]
+        return missing
+
+    def act(self, context: bpy.types.Context) -> str:
+        with edits_in_progress.several():
+            said = self.edit(context, active_capture(context))
+        playback.refresh(context.scene)
+        return said
+
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+        """As ``act``, for the active capture."""
+        raise NotImplementedError
+
+
+def no_own_capture(context: bpy.types.Context) -> str:
+    """Why the active capture cannot be changed, as a sentence; empty where it can."""
+    obj = active_capture(context)
+    return "Select a capture of this file first." if obj is None or obj.library is not None else ""
+
+
+def scene_of(obj: bpy.types.Object) -> ScenePlayer:
+    """The scene that a capture plays, without edits."""
+    return playback.open_scene(playback.file_of(obj))
+
+
+def new_crop(
+    obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.Mesh | None = None
+) -> tuple[bpy.types.Object, Any]:  # Any: Blender's properties
+    """An object that crops a capture and hangs on it, an empty without data; and its settings."""
+    target = bpy.data.objects.new(f"{obj.name} Crop", data)
+    for collection in obj.users_collection or [scene.collection]:
+        collection.objects.link(target)
+    target.hide_render = True
+    target.parent = obj
+    settings = getattr(obj, SETTINGS).crops.add()
+    settings.object = target
+    return target, settings
+
+
+def remove_crop(obj: bpy.types.Object, index: int) -> None:
+    """Removes a crop of a capture, and the empty that hangs on the capture for it unless something else is cropped by
+    it. A mesh may be anybody's work, and stays.
+    """
+    crops = getattr(obj, SETTINGS).crops
+    target = crops[index].object
+    crops.remove(index)
+    if target is None or target.type != "EMPTY" or target.parent != obj:
+        return
+    if not any(crop.object == target for other in bpy.data.objects for crop in getattr(other, SETTINGS).crops):
+        bpy.data.objects.remove(target)
+
+
+def chosen_in(settings: Any, scene: ScenePlayer) -> np.ndarray:
+    """(N,) bool which Gaussians of a scene a group of properties marks; none, if the marks are of another scene."""
+    marks = marks_of(settings)
+    if marks is None or not marks.fits(scene):
+        return np.zeros(scene.file_count, bool)
+    return marks.chosen()
+
+
+def mark(settings: Any, scene: ScenePlayer, chosen: np.ndarray) -> None:
+    """Marks Gaussians of a scene in a group of properties."""
+    from ..engine.editing.marks import Marks
+
+    store_marks(settings, Marks.of(scene, chosen) if chosen.any() else None)
+
+
+def select(obj: bpy.types.Object, chosen: np.ndarray) -> str:
+    """Makes Gaussians (N,) bool of a capture the selected ones, and says how many they are."""
+    scene = scene_of(obj)
+    mark(obj.frog_edits.selection, scene, chosen)
+    return f"{np.count_nonzero(chosen):,} of {scene.count:,} Gaussians are selected."
