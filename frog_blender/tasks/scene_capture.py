@@ -14,7 +14,6 @@ import bpy
 
 from ..engine.errors import FrogError, brief
 from ..engine.io.child_process import ChildProcess
-from ..scene_capture import capture_folder
 from ..scene_capture.request import RenderRequest, command
 from .background_task import BackgroundTask, Ended, Progress
 
@@ -35,7 +34,7 @@ class SceneCaptureTask(BackgroundTask):
 
     def __init__(self, request: RenderRequest, on_finished: Callable[[Path], None] | None = None) -> None:
         super().__init__()
-        self.plan, self.on_finished, self._request = request.plan, on_finished, request
+        self.request, self.on_finished = request, on_finished
         self.kept = 0
         self._started = time.monotonic()
 
@@ -43,13 +42,13 @@ class SceneCaptureTask(BackgroundTask):
         """Copies the open file and starts the worker; FrogError if the folder holds something else, or nothing can be
         written.
         """
-        plan, scripts = self.plan, not bpy.app.autoexec_fail
-        capture_folder.prepare(plan)
-        self.kept = len(plan.images) - len(plan.missing)
-        self.progress = Progress("Rendering", self.kept, len(plan.images))
+        request, scripts = self.request, not bpy.app.autoexec_fail
+        request.prepare()
+        self.kept = len(request.images) - len(request.missing)
+        self.progress = Progress("Rendering", self.kept, len(request.images))
         self._temporary = tempfile.TemporaryDirectory(prefix="frog-scene-", ignore_cleanup_errors=True)
         try:
-            written = self._request.write(Path(self._temporary.name), scripts=scripts)
+            written = self.request.write(Path(self._temporary.name), scripts=scripts)
         except (FrogError, OSError) as error:
             self._temporary.cleanup()
             raise FrogError(error) from error
@@ -58,11 +57,11 @@ class SceneCaptureTask(BackgroundTask):
 
     def work(self) -> Path | None:
         try:
-            if self.plan.missing:
+            if self.request.missing:
                 self._render()
         finally:
             self._temporary.cleanup()
-        return None if self.plan.missing else self.plan.folder
+        return None if self.request.missing else self.request.folder
 
     def _render(self) -> None:
         """Runs the child; FrogError if it failed."""
@@ -75,19 +74,19 @@ class SceneCaptureTask(BackgroundTask):
                         if "error" in said:
                             failures.append(str(said["error"]))
                         else:
-                            self.tell("Rendering", self.kept + int(said["done"]), len(self.plan.images))
+                            self.tell("Rendering", self.kept + int(said["done"]), len(self.request.images))
                 end = f"failed ({brief(failures[-1])})" if failures else process.end
         finally:
-            for camera in self.plan.cameras:  # what a stopped child left unfinished
-                for partial in (self.plan.folder / camera.name).glob("*.partial.png"):
+            for camera in self.request.cameras:  # what a stopped child left unfinished
+                for partial in (self.request.folder / camera.name).glob("*.partial.png"):
                     partial.unlink(missing_ok=True)
-        if failures or process.code or self.plan.missing:
+        if failures or process.code or self.request.missing:
             raise FrogError(f"The Blender that rendered {end}. Images that are done are kept.")
 
     def conclude(self, ended: Ended) -> None:
         super().conclude(ended)
-        total = len(self.plan.images)
-        self.progress = Progress("Rendering", total - len(self.plan.missing), total)
+        total = len(self.request.images)
+        self.progress = Progress("Rendering", total - len(self.request.missing), total)
 
     @property
     def seconds_left(self) -> float | None:

@@ -71,7 +71,7 @@ def _draw_end(layout: bpy.types.UILayout, context: bpy.types.Context, task: Scen
         sentence = f"Cancelled at {_images(task)}. Render Capture continues there."
         wrapped_label(layout, sentence, context, icon="CANCEL")
     else:
-        sentence = f"{task.progress.total:,} images are in {task.plan.folder.name}. Train FRoG learns from them."
+        sentence = f"{task.progress.total:,} images are in {task.request.folder.name}. Train FRoG learns from them."
         wrapped_label(layout, sentence, context, icon="CHECKMARK")
 
 

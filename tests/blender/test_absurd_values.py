@@ -36,15 +36,14 @@ def captures(empty, static_rig, tmp_path):
 
 
 ABSURD = [
-    *(("start_frame", value) for value in (math.nan, math.inf, -math.inf, 3e38, -3e38)),
-    *(("speed", value) for value in (math.nan, math.inf, 0.0, 3e38)),
-    *(("density", value) for value in (-(2**31), 2**31 - 1)),
-    *(("render_density", value) for value in (-(2**31), 2**31 - 1)),
-    *(("bake_megabytes", value) for value in (-(2**31), 0)),
-    *(("repeat", value) for value in (-1, 77)),
-    *(("display", value) for value in (-1, 77)),
+    *(("start_frame", value) for value in (math.nan, -3e38)),
+    *(("speed", value) for value in (math.inf, 0.0)),
+    ("density", -(2**31)),
+    ("render_density", 2**31 - 1),
+    ("bake_megabytes", 0),
+    ("repeat", 77),
+    ("display", -1),
     ("bake_folder", "//\x00" + "x" * 300),
-    ("bake_folder", "/dev/null/" + "y" * 5000),
 ]
 
 
@@ -83,7 +82,7 @@ def test_no_number_is_a_sentence_in_a_render(empty, captures, capfd, rendered, h
         rendered(empty)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -5.0])
+@pytest.mark.parametrize("value", [math.nan, 0.0])
 def test_a_focal_ratio_that_is_none(empty, captures, rendered, value):
     raw(empty.camera.data.frog, "focal_ratio", value)
     with pytest.raises(RuntimeError, match=empty.camera.name):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from mathutils import Euler, Matrix, Vector
+from mathutils import Euler, Vector
 from support.small_scenes import looking_at, write_scene
 
 from frog_blender.engine.editing.marks import Marks
@@ -82,15 +82,6 @@ def test_what_is_hidden_holds_no_floor(turned):
     assert floor_of(obj, turn)[2] < -0.1
 
 
-def test_twice_is_once_wherever_it_was(turned):
-    obj, _ = turned
-    align()
-    first = obj.matrix_world.copy()
-    obj.parent.matrix_world = Matrix.Translation((5, 1, 2)) @ Matrix.Rotation(1.0, 4, "Y") @ first
-    align()
-    assert np.allclose(obj.matrix_world, first, atol=1e-5)
-
-
 def test_flip_turns_it_upside_down(turned):
     obj, turn = turned
     align(flip=True)
@@ -122,14 +113,6 @@ def test_the_scale_stays_or_makes_a_distance_as_long_as_told(turned):
     np.testing.assert_allclose(floor_of(obj, turn)[2], 0, atol=0.02)
 
 
-def test_an_uneven_scale_is_mended(turned):
-    obj, _ = turned
-    obj.parent.scale = (1.0, 2.0, 1.0)
-    align()
-    scale = obj.matrix_world.to_scale()
-    np.testing.assert_allclose(scale, scale[0], rtol=1e-5)
-
-
 def test_what_cannot_be_aligned_is_refused_with_a_sentence(turned, tmp_path):
     obj, _ = turned
     before = obj.parent.matrix_world.copy()
@@ -142,7 +125,3 @@ def test_what_cannot_be_aligned_is_refused_with_a_sentence(turned, tmp_path):
         bpy.ops.frog.align_to_floor()
     bpy.context.view_layer.update()
     assert obj.parent.matrix_world == before
-
-
-def test_nothing_to_align_is_not_offered(empty):
-    assert not bpy.ops.frog.align_to_floor.poll() and not bpy.ops.frog.add_clips.poll()

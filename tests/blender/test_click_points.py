@@ -8,16 +8,12 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from support.training_panel import finish, panel_says
 
-from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.calibration.films import find_films
 from frog_blender.engine.capture.calibration.points import read_points
 from frog_blender.engine.errors import FrogError
 from frog_blender.operators import click_points
-from frog_blender.tasks import background_task
-from frog_blender.tasks.calibration import CalibrationTask, calibrator_of
-from frog_blender.ui import capture_panel, points_overlay
+from frog_blender.ui import points_overlay
 from frog_blender.ui.clicked_points import FILE, ClickedPoints, points_of
 
 film = pytest.importorskip("support.synthetic_capture")
@@ -66,15 +62,6 @@ def test_undo_takes_back_what_was_done_in_any_image():
     assert points.of("a") == [(1, 1)]
     assert points.undo() and points.of("a") == [(1, 1), (2, 2)]
     assert points.undo() and points.undo() and not points.undo() and points.count == 0
-
-
-def test_keys():
-    points = clicked(ClickedPoints(["a", "b", "c"]), (1, 1))
-    assert points.press("TAB") and points.name == "b"
-    assert points.press("LEFT_ARROW") and points.name == "a"
-    assert points.press("UP_ARROW") and points.point == 0
-    assert points.press("N") and points.count == 0
-    assert not points.press("N", ctrl=True) and not points.press("A") and not points.press("Z")
 
 
 def test_what_is_saved_is_what_a_calibration_reads(raw):
@@ -171,45 +158,7 @@ def test_a_click_that_cannot_be_saved_ends_with_a_sentence(clicking, raw):
     assert len(clicking.reports) == 1 and clicking.area.ui_type == "VIEW_3D"
 
 
-def test_an_area_that_is_gone_ends_the_clicks(clicking):
-    clicking.area.type = "VIEW_3D"
-    assert clicking.send("LEFTMOUSE", 120, 270) == {"FINISHED"}
-
-
 def test_without_a_window_it_says_so(empty, raw):
     empty.frog.capture_folder = str(raw)
     with pytest.raises(RuntimeError, match="in a window"):
         bpy.ops.frog.click_points()
-
-
-def test_the_calibration_is_told_of_the_points(raw, monkeypatch):
-    given = []
-    monkeypatch.setattr(pipeline, "calibrate", lambda folder, options, *_: given.append(options.points))
-    for points in (raw / FILE, None):
-        calibrator_of(raw, points)(lambda *_: None, lambda: False)
-    assert given == [raw / FILE, None]
-
-
-def test_too_few_points_are_refused_in_the_panel(empty, tmp_path):
-    """By the real pipeline."""
-    pytest.importorskip("pycolmap")
-    cv2, raw = pytest.importorskip("cv2"), tmp_path
-    for seed, name in enumerate(("a", "b")):
-        texture = np.random.default_rng(seed).integers(0, 255, (30, 40, 3), np.uint8)
-        writer = cv2.VideoWriter(str(raw / f"{name}.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10, (320, 240))
-        for _ in range(6):
-            writer.write(cv2.resize(texture, (320, 240), interpolation=cv2.INTER_CUBIC))
-        writer.release()
-    empty.frog.capture_folder = str(raw)
-    points = clicked(points_of(raw / FILE, find_films(raw)), (1, 1), (40, 30))
-    points.turn(1)
-    clicked(points, (2, 2), (30, 30)).save(raw / FILE)
-    try:
-        assert bpy.ops.frog.calibrate_from_points() == {"FINISHED"}
-        task = finish(CalibrationTask.current())
-        assert task.is_refused and "expected 8 or more" in task.error
-        said = panel_says(capture_panel.FROG_PT_capture).split()
-    finally:
-        background_task.stop()
-        CalibrationTask.forget()
-    assert "frog.click_points" in said and "frog.calibrate_from_points" in said

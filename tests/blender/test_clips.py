@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -15,11 +14,9 @@ from support.small_scenes import moving_camera, rig_of_three, write_scene
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.source_media.undistorted_clips import clips_folder
-from frog_blender.operators import clips
 from frog_blender.operators.clips import FROG_OT_add_clips
 from frog_blender.scene_import.camera_clips import clip_of
 from frog_blender.scene_import.capture_objects import active_capture, cameras_of
-from frog_blender.timeline import playback
 from frog_blender.timeline.retiming import capture_frame
 
 COUNT = 10
@@ -77,24 +74,6 @@ def number_shown(camera, frame):
     return clip_of(evaluated).image_user.frame_offset + 1
 
 
-def test_a_piece_has_its_images_whatever_else_plays_the_film(mono, tmp_path):
-    obj = imported(mono)
-    (camera,) = cameras_of(obj)
-    folder = tmp_path / "film"
-    cameras = [replace(each, name=f"frame_{5 + 2 * i:03d}") for i, each in enumerate(moving_camera(4))]
-    shots = [(frame,) for frame in range(4)]
-    path = write_scene(tmp_path / "short.frog", cameras, shots=shots, frame_count=4)
-    scene = read_scene(path)
-    header = replace(scene.header, capture_path=str(folder), capture_format="transforms")
-    write_file(path, SceneFile(header, scene.arrays))
-    (other,) = cameras_of(imported(path))
-    assert clip_of(other).image == clip_of(camera).image
-    obj.frog.first_frame, obj.frog.last_frame, obj.frog.use_trim = 6, 8, True
-    found = [number_shown(camera, frame) for frame in range(1, 6)]
-    assert found == [5 + 2 * frame for frame in (6, 7, 8, 8, 8)]
-    assert number_shown(other, 3) == 5 + 2 * 2
-
-
 def test_each_camera_has_its_own_image(still):
     obj = imported(still)
     cameras = cameras_of(obj)
@@ -121,27 +100,16 @@ def test_a_sequence_follows_whatever_the_timing(mono):
         {"speed": 0.5},
         {"speed": -2.0, "repeat": "LOOP"},
         {"speed": 1.5, "repeat": "PING_PONG", "start_frame": -3.25},
+        {"use_trim": True, "first_frame": 2, "last_frame": 6, "repeat": "LOOP"},
         {"use_remap": True, "shown_frame": 6.6},
     ]
-    plain = {"start_frame": 1.0, "speed": 1.0, "repeat": "HOLD", "use_remap": False}
+    plain = {"start_frame": 1.0, "speed": 1.0, "repeat": "HOLD", "use_remap": False, "use_trim": False}
     for changed in settings:
         for name, value in (plain | changed).items():
             setattr(obj.frog, name, value)
         for frame in (-12, 1, 2, 5.3, 11, 26, 40):
             index = np.floor(np.clip(capture_frame(obj, frame, COUNT), 0, COUNT - 1) + 0.5)
             assert number_shown(camera, frame) == 5 + 2 * index, (changed, frame)
-
-
-def test_remapping_by_a_curve_moves_the_clip(mono):
-    obj = imported(mono)
-    obj.frog.use_remap = True
-    for frame, value in ((1, 9.0), (10, 0.0)):
-        obj.frog.shown_frame = value
-        obj.keyframe_insert("frog.shown_frame", frame=frame)
-    (camera,) = cameras_of(obj)
-    for frame in (1, 4, 10):
-        index = np.floor(np.clip(capture_frame(obj, frame, COUNT), 0, COUNT - 1) + 0.5)
-        assert number_shown(camera, frame) == 5 + 2 * index
 
 
 def test_videos_start_with_their_first_frame(empty, tmp_path):
@@ -197,17 +165,6 @@ def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
     assert clip_of(camera) is None and not camera.data.animation_data.drivers
 
 
-def test_clips_come_before_splats_that_would_cover_them(empty):
-    def covered(kind, shading, choice):
-        empty.frog.viewport_drawing = choice
-        space = SimpleNamespace(type=kind, shading=SimpleNamespace(type=shading))
-        return clips._is_covered(SimpleNamespace(space_data=space, scene=empty))
-
-    assert covered("VIEW_3D", "RENDERED", "POINTS") and not covered("VIEW_3D", "SOLID", "POINTS")
-    assert not covered("PROPERTIES", "RENDERED", "POINTS")
-    assert not clips._is_covered(SimpleNamespace(space_data=None, scene=empty))
-
-
 def test_renamed_cameras_keep_their_clips_and_a_user_s_own_image_stays(mono):
     obj = imported(mono, show_clips=False)
     camera = cameras_of(obj)[0]
@@ -218,15 +175,6 @@ def test_renamed_cameras_keep_their_clips_and_a_user_s_own_image_stays(mono):
     assert number_shown(camera, 3) == 9
     assert bpy.ops.frog.hide_clips() == {"FINISHED"}
     assert [each.image.name for each in camera.data.background_images] == ["storyboard"]
-
-
-def test_saved_and_opened_again_clips_are_in_time(mono, tmp_path):
-    imported(mono)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
-    obj = next(playback.captures(bpy.data.objects))
-    obj.frog.start_frame = 2.0
-    assert number_shown(cameras_of(obj)[0], 4) == 9
 
 
 def test_clips_are_in_time_after_the_addon_was_away(addon, mono):
@@ -298,15 +246,6 @@ def test_clips_are_shown_although_films_cannot_be_written(bent, tmp_path, capfd)
     assert [path.name for path in clips_folder(bent).iterdir()] == ["cam01.mp4"]
 
 
-def test_what_cannot_be_straightened_is_shown_as_it_was_filmed(bent, tmp_path, capfd):
-    obj = imported(bent)
-    (tmp_path / "bent" / "cameras_opencv.json").write_text("{")
-    assert bpy.ops.frog.add_clips() == {"FINISHED"}
-    assert len(shown_files(obj)) == 3
-    said = capfd.readouterr()
-    assert "The original clips are shown" in said.out + said.err
-
-
 @pytest.fixture
 def press(bent):
     """A function that presses the button as in a window and gives the operator that Blender then runs."""
@@ -328,15 +267,3 @@ def test_in_a_window_straightening_can_be_stopped(bent, press):
     assert operator.modal(bpy.context, event("ESC", "PRESS")) == {"CANCELLED"}
     assert shown_files(obj) == before
     assert {path.name for path in bent.parent.iterdir()} == {"bent", "bent.frog"}
-
-
-def test_in_a_window_a_capture_may_go_while_its_clips_are_written(bent, press):
-    obj = imported(bent)
-    operator = press()
-    bpy.data.objects.remove(obj)
-    for _ in range(1000):
-        ended = operator.modal(bpy.context, event())
-        if ended != {"PASS_THROUGH"}:
-            break
-    assert ended == {"FINISHED"}
-    assert clips_folder(bent).is_dir()

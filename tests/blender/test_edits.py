@@ -7,21 +7,16 @@ import numpy as np
 import pytest
 from support.small_scenes import read_png, rig_of_three, write_scene
 from support.training_panel import panel_says
-from support.undo_steps import check_undo_and_redo
 
 from frog_blender import point_cloud
 from frog_blender.cli.main import main
-from frog_blender.engine.editing.edits import Edits
-from frog_blender.engine.editing.grades import Grade
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.editing.matching import Colors
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.render.collect_instances import gather, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import edits, playback
-from frog_blender.timeline.edited_scenes import EditedScenes
 from frog_blender.ui import edit_panel
 
 
@@ -118,45 +113,6 @@ def test_crops_beside_the_capture_crop_where_they_stand(empty, capture):
     assert not np.array_equal(before, shown(capture)["radiance:base"])
 
 
-def test_a_mesh_crops_without_its_modifiers(empty, capture):
-    bpy.ops.mesh.primitive_cube_add(size=1.0)
-    crop = bpy.context.object
-    crop.modifiers.new("more", "ARRAY").relative_offset_displace[0] = 1.0
-    capture.frog_edits.crops.add().object = crop
-    evaluated = capture.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    found = playback.gaussians_at(capture, 1, evaluated)
-    np.testing.assert_array_equal(found.opacities, playback.gaussians_at(capture, 1).opacities)
-    inside = (np.abs(found.means) < 0.49).all(1)
-    assert found.opacities[inside].any() and not found.opacities[(np.abs(found.means) > 0.51).any(1)].any()
-
-
-def test_a_flattened_capture_is_a_sentence(empty, capture):
-    bpy.ops.object.empty_add(type="CUBE")
-    capture.frog_edits.crops.add().object = bpy.context.object
-    capture.parent.scale = (1.0, 1.0, 0.0)
-    bpy.context.view_layer.update()
-    with pytest.raises(FrogError, match="scale of zero along an axis"):
-        playback.gaussians_at(capture, 1)
-
-
-def test_animating_whether_edits_are_used_is_followed(empty, capture, path):
-    settings = capture.frog_edits
-    settings.grade.exposure = 1.0
-    for frame, use in ((1, False), (5, True), (8, False)):
-        settings.use = use
-        settings.keyframe_insert("use", frame=frame)
-    for frame, use in ((5, True), (1, False), (6, True), (9, False)):
-        empty.frame_set(frame)
-        plain = ScenePlayer.load(path).at_frame(playback.shown_frame(capture, frame))
-        assert np.array_equal(shown(capture)["radiance:base"][:, :3], plain.sh[:, 0]) is not use
-    action = capture.animation_data.action
-    capture.animation_data.nla_tracks.new().strips.new("use", 1, action)
-    capture.animation_data.action = None
-    assert edits.needs_evaluation(capture)
-    capture.animation_data.use_nla = False
-    assert not edits.needs_evaluation(capture)
-
-
 def test_each_duplicate_of_a_capture_has_its_own_edits(empty, tmp_path):
     for number in range(2):
         path = write_scene(tmp_path / f"{number}.frog", rig_of_three(), count=200, seed=number)
@@ -175,36 +131,6 @@ def test_each_duplicate_of_a_capture_has_its_own_edits(empty, tmp_path):
         assert evaluated.original == obj and evaluated.frog_edits.grade.exposure == obj.frog_edits.grade.exposure
         wanted.append(playback.gaussians_at(obj, 1).sh)
     np.testing.assert_array_equal(gather(depsgraph)[0].sh, np.concatenate(wanted))
-
-
-def test_edits_of_many_captures_are_kept_and_of_one_only_the_last(path):
-    kept, scenes = EditedScenes(), [ScenePlayer.load(path) for _ in range(6)]
-    brighter = [Edits(grades=(Grade(exposure=0.1 * (1 + step)),)) for step in range(5)]
-    first = [kept.of(scene, brighter[0])[0] for scene in scenes]
-    assert all(kept.of(scene, brighter[0])[0] is known for scene, known in zip(scenes, first, strict=True))
-    for edits_ in brighter:
-        kept.of(scenes[0], edits_)
-    assert kept.of(scenes[0], brighter[0])[0] is not first[0] and kept.of(scenes[1], brighter[0])[0] is first[1]
-    kept.forget(scenes[1])
-    assert kept.of(scenes[1], brighter[0])[0] is not first[1]
-
-
-def test_without_crops_no_objects_are_looked_at_when_one_moves(empty, capture, monkeypatch):
-    looked = []
-    captures_in = playback.captures_in
-    monkeypatch.setattr(playback, "captures_in", lambda scene: looked.append(scene) or captures_in(scene))
-    capture.frog_edits.grade.exposure = 0.5
-    bpy.context.view_layer.update()
-    looked.clear()
-    capture.parent.location.x += 1.0
-    bpy.context.view_layer.update()
-    assert not looked
-    bpy.ops.frog.add_crop(shape="BOX")
-    bpy.context.view_layer.update()
-    looked.clear()
-    capture.frog_edits.crops[0].object.location.x += 1.0
-    bpy.context.view_layer.update()
-    assert looked
 
 
 def test_an_object_that_cannot_crop_is_said_and_stops_a_render(capture):
@@ -242,27 +168,6 @@ def test_edits_are_saved_loaded_copied_and_appended(empty, capture, tmp_path):
     assert same(here.objects[0])
 
 
-def test_undo_and_redo_are_exact(empty, capture):
-    bpy.ops.ed.undo_push(message="imported")
-    name, states = capture.name, []
-
-    def state():
-        obj = bpy.data.objects[name]
-        return [array.tobytes() for array in vars(playback.gaussians_at(obj, 2)).values()], shown(obj)["position"].shape
-
-    states.append(state())
-    for step in (
-        lambda: bpy.ops.frog.select_gaussians(by="SIZE", size=0.4),
-        lambda: bpy.ops.frog.hide_gaussians(),
-        lambda: bpy.ops.frog.add_crop(shape="BOX"),
-        lambda: bpy.ops.frog.restore_gaussians(),
-    ):
-        assert step() == {"FINISHED"}
-        bpy.ops.ed.undo_push(message="step")
-        states.append(state())
-    check_undo_and_redo(states, state)
-
-
 def test_a_file_of_edits_gives_the_same_images_as_f12(empty, capture, path, tmp_path):
     pytest.importorskip("cv2")
     pytest.importorskip("tqdm")
@@ -296,23 +201,6 @@ def test_a_file_of_edits_gives_the_same_images_as_f12(empty, capture, path, tmp_
         np.testing.assert_allclose(ours, theirs, atol=1e-5)
 
 
-def test_edits_that_are_not_shown_are_saved_and_matched_all_the_same(capture, tmp_path):
-    edit_everything(capture)
-    image = bpy.data.images.new("wanted", 2, 1)
-    image.pixels = (0.5, 0.3, 0.2, 1.0, 0.7, 0.6, 0.3, 1.0)
-    capture.frog_edits.match_image = image
-    found = []
-    for use in (True, False):
-        for name in ("gains", "offsets"):
-            capture.frog_edits.grade.property_unset(name)
-        capture.frog_edits.use = use
-        saved = tmp_path / f"{use}.edits.json"
-        assert bpy.ops.frog.save_edits(filepath=str(saved)) == {"FINISHED"}
-        assert bpy.ops.frog.match_grade() == {"FINISHED"}
-        found.append((saved.read_text(), tuple(capture.frog_edits.grade.gains)))
-    assert found[0] == found[1] and "crops" in found[0][0]
-
-
 def test_a_file_that_cannot_be_loaded_changes_nothing(capture, tmp_path):
     edit_everything(capture)
     before, objects = edits.edits_of(capture), set(bpy.data.objects)
@@ -341,18 +229,6 @@ def test_loading_removes_the_crops_that_are_the_captures_alone(empty, capture, t
     assert not capture.frog_edits.crops and [name in bpy.data.objects for name in names] == [False, True, True]
 
 
-def test_loading_edits_refreshes_once(capture, tmp_path, monkeypatch):
-    edit_everything(capture)
-    path = tmp_path / "all.edits.json"
-    bpy.ops.frog.save_edits(filepath=str(path))
-    refreshed = []
-    monkeypatch.setattr(playback, "refresh", refreshed.append)
-    assert bpy.ops.frog.load_edits(filepath=str(path)) == {"FINISHED"}
-    assert len(refreshed) == 1
-    capture.frog_edits.grade.exposure = 0.1
-    assert len(refreshed) == 2
-
-
 def test_a_bake_serves_edited_captures(empty, capture, path):
     empty.frame_start, empty.frame_end = 1, 5
     edit_everything(capture)
@@ -362,15 +238,6 @@ def test_a_bake_serves_edited_captures(empty, capture, path):
     assert found.bake is not None and found._baked() is not None
     for ours, theirs in zip(vars(plain).values(), vars(found.gaussians()).values(), strict=True):
         np.testing.assert_array_equal(ours, theirs)
-
-
-def test_density_keeps_the_most_important_and_edits_them(empty, capture):
-    edit_everything(capture)
-    capture.frog.density = 50
-    whole = playback.scene_time(capture, 1).scene
-    fewer = playback.displayed(capture, 1).scene
-    assert 0 < fewer.count < whole.count and set(fewer.rows) <= set(whole.rows)
-    assert point_cloud.count(capture) == fewer.count
 
 
 def test_marks_of_an_earlier_training_are_said_and_dropped(empty, capture, path, capsys):
@@ -414,14 +281,6 @@ def test_selected_points_are_those_of_the_file(empty, capture):
     capture.data.vertices.foreach_set("select", chosen)
     bpy.ops.frog.select_gaussians(by="POINTS")
     np.testing.assert_array_equal(np.flatnonzero(edits.marks_of(capture.frog_edits.selection).chosen()), rows[[2, 7]])
-
-
-def test_removing_a_crop_removes_what_was_made_for_it(capture):
-    before = len(bpy.data.objects)
-    bpy.ops.frog.add_crop(shape="BOX")
-    assert len(bpy.data.objects) == before + 1
-    bpy.ops.frog.remove_crop(index=0)
-    assert len(bpy.data.objects) == before and not capture.frog_edits.crops
 
 
 def test_colours_are_matched_to_an_image_and_to_another_capture(empty, capture, tmp_path):

@@ -21,7 +21,7 @@ bpy.ops.wm.save_userpref()
 """
 
 
-@pytest.mark.parametrize("has", ["nothing", "extension that is on"])
+@pytest.mark.parametrize("has", [pytest.param("nothing", marks=pytest.mark.slow), "extension that is on"])
 def test_it_trains_and_renders(tmp_path, monkeypatch, has):
     pytest.importorskip("torch")
     pytest.importorskip("cv2")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
@@ -15,10 +14,7 @@ from frog_blender import unsaved_changes
 from frog_blender.engine.interchange import imports
 from frog_blender.engine.interchange.ply import write_splats
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.operators import import_ply
 from frog_blender.operators.import_ply import FROG_OT_import_splats
-from frog_blender.tasks import background_task
-from frog_blender.tasks.foreign_import import ForeignImport
 from frog_blender.timeline import playback
 
 PATIENCE = 60.0  # seconds
@@ -138,14 +134,6 @@ def test_a_scene_that_is_edited_gets_it_afterwards(importing):
     assert send(running) == {"FINISHED"} and len(captures()) == 1
 
 
-def test_one_that_waits_for_object_mode_is_stopped(importing):
-    running = waiting_for_object_mode(importing())
-    assert send(running, "ESC", "PRESS") == {"CANCELLED"} and not captures()
-    written = f"{running.path.with_suffix('.frog')} is written, but not added."
-    assert running.said == [("INFO", f"The import was stopped. {written}")]
-    bpy.ops.object.mode_set(mode="OBJECT")
-
-
 def test_a_scene_that_is_gone_gets_nothing_and_the_turn_is_told(importing):
     running = importing()
     asked = bpy.context.scene
@@ -170,22 +158,6 @@ def test_only_one_at_a_time(importing):
     assert finish(again) == {"FINISHED"} and len(captures()) == 1
 
 
-def test_switched_off_it_leaves_no_thread(addon):
-    def endless(progress):
-        while True:
-            progress(0, 1)
-            time.sleep(0.005)
-
-    task = ForeignImport(Path("x.ply"), endless).begin()
-    assert bpy.app.timers.is_registered(background_task.tick)
-    addon.unregister()
-    try:
-        assert not task.is_running and worker() is None
-        assert not bpy.app.timers.is_registered(background_task.tick)
-    finally:
-        addon.register()
-
-
 @pytest.mark.parametrize("given", [{}, {"set_up_scene": True}], ids=["by itself", "asked for"])
 def test_what_was_changed_meanwhile_stays(importing, given):
     scene = bpy.context.scene
@@ -199,55 +171,6 @@ def test_what_was_changed_meanwhile_stays(importing, given):
     assert (scene.render.engine == "FROG") == bool(given)
 
 
-def test_frog_renders_without_the_rest(importing):
-    scene = bpy.context.scene
-    rate = scene.view_settings.view_transform
-    assert finish(importing(set_up_scene=False, use_frog_engine=True)) == {"FINISHED"}
-    assert scene.render.engine == "FROG" and scene.view_settings.view_transform == rate != "Standard"
-
-
-class FROG_OT_test_move(bpy.types.Operator):
-    """As long as the user moves something."""
-
-    bl_idname, bl_label, bl_options = "frog.test_move", "Move", {"UNDO"}
-    is_waiting = False
-
-    def execute(self, context):
-        context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context, event):
-        return {"PASS_THROUGH"}
-
-
-@pytest.fixture
-def moving(addon, monkeypatch):
-    """A function that begins a move, and one that ends it."""
-    bpy.utils.register_class(FROG_OT_test_move)
-    yield lambda: bpy.ops.frog.test_move(), lambda: monkeypatch.setattr(FROG_OT_test_move, "is_waiting", True)
-    bpy.utils.unregister_class(FROG_OT_test_move)
-
-
-def test_what_is_being_moved_is_waited_for(moving, importing):
-    begin_move, end_move = moving
-    running = importing()
-    begin_move()
-    running.gate.set()
-    send_until(running, lambda: "present operation" in running.operator.doing)
-    assert not captures()
-    end_move()
-    assert finish(running) == {"FINISHED"} and len(captures()) == 1
-
-
-def test_a_training_need_not_wait_for_it(moving, importing):
-    begin_move, _ = moving
-    importing()
-    assert any(bpy.context.window_manager.windows[0].modal_operators)
-    assert not unsaved_changes.is_scene_in_use()
-    begin_move()
-    assert unsaved_changes.is_scene_in_use()
-
-
 def test_stopped_after_the_first_of_several_it_can_be_undone(importing):
     running = importing(2)
     running.gate.set()
@@ -256,17 +179,3 @@ def test_stopped_after_the_first_of_several_it_can_be_undone(importing):
     assert send(running, "ESC", "PRESS") == {"FINISHED"}
     ((kind, sentence),) = running.said
     assert kind == "INFO" and sentence.startswith("The import was stopped. Imported 60 Gaussians to ")
-
-
-def test_what_fails_after_the_first_of_several_can_be_undone(importing, monkeypatch):
-    def fail(*_):
-        raise KeyError("second")
-
-    running = importing(2)
-    running.gate.set()
-    send_until(running, running.begun["second.ply"].is_set)
-    monkeypatch.setattr(import_ply, "import_scene", lambda *_, **__: fail())
-    running.gates["second.ply"].set()
-    assert finish(running) == {"FINISHED"} and len(captures()) == 1
-    ((kind, sentence),) = running.said
-    assert kind == "ERROR" and sentence.startswith("Imported 60 Gaussians to ") and "unexpected KeyError" in sentence

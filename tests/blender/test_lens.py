@@ -13,8 +13,7 @@ from support.still_scenes import write_still
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.lens import Lens
-from frog_blender.render import blur, frog_engine
-from frog_blender.render.panoramic_camera import rays_of
+from frog_blender.render import blur
 
 SIZE, ACROSS, GREY = 160, 110, 0.05
 
@@ -93,38 +92,18 @@ def psnr(one, other):
     return -10 * math.log10(np.square(one - other).mean())
 
 
-def cards_through(scene, places, rendered, tmp_path):
+def test_cards_out_of_focus_are_as_cycles_renders_them(empty, eye, rendered, tmp_path):
+    """One behind the focus, one before it."""
+    dof = eye.data.dof
+    dof.use_dof, dof.aperture_fstop, dof.focus_distance = True, 0.5, 2.0
+    places = [at(-0.2, 0, -2.8, 1.2), at(0.25, 0.1, -1.3, 0.35)]
     parts = [np.concatenate(part) for part in zip(*map(splat_card, places), strict=True)]
     meshes = [mesh_card(place) for place in places]
-    scene.render.resolution_x = scene.render.resolution_y = SIZE
-    return both(scene, meshes, write_still(tmp_path / "cards.frog", *parts), rendered)
-
-
-PLACES = {
-    "behind": [at(0, 0, -3.0, 1.4)],
-    "before": [at(0, 0, -1.4, 0.7)],
-    "two": [at(-0.2, 0, -2.6, 1.2), at(0.25, 0.1, -1.3, 0.35)],
-}
-
-
-@pytest.mark.parametrize("where", PLACES)
-def test_a_card_out_of_focus_is_as_cycles_renders_it(empty, eye, where, rendered, tmp_path):
-    dof = eye.data.dof
-    dof.use_dof, dof.aperture_fstop = True, 0.5
-    dof.focus_distance = 2.6 if where == "two" else 2.0
-    mesh, splats = cards_through(empty, PLACES[where], rendered, tmp_path)
+    mesh, splats = both(empty, meshes, write_still(tmp_path / "cards.frog", *parts), rendered)
     assert psnr(mesh, splats) >= 35.0
     dof.use_dof = False
     sharp = rendered(empty)[..., :3] / 255.0
     assert psnr(mesh, sharp) < psnr(mesh, splats) - 4.0, "the blur matters"
-
-
-def test_an_orthographic_camera_blurs_as_in_cycles(empty, eye, rendered, tmp_path):
-    eye.data.type, eye.data.ortho_scale = "ORTHO", 1.6
-    dof = eye.data.dof
-    dof.use_dof, dof.aperture_fstop, dof.focus_distance = True, 4.0, 2.0
-    mesh, splats = cards_through(empty, [at(0, 0, -3.0)], rendered, tmp_path)
-    assert psnr(mesh, splats) >= 35.0
 
 
 def test_blades_rotation_and_ratio_shape_a_point_as_in_cycles(empty, eye, rendered, tmp_path):
@@ -175,26 +154,6 @@ def test_points_fill_the_aperture_evenly(blades):
     np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=0.03)
     spread = {0: 1 / 4, 3: 1 / 8, 6: 5 / 24}[blades]  # second moments of a unit disc and polygons
     np.testing.assert_allclose(np.square(points / 2.0).mean(axis=0), spread, atol=0.02)
-
-
-def test_both_blurs_share_their_samples(empty, eye, rendered, tmp_path, monkeypatch):
-    still = write_still(tmp_path / "one.frog", [(0.0, 0.0, -2.0)], (0.1, 0.1, 0.1), [(1.0, 1.0, 1.0)])
-    assert bpy.ops.import_scene.frog(filepath=str(still)) == {"FINISHED"}
-    empty.camera, empty.render.engine = eye, "FROG"
-    empty.render.resolution_x = empty.render.resolution_y = 16
-    drawn, instant = [], frog_engine.render_instant
-    monkeypatch.setattr(frog_engine, "render_instant", lambda *given: drawn.append(given) or instant(*given))
-    empty.frog.lens_samples, empty.frog.motion_samples = 7, 5
-    eye.data.dof.use_dof = True
-    for blurred, count in ((False, 7), (True, 7)):
-        drawn.clear()
-        rendered(empty, use_motion_blur=blurred)
-        assert len(drawn) == count + 1
-        assert all(given[2] is not None for given in drawn[1:])
-    eye.data.dof.use_dof = False
-    drawn.clear()
-    rendered(empty, use_motion_blur=True)
-    assert len(drawn) == 5 + 1
 
 
 KINDS = ("EQUIRECTANGULAR", "FISHEYE_EQUIDISTANT", "FISHEYE_EQUISOLID", "MIRRORBALL")
@@ -276,13 +235,3 @@ def test_what_no_panorama_can_be_is_refused_in_a_sentence(empty, eye, static_rig
     data.stereo.use_spherical_stereo = empty.render.use_multiview = True
     with pytest.raises(RuntimeError, match="found spherical stereo"):
         rendered(empty)
-
-
-def test_rays_are_unit_vectors_or_nothing(eye):
-    eye.data.type = "PANO"
-    for kind in KINDS:
-        eye.data.panorama_type = kind
-        rays = rays_of(eye, bpy.context.scene.render, 40, 20)
-        lengths = np.linalg.norm(rays, axis=-1)
-        np.testing.assert_allclose(lengths[np.isfinite(lengths)], 1.0, atol=1e-6)
-        assert np.isfinite(lengths).sum() > 200

@@ -8,10 +8,9 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import drawing_context
 
-from frog_blender import addon_state, capture_files, point_cloud
+from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback
 from frog_blender.ui import capture_panel, capture_summary, captures_panel, refreshing, render_panel
@@ -85,38 +84,10 @@ def test_a_bake_that_comes_and_goes(empty, capture, static_rig, said):
     assert "Baked: 3 frames" in said(captures_panel.FROG_PT_bake)
 
 
-def test_found_by_blender_it_is_shown_at_once(empty, capture, static_rig, said, tmp_path):
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
-    (tmp_path / "there").mkdir()
-    there = static_rig.rename(tmp_path / "there" / static_rig.name)
-    empty.frame_set(2)
-    bpy.ops.file.find_missing_files(directory=str(tmp_path))
-    said(captures_panel.FROG_PT_captures)
-    expected = ScenePlayer.load(there).at_frame(1.0).means
-    np.testing.assert_array_equal(point_cloud.read(capture)["position"], expected)
-
-
-def test_a_packed_capture_says_so(empty, capture, said):
-    assert "packed" not in said(captures_panel.FROG_PT_captures)
-    bpy.ops.file.pack_all()
-    assert capture_files.packed_bytes(capture) and "packed into the .blend" in said(captures_panel.FROG_PT_captures)
-
-
 def test_what_holds_points_still_is_said_for_other_engines(empty, capture, said):
     for engine, locked, expected in (("FROG", False, False), ("CYCLES", True, False), ("CYCLES", False, True)):
         empty.render.engine, empty.render.use_lock_interface = engine, locked
         assert ("unless Lock Interface is on" in said(render_panel.FROG_PT_render)) == expected
-
-
-def test_a_panel_that_cannot_bring_things_up_to_date_rests(empty, capture, monkeypatch):
-    looked = []
-    addon_state.reset(refreshing.Refreshes)
-    first = []
-    monkeypatch.setattr(bpy.app.timers, "register", lambda function, first_interval: first.append(first_interval))
-    refreshing.soon("x", lambda: looked.append(1))
-    refreshing.tick()
-    refreshing.soon("x", lambda: looked.append(1))
-    assert looked == [1] and first[0] == 0.0 and 0.5 < first[1] <= refreshing.REST
 
 
 def test_a_calibration_that_is_mended(empty, said, tmp_path):
@@ -133,22 +104,3 @@ def test_a_calibration_that_is_mended(empty, said, tmp_path):
     assert "4 cameras" in said(panel)
     os.utime(poses, (1, 1))
     assert not capture_summary.is_outdated(str(folder)), "what can be used is not looked at again at every redraw"
-
-
-def test_an_image_without_a_capture_says_so(empty, static_rig, capfd, rendered):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    capture = next(playback.captures(empty.objects))
-    rendered(empty)
-    assert "no visible capture" not in capfd.readouterr().out
-    bpy.data.objects.remove(capture)
-    background = rendered(empty)
-    assert "no visible capture" in capfd.readouterr().out
-    assert np.ptp(background.reshape(-1, 4), axis=0).max() == 0
-
-
-def test_a_capture_that_plays_another_file(empty, capture, said, tmp_path):
-    other = write_scene(tmp_path / "other.frog", rig_of_three(), count=40, seed=2)
-    capture.frog.filepath = str(tmp_path / "none.frog")
-    assert "none.frog" in said(captures_panel.FROG_PT_captures)
-    capture.frog.filepath = str(other)
-    assert "40 Gaussians" in said(captures_panel.FROG_PT_captures)

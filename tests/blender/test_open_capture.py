@@ -65,11 +65,6 @@ def test_a_calibration_that_does_not_fit_says_so(empty, capture):
     assert not empty.frog.capture_folder
 
 
-def test_no_videos_at_all(empty, tmp_path):
-    with pytest.raises(RuntimeError, match="Found no video"):
-        drop(tmp_path)
-
-
 def test_a_folder_from_the_import_menu(empty, capture, tmp_path):
     assert bpy.ops.import_scene.frog_capture(directory=f"{capture}/") == {"FINISHED"}
     assert empty.frog.capture_folder.rstrip("/") == str(capture)
@@ -77,16 +72,6 @@ def test_a_folder_from_the_import_menu(empty, capture, tmp_path):
     with pytest.raises(RuntimeError, match="nowhere"):
         bpy.ops.import_scene.frog_capture(directory=str(tmp_path / "nowhere"))
     assert empty.frog.capture_folder.rstrip("/") == str(capture)
-
-
-def test_a_folder_is_read_once(empty, capture, monkeypatch):
-    """Small videos are decoded for that."""
-    read, folders = capture_summary.read, []
-    monkeypatch.setattr(capture_summary, "read", lambda folder: folders.append(folder) or read(folder))
-    assert drop(capture, "cam01.mp4") == {"FINISHED"}
-    assert folders == [capture]
-    empty.frog.capture_folder = str(capture)
-    assert folders == [capture, capture], "who chooses it anew wants it read anew"
 
 
 def test_a_window_does_not_wait_until_a_folder_is_read(empty, capture, drawn_panel, monkeypatch):
@@ -102,42 +87,6 @@ def test_a_window_does_not_wait_until_a_folder_is_read(empty, capture, drawn_pan
     assert background_task.tick() is None
     assert capture_summary.known(str(capture)).capture is not None
     assert "4 cameras" in drawn_panel() and "Reading" not in drawn_panel()
-
-
-def test_what_changes_while_a_folder_is_read_is_noticed(empty, capture, monkeypatch):
-    poses = (capture / "poses_bounds.npy").read_bytes()
-    (capture / "poses_bounds.npy").unlink()
-    read = capture_summary.read
-
-    def as_it_was(folder):
-        found = read(folder)
-        (capture / "poses_bounds.npy").write_bytes(poses)
-        return found
-
-    monkeypatch.setattr(capture_summary, "read", as_it_was)
-    empty.frog.capture_folder = str(capture)
-    assert capture_summary.known(str(capture)).raw_footage and capture_summary.is_outdated(str(capture))
-
-
-def test_the_last_reading_of_a_folder_counts(empty, capture, monkeypatch):
-    begun, may_go_on, said = threading.Event(), threading.Event(), iter(("before", "after"))
-
-    def summary(_folder):
-        word = next(said)
-        if word == "before":
-            begun.set()
-            may_go_on.wait(20.0)
-        return capture_summary.CaptureSummary((word,))
-
-    monkeypatch.setattr(capture_summary, "read", summary)
-    capture_reading.read_beside(str(capture))
-    earlier = CaptureReading.current(str(capture))
-    assert begun.wait(20.0)
-    capture_reading.read_beside(str(capture))
-    may_go_on.set()
-    assert earlier.join(20.0) and CaptureReading.current(str(capture)).join(20.0)
-    background_task.tick()
-    assert capture_summary.known(str(capture)).lines == ("after",)
 
 
 @pytest.fixture
@@ -169,13 +118,6 @@ def test_a_window_goes_on_while_dropped_videos_are_read(empty, capture, dropping
     assert empty.frog.capture_folder == str(capture)
     ((kind, sentence),) = dropping.said
     assert kind == "INFO" and "4 cameras" in sentence
-
-
-def test_a_drop_that_fails_later_changes_nothing(empty, capture, dropping):
-    (capture / "poses_bounds.npy").write_bytes(b"no numbers")
-    assert dropping.go_on() == {"CANCELLED"} and not empty.frog.capture_folder
-    ((kind, sentence),) = dropping.said
-    assert kind == "ERROR" and "poses_bounds.npy" in sentence
 
 
 def test_a_drop_that_is_stopped_changes_nothing(empty, dropping):

@@ -88,16 +88,6 @@ def test_a_click_selects_the_root_with_its_splats(capture, seen):
     assert pick.splats_at(window(away), x, y) is None
 
 
-def test_more_is_selected_with_shift(empty, capture, seen):
-    pose, (x, y) = seen
-    other = bpy.data.objects.new("mine", None)
-    empty.collection.objects.link(other)
-    other.select_set(True)
-    context = window(pose)
-    pick.select(context, pick.splats_at(context, x, y), extend=True)
-    assert set(bpy.context.selected_objects) == {root_of(capture), capture, other}
-
-
 @pytest.mark.parametrize(("share", "hidden"), [(0.3, True), (3.0, False)])
 def test_what_lies_before_the_splats_is_clicked_instead(capture, seen, share, hidden):
     pose, (x, y) = seen
@@ -136,35 +126,6 @@ def test_cameras_hang_on_what_is_not_seen_so_that_no_lines_are_drawn_to_it(captu
     np.testing.assert_allclose(np.array(holder.matrix_world), np.array(root.matrix_world), atol=1e-6)
 
 
-def test_cameras_of_an_earlier_version_hang_on_the_root(capture):
-    root, (first, *others) = root_of(capture), cameras_of(capture)
-    first.parent = root
-    assert set(cameras_of(capture)) == {first, *others} and active_capture(bpy.context) == capture
-    for camera in others:
-        camera.parent = root
-    bpy.data.objects.remove(next(child for child in root.children if child.type == "EMPTY"))
-    assert set(cameras_of(capture)) == {first, *others} and holders_of(capture) == []
-
-
-def test_a_capture_of_an_earlier_version_in_another_one_keeps_its_cameras(capture, static_rig):
-    mine = cameras_of(capture)
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    (inner,) = set(playback.captures(bpy.data.objects)) - {capture}
-    theirs = cameras_of(inner)
-    for camera in theirs:
-        camera.parent = root_of(inner)
-    bpy.data.objects.remove(*holders_of(inner))
-    root_of(inner).parent = root_of(capture)
-    assert set(cameras_of(capture)) == set(mine) and set(cameras_of(inner)) == set(theirs)
-
-
-def test_what_held_cameras_is_no_object_of_the_users(capture):
-    holders = holders_of(capture)
-    for camera in cameras_of(capture):
-        bpy.data.objects.remove(camera)
-    assert holders and holders_of(capture) == holders and cameras_of(capture) == []
-
-
 def test_it_turns_and_grows_about_its_middle_with_its_cameras(capture):
     root, cameras = root_of(capture), cameras_of(capture)
     np.testing.assert_array_equal(np.array(capture.matrix_world), np.eye(4))
@@ -192,11 +153,3 @@ def test_selected_it_is_copied_and_deleted_whole(empty, capture):
     assert copy.matrix_world.translation.x == pytest.approx(3.0) and capture.matrix_world.translation.x == 0.0
     bpy.ops.object.delete()
     assert list(playback.captures(empty.objects)) == [capture] and root_of(capture).name in empty.objects
-
-
-def test_the_mouse_button_that_does_not_select_is_left_alone(capture):
-    operator = SimpleNamespace()
-    button = pick._select_button()
-    other = {"LEFT": "RIGHTMOUSE", "RIGHT": "LEFTMOUSE"}[button]
-    event = SimpleNamespace(type=other, mouse_region_x=1, mouse_region_y=1, shift=False)
-    assert pick.FROG_OT_pick.invoke(operator, bpy.context, event) == {"PASS_THROUGH"}

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from support.small_scenes import rig_of_three, write_scene
 
-from frog_blender import app_handlers, capture_files, point_cloud
+from frog_blender import capture_files, point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.timeline import handlers, open_scenes, playback
+from frog_blender.timeline import open_scenes, playback
 
 
 def shows(obj, path, frame):
@@ -109,35 +109,6 @@ def test_a_moved_project_plays_and_renders(project, rendered):
     np.testing.assert_array_equal(rendered(bpy.context.scene), before)
 
 
-def without_a_volume(obj):
-    """As a .blend of an earlier version has it."""
-    obj.frog.source = None
-    bpy.data.orphans_purge()
-    assert not bpy.data.volumes and obj.frog.filepath
-
-
-def test_a_capture_of_an_earlier_version_is_looked_after_when_it_is_opened(project):
-    without_a_volume(the_capture())
-    every_handler = handlers.every_handler()
-    app_handlers.remove(every_handler)
-    try:
-        bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"))
-    finally:
-        app_handlers.add(every_handler)
-    assert not bpy.data.volumes
-    bpy.ops.wm.open_mainfile(filepath=str(project / "x.blend"))
-    obj = the_capture()
-    assert obj.frog.source is not None and obj.frog.filepath == str(project / "a.frog")
-    shows(obj, project / "a.frog", 0.0)
-
-
-@pytest.mark.parametrize("relative_paths", [True], indirect=True)
-def test_or_when_it_is_saved(project, relative_paths):
-    without_a_volume(the_capture())
-    bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"))
-    assert stored(the_capture()) == "//a.frog" and the_capture().frog.source is not None
-
-
 def test_missing_files_are_reported_and_found(project, tmp_path, capfd):
     bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"))
     obj, there = the_capture(), tmp_path / "there"
@@ -182,18 +153,6 @@ def test_a_packed_capture_needs_no_file(project, tmp_path, rendered):
     assert playback.file_of(the_capture()).read_bytes() == original.read_bytes()
     bpy.context.scene.frame_set(7)
     shows(the_capture(), original, 6.0)
-
-
-def test_what_is_packed_may_be_no_scene(project, tmp_path, capfd):
-    bpy.ops.wm.save_as_mainfile(filepath=str(project / "x.blend"))
-    (project / "a.frog").write_bytes(b"nonsense" * 100)
-    bpy.ops.file.pack_all()
-    bpy.ops.wm.save_mainfile()
-    bpy.ops.wm.open_mainfile(filepath=str(project / "x.blend"))
-    capfd.readouterr()
-    for frame in (2, 3, 4):
-        bpy.context.scene.frame_set(frame)
-    assert open_scenes.problem(playback.file_of(the_capture())) and "Traceback" not in capfd.readouterr().err
 
 
 def test_duplicates_part_when_one_plays_another_file(project):

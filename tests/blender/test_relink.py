@@ -5,7 +5,6 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.blender_windows import viewport
 from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
@@ -136,24 +135,6 @@ def test_a_copy_saved_elsewhere_plays_and_so_does_the_open_one(beside, tmp_path)
     shows(capture, beside, 4.0)
 
 
-def test_saving_where_nothing_can_be_saved_changes_no_path(beside, tmp_path):
-    with pytest.raises(RuntimeError):
-        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "none" / "y.blend"))
-    capture = next(playback.captures(bpy.context.scene.objects))
-    assert capture.frog.filepath == "//a.frog"
-    shows(capture, beside, 2.0)
-
-
-def test_saving_in_edit_mode(beside, capfd):
-    capture = next(playback.captures(bpy.context.scene.objects))
-    bpy.context.view_layer.objects.active = capture
-    bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.wm.save_mainfile()
-    bpy.ops.object.mode_set(mode="OBJECT")
-    shows(capture, beside, 2.0)
-    assert "Traceback" not in capfd.readouterr().err
-
-
 @pytest.mark.parametrize("saved", [False, True], ids=["unsaved", "saved"])
 def test_what_is_appended_from_elsewhere_plays(beside, tmp_path, saved):
     """Its scene as well, whose training wrote beside it."""
@@ -219,38 +200,3 @@ def test_what_is_made_local_keeps_its_file(beside, tmp_path, overridden):
     (obj,) = playback.captures(bpy.context.scene.objects)
     bpy.context.scene.frame_set(3)
     shows(obj, beside, 2.0)
-
-
-def test_a_pasted_capture_plays(beside):
-    """Blender keeps what is copied in a .blend in a folder of its own."""
-    capture = next(playback.captures(bpy.context.scene.objects))
-    for obj in bpy.context.view_layer.objects:
-        obj.select_set(obj == capture)
-    with bpy.context.temp_override(**viewport()):
-        bpy.ops.view3d.copybuffer()
-        bpy.ops.view3d.pastebuffer()
-    pasted = next(obj for obj in playback.captures(bpy.context.scene.objects) if obj != capture)
-    bpy.context.scene.frame_set(5)
-    shows(pasted, beside, 4.0)
-
-
-def test_another_training_of_the_same_file_is_not_imported_again(beside, tmp_path):
-    from frog_blender.operators.train import ResultImporter
-
-    other = tmp_path / "other"
-    other.mkdir()
-    bpy.ops.wm.save_as_mainfile(filepath=str(other / "x.blend"))
-    scene = bpy.context.scene
-    assert "//../" in next(playback.captures(scene.objects)).frog.filepath.replace("\\", "/")
-    scene.render.resolution_x = 777
-    ResultImporter(scene)(beside)
-    assert len(list(playback.captures(scene.objects))) == 1 and scene.render.resolution_x == 777
-
-
-def test_an_output_that_is_not_there_yet_stays_beside_its_blend(beside, tmp_path):
-    """Though a library's folder holds a file of that name."""
-    obj = linked_into(tmp_path / "mine.blend", beside)
-    bpy.context.scene.collection.objects.link(obj)
-    bpy.context.scene.frog.output_path = "//a.frog"
-    bpy.ops.wm.save_mainfile()
-    assert bpy.context.scene.frog.output_path == "//a.frog"

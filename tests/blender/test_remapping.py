@@ -69,6 +69,10 @@ def test_the_timeline_shows_it(empty, capture, static_rig):
         )
 
 
+by_driver = pytest.mark.parametrize("capture", [driven], indirect=True)
+
+
+@by_driver
 def test_stills_and_animations_draw_it(empty, capture, static_rig, tmp_path, rendered):
     empty.frame_set(2)
     empty.frame_set(6)
@@ -94,6 +98,7 @@ def test_exported_frames_have_it(empty, capture, static_rig, tmp_path):
     assert empty.frame_current == 1
 
 
+@by_driver
 def test_other_engines_draw_it(empty, capture, static_rig, tmp_path, rendered):
     """Cycles, by the points of the frame that was evaluated for it."""
     empty.render.engine, empty.cycles.samples, empty.cycles.device = "CYCLES", 1, "CPU"
@@ -160,10 +165,3 @@ def test_stretched_time_is_exported_and_baked(empty, slow, static_rig, tmp_path)
     empty.frame_set(4)
     scene, bake = ScenePlayer.load(static_rig), playback.baked(slow)
     assert len(bake) == 4 and all(bake.find(scene.time_of(frame / 2 - 1)) is not None for frame in (3, 4, 5, 6))
-
-
-def test_stretched_time_is_composed(empty, slow):
-    bpy.ops.frog.compose()
-    splats = bpy.data.scenes["Scene FRoG"]
-    splats.frame_set(empty.frame_current)
-    assert splats.frame_current_final == empty.frame_current_final == 2.5

