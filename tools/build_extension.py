@@ -81,7 +81,6 @@ TRAINING = (
             "calibrate",
             "capture_cameras",
             "capture_scene",
-            "click_points",
             "install_torch",
             "open_capture",
             "show_result",

@@ -33,11 +33,9 @@ _FAMILIES = (
     "edit_clean",
     "select_by_hand",
     "edit_file",
-    "edit_match",
     "train",
     "install_torch",
     "calibrate",
-    "click_points",
     "capture_cameras",
     "capture_scene",
 )

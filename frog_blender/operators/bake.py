@@ -111,14 +111,13 @@ class FROG_OT_clear_bake(_OfCapture, FrogOperator, bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_confirm(self, event)
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         path = playback.bake_path(self.capture(context))
         open_scenes.let_go_of_bake(path)
         try:
             path.unlink()
         except OSError as error:
             raise FrogError(f"{path}: the bake could not be deleted ({error.strerror or error}).") from error
-        return ""
 
 
 class FROG_OT_clear_cache(FrogOperator, bpy.types.Operator):
@@ -127,8 +126,7 @@ class FROG_OT_clear_cache(FrogOperator, bpy.types.Operator):
     bl_idname = "frog.clear_cache"
     bl_label = "Clear Playback Cache"
 
-    def act(self, _context: bpy.types.Context) -> str:
+    def act(self, _context: bpy.types.Context) -> None:
         playback_cache.clear()
         for obj in playback.captures(bpy.data.objects):
             point_cloud.invalidate(obj.data)
-        return ""

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture
+from ..tasks.background_task import BackgroundTask
 from ..timeline import edits_in_progress, playback
 from ..timeline.edits import SETTINGS, marks_of, store_marks
 
 if TYPE_CHECKING:
     from ..engine.playback.player import ScenePlayer
-    from ..tasks.background_task import BackgroundTask
 
 UNDOABLE = {"REGISTER", "UNDO"}
 MISSING = {"selection": "Select Gaussians of the capture first.", "hidden": "No Gaussian of the capture is hidden."}
@@ -54,7 +54,7 @@ class FrogOperator:
             self.report({"INFO"}, said)
         return {"FINISHED"}
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> str | None:
         """Does it and says what was done, if that is not seen; raises FrogError for what cannot be."""
         raise NotImplementedError
 
@@ -76,11 +76,10 @@ class CancelOperator(FrogOperator):
     def poll(cls, _context: bpy.types.Context) -> bool:
         return cls.kind.is_any_running()
 
-    def act(self, _context: bpy.types.Context) -> str:
+    def act(self, _context: bpy.types.Context) -> None:
         task = self.kind.current()
         if task is not None:
             task.cancel()
-        return ""
 
 
 class EditOperator(FrogOperator):
@@ -97,13 +96,13 @@ class EditOperator(FrogOperator):
             return MISSING[cls.needs]
         return missing
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> str | None:
         with edits_in_progress.several():
             said = self.edit(context, active_capture(context))
         playback.refresh(context.scene)
         return said
 
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str | None:
         """As ``act``, for the active capture."""
         raise NotImplementedError
 

@@ -74,13 +74,12 @@ class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
         layout.prop(self, "rate")
         preview_image.draw(layout, context, report_images.ONE_CURVE)
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)
         write_clock(Path(folder), CameraClock(self.camera, _rounded(self.offset), _rounded(self.rate)))
         summary = capture_reading.read(folder)
         if summary is not None and summary.error:
             self.report({"WARNING"}, summary.error)
-        return ""
 
 
 class _UseCameras(FrogOperator):

@@ -53,9 +53,8 @@ class FROG_OT_remove_rig(FrogOperator, bpy.types.Operator):
         has_rig = context.mode == "OBJECT" and context.scene.frog.rig.collection is not None
         return "" if has_rig else "There is no rig, or the scene is not in Object Mode."
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         placing.remove(context.scene.frog.rig)
-        return ""
 
 
 class FROG_OT_capture_scene(FrogOperator, bpy.types.Operator):
@@ -71,10 +70,9 @@ and its settings stay as they are"""
             return "There are no cameras yet. Press Place Cameras."
         return "A scene is being rendered already." if SceneCaptureTask.is_any_running() else ""
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         request = request_of(context.scene, context.scene.frog.rig)
         SceneCaptureTask(request, partial(_open, finder(context.scene))).begin()
-        return ""
 
 
 class FROG_OT_cancel_scene_capture(CancelOperator, bpy.types.Operator):

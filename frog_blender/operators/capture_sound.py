@@ -48,6 +48,5 @@ class FROG_OT_update_sound(EditOperator, bpy.types.Operator):
             return "Add a sound strip or a speaker of the capture first."
         return missing
 
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         capture_sound.place(context, obj)
-        return ""

@@ -158,10 +158,9 @@ class FROG_OT_hide_clips(FrogOperator, bpy.types.Operator):
     def problem(cls, context: bpy.types.Context) -> str:
         return _no_cameras(context)
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         for camera in cameras_of(active_capture(context)):
             hide_clip(camera)
-        return ""
 
 
 def on_register() -> None:

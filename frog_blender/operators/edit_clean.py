@@ -111,14 +111,13 @@ class FROG_OT_select_gaussians_all(EditOperator, bpy.types.Operator):
         default="ALL",
     )
 
-    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> None:
         scene = scene_of(obj)
         if self.action == "INVERT":
             chosen = ~chosen_in(obj.frog_edits.selection, scene)
         else:
             chosen = np.full(scene.count, self.action == "ALL")
         select(obj, chosen)
-        return ""
 
 
 class FROG_OT_grow_selection(EditOperator, bpy.types.Operator):

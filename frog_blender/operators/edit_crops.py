@@ -34,12 +34,11 @@ class FROG_OT_add_crop(EditOperator, bpy.types.Operator):
         default="BOX",
     )
 
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         if self.shape == "OBJECT":
             _crop_by(obj, context.selected_objects)
         else:
             self._add(obj, context.scene)
-        return ""
 
     def _add(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
         from ..engine.editing.common_view import common_view
@@ -72,7 +71,7 @@ class _RemovesEntry(EditOperator):
     entries = ""
     """The list of the capture's edits that it is in."""
 
-    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> None:
         found = len(getattr(obj.frog_edits, self.entries))
         if self.index >= found:
             raise FrogError(f"{obj.name}: found {found} {self.entries}, expected one of the number {self.index}.")
@@ -80,7 +79,6 @@ class _RemovesEntry(EditOperator):
             remove_crop(obj, self.index)
         else:
             obj.frog_edits.grades.remove(self.index)
-        return ""
 
 
 class FROG_OT_remove_crop(_RemovesEntry, bpy.types.Operator):
@@ -121,9 +119,8 @@ class FROG_OT_reset_grade(EditOperator, bpy.types.Operator):
     bl_idname = "frog.reset_grade"
     bl_label = "Reset Grade"
 
-    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> None:
         reset_grade(obj)
-        return ""
 
 
 def reset_grade(obj: bpy.types.Object) -> None:

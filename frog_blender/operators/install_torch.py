@@ -85,7 +85,7 @@ class FROG_OT_install_torch(_Downloads, bpy.types.Operator):
             layout.prop(self, "index")
         layout.label(text=f"OpenCV and pycolmap {PYCOLMAP} come with it.")
 
-    def act(self, _context: bpy.types.Context) -> str:
+    def act(self, _context: bpy.types.Context) -> None:
         index = self.index.strip() or torch_environment.package_index()
         if index_needed(self.build) and not index:
             raise FrogError(f"{index_needed(self.build)} Nothing was downloaded.")
@@ -93,7 +93,6 @@ class FROG_OT_install_torch(_Downloads, bpy.types.Operator):
         arguments = ["--extra-index-url", index] if index else []
         is_chosen = self.properties.is_property_set("build")  # else it depends on the index
         installation.begin(arguments, torch_environment.use_installation, build=self.build if is_chosen else CPU)
-        return ""
 
 
 class FROG_OT_remove_torch(FrogOperator, bpy.types.Operator):
@@ -132,10 +131,9 @@ class FROG_OT_install_calibration(_Downloads, bpy.types.Operator):
         text = f"This downloads pycolmap {PYCOLMAP} and OpenCV, {CALIBRATION_SIZES}."
         return context.window_manager.invoke_confirm(self, event, title="Install pycolmap", message=text)
 
-    def act(self, _context: bpy.types.Context) -> str:
+    def act(self, _context: bpy.types.Context) -> None:
         # From pip's own index: PyTorch's has no pycolmap.
         installation.begin_calibration([], torch_environment.add_folder)
-        return ""
 
 
 class FROG_OT_fetch_landmarks(_Downloads, bpy.types.Operator):
@@ -152,9 +150,8 @@ class FROG_OT_fetch_landmarks(_Downloads, bpy.types.Operator):
         text = f"This downloads {LICENSE}: {LANDMARK_SIZES}."
         return context.window_manager.invoke_confirm(self, event, title="Fetch Landmark File", message=text)
 
-    def act(self, _context: bpy.types.Context) -> str:
+    def act(self, _context: bpy.types.Context) -> None:
         LandmarkDownload().begin()
-        return ""
 
 
 class FROG_OT_cancel_installation(CancelOperator, bpy.types.Operator):

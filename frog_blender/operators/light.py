@@ -60,6 +60,5 @@ stays in the lit one, which the .blend then keeps"""
     def problem(cls, context: bpy.types.Context) -> str:
         return "" if world.is_lit(world.lit_scene(context.scene)) else "The scene has its own world."
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         world.restore(world.lit_scene(context.scene))
-        return ""

@@ -30,7 +30,7 @@ class FROG_OT_render_film(FrogOperator, bpy.types.Operator, ExportHelper):
             return "Import a capture first."
         return "Set a camera first." if context.scene.camera is None else ""
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         scene, path = context.scene, Path(bpy.path.abspath(self.filepath))
         if not path.parent.is_dir():
             raise FrogError(f"{path.parent}: found no such folder, expected one for the film.")
@@ -41,7 +41,6 @@ class FROG_OT_render_film(FrogOperator, bpy.types.Operator, ExportHelper):
             raise FrogError(f"Renders have {width} x {height} pixels; films need even numbers of both.")
         _set_output(scene, path)
         bpy.ops.render.render("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", animation=True)
-        return ""
 
 
 def _set_output(scene: bpy.types.Scene, path: Path) -> None:

@@ -23,20 +23,18 @@ class _Retimes(EditOperator):
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
-        return super().problem(context) or cls.problem_of(context, active_capture(context))
-
-    @classmethod
-    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        """Why a capture cannot be retimed so, or an empty string."""
-        return "" if _frames(obj) > 1 else "The capture does not move, or its file cannot be played."
+        missing = super().problem(context)
+        if not missing and _frames(active_capture(context)) < 2:
+            return "The capture does not move, or its file cannot be played."
+        return missing
 
 
 class _EditsCurve(_Retimes):
     """Base of operators on the curve of the Shown Frame."""
 
     @classmethod
-    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        return super().problem_of(context, obj) or timing_curve.problem(obj)
+    def problem(cls, context: bpy.types.Context) -> str:
+        return super().problem(context) or timing_curve.problem(active_capture(context))
 
 
 class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
@@ -46,15 +44,18 @@ class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
     bl_label = "Split Capture"
 
     @classmethod
-    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def problem(cls, context: bpy.types.Context) -> str:
+        if missing := super().problem(context):
+            return missing
         if context.mode != "OBJECT":
             return "Captures are split in Object Mode."
+        obj = active_capture(context)
         first, end = _range(context.scene, obj)
         if not first < context.scene.frame_current_final < end:
             return "Go to a frame between the first and the last one at which the capture is there."
         if any(context.view_layer.objects.get(moved.name) != moved for moved in (obj, root_of(obj))):
             return "The capture is in a collection that is excluded from the view layer."
-        return super().problem_of(context, obj)
+        return ""
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         frame, (first, end) = context.scene.frame_current_final, _limits(obj)
@@ -65,26 +66,28 @@ class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
         return f"{root_of(other).name} goes on where {root_of(obj).name} ends."
 
 
-class FROG_OT_reverse_capture(_Retimes, bpy.types.Operator):
+class FROG_OT_reverse_capture(_EditsCurve, bpy.types.Operator):
     """Play the capture backward in the same frames of the timeline"""
 
     bl_idname = "frog.reverse_capture"
     bl_label = "Reverse Capture"
 
     @classmethod
-    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        found = super().problem_of(context, obj) or timing_curve.problem(obj)
-        if found or not obj.frog.use_remap:
-            return found or ("" if obj.frog.speed else "Its speed is zero.")
-        return "" if retiming.shown_curve(obj) else "Its Shown Frame has no curve."
+    def problem(cls, context: bpy.types.Context) -> str:
+        if missing := super().problem(context):
+            return missing
+        obj = active_capture(context)
+        if obj.frog.use_remap:
+            return "" if retiming.shown_curve(obj) else "Its Shown Frame has no curve."
+        return "" if obj.frog.speed else "Its speed is zero."
 
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         settings, curve, scene = obj.frog, retiming.shown_curve(obj), context.scene
         low, end = _limits(obj)
         high = end - retiming.stretched(scene, 1)  # the last frame at which it is there
         if settings.use_remap and curve is not None:
             timing_curve.reverse(curve, low, high)
-            return ""
+            return
         frames = _frames(obj)
         _, count = retiming.piece(settings, frames)
         begin, stop = sorted((settings.start_frame, settings.start_frame + (count - 1) / settings.speed))
@@ -96,10 +99,9 @@ class FROG_OT_reverse_capture(_Retimes, bpy.types.Operator):
             # Backward, it would go on where it was held until now, with what its limits cut off.
             shown = [retiming.capture_frame(obj, frame, frames) for frame in (last, first)]
             timing_curve.write_keys(obj, [(first, shown[0], "LINEAR"), (last, shown[1], "LINEAR")])
-            return ""
+            return
         settings.start_frame = first + last - settings.start_frame
         settings.speed = -settings.speed
-        return ""
 
 
 class FROG_OT_freeze_frame(_EditsCurve, bpy.types.Operator):
@@ -110,13 +112,12 @@ class FROG_OT_freeze_frame(_EditsCurve, bpy.types.Operator):
 
     length: IntProperty(name="Frames", description="How long to hold it", default=24, min=1, soft_max=1000)
 
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         settings, frame = obj.frog, context.scene.frame_current_final
         timing_curve.freeze(_curve(context, obj), frame, self.length)
         for name in ("range_start", "range_end") if settings.use_range else ():
             if frame < getattr(settings, name) < retiming.FAR:
                 setattr(settings, name, getattr(settings, name) + self.length)
-        return ""
 
 
 class FROG_OT_ramp_speed(_EditsCurve, bpy.types.Operator):
@@ -135,11 +136,10 @@ curve"""
     )
     length: IntProperty(name="Frames", description="Length of the ramp", default=12, min=1, soft_max=1000)
 
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         curve, frame = _curve(context, obj), context.scene.frame_current_final
         first, count = retiming.piece(obj.frog, _frames(obj))
         timing_curve.ramp(curve, frame, self.length, self.speed, (first, first + count - 1.0))
-        return ""
 
 
 class FROG_OT_timing_to_curve(_EditsCurve, bpy.types.Operator):
@@ -149,14 +149,12 @@ class FROG_OT_timing_to_curve(_EditsCurve, bpy.types.Operator):
     bl_label = "Timing to Curve"
 
     @classmethod
-    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        if obj.frog.use_remap:
-            return "Time Remapping decides already."
-        return super().problem_of(context, obj)
+    def problem(cls, context: bpy.types.Context) -> str:
+        missing = super().problem(context)
+        return missing or ("Time Remapping decides already." if active_capture(context).frog.use_remap else "")
 
-    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         _curve(context, obj)
-        return ""
 
 
 class FROG_OT_play_in_sequence(EditOperator, bpy.types.Operator):
@@ -199,12 +197,7 @@ class _OfChosen(FrogOperator):
         obj = chosen_capture(context)
         if obj is None or _frames(obj) < 2:
             return "The chosen capture does not move, or its file cannot be played."
-        return cls.problem_of(context, obj)
-
-    @classmethod
-    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        """Why this cannot be done to a capture, or an empty string."""
-        raise NotImplementedError
+        return ""
 
 
 class FROG_OT_fit_frame_range(_OfChosen, bpy.types.Operator):
@@ -214,22 +207,22 @@ class FROG_OT_fit_frame_range(_OfChosen, bpy.types.Operator):
     bl_label = "Fit Frame Range"
 
     @classmethod
-    def problem_of(cls, context: bpy.types.Context, obj: bpy.types.Object) -> str:
+    def problem(cls, context: bpy.types.Context) -> str:
+        missing, obj = super().problem(context), chosen_capture(context)
+        if missing or retiming.playing_frames(obj, context.scene, _frames(obj)) is not None:
+            return missing
         settings = obj.frog
-        if retiming.playing_frames(obj, context.scene, _frames(obj)) is not None:
-            return ""
         if settings.use_remap and retiming.shown_curve(obj) is None:
             return "Time Remapping decides when it plays."
         return "Its limits leave nothing of it." if settings.use_remap or settings.speed else "Its speed is zero."
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         obj, scene = chosen_capture(context), context.scene
         begin, end = retiming.playing_frames(obj, scene, _frames(obj)) or (0.0, -1.0)
         first, last = max(0, math.floor(begin + 1e-4)), math.ceil(end - 1e-4)
         if last < first or last > retiming.LAST_FRAME:
             raise FrogError(f"It plays from frame {begin:,.0f} to {end:,.0f}, which no scene has.")
         scene.frame_start, scene.frame_end = first, last
-        return ""
 
 
 class FROG_OT_play_in_real_time(_OfChosen, bpy.types.Operator):
@@ -239,13 +232,13 @@ class FROG_OT_play_in_real_time(_OfChosen, bpy.types.Operator):
     bl_label = "Real Time"
 
     @classmethod
-    def problem_of(cls, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        return "Time Remapping decides when it plays." if obj.frog.use_remap else ""
+    def problem(cls, context: bpy.types.Context) -> str:
+        is_remapped = not (missing := super().problem(context)) and chosen_capture(context).frog.use_remap
+        return "Time Remapping decides when it plays." if is_remapped else missing
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         obj = chosen_capture(context)
         obj.frog.speed = retiming.real_time_speed(context.scene, scene_of(obj).header.frames_per_second)
-        return ""
 
 
 def _frames(obj: bpy.types.Object) -> int:

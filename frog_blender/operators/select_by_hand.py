@@ -200,10 +200,9 @@ class FROG_OT_resize_selection_brush(FrogOperator, bpy.types.Operator):
     def problem(cls, context: bpy.types.Context) -> str:
         return "Only with the brush that selects Gaussians." if brush_in(context) is None else ""
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         settings = brush_in(context).operator_properties(HAND)
         step = 1 if self.factor > 1 else -1
         radius = round(settings.radius * self.factor)
         settings.radius = min(max(radius if radius != settings.radius else radius + step, 1), LARGEST_BRUSH)
         context.area.tag_redraw()
-        return ""

@@ -65,12 +65,11 @@ class FROG_OT_set_up_scene(ChoosesParts, FrogOperator, bpy.types.Operator):
             if part in said:
                 row.label(text=said[part])
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         obj, scene = active_capture(context), context.scene
         header = playback.open_scene(playback.file_of(obj)).header
         with all_or_nothing(scene):
             set_up(scene, header, obj.frog.start_frame, cameras_of(obj), self.parts)
-        return ""
 
 
 def _values(obj: bpy.types.Object) -> dict[str, str]:
@@ -101,11 +100,10 @@ everything in the scene"""
     def problem(cls, context: bpy.types.Context) -> str:
         return "The scene shows colors as they were filmed already." if are_colors_unchanged(context.scene) else ""
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         show_colors_unchanged(context.scene)
         if not are_colors_unchanged(context.scene):
             raise FrogError("Blender's color configuration was replaced: it has no Standard view transform.")
-        return ""
 
 
 class FROG_OT_look_through(FrogOperator, bpy.types.Operator):
@@ -120,6 +118,5 @@ class FROG_OT_look_through(FrogOperator, bpy.types.Operator):
         is_camera = context.object is not None and context.object.type == "CAMERA"
         return "" if is_camera else "Select a camera first."
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         look_through(context.scene, context.object)
-        return ""

@@ -31,7 +31,7 @@ class FROG_OT_show_result(FrogOperator, bpy.types.Operator):
     def problem(cls, context: bpy.types.Context) -> str:
         return "" if context.mode == "OBJECT" else "Leave the present mode first."
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         obj = that_plays(context.scene, Path(bpy.path.abspath(self.filepath)))
         if obj is None:
             raise FrogError(f"{self.filepath}: found no capture of this scene that plays it. Import it first.")
@@ -40,7 +40,6 @@ class FROG_OT_show_result(FrogOperator, bpy.types.Operator):
             raise FrogError(f"{root_of(obj).name}: {found}.")
         select_capture(context, obj)
         look_at(context, obj)
-        return ""
 
 
 def look_at(context: bpy.types.Context, obj: bpy.types.Object) -> None:
@@ -76,8 +75,7 @@ class FROG_OT_hide_start_cube(FrogOperator, bpy.types.Operator):
     def problem(cls, context: bpy.types.Context) -> str:
         return "There is no default cube in sight." if start_cube(context.scene) is None else ""
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         cube = start_cube(context.scene)
         if cube is not None:
             cube.hide_viewport = cube.hide_render = True
-        return ""

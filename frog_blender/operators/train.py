@@ -135,9 +135,8 @@ class FROG_OT_train(StartsTraining, bpy.types.Operator):
             return "Go on with the training that was cancelled or interrupted, with the settings that it began with"
         return ""
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         self.begin(context.scene.frog, request_of(context.scene.frog, self.resume))
-        return ""
 
 
 class FROG_OT_train_longer(StartsTraining, bpy.types.Operator):
@@ -163,32 +162,43 @@ class FROG_OT_train_longer(StartsTraining, bpy.types.Operator):
             self.steps = 2 * steps_done(context.scene.frog)
         return context.window_manager.invoke_props_dialog(self)
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         settings = context.scene.frog
         done = steps_done(settings)
         steps = self.steps if self.properties.is_property_set("steps") else 2 * done
         if steps <= done:
             raise FrogError(f"The training has had {done:,} steps already, expected more than that in all.")
         self.begin(settings, longer_request(settings, steps))
-        return ""
 
 
-class FROG_OT_dismiss_training(FrogOperator, bpy.types.Operator):
+class _OfTraining(FrogOperator):
+    """Base of operators on the training that there is."""
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        task = TrainingTask.current()
+        return task is not None and cls.applies(task)
+
+    @staticmethod
+    def applies(task: TrainingTask) -> bool:
+        """Whether there is anything to do."""
+        raise NotImplementedError
+
+
+class FROG_OT_dismiss_training(_OfTraining, bpy.types.Operator):
     """Remove the report of the last training from the panel. Its files stay"""
 
     bl_idname = "frog.dismiss_training"
     bl_label = "Dismiss"
 
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        task = TrainingTask.current()
-        return task is not None and not task.is_running and not task.waiting
+    @staticmethod
+    def applies(task: TrainingTask) -> bool:
+        return not task.is_running and not task.waiting
 
-    def act(self, _context: bpy.types.Context) -> str:
+    def act(self, _context: bpy.types.Context) -> None:
         TrainingTask.forget()
         redrawing.sidebars()
         redrawing.status_bars()
-        return ""
 
 
 @persistent
@@ -208,41 +218,38 @@ class FROG_OT_cancel_training(CancelOperator, bpy.types.Operator):
     kind = TrainingTask
 
 
-class FROG_OT_pause_training(FrogOperator, bpy.types.Operator):
+class FROG_OT_pause_training(_OfTraining, bpy.types.Operator):
     """Pause the training to free the computer for other work. Nothing is lost"""
 
     bl_idname = "frog.pause_training"
     bl_label = "Pause"
 
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
+    @staticmethod
+    def applies(_task: TrainingTask) -> bool:
         return TrainingTask.is_computing()
 
-    def act(self, _context: bpy.types.Context) -> str:
+    def act(self, _context: bpy.types.Context) -> None:
         task = TrainingTask.current()
         if task is not None:
             task.control.pause()
             redrawing.status_bars()
-        return ""
 
 
-class FROG_OT_resume_training(FrogOperator, bpy.types.Operator):
+class FROG_OT_resume_training(_OfTraining, bpy.types.Operator):
     """Continue the paused training"""
 
     bl_idname = "frog.resume_training"
     bl_label = "Resume"
 
-    @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        task = TrainingTask.current()
-        return task is not None and task.paused
+    @staticmethod
+    def applies(task: TrainingTask) -> bool:
+        return task.paused
 
-    def act(self, _context: bpy.types.Context) -> str:
+    def act(self, _context: bpy.types.Context) -> None:
         task = TrainingTask.current()
         if task is not None:
             task.control.resume()
             redrawing.status_bars()
-        return ""
 
 
 class FROG_OT_inspect_capture(FrogOperator, bpy.types.Operator):
@@ -251,11 +258,10 @@ class FROG_OT_inspect_capture(FrogOperator, bpy.types.Operator):
     bl_idname = "frog.inspect_capture"
     bl_label = "Check Capture"
 
-    def act(self, context: bpy.types.Context) -> str:
+    def act(self, context: bpy.types.Context) -> None:
         summary = capture_reading.read(bpy.path.abspath(context.scene.frog.capture_folder))
         if summary is not None and summary.error:
             raise FrogError(summary.error)
-        return ""
 
 
 def _handlers() -> app_handlers.Handlers:

@@ -98,9 +98,6 @@ class FROG_PT_grade(OfChosen, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, chosen_capture(context).frog_edits
         _draw_grade(layout, settings.grade)
-        row = layout.row(align=True)
-        row.operator("frog.match_grade", text="Match", icon="EYEDROPPER")
-        row.prop(settings, "match_image", text="")
         for index, grade in enumerate(settings.grades):
             box = layout.box()
             row = box.row(align=True)

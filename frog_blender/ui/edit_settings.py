@@ -108,9 +108,6 @@ class FrogEdits(bpy.types.PropertyGroup):
     )
     crops: listed("Crops", "The crops of the capture", FrogCrop)
     grade: reference("Grade", "The grade of the whole capture", FrogGrade)
-    match_image: reference(
-        "Image", "The image whose colours to match. Empty for the other selected capture", bpy.types.Image
-    )
     grades: listed("Grades", "Grades of selections, one after the other", FrogGrade)
 
 

@@ -12,7 +12,7 @@ import pytest
 from frog_blender.engine.capture.calibration.films import find_films
 from frog_blender.engine.capture.calibration.points import read_points
 from frog_blender.engine.errors import FrogError
-from frog_blender.operators import click_points
+from frog_blender.operators import calibrate
 from frog_blender.ui import points_overlay
 from frog_blender.ui.clicked_points import FILE, ClickedPoints, points_of
 
@@ -90,13 +90,13 @@ def test_a_file_that_does_not_fit_is_left_alone(raw):
 
 
 def test_a_films_image_stands_upright(empty, raw):
-    image = click_points.image_of(find_films(raw)[0])
+    image = calibrate.image_of(find_films(raw)[0])
     shown = np.array(image.pixels[:]).reshape(film.HEIGHT, film.WIDTH, 4)[::-1, :, :3]
     true = film.image(film.rig()[0], 0) / 255
     assert np.abs(shown - true).mean() < np.abs(shown[::-1] - true).mean() / 2
-    click_points.image_of(find_films(raw)[1])
+    calibrate.image_of(find_films(raw)[1])
     assert [each.name for each in bpy.data.images if points_overlay.IMAGE in each.name] == [points_overlay.IMAGE]
-    click_points._remove_image()
+    calibrate._remove_image()
 
 
 class Region:
@@ -131,7 +131,7 @@ def clicking(empty, raw):
     )
     operator._shown, operator._is_fitted, operator.area, operator.reports = 0, True, area, []
     operator.report = lambda kind, sentence: operator.reports.append(sentence)
-    kind = click_points.FROG_OT_click_points
+    kind = calibrate.FROG_OT_click_points
     for name in ("_take", "_found_area", "_show", "_end"):
         setattr(operator, name, getattr(kind, name).__get__(operator))
     context = SimpleNamespace(screen=SimpleNamespace(areas=[area]))

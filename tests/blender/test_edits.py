@@ -11,7 +11,6 @@ from support.training_panel import panel_says
 from frog_blender import point_cloud
 from frog_blender.cli.main import main
 from frog_blender.engine.editing.marks import Marks
-from frog_blender.engine.editing.matching import Colors
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.render.collect_instances import gather, visible_captures
@@ -281,29 +280,6 @@ def test_selected_points_are_those_of_the_file(empty, capture):
     capture.data.vertices.foreach_set("select", chosen)
     bpy.ops.frog.select_gaussians(by="POINTS")
     np.testing.assert_array_equal(np.flatnonzero(edits.marks_of(capture.frog_edits.selection).chosen()), rows[[2, 7]])
-
-
-def test_colours_are_matched_to_an_image_and_to_another_capture(empty, capture, tmp_path):
-    image = bpy.data.images.new("wanted", 32, 32)
-    pixels = np.random.default_rng(0).uniform((0.5, 0.3, 0.1), (0.8, 0.5, 0.2), (1024, 3)).astype(np.float32)
-    image.pixels.foreach_set(np.concatenate([pixels, np.ones((1024, 1), np.float32)], 1).ravel())
-    capture.frog_edits.match_image = image
-    assert bpy.ops.frog.match_grade() == {"FINISHED"}
-    found = Colors.of_scene(playback.scene_time(capture, 1).scene)
-    np.testing.assert_allclose(found.mean, pixels.mean(0), atol=0.02)
-    np.testing.assert_allclose(found.spread, pixels.std(0), atol=0.02)
-    before = tuple(capture.frog_edits.grade.gains)
-    assert bpy.ops.frog.match_grade() == {"FINISHED"}
-    np.testing.assert_allclose(capture.frog_edits.grade.gains, before, rtol=1e-5)
-    bpy.ops.import_scene.frog(filepath=str(write_scene(tmp_path / "o.frog", rig_of_three(), count=150, seed=9)))
-    other = next(obj for obj in playback.captures(empty.objects) if obj != capture)
-    capture.frog_edits.match_image = None
-    other.parent.select_set(True)
-    bpy.context.view_layer.objects.active = capture
-    assert bpy.ops.frog.match_grade() == {"FINISHED"}
-    theirs, ours = (Colors.of_scene(playback.scene_time(each, 1).scene) for each in (other, capture))
-    # Noise like this is cut off at black and white, which no grade undoes.
-    assert np.linalg.norm(ours.mean - theirs.mean) < 0.4 * np.linalg.norm(found.mean - theirs.mean)
 
 
 def test_panels_draw_every_edit_and_say_what_does_not_fit(empty, capture, path):
