@@ -33,7 +33,7 @@ STEPS = {
 ERRORS = (ValueError("cannot convert float NaN to integer"), MemoryError(), FrogError("No."))
 
 
-@pytest.mark.parametrize(("step", "error"), zip(STEPS, (*ERRORS, *ERRORS), strict=False))
+@pytest.mark.parametrize(("step", "error"), list(zip(STEPS, (*ERRORS, *ERRORS), strict=False)))
 def test_whatever_fails_nothing_is_left(empty, static_rig, monkeypatch, step, error):
     users_scene(empty)
     before, settings = everything(), values(empty)

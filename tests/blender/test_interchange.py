@@ -89,7 +89,7 @@ def in_world(scene, obj):
     return transform(scene.at_frame(0), np.array(obj.matrix_world))
 
 
-@pytest.mark.parametrize(("place", "sh_count"), zip(PLACES, (1, 16), strict=True), ids=["small", "large"])
+@pytest.mark.parametrize(("place", "sh_count"), list(zip(PLACES, (1, 16), strict=True)), ids=["small", "large"])
 def test_every_gaussian_comes_back_to_its_place(empty, tmp_path, place, sh_count):
     """Turned, and its colours with it, wherever the root of the capture is."""
     path = write_scene(tmp_path / "figure.frog", rig_of_three(), sh_count=sh_count)
