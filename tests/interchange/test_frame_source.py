@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from support.builders import ATTRIBUTES
 from support.foreign_takes import assert_plays_alike, partly_static
-from support.played_scenes import TIMES
+from support.played_scenes import assert_same_bits
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.interchange import frame_source
 from frog_blender.engine.interchange.frame_source import write_source
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.playback.sequence import PlayableSequence
 from frog_blender.engine.scene.scene_file import read_scene
 
 
@@ -53,7 +52,8 @@ def test_it_plays_what_the_frames_were(scene: ScenePlayer, tmp_path: Path, compa
     )
     assert (imported.gaussians, imported.frames, imported.keeps_identity, imported.warning) == (40, 7, True, "")
     assert source.asked == [*range(7), *range(7)] and told[-1] == (14, 14)
-    back = ScenePlayer.load(imported.path)
+    assert "frames" not in read_scene(imported.path).arrays, "a frame is all that is held"
+    back = assert_same_bits(read_scene(imported.path))
     assert (back.count, back.num_dynamic) == (40, 25) and set(back.changing) == set(scene.changing)
     assert_plays_alike(back, scene.at_frame, [0, 2, 6], 0.02 if compact else 1e-6, 0.02 if compact else 1e-6)
     before, after, between = (back.at_frame(frame).means for frame in (2, 3, 2.5))
@@ -61,13 +61,9 @@ def test_it_plays_what_the_frames_were(scene: ScenePlayer, tmp_path: Path, compa
     assert np.abs(after - before).max() > 1e-2
 
 
-def test_parts_are_the_same_bits_as_the_whole(scene: ScenePlayer, tmp_path: Path) -> None:
+def test_some_of_the_gaussians_are_those_of_the_whole(scene: ScenePlayer, tmp_path: Path) -> None:
     write_source(Frames(scene), tmp_path / "x.src", tmp_path / "y.frog")
-    playing, other = (ScenePlayer.load(tmp_path / "y.frog") for _ in range(2))
-    for time in TIMES:
-        found, expected = playing.at(time, playing.delta_at(time)), other.at(time)
-        for name in ATTRIBUTES:
-            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+    playing = ScenePlayer.load(tmp_path / "y.frog")
     kept = np.array([0, 3, 24, 25, 39])
     fewer, whole = playing.subset(kept).at(0.4), playing.at(0.4)
     again = playing.subset(kept).subset(np.array([1, 2, 4])).at(0.4)
@@ -152,15 +148,6 @@ def test_frames_without_room_are_refused(scene: ScenePlayer, tmp_path: Path, mon
     with pytest.raises(FrogError, match="that are free"):
         write_source(Frames(scene), tmp_path / "x.src", tmp_path / "y.frog")
     assert not (tmp_path / "y.frog").exists()
-
-
-def test_a_frame_is_all_that_is_held(scene: ScenePlayer, tmp_path: Path) -> None:
-    write_source(Frames(scene), tmp_path / "x", tmp_path / "y.frog")
-    found = read_scene(tmp_path / "y.frog")
-    assert "frames" not in found.arrays and isinstance(
-        ScenePlayer(found)._deformation,
-        PlayableSequence,
-    )
 
 
 def altered(path: Path, **model: object) -> None:

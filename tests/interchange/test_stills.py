@@ -116,17 +116,6 @@ def test_mirrored_axes_are_refused(scene: ScenePlayer, tmp_path: Path) -> None:
         read(tmp_path / "x.spz")
 
 
-def test_old_spz_with_an_extension(scene: ScenePlayer, tmp_path: Path) -> None:
-    write_spz(tmp_path / "x.spz", scene.at_frame(3))
-    content = bytearray(zlib.decompress((tmp_path / "x.spz").read_bytes(), 31))
-    plain, _ = read(tmp_path / "x.spz")
-    content[14] = 2
-    content += struct.pack("<III", 0xADBE0003, 4, RDF)
-    (tmp_path / "x.spz").write_bytes(zlib.compress(bytes(content), wbits=31))
-    found, _ = read(tmp_path / "x.spz")
-    np.testing.assert_allclose(found.means, plain.means * (1, -1, -1), atol=1e-6)
-
-
 def test_a_small_fourth_spz_cannot_ask_for_much(tmp_path: Path) -> None:
     """Zstandard packs zeros ten thousandfold: a file of less than its Gaussians' share is refused before."""
     zstandard = pytest.importorskip("zstandard")

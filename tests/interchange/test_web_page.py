@@ -23,7 +23,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import web_page
 from frog_blender.engine.interchange.take import SceneTake, Sound
 from frog_blender.engine.interchange.web_page import content
-from frog_blender.engine.interchange.web_page.page import SCRIPTS, write_page
+from frog_blender.engine.interchange.web_page.page import write_page
 from frog_blender.engine.playback.frame_delta import column_of
 from frog_blender.engine.playback.player import ScenePlayer, select_gaussians
 from frog_blender.engine.scene.scene_file import write_scene
@@ -236,13 +236,3 @@ def test_the_command(tmp_path: Path) -> None:
     assert main(["export", str(tmp_path / "x.frog"), "--html", "--out", str(tmp_path / "page" / "x.html")]) == 0
     description, _ = parts(tmp_path / "page" / "x.html")
     assert description["frames"] == 7
-
-
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_the_scripts_are_scripts(name: str) -> None:
-    """What Node reads as one; what they do, test_web_browser sees."""
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("there is no Node")
-    done = subprocess.run([node, "--check", str(FOLDER / name)], capture_output=True, text=True, check=False)
-    assert not done.returncode, done.stderr

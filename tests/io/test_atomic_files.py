@@ -66,29 +66,6 @@ def test_a_file_that_is_overwritten_keeps_its_permissions(tmp_path: Path, mode: 
     assert (path.read_bytes(), stat.S_IMODE(path.stat().st_mode)) == (b"new", mode)
 
 
-def test_a_write_onto_a_read_only_file_leaves_nothing_on_windows_either(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Windows replaces no read-only file, and deletes none."""
-    path = tmp_path / "x"
-    path.write_bytes(b"old")
-    path.chmod(0o444)
-
-    def refuse(file: Path) -> None:
-        if not file.stat().st_mode & stat.S_IWUSR:
-            raise PermissionError(13, "Access is denied", str(file))
-
-    def unlink(file: Path, missing_ok: bool = False) -> None:
-        refuse(file)
-        os.unlink(file)
-
-    monkeypatch.setattr(Path, "replace", lambda _, target: refuse(target))
-    monkeypatch.setattr(Path, "unlink", unlink)
-    with pytest.raises(FrogError, match="nothing was changed"):
-        write_atomically(path, b"new")
-    assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == {"x": b"old"}
-
-
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError, GeneratorExit, SystemExit])
 def test_whatever_ends_a_write_leaves_nothing(tmp_path: Path, error: type[BaseException]) -> None:
     (tmp_path / "x").write_bytes(b"old")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.builders import rotation_of
+from support.builders import pairwise, rotation_of
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
@@ -91,9 +91,7 @@ def test_up_needs_cameras():
         camera_up([])
 
 
-@pytest.mark.parametrize("turn", TURNS)
-@pytest.mark.parametrize("noise", [0.0, 0.01])
-@pytest.mark.parametrize("around", [2.5, 0.05])
+@pytest.mark.parametrize(("turn", "noise", "around"), pairwise(TURNS, [0.0, 0.01], [2.5, 0.05]))
 def test_the_floor_is_found_below_a_table_in_any_position(turn, noise, around):
     shift = np.array([3.0, -1.0, 2.0])
     rig = cameras(turn, around=around, pitch=-0.35)

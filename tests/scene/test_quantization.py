@@ -6,6 +6,7 @@ import contextlib
 import json
 import tracemalloc
 import zlib
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors import safe_open
 from safetensors.numpy import save
-from support.builders import scene_file
+from support.builders import pairwise, scene_file, steps_between
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.scene.quantization import BITS, BLOCK, pack, unpack, unpack_scene
+from frog_blender.engine.scene.quantization import (
+    BITS,
+    BLOCK,
+    morton_order,
+    morton_order_by_range,
+    pack,
+    unpack,
+    unpack_scene,
+)
 from frog_blender.engine.scene.scene_file import read_scene, scene_bytes, write_scene
 
 
@@ -160,16 +169,103 @@ def test_many_arrays_together_are_no_bomb_either(tmp_path: Path) -> None:
     assert peak < 50e6
 
 
-def test_arrays_that_no_scene_has_are_not_unpacked(tmp_path: Path) -> None:
-    arrays, packing = packed_scene()
-    arrays |= {"surprise": pack("surprise", np.zeros(2**22, np.float32)).content}
-    packing |= {"surprise": {"shape": [2**22], "bits": 0}, "nowhere": {"shape": [5], "bits": 0}}
-    path = tmp_path / "x.frog"
-    path.write_bytes(save(arrays, metadata={"frog": scene_file().header.to_json(), "packing": json.dumps(packing)}))
-    assert read_scene(path).arrays.keys() == scene_file().arrays.keys()
-
-
 def packed_scene() -> tuple[dict[str, np.ndarray], dict]:
     """The arrays of a small packed scene, and what describes them."""
     packed = {name: pack(name, array) for name, array in scene_file().arrays.items()}
     return {name: each.content for name, each in packed.items()}, {n: each.description for n, each in packed.items()}
+
+
+def test_neighbours_in_space_become_neighbours_in_memory() -> None:
+    """One that is far away leaves the others in order."""
+    means = np.float32(np.random.default_rng(3).uniform(-1, 1, (4000, 3)))
+    means[17] = 1e6
+    order = morton_order(means)
+    assert sorted(order) == list(range(4000)) and morton_order(means[:0]).shape == (0,)
+    assert steps_between(means[order[order != 17]]) < 0.2 * steps_between(np.delete(means, 17, axis=0))
+
+
+@pytest.mark.parametrize("moving", [0, 1, 30, 50])
+def test_dynamic_ones_stay_before_static_ones(moving: int) -> None:
+    means = np.float32(np.random.default_rng(4).normal(size=(50, 3)))
+    order = morton_order_by_range(means, moving)
+    assert sorted(order[:moving]) == list(range(moving))
+    np.testing.assert_array_equal(order[:moving], morton_order(means[:moving]))
+    np.testing.assert_array_equal(order[moving:], moving + morton_order(means[moving:]))
+
+
+QUANTISED = [name for name, bits in BITS.items() if bits > 1]
+
+
+def ordinary(name: str, count: int, seed: int = 0) -> np.ndarray:
+    """Numbers as a scene has them: in each block of normal distribution, its middle elsewhere."""
+    random = np.random.default_rng(seed)
+    middles = random.normal(size=(-(-count // BLOCK), 3))[np.arange(count) // BLOCK]
+    return np.float32(middles + random.normal(0, 0.3, (count, 3)))
+
+
+def back(name: str, array: np.ndarray) -> tuple[np.ndarray, int]:
+    """The array out of its packing, and how many numbers stood apart."""
+    packed = pack(name, array)
+    return unpack(packed.content, packed.description), packed.description.get("apart", 0)
+
+
+@pytest.mark.parametrize("name", QUANTISED)
+def test_in_ordinary_blocks_nothing_stands_apart(name: str) -> None:
+    for seed, count in product(range(3), (1, 2, 3, 100, 3 * BLOCK + 5)):
+        assert back(name, ordinary(name, count, seed))[1] == 0, (seed, count)
+
+
+@pytest.mark.parametrize(("name", "far", "size"), pairwise(QUANTISED, [1, 5, 100], [1e3, 2.1e7]))
+def test_far_numbers_stay_and_leave_their_neighbours_alone(name: str, far: int, size: float) -> None:
+    """Among them several in one block, of either sign and of several magnitudes, and one in a last block of three."""
+    count, random = 3 * BLOCK + 3, np.random.default_rng(far)
+    array = ordinary(name, count)
+    error = np.abs(back(name, array)[0] - array).max()
+    places = np.append(random.permutation(BLOCK)[:far], count - 1)
+    array[places, 1] = np.float32(random.choice([-1, 1], len(places)) * size * 10 ** random.uniform(0, 1, len(places)))
+    found, apart = back(name, array)
+    assert apart == len(places)
+    np.testing.assert_array_equal(found[places, 1], array[places, 1])
+    assert np.abs(found - array).max() < 3 * error
+
+
+@pytest.mark.parametrize("name", QUANTISED)
+def test_what_a_scene_ends_with_or_holds_often(name: str) -> None:
+    """No extremes but constants: a plane, two values, and the largest numbers that there are."""
+    for values in ([0.25], [0.0, 0.5], [0.0] * 9 + [1.0], [-1e30, 1e30]):
+        array = np.float32(np.resize(values, (2 * BLOCK + 7, 3)))
+        found, _ = back(name, array)
+        np.testing.assert_allclose(found, array, atol=1e-6 + 2e-3 * np.ptp(values))
+
+
+def test_two_halves_that_lie_far_apart_are_both_kept() -> None:
+    """Neither half of a block is nobody: at most half of the numbers stand apart, and none is moved."""
+    array = ordinary("means", BLOCK)
+    array[::2] += 1e6
+    found, apart = back("means", array)
+    assert apart == array.size // 2
+    np.testing.assert_allclose(found, array, atol=1e-3)
+
+
+def one_apart() -> tuple[np.ndarray, dict]:
+    array = ordinary("means", BLOCK)
+    array[9, 2] = 1e6
+    packed = pack("means", array)
+    assert packed.description["apart"] == 1
+    return packed.content, packed.description
+
+
+@pytest.mark.parametrize("apart", [0, 2, -1, 769, 2**40, 1.0, True, "1", None, [1]])
+def test_a_number_of_those_apart_that_is_not_true_is_refused(apart: object) -> None:
+    content, description = one_apart()
+    with pytest.raises(ValueError, match=r"apart|from other than"):
+        unpack(content, json.loads(json.dumps({**description, "apart": apart})))
+
+
+@pytest.mark.parametrize("place", [768, 2**31, 2**32 - 1])
+def test_a_place_that_is_none_is_refused(place: int) -> None:
+    content, description = one_apart()
+    stored = bytearray(zlib.decompress(content.tobytes()))
+    stored[-8:-4] = place.to_bytes(4, "little")
+    with pytest.raises(ValueError, match="apart at"):
+        unpack(np.frombuffer(zlib.compress(bytes(stored)), np.uint8), description)

@@ -8,8 +8,8 @@ import pytest
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.surfaces.fusion import MOST_VOXELS, Grid, fuse
-from frog_blender.engine.surfaces.proxy import _ROOM, RESOLUTIONS, Motion, make_proxy, steps_of
+from frog_blender.engine.surfaces.fusion import MOST_VOXELS, Grid
+from frog_blender.engine.surfaces.proxy import make_proxy, steps_of
 from frog_blender.engine.surfaces.surface_depth import surface_depth
 from frog_blender.engine.surfaces.surface_nets import Mesh, surface_nets, without_islands
 
@@ -217,24 +217,6 @@ def test_a_far_floater_that_comes_and_goes_costs_no_grid_up_to_it():
     assert len(proxy.moving) == 2 and tall < 2 * 48 * proxy.voxel
 
 
-def test_the_finest_resolution_fits_with_room_for_later_frames():
-    high = np.ones(3)
-    Grid.around(-_ROOM * high, (1 + _ROOM) * high, 1 / RESOLUTIONS[1])
-
-
-def test_motion_is_of_place_or_opacity():
-    scene = sphere(count=10)
-    motion = Motion()
-    assert motion.moves(0.1) is None
-    motion.add(scene)
-    other = GaussianArrays(*(array.copy() for array in vars(scene).values()))
-    other.means[3] += 0.2
-    other.opacities[5] = 0.1
-    motion.add(other)
-    motion.add(scene)
-    np.testing.assert_array_equal(np.flatnonzero(motion.moves(0.1)), [3, 5])
-
-
 def test_nothing_to_see_and_too_much_are_said():
     faint = sphere()
     faint.opacities[:] = 0.01
@@ -246,11 +228,3 @@ def test_nothing_to_see_and_too_much_are_said():
         Grid.around(np.zeros(3), np.full(3, 1e6), 0.1)
     with pytest.raises(ValueError, match="resolution"):
         result_of(make_proxy([lambda: faint], [], 4))
-
-
-def test_fusing_tells_how_far_it_is():
-    camera = looking_down(size=32)
-    views = [(camera, np.full((32, 32), 4.0, np.float32))]
-    mesh, said = result_of(fuse(Grid.around(np.full(3, -1.0), np.full(3, 1.0), 0.02), views))
-    assert said[-1] == 1.0 and len(said) > 3 and sorted(said) == said
-    np.testing.assert_allclose(mesh.vertices[:, 2], 0.0, atol=1e-3)
