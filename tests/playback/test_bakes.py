@@ -55,32 +55,31 @@ def test_what_was_baked_is_read_bit_for_bit(baked: tuple[Path, Path, ScenePlayer
     found.close()
 
 
+TIMES_THAT_ARE_NONE = (
+    "[1e400]",
+    '["0", 0.5, 1]',
+    "[NaN, 0.5, 1]",
+    "3",
+    "null",
+    "[" * 100_000,
+    "[0, 0.5, 2]",
+    "[true, false, 0.5]",
+    "",
+)
 HOSTILE: dict[str, Callable[[dict[str, Any], dict[str, Any]], None]] = {
+    "shape": lambda entry, _: entry.update(shape=[2**62, 2**62]),
+    "one axis": lambda entry, _: entry.update(shape=[3 * 560]),
+    "three axes": lambda entry, _: entry.update(shape=[3, 560, 1]),
     **{
-        f"shape {str(shape)[:30]}": lambda entry, _, shape=shape: entry.update(shape=shape)
-        for shape in (
-            *(["3", 560], [[3], 560], [{}, 560], [2**62, 2**62], [10**400, 560], [-3, 560], [3, -560], [3.0, 560]),
-            *([True, 560], [None, 560], [3], [3, 560, 1], "35", 5, None, {}, ["x" * 10**6, 560], [[0] * 10**5, 10**6]),
-        )
+        f"times {text[:20]}": lambda _, metadata, text=text: metadata.update(times=text) for text in TIMES_THAT_ARE_NONE
     },
-    **{
-        f"times {text[:20]}": lambda _, metadata, text=text: metadata.update(times=text)
-        for text in (
-            *("[1e400]", f"[0, 0.5, {10**400}]", '["0", 0.5, 1]', "[NaN, 0.5, 1]", "[[0], 0.5, 1]", "3", "{}", "null"),
-            *("[" * 100_000, "[-1, 0.5, 1]", "[0, 0.5, 2]", "[true, false, 0.5]", '"abc"', ""),
-        )
-    },
-    **{
-        f"offsets {str(offsets)[:20]}": lambda entry, _, offsets=offsets: entry.update(data_offsets=offsets)
-        for offsets in ([0, 2**63], [8, 16], "ab", None, [0, 10**400])
-    },
-    "type": lambda entry, _: entry.update(dtype="F64"),
+    "type": lambda entry, _: entry.update(dtype="I32"),
     "columns": lambda _, metadata: metadata.update(columns="[" * 50_000),
     "other columns": lambda _, metadata: metadata.update(columns='["means"]'),
-    "scene": lambda _, metadata: metadata.update(scene=["x"]),
     "no scene": lambda _, metadata: metadata.pop("scene"),
     "many lists": lambda _, metadata: metadata.update(more=[[]] * 100_000),
 }
+"""What the header of any file of arrays may say is test_tensor_files' matter."""
 
 
 @pytest.mark.parametrize("what", HOSTILE)
@@ -98,26 +97,14 @@ def test_a_header_that_lies_is_refused(baked: tuple[Path, Path, ScenePlayer], wh
 def test_a_length_that_lies_is_refused(baked: tuple[Path, Path, ScenePlayer]) -> None:
     path, source, scene = baked
     content = path.read_bytes()
-    for length in (0, 1, 2**25, 2**25 + 1, 2**63, 2**64 - 1, len(content)):
+    for length in (0, 2**25, 2**64 - 1, len(content)):
         path.write_bytes(struct.pack("<Q", length) + content[8:])
         with pytest.raises(FrogError):
             Bake(path, source, scene)
-    for cut in (0, 4, 8, 100, len(content) - 1):
+    for cut in (0, 100, len(content) - 1):
         path.write_bytes(content[:cut])
         with pytest.raises(FrogError):
             Bake(path, source, scene)
-
-
-def test_what_is_no_file_is_not_waited_for(baked: tuple[Path, Path, ScenePlayer], tmp_path: Path) -> None:
-    _, source, scene = baked
-    with pytest.raises(FrogError, match="no file"):
-        Bake(tmp_path / "none.frogbake", source, scene)
-    with pytest.raises(FrogError, match="found a folder"):
-        Bake(tmp_path, source, scene)
-    if hasattr(os, "mkfifo"):
-        os.mkfifo(tmp_path / "pipe.frogbake")
-        with pytest.raises(FrogError, match="found a pipe"):
-            Bake(tmp_path / "pipe.frogbake", source, scene)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links need rights there")

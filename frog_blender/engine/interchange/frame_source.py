@@ -22,9 +22,9 @@ from ..errors import FrogError, found_instead
 from ..field.names import SEQUENCE
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import UnfitValue
-from ..io.tensor_files import LONGEST_HEADER
+from ..io.tensor_files import LONGEST_HEADER, write_rows
 from ..playback.frame_delta import column_names, column_of
-from ..scene.frame_rows import RowLayout, write_frames
+from ..scene.frame_rows import FRAMES, RowLayout
 from ..scene.header import MAX_FRAMES, SceneHeader
 from ..scene.quantization import morton_order
 from ..scene.scene_file import SceneFile, packed_metadata, write_scene
@@ -169,7 +169,8 @@ def write_source(
         _check_room(file, target, header, layout)
         stored, metadata = packed_metadata(header, arrays, compact=compact)
         rows = _moving_rows(source, seen, order[:dynamic], layout, lambda done: progress(done, steps))
-        write_frames(target, stored, metadata, rows, (source.frame_count, layout.size))
+        for _ in write_rows(target, stored, metadata, (FRAMES, "U8", (source.frame_count, layout.size)), rows):
+            pass
     else:
         write_scene(target, SceneFile(header, arrays), compact=compact)
     return Imported(target, seen.count, source.left_out, frames=source.frame_count, keeps_identity=seen.keeps_identity)

@@ -6,17 +6,21 @@ that nobody knows are passed over without a byte of them being read.
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import struct
-from collections.abc import Callable
-from io import BufferedReader
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 
 import numpy as np
 
 from ..arrays import Array
-from ..errors import brief, found_instead
+from ..errors import FrogError, brief, found_instead
+from .atomic_files import atomic_file
 from .plain_values import UnfitValue, entries, items, plain_json, whole
 from .regular_file import regular_file
 
@@ -34,6 +38,22 @@ _DTYPES: dict[str, type[np.generic]] = {
 }
 
 
+@dataclass(frozen=True)
+class Tensor:
+    """Where an array lies in a file.
+
+    Attributes:
+        begin, end: its first byte, and the one after the last.
+        dtype: its type in the format's words.
+        shape: its lengths.
+    """
+
+    begin: int
+    end: int
+    dtype: str
+    shape: tuple[int, ...]
+
+
 def read_tensors(
     path: str | Path, kind: str, wanted: Callable[[str], bool] = lambda name: True
 ) -> tuple[dict[str, Array], dict[str, str]]:
@@ -46,51 +66,43 @@ def read_tensors(
     Raises:
         FrogError: in one sentence, for a file that is missing, damaged, of another kind, or too large for the memory.
     """
-    regular_file(path, kind)
-    try:
-        with Path(path).open("rb") as file:
-            return _read(file, wanted)
-    except MemoryError as error:
-        raise found_instead(path, "a file that is larger than the free memory", kind) from error
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", kind) from error
-    except ValueError as error:
-        raise found_instead(path, f"a damaged or foreign file ({error})", kind) from error
-
-
-def find_tensor(path: str | Path, kind: str, name: str) -> tuple[int, str, tuple[int, ...]]:
-    """Where one array of a safetensors file lies, without reading it: its first byte, its type in the format's words,
-    and its shape.
-
-    Raises:
-        FrogError: as ``read_tensors``, and where there is no such array.
-    """
-    regular_file(path, kind)
-    try:
-        with Path(path).open("rb") as file:
-            start, places, _ = _places(file)
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", kind) from error
-    except ValueError as error:
-        raise found_instead(path, f"a damaged or foreign file ({error})", kind) from error
-    if name not in places:
-        raise found_instead(path, f"no {name}", kind)
-    begin, _, dtype, shape = places[name]
-    return start + begin, dtype, shape
-
-
-def _read(file: BufferedReader, wanted: Callable[[str], bool]) -> tuple[dict[str, Array], dict[str, str]]:
-    start, places, metadata = _places(file)
     arrays = {}
-    for name, (begin, _, dtype, shape) in places.items():
-        if wanted(name):
-            file.seek(start + begin)
-            arrays[name] = _array(file, dtype, shape)
+    with opened_tensors(path, kind) as file:
+        tensors, metadata = read_header(file)
+        for name, tensor in tensors.items():
+            if wanted(name):
+                file.seek(tensor.begin)
+                arrays[name] = _array(file, tensor)
     return arrays, metadata
 
 
-def _places(file: BufferedReader) -> tuple[int, dict[str, tuple[int, int, str, tuple[int, ...]]], dict[str, str]]:
-    """The first byte of the arrays, where each of them lies behind it (see ``_place``), and the metadata."""
+@contextmanager
+def opened_tensors(path: str | Path, kind: str, *, kept: bool = False) -> Iterator[FileIO]:
+    """An open file to read; what does not fit raises the same in the block as of ``read_tensors``.
+
+    Args:
+        kept: it stays open where nothing is wrong.
+    """
+    file = None
+    try:
+        file = FileIO(regular_file(path, kind), "rb")
+        yield file
+    except BaseException as error:
+        kept = False
+        if isinstance(error, MemoryError):
+            raise found_instead(path, "a file that is larger than the free memory", kind) from error
+        if isinstance(error, OSError):
+            raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", kind) from error
+        if isinstance(error, ValueError):
+            raise found_instead(path, f"a damaged or foreign file ({error})", kind) from error
+        raise
+    finally:
+        if file is not None and not kept:
+            file.close()
+
+
+def read_header(file: FileIO) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Where each array of a file lies, and the metadata; ValueError for what is none."""
     size = os.fstat(file.fileno()).st_size
     first = file.read(8)
     length = struct.unpack("<Q", first)[0] if len(first) == 8 else size
@@ -100,19 +112,63 @@ def _places(file: BufferedReader) -> tuple[int, dict[str, tuple[int, int, str, t
     metadata = entries(header.pop("__metadata__", {}), "metadata")
     if len(header) > _MOST_ARRAYS or not all(type(text) is str for text in metadata.values()):
         raise UnfitValue("metadata or arrays that cannot be", f"texts, and at most {_MOST_ARRAYS} arrays")
-    places = {name: _place(name, entry) for name, entry in header.items()}
+    tensors = {name: _tensor(name, entry, 8 + length) for name, entry in header.items()}
+    end = 8 + length
+    for tensor in sorted(tensors.values(), key=lambda tensor: (tensor.begin, tensor.end)):
+        if tensor.begin != end:
+            raise UnfitValue(f"an array that begins at byte {tensor.begin}", f"one after the other, the next at {end}")
+        end = tensor.end
+    if end != size:
+        raise UnfitValue(f"{size} bytes", f"{end}")
+    return tensors, metadata
+
+
+def write_rows(
+    path: Path,
+    arrays: Mapping[str, Array],
+    metadata: Mapping[str, str],
+    last: tuple[str, str, tuple[int, int]],
+    rows: Iterable[bytes],
+) -> Generator[int, None, None]:
+    """Writes arrays, and after them one that comes row by row; yields how many rows are written, from 0 on.
+
+    The file appears when all are. Closing the iterator before its end leaves nothing behind.
+
+    Args:
+        metadata: texts of the file's header.
+        last: name, type and shape of what comes in rows; none but one of them is held.
+
+    Raises:
+        FrogError: when it cannot be written; an earlier file is untouched then.
+    """
+    codes = {np.dtype(kind): code for code, kind in _DTYPES.items()}
+    described = [(name, codes[array.dtype], array.shape) for name, array in arrays.items()]
+    header: dict[str, object] = {"__metadata__": metadata}
     end = 0
-    for begin, after, _, _ in sorted(places.values(), key=lambda place: place[:2]):
-        if begin != end:
-            raise UnfitValue(f"an array that begins at byte {begin}", f"one after the other, the next at {end}")
-        end = after
-    if 8 + length + end != size:
-        raise UnfitValue(f"{size} bytes", f"{8 + length + end}")
-    return 8 + length, places, metadata
+    for name, code, shape in (*described, last):
+        begin, end = end, end + math.prod(shape) * np.dtype(_DTYPES[code]).itemsize
+        header[name] = {"dtype": code, "shape": list(shape), "data_offsets": [begin, end]}
+    head = json.dumps(header).encode()
+    head += b" " * (-len(head) % 8)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_file(path) as file:
+            file.write(len(head).to_bytes(8, "little") + head)
+            for array in arrays.values():
+                file.write(np.ascontiguousarray(array).tobytes())
+            yield 0
+            written = 0
+            for done, row in enumerate(rows, 1):
+                written += file.write(row)
+                yield done
+            if written != end - begin:
+                raise AssertionError(f"{written} bytes in rows, expected {end - begin}")
+    except OSError as error:
+        raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
 
 
-def _place(name: str, found: object) -> tuple[int, int, str, tuple[int, ...]]:
-    """First byte, the one after the last, type and shape of an array."""
+def _tensor(name: str, found: object, start: int) -> Tensor:
+    """Of a file whose arrays begin at a byte."""
     entry = entries(found, name)
     dtype, lengths, offsets = (entry.get(key) for key in ("dtype", "shape", "data_offsets"))
     if not isinstance(dtype, str) or dtype not in _DTYPES:
@@ -122,11 +178,11 @@ def _place(name: str, found: object) -> tuple[int, int, str, tuple[int, ...]]:
     size = math.prod(shape) * np.dtype(_DTYPES[dtype]).itemsize
     if end - begin != size:
         raise UnfitValue(f"{name} of shape {shape} in {end - begin} bytes", f"{size}")
-    return begin, end, dtype, shape
+    return Tensor(start + begin, start + end, dtype, shape)
 
 
-def _array(file: BufferedReader, dtype: str, shape: tuple[int, ...]) -> Array:
-    array = np.empty(shape, _DTYPES[dtype])
+def _array(file: FileIO, tensor: Tensor) -> Array:
+    array = np.empty(tensor.shape, _DTYPES[tensor.dtype])
     if array.size:
         into = array.reshape(-1).view(np.uint8).data
         while into:
@@ -135,4 +191,4 @@ def _array(file: BufferedReader, dtype: str, shape: tuple[int, ...]) -> Array:
                 raise UnfitValue("an end in the middle of an array", "a file that nobody cuts meanwhile")
             into = into[count:]
     # Any byte but 0 and 1 is no truth value.
-    return array.view(np.uint8) != 0 if dtype == "BOOL" else array
+    return array.view(np.uint8) != 0 if tensor.dtype == "BOOL" else array

@@ -9,25 +9,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 import threading
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ..arrays import Array
 from ..errors import FrogError, brief, found_instead
-from ..io.atomic_files import atomic_file, remove_partial_files
-from ..io.plain_values import whole
+from ..io.atomic_files import remove_partial_files
+from ..io.plain_values import UnfitValue, items, number, plain_json
 from ..io.regular_file import regular_file
+from ..io.tensor_files import opened_tensors, read_header, write_rows
 from .frame_delta import FrameDelta, column_width
 from .player import ScenePlayer
 
 SUFFIX = ".frogbake"
 _TENSOR, _KIND = "moments", "a bake of a .frog scene"
-_LONGEST_HEADER, _MOST_LISTS, _LONGEST_AXIS = 1 << 25, 64, 1 << 40
+_MOST_TIMES = 1 << 24
 
 
 def bytes_needed(scene: ScenePlayer, num_times: int) -> int:
@@ -48,24 +48,26 @@ def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[flo
     Raises:
         FrogError: the disk is full, the folder cannot be written, or ``source`` changed meanwhile.
     """
+    identity = fingerprint(source)
+    metadata = {"scene": identity, "columns": json.dumps(scene.changing), "times": json.dumps(list(times))}
+    needed = bytes_needed(scene, len(times))
     try:
-        identity = fingerprint(source)
         path.parent.mkdir(parents=True, exist_ok=True)
-        remove_partial_files(path)
-        needed, free = bytes_needed(scene, len(times)), shutil.disk_usage(path.parent).free
-        if needed > free:
-            raise FrogError(f"{path}: the bake needs {needed / 1e6:,.0f} MB, found {free / 1e6:,.0f} MB on the disk.")
-        with atomic_file(path) as file:
-            file.write(_header(scene, times, identity))
-            for done, time in enumerate(times):
-                yield done
-                for column in scene.delta_at(time).columns.values():
-                    file.write(np.ascontiguousarray(column, "<f4").data)
-            if fingerprint(source) != identity:
-                raise FrogError(f"{source}: found another version of it than when baking began; bake again.")
-        yield len(times)
+        free = shutil.disk_usage(path.parent).free
     except OSError as error:
         raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
+    remove_partial_files(path)
+    if needed > free:
+        raise FrogError(f"{path}: the bake needs {needed / 1e6:,.0f} MB, found {free / 1e6:,.0f} MB on the disk.")
+
+    def rows() -> Iterator[bytes]:
+        for time in times:
+            columns = scene.delta_at(time).columns.values()
+            yield b"".join(np.ascontiguousarray(column, "<f4").data for column in columns)
+        if fingerprint(source) != identity:
+            raise FrogError(f"{source}: found another version of it than when baking began; bake again.")
+
+    yield from write_rows(path, {}, metadata, (_TENSOR, "F32", (len(times), scene.delta_bytes // 4)), rows())
 
 
 class Bake:
@@ -88,22 +90,12 @@ class Bake:
         self._path, self._lock = path, threading.Lock()
         self._columns = [(name, column_width(name)) for name in scene.changing]
         self._num_dynamic, self._row = scene.num_dynamic, scene.delta_bytes // 4
-        try:
-            self._file = regular_file(path, _KIND).open("rb", buffering=0)  # what is read is on the disk now
-        except OSError as error:
-            raise found_instead(path, f"a file that cannot be opened ({error.strerror or error})", _KIND) from error
-        try:
+        with opened_tensors(path, _KIND, kept=True) as self._file:  # not buffered: what is read is on the disk now
             self._begin, times, identity = self._read_header()
             self.bytes = path.stat().st_size
             if identity != fingerprint(source):
                 message = f"{path}: found a bake of another version of {source.name}, expected one of the present; "
                 raise FrogError(f"{message}bake again or clear it.")
-        except OSError as error:
-            self._file.close()
-            raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", _KIND) from error
-        except Exception:
-            self._file.close()
-            raise
         self._places = {time: index for index, time in enumerate(times)}
 
     def __len__(self) -> int:
@@ -148,34 +140,17 @@ class Bake:
 
     def _read_header(self) -> tuple[int, list[float], str]:
         """Where the rows begin, their times and the scene's fingerprint."""
-        size = os.fstat(self._file.fileno()).st_size
-        length = int.from_bytes(self._file.read(8), "little")
-        if length > min(size, _LONGEST_HEADER):
-            raise found_instead(self._path, f"{size} bytes that do not fit their header", _KIND)
-        text = self._file.read(length)
-        try:
-            if text.count(b"[") + text.count(b"{") > _MOST_LISTS:  # each takes much more memory than text
-                raise ValueError("too many lists")
-            header = json.loads(text)
-            tensor, metadata = header[_TENSOR], header["__metadata__"]
-            times, columns = (json.loads(metadata[name]) for name in ("times", "columns"))
-            count, row = (whole(length, "a length", 0, _LONGEST_AXIS - 1) for length in tensor["shape"])
-            needed = 4 * count * row
-            fits = header.keys() == {_TENSOR, "__metadata__"} and tensor["dtype"] == "F32"
-            fits &= tensor["data_offsets"] == [0, needed] and size == 8 + length + needed
-            fits &= isinstance(times, list) and len(times) == count and all(map(_is_time, times))
-            identity = metadata["scene"]
-        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-            raise found_instead(self._path, f"a damaged or foreign file ({error!r})", _KIND) from error
-        if not fits:
-            raise found_instead(self._path, f"{size} bytes that do not fit their header", _KIND)
-        if row != self._row or columns != [name for name, _ in self._columns]:
-            identity = ""  # another scene's
-        return 8 + length, [float(time) for time in times], str(identity)
-
-
-def _is_time(time: object) -> bool:
-    return (type(time) is int or type(time) is float) and 0 <= time <= 1
+        tensors, metadata = read_header(self._file)
+        if tensors.keys() != {_TENSOR} or "scene" not in metadata:
+            raise UnfitValue("other arrays or texts", "those of a bake")
+        tensor, row = tensors[_TENSOR], self._row
+        said = (plain_json(metadata.get(name, ""), name) for name in ("times", "columns"))
+        times, columns = (items(value, "times or columns", _MOST_TIMES) for value in said)
+        if tensor.dtype != "F32" or len(tensor.shape) != 2 or tensor.shape[0] != len(times):
+            raise UnfitValue(f"{len(times)} times of {tensor.shape} numbers", "a row of floats for each")
+        if tensor.shape[1] != row or columns != [name for name, _ in self._columns]:
+            return 0, [], ""  # another scene's
+        return tensor.begin, [number(time, "a time", 0, 1) for time in times], metadata["scene"]
 
 
 def fingerprint(path: Path) -> str:
@@ -185,12 +160,3 @@ def fingerprint(path: Path) -> str:
             return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=20)).hexdigest()
     except OSError as error:
         raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", "a .frog scene") from error
-
-
-def _header(scene: ScenePlayer, times: Sequence[float], identity: str) -> bytes:
-    row = scene.delta_bytes // 4
-    tensor = {"dtype": "F32", "shape": [len(times), row], "data_offsets": [0, 4 * len(times) * row]}
-    metadata = {"scene": identity, "columns": json.dumps(scene.changing), "times": json.dumps(list(times))}
-    text = json.dumps({"__metadata__": metadata, _TENSOR: tensor}).encode()
-    text += b" " * (-len(text) % 8)
-    return len(text).to_bytes(8, "little") + text

@@ -8,18 +8,15 @@ float32, or but for places float16.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from ..arrays import Array, SceneArrays
+from ..arrays import Array
 from ..errors import FrogError, found_instead
-from ..io.atomic_files import atomic_file
 from ..io.plain_values import JsonObject, UnfitValue, items, text, whole
-from ..io.tensor_files import find_tensor
+from ..io.tensor_files import opened_tensors, read_header
 from .header import SceneHeader
 
 FRAMES = "frames"
@@ -146,51 +143,13 @@ class FrameRows:
 def find_rows(path: str | Path, header: SceneHeader, num_gaussians: int) -> FrameRows:
     """The rows of a sequence's file. UnfitValue or FrogError for a file that does not hold what its header says."""
     path, layout = Path(path), RowLayout.of(header, num_gaussians)
-    begin, dtype, shape = find_tensor(path, _KIND, FRAMES)
+    with opened_tensors(path, _KIND) as file:
+        tensor = read_header(file)[0].get(FRAMES)
     expected = (header.frame_count, layout.size)
-    if shape != expected or dtype != "U8":
-        raise UnfitValue(f"{FRAMES} of shape {shape} and type {dtype}", f"shape {expected} of bytes")
-    return FrameRows(path, _stamp(path), begin, shape[0], layout)
-
-
-def write_frames(
-    path: Path, arrays: SceneArrays, metadata: dict[str, str], rows: Iterator[bytes], shape: tuple[int, int]
-) -> None:
-    """Writes a scene whose frames come one by one, atomically; none but one of them is held.
-
-    Args:
-        arrays: of the scene as they are stored, but for its frames.
-        metadata: texts of the file's header; the scene's own among them.
-        rows: each frame's (see ``RowLayout.packed``).
-        shape: how many there are, and the bytes of each.
-
-    Raises:
-        FrogError: when it cannot be written; an earlier file is untouched then.
-    """
-    codes = {"float32": "F32", "uint8": "U8"}
-    entries: dict[str, object] = {"__metadata__": metadata}
-    end = 0
-    for name, array in arrays.items():
-        entries[name] = _entry(codes[array.dtype.name], array.shape, end, end + array.nbytes)
-        end += array.nbytes
-    entries[FRAMES] = _entry("U8", shape, end, end + shape[0] * shape[1])
-    head = json.dumps(entries).encode()
-    head += b" " * (-len(head) % 8)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_file(path) as file:
-            file.write(len(head).to_bytes(8, "little") + head)
-            for array in arrays.values():
-                file.write(np.ascontiguousarray(array).tobytes())
-            written = sum(file.write(row) for row in rows)
-            if written != shape[0] * shape[1]:
-                raise AssertionError(f"{written} bytes of frames, expected {shape[0] * shape[1]}")
-    except OSError as error:
-        raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
-
-
-def _entry(kind: str, shape: tuple[int, ...], begin: int, end: int) -> dict[str, object]:
-    return {"dtype": kind, "shape": list(shape), "data_offsets": [begin, end]}
+    if tensor is None or tensor.shape != expected or tensor.dtype != "U8":
+        found = f"shape {tensor.shape} and type {tensor.dtype}" if tensor else "nothing"
+        raise UnfitValue(f"{FRAMES} of {found}", f"shape {expected} of bytes")
+    return FrameRows(path, _stamp(path), tensor.begin, header.frame_count, layout)
 
 
 def _stamp(path: Path) -> tuple[int, int]:
