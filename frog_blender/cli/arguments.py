@@ -14,7 +14,7 @@ from ..engine.options import OPTIONS, Option, PixelOffsets
 from ..engine.setting import Choice, parsed
 
 if TYPE_CHECKING:
-    from ..engine.editing.timing import Timing
+    from ..engine.editing.edits import Timing
     from ..engine.playback.player import ScenePlayer
 
 

@@ -49,7 +49,7 @@ def add_export_parser(commands: Any) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from ..engine.editing.retimed_scene import RetimedScene
+    from ..engine.editing.edited_scene import RetimedScene
     from ..engine.interchange.take import SceneTake
     from ..engine.playback.player import ScenePlayer
 

@@ -85,7 +85,7 @@ def _render(options: argparse.Namespace) -> int:
 
 
 def _opened(scene_file: Path, device: str, edits: Path | None) -> _Opened:
-    from ..engine.editing.retimed_scene import RetimedScene
+    from ..engine.editing.edited_scene import RetimedScene
     from ..engine.playback.player import ScenePlayer
     from ..engine.playback.render_files import cpu_renderer
     from ..engine.scene.scene_file import read_scene

@@ -14,8 +14,8 @@ from ..scene_import.capture_objects import root_of
 from ..timeline.retiming import stretched
 
 if TYPE_CHECKING:
+    from ..engine.surfaces.fusion import Mesh
     from ..engine.surfaces.proxy import Proxy
-    from ..engine.surfaces.surface_nets import Mesh
 
 SHADOWS, HOLDOUT, PLAIN = "SHADOWS", "HOLDOUT", "PLAIN"
 """What a proxy is for."""

@@ -41,7 +41,7 @@ class FROG_OT_add_crop(EditOperator, bpy.types.Operator):
             self._add(obj, context.scene)
 
     def _add(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
-        from ..engine.editing.common_view import common_view
+        from ..engine.editing.selections import common_view
 
         playing = scene_of(obj)
         low, high = common_view(playing, addon_state.get(EditedScenes).weights(playing))

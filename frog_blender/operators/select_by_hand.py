@@ -23,7 +23,7 @@ from .bases import EditOperator, FrogOperator, chosen_in, scene_of, select
 from .edit_clean import MODES
 
 if TYPE_CHECKING:
-    from ..engine.editing.on_screen import OnScreen
+    from ..engine.editing.gestures import OnScreen
 
 SHAPES = (
     ("BRUSH", "Brush", "What the mouse is drawn over"),
@@ -59,7 +59,7 @@ class Seen:
 
 def seen_in(context: bpy.types.Context, obj: bpy.types.Object, only_visible: bool) -> Seen:
     """What the context's viewport shows of a capture now; FrogError if it shows nothing of it."""
-    from ..engine.editing.on_screen import OnScreen
+    from ..engine.editing.gestures import OnScreen
 
     region, view, space = context.region, context.region_data, context.space_data
     if not obj.visible_get(view_layer=context.view_layer, viewport=space):

@@ -115,7 +115,7 @@ class RenderedView:
         if rays is None:
             camera = self.camera()
             return self._before_objects(gaussians, through(camera) if through else camera, self.options())
-        from ..engine.playback.panorama import draw_panorama
+        from ..engine.playback.environment import draw_panorama
 
         options = RasterizeOptions(near_plane=self.options().near_plane)
         view = view_matrix_of(self._pose(), f"Camera {self.eye.name}")

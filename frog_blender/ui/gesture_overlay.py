@@ -12,8 +12,7 @@ from .. import addon_state
 from .overlay import EDGE, Overlay, draw_lines
 
 if TYPE_CHECKING:
-    from ..engine.editing.gestures import Gesture
-    from ..engine.editing.on_screen import OnScreen
+    from ..engine.editing.gestures import Gesture, OnScreen
 
 _HIT, _POINT_SIZE = (1.0, 0.55, 0.1, 1.0), 4.0  # pixels
 _STROKES = ((EDGE, 3.0), ((1.0, 1.0, 1.0, 1.0), 1.0))

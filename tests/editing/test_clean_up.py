@@ -12,7 +12,7 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.editing import selections
 from frog_blender.engine.editing.clean_up import clean_up, floaters
 from frog_blender.engine.editing.clusters import clusters
-from frog_blender.engine.editing.common_view import common_view, seen_by
+from frog_blender.engine.editing.selections import common_view, seen_by
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.importance import camera_weights
 from frog_blender.engine.playback.player import ScenePlayer

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from support.solids import CORNERS, FACES
 
-from frog_blender.engine.editing.closed_mesh import ClosedMesh
+from frog_blender.engine.editing.closed_mesh import ClosedMesh, MeshDistance
 from frog_blender.engine.editing.crops import Crop
-from frog_blender.engine.editing.mesh_distance import MeshDistance
 
 
 def ring(count=24, tube=12):

@@ -7,8 +7,7 @@ import pytest
 from support.builders import join, odd_camera, plain_camera, random_gaussians, rotation_of
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.editing.gestures import BOX, BRUSH, GESTURES, LASSO, drawn, gesture
-from frog_blender.engine.editing.on_screen import OnScreen
+from frog_blender.engine.editing.gestures import BOX, BRUSH, GESTURES, LASSO, OnScreen, drawn, gesture
 from frog_blender.engine.gaussians import GaussianArrays
 
 CAMERA = odd_camera(450, 270)

@@ -14,10 +14,9 @@ from support.clicks import film_of_clicks, samples_of, times_of_clicks
 
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.media import read_sound_file
-from frog_blender.engine.editing.edits import Edits
+from frog_blender.engine.editing.edited_scene import RetimedScene
+from frog_blender.engine.editing.edits import Edits, Timing
 from frog_blender.engine.editing.edits_file import load_edits, save_edits
-from frog_blender.engine.editing.retimed_scene import RetimedScene
-from frog_blender.engine.editing.timing import Timing
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.interchange.take import SceneTake, encoded, sound_of

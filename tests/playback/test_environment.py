@@ -7,8 +7,7 @@ import pytest
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.playback.environment import environment, filled, free_place
-from frog_blender.engine.playback.panorama import equirectangular
+from frog_blender.engine.playback.environment import environment, equirectangular, filled, free_place
 from frog_blender.engine.spherical_harmonics import SH_DC
 from frog_blender.engine.srgb import srgb_to_linear
 

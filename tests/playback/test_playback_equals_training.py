@@ -50,7 +50,7 @@ def fine_share(shape: dict) -> float:
     return (shape["fine_rows"] - coarse) / (rows - coarse) if "fine_rows" in shape else 1.0
 
 
-@pytest.mark.parametrize(("shape", "moving"), zip(SHAPES, cycle([41, 40, 17, 1]), strict=False), ids=str)
+@pytest.mark.parametrize(("shape", "moving"), [*zip(SHAPES, cycle([41, 40, 17, 1]), strict=False)], ids=str)
 def test_gaussians_at_many_times(tmp_path: Path, shape: dict, moving: int, count: int = 41) -> None:
     scene = scene_file(count, sh_count=16 if shape.get("deformed_sh") == 9 else 4, moving=moving, **shape)
     write_scene(tmp_path / "x.frog", scene)

@@ -26,6 +26,13 @@ turned = transform(scene.at(0.4), [[0, -1, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0
 drawing = draw(turned, scene.header.cameras[0])
 print(scene.count, drawing.rgb.shape, 'torch' in [name for name, module in sys.modules.items() if module])
 """
+COMMANDS = """
+import json
+from frog_blender.cli.main import main
+for arguments in json.loads(sys.argv[1]):
+    assert main(arguments) == 0
+    print("END")
+"""
 COMMAND = "from frog_blender.cli.main import main; sys.exit(main(sys.argv[1:]))"
 
 
@@ -53,29 +60,23 @@ def test_load_play_transform_and_draw(scene: Path) -> None:
     assert (run.returncode, run.stdout.strip()) == (0, "60 (36, 48, 3) False"), run.stderr
 
 
-def test_frog_render(scene: Path, tmp_path: Path) -> None:
-    run = run_python(
-        NO_TORCH + COMMAND, "render", scene, "--camera", "cam02", "--frames", "1:3", "--out", tmp_path / "o"
-    )
+def test_render_eval_and_info(scene: Path, filmed: Path, own_cache: Path, tmp_path: Path) -> None:
+    commands = [
+        ["render", str(scene), "--camera", "cam02", "--frames", "1:3", "--out", str(tmp_path / "o")],
+        ["eval", str(scene), str(filmed), "--json"],
+        ["info", str(scene), "--json"],
+    ]
+    run = run_python(NO_TORCH + COMMANDS, json.dumps(commands))
     assert run.returncode == 0, run.stderr
     images = sorted((tmp_path / "o").iterdir())
     assert [path.name for path in images] == ["cam02_0001.png", "cam02_0002.png"]
     played = ScenePlayer.load(scene)
     expected = to_uint8(draw(played.at_frame(2), rig()[2], played.header.background).rgb)
     np.testing.assert_array_equal(cv2.imread(str(images[1]))[:, :, ::-1], expected)
-
-
-def test_frog_eval(scene: Path, filmed: Path, own_cache: Path) -> None:
-    run = run_python(NO_TORCH + COMMAND, "eval", scene, filmed, "--json")
-    assert run.returncode == 0, run.stderr
-    report = json.loads(run.stdout)
+    report, about = run.stdout.split("END\n")[1:3]
+    report = json.loads(report)
     assert (report["gaussians"], report["frames"], report["split"]) == (60, FRAMES, "held-out")
-
-
-def test_frog_info(scene: Path) -> None:
-    run = run_python(NO_TORCH + COMMAND, "info", scene, "--json")
-    assert run.returncode == 0, run.stderr
-    assert json.loads(run.stdout)["gaussians"] == 60
+    assert json.loads(about)["gaussians"] == 60
 
 
 def test_frog_train_says_what_is_missing(filmed: Path, tmp_path: Path) -> None:

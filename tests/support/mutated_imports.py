@@ -33,11 +33,10 @@ from support.solids import CORNERS, FACES
 from frog_blender.engine.editing.closed_mesh import ClosedMesh
 from frog_blender.engine.editing.crops import Crop
 from frog_blender.engine.editing.edited_scene import EditedScene
-from frog_blender.engine.editing.edits import Edits
+from frog_blender.engine.editing.edits import Edits, Timing
 from frog_blender.engine.editing.edits_file import load_edits, save_edits
 from frog_blender.engine.editing.grades import Grade
 from frog_blender.engine.editing.marks import Marks
-from frog_blender.engine.editing.timing import Timing
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import imports
 from frog_blender.engine.interchange.imports import import_scene

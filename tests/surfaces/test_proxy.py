@@ -8,10 +8,8 @@ import pytest
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.surfaces.fusion import MOST_VOXELS, Grid
+from frog_blender.engine.surfaces.fusion import MOST_VOXELS, Grid, Mesh, surface_depth, surface_nets, without_islands
 from frog_blender.engine.surfaces.proxy import make_proxy, steps_of
-from frog_blender.engine.surfaces.surface_depth import surface_depth
-from frog_blender.engine.surfaces.surface_nets import Mesh, surface_nets, without_islands
 
 
 def turned_to(normals):

@@ -19,7 +19,7 @@ from ..playback.importance import camera_weights, sampled_views
 from ..playback.player import ScenePlayer
 from ..playback.render import draw
 from .clusters import clusters
-from .common_view import SEEN
+from .selections import SEEN
 
 DEFAULT_STRENGTH = 0.5
 _LEAST_SHARE = 0.004  # of a scene's Gaussians, at full strength, that a cluster must have

@@ -10,8 +10,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ..arrays import Array
-from .closed_mesh import ClosedMesh
-from .mesh_distance import MeshDistance
+from .closed_mesh import ClosedMesh, MeshDistance
 
 BOX, SPHERE, MESH = "box", "sphere", "mesh"
 SHAPES = (BOX, SPHERE, MESH)

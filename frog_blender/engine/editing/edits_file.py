@@ -31,10 +31,9 @@ from ..io.plain_values import JsonObject, UnfitValue, entries, items, number, nu
 from ..io.regular_file import regular_file
 from .closed_mesh import MOST_TRIANGLES, MOST_VERTICES, ClosedMesh
 from .crops import MESH, SHAPES, Crop
-from .edits import MOST_CROPS, MOST_GRADES, Edits
+from .edits import FASTEST_RATE, MOST_CROPS, MOST_FRAMES, MOST_GRADES, Edits, Timing
 from .grades import RANGES, Grade
 from .marks import MOST, Marks
-from .timing import FASTEST_RATE, MOST_FRAMES, Timing
 
 KIND = "edits of a FRoG scene"
 _VERSION = 1

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..capture import media
-from ..editing.retimed_scene import RetimedScene
-from ..editing.timing import Timing
+from ..editing.edited_scene import RetimedScene
+from ..editing.edits import Timing
 from ..errors import found_instead
 from ..gaussians import NumpyGaussians
 from ..playback.player import ScenePlayer

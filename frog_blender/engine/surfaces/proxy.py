@@ -12,9 +12,7 @@ from ..arrays import Array, Float64s
 from ..capture.camera import Camera
 from ..errors import FrogError
 from ..gaussians import GaussianArrays, NumpyGaussians
-from .fusion import Grid, fuse
-from .surface_depth import surface_depth
-from .surface_nets import Mesh
+from .fusion import Grid, Mesh, fuse, surface_depth
 
 Frames = Sequence[Callable[[], NumpyGaussians]]
 """The Gaussians of each frame, computed when they are asked for."""

@@ -16,7 +16,6 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import FrogError
-from ...gaussians import NumpyGaussians
 from ...io.plain_values import JsonObject
 from ...playback.frame_delta import WIDTHS, column_names, column_of, column_width
 from ..take import Take
@@ -77,121 +76,58 @@ class Quantizer:
         return values
 
 
-@dataclass(frozen=True)
-class Extent:
-    """How far the numbers of a column reach, (width,) each.
+def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes, Array]]:
+    """What a page holds of a take: a description in plain values, and of what it is one: compressed arrays, one after
+    another; and (N, 3) the places in the first frame.
 
-    Attributes:
-        least, most: all of them.
-        low, high: all but a few of them.
+    The frames are gone through twice: the steps in which numbers are stored are those of all of them. Yields 0 after
+    each at first, then how many are done.
     """
-
-    least: Array
-    most: Array
-    low: Array
-    high: Array
-
-    @classmethod
-    def of(cls, column: Array) -> Extent:
-        """Of a column (N, width) with at least one row."""
-        low, high = np.quantile(column.astype(np.float64), (_TAIL, 1 - _TAIL), axis=0)
-        return cls(column.min(0).astype(np.float64), column.max(0).astype(np.float64), low, high)
-
-    def joined(self, other: Extent) -> Extent:
-        """Of both."""
-        least, low = np.minimum(self.least, other.least), np.minimum(self.low, other.low)
-        return Extent(least, np.maximum(self.most, other.most), low, np.maximum(self.high, other.high))
-
-
-@dataclass(frozen=True)
-class Survey:
-    """What has to be known of all frames before the first can be packed.
-
-    Attributes:
-        columns: of the first frame, (N, width) by name.
-        changing: names of what changes.
-        extents: of all columns, over all frames.
-    """
-
-    columns: dict[str, Array]
-    changing: tuple[str, ...]
-    extents: dict[str, Extent]
-
-    @classmethod
-    def of(cls, take: Take) -> Generator[int, None, Survey]:
-        """Goes through the frames; yields 0 after each."""
-        columns: dict[str, Array] = {}
-        extents: dict[str, Extent] = {}
-        changing = tuple(take.changing) if take.num_dynamic else ()
-        for frame in take.frames():
-            gaussians = frame.gaussians
-            if not columns:
-                names = column_names(gaussians.sh.shape[1])
-                _refuse_too_large(take, len(gaussians), names)
-                columns = {name: column_of(gaussians, name) for name in names}
-                extents = {name: Extent.of(column) for name, column in columns.items()}
-            for name in changing:
-                extents[name] = extents[name].joined(Extent.of(column_of(gaussians, name, take.num_dynamic)))
-            yield 0
-        return cls(columns, changing, extents)
+    moved, columns, extents = take.num_dynamic, dict[str, Array](), dict[str, Array]()
+    films: dict[str, list[Array]] = {name: [] for name in take.changing} if moved else {}
+    for frame in take.frames():
+        gaussians = frame.gaussians
+        if not columns:
+            names = column_names(gaussians.sh.shape[1])
+            _refuse_too_large(take, len(gaussians), names)
+            columns = {name: column_of(gaussians, name) for name in names}
+            extents = {name: _extent(column) for name, column in columns.items()}
+        for name in films:
+            before, now = extents[name], _extent(column_of(gaussians, name, moved))
+            extents[name] = np.concatenate([np.minimum(before[:2], now[:2]), np.maximum(before[2:], now[2:])])
+        yield 0
+    quantizers = {name: _quantizer(name, column, extents[name]) for name, column in columns.items()}
+    frames = 0
+    for frames, frame in enumerate(take.frames(), 1):
+        for name, film in films.items():
+            film.append(quantizers[name].quantize(_canonical(name, column_of(frame.gaussians, name, moved))))
+        yield frames
+    steady = {name: _steady(name, np.stack(film)) for name, film in films.items()}
+    seen = steady["base"][..., _OPACITY] > _UNSEEN if "base" in steady else None
+    parts: list[bytes] = []
+    described: list[JsonObject] = []
+    for name, column in columns.items():
+        still = column
+        if name in steady:
+            described.append(_add(parts, name, quantizers[name], _held(name, steady[name], seen), film=True))
+            still = column[moved:]
+        if len(still):
+            values = quantizers[name].quantize(_canonical(name, still))
+            described.append(_add(parts, name, quantizers[name], values[None], film=False))
+    description: JsonObject = {
+        "count": len(columns["means"]),
+        "dynamic": moved,
+        "sh_count": len(columns) - len(WIDTHS) + 1,
+        "frames": frames,
+        "arrays": described,
+    }
+    return description, b"".join(parts), columns["means"]
 
 
-class PagePacker:
-    """Packs a take's frames one after another.
-
-    Args:
-        take: whose frames are added, all of them and in order.
-        survey: of the same take.
-    """
-
-    def __init__(self, take: Take, survey: Survey) -> None:
-        self._moved, self._columns = take.num_dynamic, survey.columns
-        self._films: dict[str, list[Array]] = {name: [] for name in survey.changing}
-        self._quantizers = {
-            name: _quantizer(name, column, survey.extents[name]) for name, column in survey.columns.items()
-        }
-        self._frames = 0
-
-    def add(self, gaussians: NumpyGaussians) -> None:
-        """The next frame."""
-        self._frames += 1
-        for name, film in self._films.items():
-            moved = column_of(gaussians, name, self._moved)
-            film.append(self._quantizers[name].quantize(_canonical(name, moved)))
-
-    def packed(self) -> PageContent:
-        """All that was added."""
-        films = {name: _steady(name, np.stack(film)) for name, film in self._films.items()}
-        seen = films["base"][..., _OPACITY] > _UNSEEN if "base" in films else None
-        parts: list[bytes] = []
-        described: list[JsonObject] = []
-        for name, column in self._columns.items():
-            quantizer, still = self._quantizers[name], column
-            if name in self._films:
-                described.append(_add(parts, name, quantizer, _held(name, films[name], seen), film=True))
-                still = column[self._moved :]
-            if len(still):
-                values = quantizer.quantize(_canonical(name, still))
-                described.append(_add(parts, name, quantizer, values[None], film=False))
-        description: JsonObject = {
-            "count": len(self._columns["means"]),
-            "dynamic": self._moved,
-            "sh_count": len(self._columns) - len(WIDTHS) + 1,
-            "frames": self._frames,
-            "arrays": described,
-        }
-        return PageContent(description, b"".join(parts))
-
-
-@dataclass(frozen=True)
-class PageContent:
-    """Attributes:
-    description: of ``data``, plain values for JSON.
-    data: compressed arrays, one after another.
-    """
-
-    description: JsonObject
-    data: bytes
+def _extent(column: Array) -> Array:
+    """(4, width) how far numbers (N, width) reach: the least, the least and the most of all but a few, the most."""
+    low, high = np.quantile(column.astype(np.float64), (_TAIL, 1 - _TAIL), axis=0)
+    return np.stack([column.min(0).astype(np.float64), low, high, column.max(0).astype(np.float64)])
 
 
 def _refuse_too_large(take: Take, count: int, names: Sequence[str]) -> None:
@@ -205,20 +141,19 @@ def _refuse_too_large(take: Take, count: int, names: Sequence[str]) -> None:
         )
 
 
-def _quantizer(name: str, column: Array, extent: Extent) -> Quantizer:
+def _quantizer(name: str, column: Array, extent: Array) -> Quantizer:
     """For a column (N, width) of the first frame, and how far it reaches in all."""
-    width = column.shape[1]
+    width, (least, low, high, most) = column.shape[1], extent
     if name == "quaternions":
         return Quantizer("linear", np.full(4, -1.0), np.full(4, 1.0), _SHAPE_STEPS)
     if name == "scales":
-        low, high = (np.log(np.maximum(bound, _SMALLEST_SCALE)) for bound in (extent.low.min(), extent.most.max()))
-        return Quantizer("exp", np.full(width, low), np.full(width, high), _SHAPE_STEPS)
+        least, most = (np.log(np.maximum(bound, _SMALLEST_SCALE)) for bound in (low.min(), most.max()))
+        return Quantizer("exp", np.full(width, least), np.full(width, most), _SHAPE_STEPS)
     if name == "means":
         center = np.median(column.astype(np.float64), axis=0)
         spread = np.maximum(np.median(np.abs(column - center), axis=0) * _STEEPNESS, 1e-9)
-        low, high = (np.arcsinh((bound - center) / spread) for bound in (extent.least, extent.most))
-        return Quantizer("sinh", low, high, _POSITION_STEPS, center, spread)
-    low, high = extent.low.copy(), extent.high.copy()
+        least, most = (np.arcsinh((bound - center) / spread) for bound in (least, most))
+        return Quantizer("sinh", least, most, _POSITION_STEPS, center, spread)
     if name == "base":
         low[3], high[3] = 0.0, 1.0
     return Quantizer("linear", low, high, _COLOR_STEPS)
@@ -239,10 +174,7 @@ def _steady(name: str, film: Array) -> Array:
         return film
     film = film.copy()
     for frame in range(1, len(film)):
-        before, now = (
-            film[frame - 1].astype(np.int32) * 2 - _SHAPE_STEPS,
-            film[frame].astype(np.int32) * 2 - _SHAPE_STEPS,
-        )
+        before, now = (film[index].astype(np.int32) * 2 - _SHAPE_STEPS for index in (frame - 1, frame))
         flipped = (before * now).sum(1) < 0
         film[frame][flipped] = _SHAPE_STEPS - film[frame][flipped]
     return film

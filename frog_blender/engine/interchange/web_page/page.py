@@ -17,7 +17,7 @@ from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ..take import Take, duration_of, encoded
-from .content import PagePacker, Survey
+from .content import packed
 
 SCRIPTS = ("scene.js", "view.js", "splat_renderer.js", "page.js")
 """The player's own code, in the order in which it is put into the page."""
@@ -29,8 +29,7 @@ _FIELD_OF_VIEW = 50.0  # degrees across, where a scene has no camera
 def write_page(path: Path, take: Take) -> Generator[int, None, None]:
     """Writes a take as a web page; yields how many frames are done. The file appears when all are.
 
-    The capture is alone on its page, so that it does not matter where it was placed. The frames are gone through twice:
-    the steps in which numbers are stored are those of all of them.
+    The capture is alone on its page, so that it does not matter where it was placed.
 
     Raises:
         FrogError: for another ending, more than a browser holds, sound that cannot be read, or a file that cannot be
@@ -38,28 +37,23 @@ def write_page(path: Path, take: Take) -> Generator[int, None, None]:
     """
     if path.suffix.lower() not in (".html", ".htm"):
         raise FrogError(f"{path}: found the ending {path.suffix!r}, expected .html.")
-    survey = yield from Survey.of(take)
-    packer, done = PagePacker(take, survey), 0
-    for done, frame in enumerate(take.frames(), 1):
-        packer.add(frame.gaussians)
-        yield done
-    content = packer.packed()
+    content, data, means = yield from packed(take)
     cameras = _offered(take.header.cameras)
     numbers = take.numbers
     step = numbers[1] - numbers[0] if len(numbers) > 1 else 1.0
     description: JsonObject = {
-        **content.description,
+        **content,
         "frames_per_second": take.rate / step,
         "background": list(take.header.background),
         "held": not take.keeps_identity,  # between frames: rows are other Gaussians in the next
         "cameras": [_camera(camera) for camera in cameras],
-        "view": _first_view(cameras, survey.columns["means"].astype(np.float64)),
+        "view": _first_view(cameras, means.astype(np.float64)),
     }
     sound = ""
     if take.sound is not None:
         ogg = encoded(take.sound, duration_of(take))
         sound = f"data:audio/ogg;base64,{base64.b64encode(ogg).decode()}"
-    write_atomically(path, _filled(take.name, description, content.data, sound).encode())
+    write_atomically(path, _filled(take.name, description, data, sound).encode())
 
 
 def _filled(title: str, description: JsonObject, data: bytes, sound: str) -> str:
