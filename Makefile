@@ -93,7 +93,7 @@ test-sanitizers: setup
 		$(BIN)/python -m pytest -q --capture=sys -p no:cacheprovider --ignore=tests/rasterizer/cuda \
 		tests/rasterizer tests/native tests/model/test_fused.py tests/playback \
 		tests/training/optimize/test_adam.py tests/training/optimize/test_losses.py || exit 1; \
-		$(BIN)/python tests/fuzzing/worker.py $(abspath $(SANITIZED))/fuzz 4 0 5000 || exit 1; done
+		$(BIN)/python tests/fuzzing/worker.py scenes $(abspath $(SANITIZED))/fuzz 5000 4 || exit 1; done
 
 # The oldest Blender that the add-on supports, as a module in an environment of its own.
 BPY45 := .venv-bpy45

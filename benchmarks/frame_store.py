@@ -25,7 +25,7 @@ import zstandard
 
 from frog_blender.engine.capture.decoding import decode_masked
 from frog_blender.engine.capture.frame_keys import decoding_order
-from frog_blender.engine.frames.codecs import TileCodec, Zlib, Zstandard
+from frog_blender.engine.frames.codecs import TileCodec, zlib_codec, zstandard_codec
 from frog_blender.engine.frames.files import FrameFiles, FrameWriter, pack_shot
 from frog_blender.engine.frames.image_coding import halved_image
 from frog_blender.engine.training.session.run import prepare_capture
@@ -200,7 +200,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|")
     for codec in codecs():
         print(measure(codec, images, options.step), flush=True)
-    for ours in (Zstandard(), Zlib()):
+    for ours in (zstandard_codec(), zlib_codec()):
         print(measure_ours(shots, options.step, ours), flush=True)
 
 

@@ -34,7 +34,7 @@ INTEGRATION = (
     "rasterizer/test_options.py",
     "rasterizer/test_random_scenes.py",
     "rasterizer/test_reference_gradients.py",
-    "scene/test_mutations.py",
+    "test_damaged_files.py",
     "test_installed.py",
     "test_python_api.py",
     "training",

@@ -74,7 +74,8 @@ TRAINING = (
     "engine/evaluation",
     "engine/capture/calibration",
     "engine/capture/synchronization",
-    "engine/capture/quality",
+    "engine/capture/quality_check.py",
+    "engine/capture/quality_samples.py",
     *(
         f"operators/{name}.py"
         for name in (

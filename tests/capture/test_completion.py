@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.seeding.completion import ConfirmedDepth, completed, points_seen_once
-from frog_blender.engine.capture.seeding.plane_sweep import DepthMap
+from frog_blender.engine.capture.seeding.plane_sweep import ConfirmedDepth, DepthMap, completed, points_seen_once
 from frog_blender.engine.capture.seeding.views import View
 
 WIDTH, HEIGHT = 80, 60

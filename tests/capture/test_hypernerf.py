@@ -144,10 +144,9 @@ def test_of_a_rig_one_camera_trains_and_the_other_judges_by_turns(rig: Rig) -> N
         {},
         {"tangential_distortion": None, "tangential": [0.01, -0.02]},
         {"radial_distortion": [0.0] * 3, "tangential_distortion": [0.0] * 2},
-        {"skew": 0.0},
         {"skew": 0.0, "radial_distortion": [0.0] * 3, "tangential_distortion": [0.0] * 2, "pixel_aspect_ratio": 1.0},
     ],
-    ids=["all", "old key", "skew alone", "lens alone", "pinhole"],
+    ids=["all", "old key", "skew alone", "pinhole"],
 )
 def test_a_world_point_lies_where_its_camera_says_once_the_lens_is_removed(
     tmp_path: Path, changes: dict[str, Any]
@@ -165,28 +164,6 @@ def test_a_world_point_lies_where_its_camera_says_once_the_lens_is_removed(
         is_pinhole = changes.get("pixel_aspect_ratio") == 1.0
         assert (np.linalg.norm(stored - pixel[0]) < 1e-9) == is_pinhole  # else there was something to remove
     assert (capture.distortions[0] is None) == is_pinhole
-
-
-def test_skew_and_lens_decide_the_decoded_bytes(rig: Rig, tmp_path: Path) -> None:
-    first = FrameStore.open(open_capture(rig.path), cache_folder=tmp_path / "cache").folder
-    for name in sorted((rig.path / "camera").iterdir()):
-        rig.change(f"camera/{name.name}", skew=0.0)
-    assert FrameStore.open(open_capture(rig.path), cache_folder=tmp_path / "cache").folder != first
-
-
-def test_endings_in_capitals_are_found(rig: Rig) -> None:
-    (first, *_) = sorted((rig.path / "rgb/2x").iterdir())
-    first.rename(first.with_suffix(".PNG"))
-    capture = open_capture(rig.path)
-    assert len(capture.shots) == 12 and not capture.warnings
-
-
-def test_intrinsics_follow_the_stored_images(rig: Rig) -> None:
-    camera = open_capture(rig.path).cameras[0]
-    assert (camera.width, camera.height) == (96, 64)
-    np.testing.assert_allclose(camera.intrinsics, [[115, 0, 50.5], [0, 126.5, 29.5], [0, 0, 1]])
-    np.testing.assert_allclose(camera.rotation, rotation(0.1), atol=1e-12)
-    np.testing.assert_allclose(camera.center, [0, 0.1, -1.0], atol=1e-12)
 
 
 def test_without_2x_the_largest_images_that_fit_are_taken(tmp_path: Path) -> None:
@@ -251,15 +228,11 @@ def test_points_become_seeds_with_the_images_colours(rig: Rig, tmp_path: Path) -
     ("name", "changes", "sentence"),
     [
         ("camera/000001_left.json", {"focal_length": None}, r"000001_left\.json: found nothing as focal_length"),
-        ("camera/000001_left.json", {"focal_length": 0.0}, "focal_length = 0, expected a positive number"),
-        ("camera/000001_left.json", {"orientation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, "mirrors, scales or shears"),
         (
             "camera/000001_left.json",
             {"image_size": [HEIGHT, WIDTH]},
             "images of 96 x 64 pixels .*, expected the proportions of the calibration, 128 x 192",
         ),
-        ("camera/000001_left.json", {"radial_distortion": [0.0, 0.0]}, r"shape \(2,\) as radial_distortion"),
-        ("camera/000001_left.json", {"principal_point": [float("nan"), 1]}, "not finite"),
         ("dataset.json", {"train_ids": ["../a"]}, "image name '../a' in train_ids"),
         ("dataset.json", {"val_ids": "all"}, "val_ids that is not a list"),
         ("dataset.json", {"train_ids": []}, "no image to train on"),
@@ -273,11 +246,8 @@ def test_points_become_seeds_with_the_images_colours(rig: Rig, tmp_path: Path) -
         ("metadata.json", {"000002_right": {"appearance_id": 1}}, "nothing as warp_id of 000002_right"),
         ("scene.json", {"near": 9.0}, "near = 9 and far = 8"),
         ("metadata.json", {"000002_right": {"warp_id": 10**12}}, r"warp_ids, .* to 1000000000000, expected at most"),
-        ("metadata.json", {"000002_right": {"warp_id": 10**400}}, "warp_id of 000002_right with a number too large"),
         ("metadata.json", {"000002_right": {"warp_id": 1e300}}, "warp_id of 000002_right with the number"),
-        ("camera/000001_left.json", {"position": [0, 0, 10**400]}, "position with a number too large"),
         ("camera/000001_left.json", {"focal_length": 1e9, "pixel_aspect_ratio": 1e9}, "a focal length of"),
-        ("camera/000001_left.json", {"image_size": [2**31, 2**31]}, "image_size = 2.14748e.09"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(
@@ -301,15 +271,6 @@ def test_points_of_another_shape_and_pickles_are_refused(rig: Rig) -> None:
         open_capture(rig.path)
     np.save(rig.path / "points.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(FrogError, match="not a NumPy array"):
-        open_capture(rig.path)
-
-
-def test_more_points_than_a_memory_takes_are_never_read(rig: Rig) -> None:
-    """A small number type makes little of a file, and eight times as much of what is computed with."""
-    with (rig.path / "points.npy").open("wb") as file:
-        np.lib.format.write_array_header_1_0(file, {"descr": "|u1", "fortran_order": False, "shape": (2**30, 3)})
-        file.truncate(file.tell() + 3 * 2**30)  # a hole on the disk
-    with pytest.raises(FrogError, match=r"shape \(1073741824, 3\), expected at most 30,000,000 numbers"):
         open_capture(rig.path)
 
 

@@ -15,8 +15,8 @@ from support.layouts.files import write_image
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
-from frog_blender.engine.capture.quality.check import Quality, check_capture
-from frog_blender.engine.capture.quality.samples import blur_of
+from frog_blender.engine.capture.quality_check import Quality, check_capture
+from frog_blender.engine.capture.quality_samples import blur_of
 
 FRAMES, WIDTH, HEIGHT = 6, 320, 240
 _WALL, _BOARD = 6.0, 4.5

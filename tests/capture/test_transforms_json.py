@@ -78,21 +78,15 @@ def test_paths_outside_the_folder_are_refused(tmp_path: Path, name: str) -> None
     [
         ({"camera_model": "FISHEYE624"}, {}, "FISHEYE624"),
         ({"fl_x": None}, {}, "no focal length"),
-        ({"fl_x": -3}, {}, "fl_x = -3"),
         ({"w": 80}, {}, "the proportions of the calibration, 80 x 30"),
-        ({"k1": float("inf")}, {}, "k1 with a value that is not finite"),
-        ({}, {"transform_matrix": [[1, 2], [3, 4]]}, "transform_matrix"),
-        ({}, {"transform_matrix": np.full((4, 4), np.nan).tolist()}, "not finite"),
         (
             {},
             {"transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [1, 2, 3, 1]]},
             "is transposed: .* 1 2 3 1",
         ),
         ({}, {"transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 2]]}, "the last row 0 0 0 1"),
-        ({"fl_x": 10**400}, {}, "fl_x with a number too large"),
         ({"fl_x": 1e-9}, {}, "a focal length of 1e-09"),
         ({"fps": 1e300}, {}, "fps with the number"),
-        ({}, {"time": 10**400}, "time with a number too large"),
         ({}, {"file_path": 3}, "found 3 as a file_path"),
         ({}, {"time": "soon"}, "not made of numbers"),
     ],
@@ -121,17 +115,6 @@ def test_blender_layout_holds_out_its_test_images_and_lies_over_white(tmp_path: 
     image = store.image(capture.shot_index(0, 0))
     assert image[5, 5].tolist() == [255, 255, 255]
     assert image[5, 30].tolist() == [200, 0, 0]
-
-
-def test_a_missing_image_moves_no_other_one_in_time(tmp_path: Path) -> None:
-    """Of lists without times; here the third of the first list is gone."""
-    write(tmp_path, 5, "transforms_train.json")
-    write(tmp_path, 5, "transforms_val.json")
-    (tmp_path / "transforms_train_002.png").unlink()
-    capture = open_capture(tmp_path)
-    frames = {capture.cameras[shot.camera].name[-9:]: shot.frame for shot in capture.shots}
-    assert capture.frame_count == 5
-    assert frames["train_001"] == 1 and frames["train_003"] == frames["s_val_003"] == 3
 
 
 @pytest.mark.parametrize("stated", [True, False])

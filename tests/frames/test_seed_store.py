@@ -102,13 +102,11 @@ def test_a_damaged_file_is_found_again(capture: Capture, store: FrameStore, sear
     [
         {"points": np.zeros((2**20, 3), np.float32)},
         {"points": np.full((300, 3), np.nan, np.float32)},
-        {"points": np.zeros((300, 3))},
         {"points": np.zeros((0, 3), np.float32), "colors": np.zeros((0, 3), np.float32)},
         {"colors": np.full((300, 3), 7, np.float32)},
         {"colors": np.zeros((299, 3), np.float32)},
         {"origin": np.array(3)},
         {"frames": np.zeros(299, np.float32)},
-        {"frames": np.zeros(300)},
         {"frames": np.full(300, -1, np.float32)},
         {"frames": np.full(300, 1e9, np.float32)},
         {"origin": np.array({}, dtype=object)},
@@ -126,19 +124,6 @@ def test_what_no_search_finds_is_found_again(
     np.savez_compressed(path, **{**kept, **changes})
     stored_seeds(capture, store, count_limit=300, search=searches)
     assert len(searches) == 2
-
-
-def test_flipped_bits_are_found_again(capture: Capture, store: FrameStore, searches: Searches) -> None:
-    first = stored_seeds(capture, store, count_limit=300, search=searches)
-    (path,) = store.folder.glob("seeds-*.npz")
-    content, random = path.read_bytes(), np.random.default_rng(0)
-    for _ in range(200):
-        changed = bytearray(content)
-        changed[int(random.integers(len(changed)))] ^= 1 << int(random.integers(8))
-        path.write_bytes(changed)
-        found = stored_seeds(capture, store, count_limit=300, search=searches)
-        assert same(found, first) or not np.array_equal(found.points, first.points), "another search, or as they were"
-    assert len(searches) > 100
 
 
 def test_a_disk_that_takes_nothing_is_no_reason_to_stop(

@@ -20,8 +20,7 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Distortion, Shot
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.frames.building import DecodingCancelled
-from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.frames.store import DecodingCancelled, FrameStore
 from frog_blender.engine.io.cache_folder import default_cache_folder
 
 

@@ -1,22 +1,70 @@
-"""Damage and lies: what becomes of a ``.frog`` on a bad disk, and in the hands of somebody who means harm."""
+"""Damage and lies: what becomes of a file on a bad disk, and in the hands of somebody who means harm."""
 
 from __future__ import annotations
 
 import copy
+import io
 import json
 import random
+import re
 import struct
+import zipfile
 import zlib
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 HOSTILE: list[Any] = [
     *(2**63, 2**31, 2**24, 65_537, -1, 0, 1, 10**18, 10**400, 1e308, 1e-308, float("nan"), float("inf"), -float("inf")),
     *(True, None, "", "x" * 2000, "../../etc/passwd", "\0", "\x1b[2J", "a\nb", "\ud800", "means", "lifetimes"),
     *([], {}, [[]], [2**40, 3], {"x": {"x": []}}, [0.0, 0.0, 0.0], ["frog"]),
 ]
-NUMBERS = [float("nan"), float("inf"), -float("inf"), 3e38, -3e38, 1e-45, 0.0, 1e20, -1e20, 88.0, 1e9]
+_NUMBERS = [
+    0.0,
+    -0.0,
+    np.nan,
+    np.inf,
+    -np.inf,
+    3e38,
+    -3e38,
+    1e-45,
+    1.0,
+    -1.0,
+    88.0,
+    1e9,
+    1e20,
+    2.0**31,
+    -(2.0**63),
+    1e300,
+]
+_COUNTS = [0, 1, 0xFF, 0xFFFF, 2**31, 0x7FFFFFFF, 0xFFFFFFFF, 2**40, 2**63 - 1, 2**63, 2**64 - 1]
+_WORDS = [
+    *(
+        b"0",
+        b"-1",
+        b"1",
+        b"3",
+        b"255",
+        b"65536",
+        b"2147483648",
+        b"99999999999",
+        b"1" * 400,
+        b"1e308",
+        b"1e999",
+        b"1e-320",
+    ),
+    *(b"nan", b"inf", b"-inf", b"null", b"true", b"[]", b"{}", b"[[]]", b'"', b'""', b"", b"\0", b"\n", b"\xff\xfe"),
+    *(b"../../x", b"/etc/passwd", b"data:,", b"http://127.0.0.1:9/x", b"[" * 3000, b"double", b"list", b"half", b"x"),
+]
+_NPY_HEADERS = [
+    *("(4, -3)", "(2**80, 3)", "()", "(3,)", "(10**9, 17)", "(1000000000, 17)", "(0, 17)", "'", "\n", "[", "(" * 50),
+    *("'|O'", "'<U9'", "'<f2'", "'|u1'", "'<c8'", "'<f16'", "'|b1'", "'<M8[s]'", "'a'", "True", "None", "0x", "{}"),
+]
+_KINDS = {"F32": "<f4", "F64": "<f8", "I64": "<i8", "U8": "u1", "F16": "<f2", "I32": "<i4"}
+_WORD = re.compile(rb"[-+.A-Za-z0-9_:]+")
 
 Mutation = Callable[[bytes, random.Random], bytes]
 
@@ -28,8 +76,9 @@ def flipped(content: bytes, chance: random.Random, end: int | None = None) -> by
     return bytes(changed)
 
 
-def in_the_header(content: bytes, chance: random.Random) -> bytes:
-    return flipped(content, chance, 8 + _header_size(content))
+def at_the_start(content: bytes, chance: random.Random) -> bytes:
+    """Bytes of what describes the rest."""
+    return flipped(content, chance, min(chance.choice([128, 2000]), len(content)))
 
 
 def cut(content: bytes, chance: random.Random) -> bytes:
@@ -44,61 +93,61 @@ def torn(content: bytes, chance: random.Random) -> bytes:
     return content[:start] + middle + content[end:]
 
 
-def lying(content: bytes, chance: random.Random) -> bytes:
-    """A well-formed file whose header says something else somewhere."""
-    header, texts, payload = _opened(content)
-    for _ in range(chance.randint(1, 3)):
-        change(chance.choice([header, *texts.values(), *texts.values()]), chance)
-    return _closed(header, texts, payload)
+def counts(content: bytes, chance: random.Random) -> bytes:
+    """Some bytes, near the beginning or anywhere, are a hostile count or number."""
+    changed = bytearray(content)
+    end = min(len(changed), chance.choice([8, 64, 256, len(changed)]))
+    for _ in range(chance.choice([1, 1, 3, 100])):
+        size = chance.choice([2, 4, 4, 8])
+        new = (chance.choice(_COUNTS) & (2 ** (8 * size) - 1)).to_bytes(size, "little")
+        if size > 2 and chance.random() < 0.5:
+            with np.errstate(all="ignore"):
+                new = np.array(chance.choice(_NUMBERS)).astype(f"<f{size}").tobytes()
+        place = chance.randrange(end)
+        changed[place : place + size] = new
+    return bytes(changed[: len(content)])
 
 
-def lying_about_the_scene(content: bytes, chance: random.Random) -> bytes:
-    """One value of the scene's own header is another: most of the file is as it should be."""
-    header, texts, payload = _opened(content)
-    scene = texts[_own(texts)]
-    change(scene if chance.random() < 0.5 else {"one": scene[chance.choice(list(scene))]}, chance)
-    return _closed(header, texts, payload)
+def words(content: bytes, chance: random.Random) -> bytes:
+    """Some words and numbers of a text, or of a text before numbers, are hostile ones or others of the text."""
+    for _ in range(chance.choice([1, 1, 2, 5])):
+        found = list(_WORD.finditer(content, 0, min(len(content), chance.choice([1000, 10_000, 10**9]))))
+        if not found:
+            return content
+        word = chance.choice(found)
+        other = chance.choice(_WORDS) if chance.random() < 0.7 else chance.choice(found).group()
+        content = content[: word.start()] + other + content[word.end() :]
+    return content
 
 
-def said_twice(content: bytes, chance: random.Random) -> bytes:
-    """A key of the scene's header stands there twice, with different values."""
-    header, texts, payload = _opened(content)
-    own = _own(texts)
-    key, value, said = chance.choice(list(texts[own])), chance.choice(HOSTILE), json.dumps(texts[own])
-    doubled = f"{{{json.dumps(key)}: {json.dumps(value)}, {said[1:]}"
-    if chance.random() < 0.5:
-        doubled = f"{said[:-1]}, {json.dumps(key)}: {json.dumps(value)}}}"
-    header["__metadata__"][own] = doubled
-    return _written(header, payload)
+def lines(content: bytes, chance: random.Random) -> bytes:
+    """Lines change places, are doubled, taken out or very long."""
+    parts = content.split(b"\n")
+    place, other = chance.randrange(len(parts)), chance.randrange(len(parts))
+    match chance.randrange(5):
+        case 0:
+            parts[place], parts[other] = parts[other], parts[place]
+        case 1:
+            parts.insert(other, parts[place])
+        case 2:
+            del parts[place]
+        case 3:
+            parts[place] = parts[place] + chance.choice([b"[", b"{", b"a.", b"-", b" ", b"\t", b"9"]) * 20_000
+        case 4:
+            parts = parts[:place] + parts[other:]
+    return b"\n".join(parts)
 
 
-def odd_numbers(content: bytes, chance: random.Random) -> bytes:
-    """Some of the arrays' numbers are none, or too large for anything."""
-    header, texts, payload = _opened(content)
-    changed = bytearray(payload)
-    for _ in range(chance.choice([1, 5, 200])):
-        struct.pack_into("<f", changed, 4 * chance.randrange(len(changed) // 4), chance.choice(NUMBERS))
-    return _closed(header, texts, bytes(changed))
-
-
-def odd_packed_bytes(content: bytes, chance: random.Random) -> bytes:
-    """What a packed array's bytes come to is another, and as many: a lossless file has odd numbers instead."""
-    header, texts, payload = _opened(content)
-    if "packing" not in texts:
-        return odd_numbers(content, chance)
-    chosen, pieces, end = chance.choice(list(texts["packing"])), [], 0
-    places = sorted((entry["data_offsets"], name) for name, entry in header.items() if name != "__metadata__")
-    for (begin, after), name in places:
-        piece = payload[begin:after]
-        if name == chosen:
-            stored = bytearray(zlib.decompress(piece))
-            for _ in range(chance.choice([1, 20]) if stored else 0):
-                struct.pack_into("<B", stored, chance.randrange(len(stored)), chance.choice([0, 127, 128, 255]))
-            piece = zlib.compress(bytes(stored))
-        header[name]["data_offsets"], header[name]["shape"] = [end, end + len(piece)], [len(piece)]
-        end += len(piece)
-        pieces.append(piece)
-    return _closed(header, texts, b"".join(pieces))
+def json_values(content: bytes, chance: random.Random) -> bytes:
+    """Sound JSON whose values are others."""
+    data = json.loads(content)
+    for _ in range(chance.randint(1, 2)):
+        if isinstance(data, dict | list) and data:
+            with suppress(OverflowError):  # of a number that is hostile already
+                change(data, chance)
+    if chance.random() < 0.05:
+        data = chance.choice(HOSTILE)
+    return json.dumps(data).encode("utf-8", "surrogatepass")
 
 
 def change(node: Any, chance: random.Random) -> None:
@@ -124,22 +173,142 @@ def change(node: Any, chance: random.Random) -> None:
         return
 
 
-MUTATIONS: list[Mutation] = [
+def lying_npy(content: bytes, chance: random.Random) -> bytes:
+    """A ``.npy`` whose header says something else."""
+    end = 10 + struct.unpack("<H", content[8:10])[0]
+    parts = content[10:end].decode().split(" ")
+    for _ in range(chance.randint(1, 2)):
+        parts[chance.randrange(min(len(parts), 8))] = chance.choice(_NPY_HEADERS)
+    text = " ".join(parts).encode("latin1")
+    version = bytes([chance.choice([1, 1, 1, 2, 3, 9]), 0])
+    return content[:6] + version + struct.pack("<H", len(text)) + text + content[end:]
+
+
+def numbers_of_npy(content: bytes, chance: random.Random) -> bytes:
+    """A ``.npy`` with some hostile numbers."""
+    array = np.load(io.BytesIO(content), allow_pickle=False).copy()
+    with np.errstate(all="ignore"):
+        for _ in range(chance.randint(1, 4)):
+            array.flat[chance.randrange(array.size)] = np.array(chance.choice(_NUMBERS)).astype(array.dtype)
+    file = io.BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
+
+def repacked(content: bytes, chance: random.Random) -> bytes:
+    """A sound archive of unsound members."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    name = chance.choice(list(members))
+    arrays = [lying_npy] if name.endswith(".npy") else [counts]
+    members[name] = chance.choice([flipped, at_the_start, cut, torn, *arrays])(members[name], chance)
+    if name.endswith(".npy") and chance.random() < 0.2:
+        members[chance.choice(["other.npy", "../up.npy", "cam00", "points.npy", "\udcff.npy"])] = members.pop(name)
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", chance.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])) as archive:
+        for member, values in members.items():
+            archive.writestr(member.encode("utf-8", "replace").decode(), values)
+    return file.getvalue()
+
+
+def in_the_header(content: bytes, chance: random.Random) -> bytes:
+    return flipped(content, chance, 8 + _header_size(content))
+
+
+def lying(content: bytes, chance: random.Random) -> bytes:
+    """A well-formed file of safetensors whose header says something else somewhere."""
+    header, texts, payload = _opened(content)
+    for _ in range(chance.randint(1, 3)):
+        change(chance.choice([header, *texts.values(), *texts.values()]), chance)
+    return _closed(header, texts, payload)
+
+
+def lying_about_the_scene(content: bytes, chance: random.Random) -> bytes:
+    """One value of the scene's own header is another: most of the file is as it should be."""
+    header, texts, payload = _opened(content)
+    if (own := _own(texts)) is None:
+        return lying(content, chance)
+    scene = texts[own]
+    change(scene if chance.random() < 0.5 else {"one": scene[chance.choice(list(scene))]}, chance)
+    return _closed(header, texts, payload)
+
+
+def said_twice(content: bytes, chance: random.Random) -> bytes:
+    """A key of the scene's header stands there twice, with different values."""
+    header, texts, payload = _opened(content)
+    if (own := _own(texts)) is None:
+        return lying(content, chance)
+    key, value, said = chance.choice(list(texts[own])), chance.choice(HOSTILE), json.dumps(texts[own])
+    doubled = f"{{{json.dumps(key)}: {json.dumps(value)}, {said[1:]}"
+    if chance.random() < 0.5:
+        doubled = f"{said[:-1]}, {json.dumps(key)}: {json.dumps(value)}}}"
+    header["__metadata__"][own] = doubled
+    return _written(header, payload)
+
+
+def odd_numbers(content: bytes, chance: random.Random) -> bytes:
+    """Some of the arrays' numbers are hostile ones of their type."""
+    header, texts, payload = _opened(content)
+    changed = bytearray(payload)
+    for _ in range(chance.randint(1, 3)):
+        entry = header[chance.choice([name for name in header if name != "__metadata__"])]
+        begin, end = entry["data_offsets"]
+        with np.errstate(all="ignore"):
+            number = np.array(chance.choice(_NUMBERS)).astype(_KINDS[entry["dtype"]]).tobytes()
+        if places := range(begin, end, len(number)):
+            for place in places if chance.random() < 0.2 else chance.choices(places, k=chance.choice([1, 1, 5, 200])):
+                changed[place : place + len(number)] = number
+    return _closed(header, texts, bytes(changed[: len(payload)]))
+
+
+def odd_packed_bytes(content: bytes, chance: random.Random) -> bytes:
+    """What a packed array's bytes come to is another, and as many: a lossless file has odd numbers instead."""
+    header, texts, payload = _opened(content)
+    if "packing" not in texts:
+        return odd_numbers(content, chance)
+    chosen, pieces, end = chance.choice(list(texts["packing"])), [], 0
+    places = sorted((entry["data_offsets"], name) for name, entry in header.items() if name != "__metadata__")
+    for (begin, after), name in places:
+        piece = payload[begin:after]
+        if name == chosen:
+            stored = bytearray(zlib.decompress(piece))
+            for _ in range(chance.choice([1, 20]) if stored else 0):
+                struct.pack_into("<B", stored, chance.randrange(len(stored)), chance.choice([0, 127, 128, 255]))
+            piece = zlib.compress(bytes(stored))
+        header[name]["data_offsets"], header[name]["shape"] = [end, end + len(piece)], [len(piece)]
+        end += len(piece)
+        pieces.append(piece)
+    return _closed(header, texts, b"".join(pieces))
+
+
+TENSORS: list[Mutation] = [
     *(flipped, in_the_header, cut, torn, lying, said_twice, odd_numbers, odd_packed_bytes),
     *[lying_about_the_scene] * 4,
 ]
+"""What is done to a ``.frog``, a bake or a checkpoint."""
+_ANY: list[Mutation] = [flipped, flipped, cut, torn]
+_BINARY: list[Mutation] = [*_ANY, at_the_start, *[counts] * 4]
+_TEXT: list[Mutation] = [*_ANY, at_the_start, lines, lines, *[words] * 6]
+_JSON: list[Mutation] = [*_ANY, *[json_values] * 4]
+_ARCHIVE: list[Mutation] = [*_ANY, *[repacked] * 4]
+_BY_ENDING: dict[str, list[Mutation]] = {
+    **dict.fromkeys((".frog", ".frogbake", ".checkpoint"), TENSORS),
+    **dict.fromkeys((".txt", ".yml", ".toml", ".usda", ".gltf"), _TEXT),
+    **dict.fromkeys((".json", ""), _JSON),
+    **dict.fromkeys((".npz", ".zip", ".sog"), _ARCHIVE),
+    ".npy": [*_ANY, at_the_start, at_the_start, lying_npy, lying_npy, numbers_of_npy],
+    ".ply": [*_BINARY, *[words] * 6],
+}
 
 
-def mutated(whole: list[bytes], seed: int, number: int) -> tuple[str, bytes]:
-    """Mutation ``number`` of a seed, which is the same wherever it is made: what was done, and the file."""
-    chance = random.Random(f"{seed}/{number}")
-    mutation = chance.choice(MUTATIONS)
-    return mutation.__name__, mutation(chance.choice(whole), chance)
+def mutations_of(path: Path) -> list[Mutation]:
+    """What is done to a file, by the end of its name."""
+    return _BY_ENDING.get(path.suffix, _BINARY)
 
 
-def _own(texts: dict[str, Any]) -> str:
+def _own(texts: dict[str, Any]) -> str | None:
     """The name of a file's own header: a scene's, or a checkpoint's."""
-    return next(name for name in ("frog", "frog-checkpoint") if name in texts)
+    return next((name for name in ("frog", "frog-checkpoint") if name in texts), None)
 
 
 def _header_size(content: bytes) -> int:

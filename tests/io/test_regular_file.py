@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from frog_blender.cli.main import main
+from frog_blender.engine.capture.readers.calibrated_videos import read_qualisys
 from frog_blender.engine.capture.readers.checks import read_json
-from frog_blender.engine.capture.readers.qualisys import read_cameras
 from frog_blender.engine.capture.video import image_size, read_facts, read_image
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange.ply import read_splats
@@ -26,7 +26,7 @@ from frog_blender.engine.training.session.output_paths import trained_from
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
 READERS: list[Callable[[Path], Any]] = [
     *(read_splats, read_scene, checkpoint_settings, fingerprint),
-    *(read_image, image_size, read_facts, read_json, read_cameras),
+    *(read_image, image_size, read_facts, read_json, read_qualisys),
 ]
 
 

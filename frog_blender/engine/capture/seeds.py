@@ -11,10 +11,9 @@ from ..arrays import Bools, Float32s, Float64s, Ints
 from ..errors import FrogError
 from .capture import Capture
 from .hull import VisualHull
-from .seeding.completion import ConfirmedDepth, points_seen_once
 from .seeding.drawn import background_points, fill_volume, points_at_times, subject_points
 from .seeding.matching import triangulate
-from .seeding.plane_sweep import DepthMap, consistent, sweep, world_points
+from .seeding.plane_sweep import ConfirmedDepth, DepthMap, consistent, points_seen_once, sweep, world_points
 from .seeding.views import Cloud, Images, TrainingImages, View, neighbours, sample_view, scene_depth, spread
 
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels

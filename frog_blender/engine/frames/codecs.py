@@ -7,89 +7,75 @@ from __future__ import annotations
 
 import threading
 import zlib
-from typing import Any, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 _SHORTEST_MATCH = 7  # bytes: shorter ones cost more time than they save space
 _WINDOW_BITS = 16  # a tile has less than 2**16 bytes
 _HASH_BITS = 6  # as good as none: repetitions are rare, and nearly all is gained by each byte's code length
 
 
-class TileCodec(Protocol):
+@dataclass(frozen=True)
+class TileCodec:
     """Used by any number of threads.
 
     Attributes:
         name: what an index calls it.
+        pack: compresses bytes.
+        unpack: the bytes, so many, that were packed; ValueError if they are others.
     """
 
     name: str
-
-    def pack(self, numbers: memoryview) -> bytes:
-        """Compresses bytes."""
-        ...
-
-    def unpack(self, packed: memoryview, size: int) -> bytes:
-        """The ``size`` bytes that were packed. ValueError if they are others."""
-        ...
+    pack: Callable[[memoryview], bytes]
+    unpack: Callable[[memoryview, int], bytes]
 
 
-class Zstandard:
+def zstandard_codec() -> TileCodec:
     """The package ``zstandard``. ImportError where it is missing."""
+    import zstandard
 
-    name = "zstandard"
+    library: Any = zstandard  # of a package that not everybody has
+    of_thread = threading.local()  # a compressor or decompressor serves one thread at a time
 
-    def __init__(self) -> None:
-        import zstandard
-
-        self._library: Any = zstandard  # of a package that not everybody has
-        self._of_thread = threading.local()  # a compressor or decompressor serves one thread at a time
-
-    def pack(self, numbers: memoryview) -> bytes:
-        """See TileCodec."""
-        compressor = getattr(self._of_thread, "compressor", None)
-        if compressor is None:
-            compressor = self._of_thread.compressor = self._compressor()
-        packed: bytes = compressor.compress(numbers)
+    def pack(numbers: memoryview) -> bytes:
+        if not hasattr(of_thread, "compressor"):
+            parameters = library.ZstdCompressionParameters(
+                strategy=library.STRATEGY_FAST,
+                window_log=_WINDOW_BITS,
+                hash_log=_HASH_BITS,
+                chain_log=_HASH_BITS,
+                search_log=1,
+                min_match=_SHORTEST_MATCH,
+                target_length=0,
+                write_checksum=True,
+            )
+            of_thread.compressor = library.ZstdCompressor(compression_params=parameters)
+        packed: bytes = of_thread.compressor.compress(numbers)
         return packed
 
-    def unpack(self, packed: memoryview, size: int) -> bytes:
-        """See TileCodec."""
-        decompressor = getattr(self._of_thread, "decompressor", None)
-        if decompressor is None:
-            decompressor = self._of_thread.decompressor = self._library.ZstdDecompressor()
+    def unpack(packed: memoryview, size: int) -> bytes:
+        if not hasattr(of_thread, "decompressor"):
+            of_thread.decompressor = library.ZstdDecompressor()
         try:
-            if self._library.frame_content_size(packed) != size:
+            if library.frame_content_size(packed) != size:
                 raise ValueError("a tile of another size")
-            content: bytes = decompressor.decompress(packed)
-        except self._library.ZstdError as error:
+            content: bytes = of_thread.decompressor.decompress(packed)
+        except library.ZstdError as error:
             raise ValueError(str(error)) from error
         return content
 
-    def _compressor(self) -> Any:
-        parameters = self._library.ZstdCompressionParameters(
-            strategy=self._library.STRATEGY_FAST,
-            window_log=_WINDOW_BITS,
-            hash_log=_HASH_BITS,
-            chain_log=_HASH_BITS,
-            search_log=1,
-            min_match=_SHORTEST_MATCH,
-            target_length=0,
-            write_checksum=True,
-        )
-        return self._library.ZstdCompressor(compression_params=parameters)
+    return TileCodec("zstandard", pack, unpack)
 
 
-class Zlib:
+def zlib_codec() -> TileCodec:
     """Of Python itself. Runs of equal bytes alone are looked for: that packs these numbers best, and soonest."""
 
-    name = "zlib"
-
-    def pack(self, numbers: memoryview) -> bytes:
-        """See TileCodec."""
+    def pack(numbers: memoryview) -> bytes:
         compressor = zlib.compressobj(1, strategy=zlib.Z_RLE)
         return compressor.compress(numbers) + compressor.flush()
 
-    def unpack(self, packed: memoryview, size: int) -> bytes:
-        """See TileCodec."""
+    def unpack(packed: memoryview, size: int) -> bytes:
         decompressor = zlib.decompressobj()
         try:
             content = decompressor.decompress(packed, size)
@@ -100,20 +86,17 @@ class Zlib:
             raise ValueError("a tile of another size")
         return content
 
-
-def usual_codec() -> TileCodec:
-    """What tiles are packed by."""
-    try:
-        return Zstandard()
-    except ImportError:
-        return Zlib()
+    return TileCodec("zlib", pack, unpack)
 
 
 def codec_of(name: object) -> TileCodec | None:
     """The codec that an index names; None where there is no such one, or its package is missing."""
-    if name == Zlib.name:
-        return Zlib()
     try:
-        return Zstandard() if name == Zstandard.name else None
+        return zstandard_codec() if name == "zstandard" else zlib_codec() if name == "zlib" else None
     except ImportError:
         return None
+
+
+def usual_codec() -> TileCodec:
+    """What tiles are packed by."""
+    return codec_of("zstandard") or zlib_codec()

@@ -20,7 +20,10 @@ from ..arrays import ImageArray
 from ..capture.decoding import DecodedShot
 from .codecs import TileCodec
 from .image_coding import (
+    DamagedTiles,
+    Grid,
     Region,
+    TileFile,
     detail_grid,
     halved_image,
     is_halved,
@@ -30,7 +33,6 @@ from .image_coding import (
     read_detailed,
     read_plain,
 )
-from .tiles import DamagedTiles, Grid, TileFile
 
 ALPHA, IGNORED = "alpha", "ignored"
 _PLAIN, _HALVES, _DETAILS = "plain", "halves", "details"

@@ -36,7 +36,8 @@ def stored_seeds(
     path = store.folder / f"seeds-{_key(capture, options)}.npz"
     if (kept := _kept(path, int(options["count_limit"]), capture.frame_count)) is not None:
         return kept
-    seeds = (search or find_seeds)(capture, store, progress=progress, **options)
+    search = find_seeds if search is None else search
+    seeds = search(capture, store, progress=progress, **options)
     _keep(path, seeds)
     return seeds
 

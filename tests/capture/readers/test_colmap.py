@@ -39,16 +39,6 @@ def test_a_folder_for_each_camera(tmp_path: Path, text: bool) -> None:
     np.testing.assert_allclose(capture.points, POINTS)
 
 
-def test_poses_of_the_first_frame_are_those_of_the_whole_folder(tmp_path: Path) -> None:
-    folder, cameras = tmp_path / "capture", rig()
-    write_frames(folder / "images", cameras, "{name}/frame_{one:05d}.png")
-    write_model(folder / "sparse" / "0", [f"{camera.name}/frame_00001.png" for camera in cameras], cameras)
-    capture = opened(folder, "colmap")
-    assert len(capture.shots) == len(cameras) * FRAMES
-    assert_same_cameras(capture, cameras)
-    assert_same_images(capture, tmp_path / "cache")
-
-
 def test_poses_that_colmap_found_a_little_apart_are_one_standing_camera(tmp_path: Path) -> None:
     folder, cameras = tmp_path / "capture", rig()
     write_frames(folder / "images", cameras)
@@ -150,13 +140,6 @@ FISHEYE = {
     "THIN_PRISM_FISHEYE": (26.0, 26.5, 32.5, 23.0, -0.03, 0.01, 0.002, -0.001, -0.002, 0.0003, 0.001, -0.002),
     "FOV": (30.0, 30.5, 32.5, 23.0, 0.9),
 }
-
-
-def test_images_that_exif_turns_upside_down_are_named(tmp_path: Path) -> None:
-    write_model(tmp_path / "sparse" / "0", ["cam00.png"], rig()[:1])
-    (tmp_path / "images").mkdir()
-    photograph(tmp_path / "images" / "cam00.png", still("cam00", 0), turned=3)
-    assert any("cam00.png (of 1 such) is turned by 180 degrees" in each for each in open_capture(tmp_path).warnings)
 
 
 SCALE = 4  # of the images: half a pixel would then change them by 0.66 levels of 255, and sampling does by 0.25

@@ -186,7 +186,7 @@ def test_two_hundred_damaged_checkpoints(trained: Trainer, make_trainer: Make, t
     save_checkpoint(tmp_path / "c", trained)
     content, chance, counts = (tmp_path / "c").read_bytes(), random.Random(4), {True: 0, False: 0}
     for _ in range(200):
-        (tmp_path / "c").write_bytes(chance.choice(mutating.MUTATIONS)(content, chance))
+        (tmp_path / "c").write_bytes(chance.choice(mutating.TENSORS)(content, chance))
         trainer = make_trainer(40, capacity="auto")
         try:
             load_checkpoint(tmp_path / "c", trainer)

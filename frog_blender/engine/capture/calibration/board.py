@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arrays import Bools, Float64s, ImageArray
 from ...io.child_process import Progress
-from ..readers.film_frames import decode_film
+from ..readers.footage import decode_film
 from ..video import load_opencv
 from .board_detection import Board, Corners, find_board, find_corners
 from .board_rig import CENTER_X, CENTER_Y, FOCAL, K1, K2, BoardRig, Corners3D, Freedom, adjust_rig

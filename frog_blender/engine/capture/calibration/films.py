@@ -11,8 +11,7 @@ import numpy as np
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray
 from ...errors import FrogError, found_instead
 from ...io.plain_values import JsonObject
-from ..readers.film_frames import decode_film, film_facts
-from ..readers.footage import find_footage
+from ..readers.footage import decode_film, film_facts, find_footage
 from ..video import VideoFacts, composed, find_videos, load_opencv
 from .camera_kinds import kind_of, numbered
 

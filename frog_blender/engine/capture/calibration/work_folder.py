@@ -17,7 +17,7 @@ from ...arrays import Array
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.numpy_files import read_npz
-from ..readers.film_frames import state_of
+from ..readers.footage import state_of
 
 NAME = ".frog_calibration"
 """The folder's name, beside the result."""

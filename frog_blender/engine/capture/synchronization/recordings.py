@@ -12,7 +12,7 @@ import numpy as np
 
 from ...arrays import Float64s, ImageArray
 from ...errors import found_instead
-from ..readers.film_frames import decode_film, film_facts, state_of
+from ..readers.footage import decode_film, film_facts, state_of
 from ..video import load_opencv
 from . import limits
 from .work import Kept, Work

@@ -1,4 +1,4 @@
-"""Everything that is done with a ``.frog`` outside of Blender: told, played, drawn, exported, rendered."""
+"""Scenes: everything that is done with a ``.frog`` outside of Blender: told, played, drawn, exported, rendered."""
 
 from __future__ import annotations
 
@@ -11,39 +11,42 @@ import numpy as np
 
 from frog_blender.cameras import lens_of, pose_of
 from frog_blender.cli.main import main
-from frog_blender.engine.errors import FrogError, printable
+from frog_blender.engine.errors import printable
 from frog_blender.engine.interchange.frame_files import export_frames
 from frog_blender.engine.playback.importance import most_important, ranking
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.render_files import cpu_renderer, render_frames
 from frog_blender.engine.source_media.clips import camera_path, capture_folders, find_clips
+from fuzzing.scenes import kinds, whole_files
+from fuzzing.worker import Kind
 
 _LARGEST = 2**20  # pixels of images that are drawn with all that there is to know; `frog render` draws larger ones
 
 
-def use(path: Path, out: Path) -> bool:
-    """True if the file could be used, False if it was refused in a sentence; anything else is raised.
+class Scenes(Kind):
+    """Scenes of every kind, lossless and packed."""
 
-    Args:
-        out: a folder that is written into, and emptied.
-    """
-    told = _tell(path)
-    try:
-        scene = ScenePlayer.load(path)
-        _play(scene)
-        _draw(scene)
-        _look_for_clips(scene, path)
-        list(export_frames(scene, [0, scene.header.frame_count - 1], out / "x.ply"))
-        _render(path, scene, out)
-    except FrogError as error:
-        sentence = str(error)
-        assert sentence == printable(sentence) and len(sentence) < 1500, sentence
-        return False
-    finally:
-        shutil.rmtree(out, ignore_errors=True)
-    assert told, "what plays can be told"
-    return True
+    seconds = 60
+    warnings = "ignore"
+
+    def __init__(self, folder: Path) -> None:
+        self._out = folder / "out"
+        self.keep(folder / "x.frog", *whole_files(kinds()))
+
+    def use(self) -> bool:
+        told = _tell(self.path)
+        try:
+            scene = ScenePlayer.load(self.path)
+            _play(scene)
+            _draw(scene)
+            _look_for_clips(scene, self.path)
+            list(export_frames(scene, [0, scene.header.frame_count - 1], self._out / "x.ply"))
+            _render(self.path, scene, self._out)
+        finally:
+            shutil.rmtree(self._out, ignore_errors=True)
+        assert told, "what plays can be told"
+        return True
 
 
 def _tell(path: Path) -> bool:
@@ -87,3 +90,6 @@ def _render(path: Path, scene: ScenePlayer, out: Path) -> None:
     if header.cameras:
         name = "moving" if header.is_moving else header.cameras[0].name
         list(render_frames(header, name, [header.frame_count - 1], out, cpu_renderer(scene)))
+
+
+KINDS: dict[str, type[Kind]] = {"scenes": Scenes}

@@ -13,6 +13,8 @@ import bpy
 
 import frog_blender
 from frog_blender.engine.errors import printable
+from fuzzing.of_scenes import Scenes
+from fuzzing.worker import Kind
 
 _KEPT = ("objects", "cameras", "collections", "meshes", "pointclouds", "worlds", "images", "materials", "node_groups")
 _SIZE = (48, 32)  # pixels that are rendered
@@ -21,18 +23,21 @@ frog_blender.register()
 bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
 
 
-def use(path: Path, out: Path) -> bool:
-    """True if the file could be imported and rendered, False if it was refused in a sentence and left nothing behind.
+class InBlender(Scenes):
+    """Tracebacks of handlers, which Blender prints and goes on after, are raised as well."""
 
-    Tracebacks of handlers, which Blender prints and goes on after, are raised as well.
-    """
-    with _complaints() as said:
-        imported = _import_and_render(path, out)
-    assert "Traceback" not in said.getvalue(), said.getvalue()
-    return imported
+    def use(self) -> bool:
+        with _complaints() as said:
+            imported = _import_and_render(self.path, self.path.parent)
+        assert "Traceback" not in said.getvalue(), said.getvalue()
+        return imported
+
+
+KINDS: dict[str, type[Kind]] = {"blender": InBlender}
 
 
 def _import_and_render(path: Path, out: Path) -> bool:
+    """False if the file was refused in a sentence and left nothing behind."""
     scene, before = bpy.context.scene, _blocks()
     try:
         bpy.ops.import_scene.frog(filepath=str(path))

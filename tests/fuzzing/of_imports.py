@@ -1,33 +1,21 @@
-"""Imports damaged and lying files of other programs, and plays what was made of them; run by test_damaged_files.py in
-a process of its own.
+"""Damaged and lying files of other programs, imported and played.
 
-    python mutated_imports.py KIND FOLDER COUNT SEED
-
-Prints what mutated_files.py prints. What a library of others reads is read in a process of its own, as in use, only
-that it is forked from this one, which has loaded the library.
+What a library of others reads is read in a process of its own, as in use, only that it is forked from this one, which
+has loaded the library.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import os
-import random
-import re
-import struct
-import sys
 import zipfile
 import zlib
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 import numpy as np
-from fuzzing.mutating import cut, flipped, torn
 from support import foreign_files
 from support.builders import plain_camera
 from support.foreign_takes import partly_static
-from support.mutated_files import Kind, limit_time, main
 from support.solids import CORNERS, FACES
 
 from frog_blender.engine.editing.closed_mesh import ClosedMesh
@@ -44,69 +32,7 @@ from frog_blender.engine.interchange.ply import splat_bytes
 from frog_blender.engine.interchange.take import SceneTake
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
-
-_WORD = re.compile(rb"[-+.A-Za-z0-9_:]+")
-HOSTILE_WORDS = [
-    *(b"0", b"-1", b"1", b"3", b"255", b"65536", b"2147483648", b"99999999999", b"1" * 400, b"1e308", b"1e999"),
-    *(b"nan", b"inf", b"-inf", b"null", b"true", b"[]", b"{}", b"[[]]", b'"', b'""', b"", b"\0", b"\n", b"\xff\xfe"),
-    *(b"../../x", b"/etc/passwd", b"data:,", b"http://127.0.0.1:9/x", b"[" * 3000, b"double", b"list", b"half"),
-]
-LENGTHS = [0, 1, 0xFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**40, 2**63 - 1]
-
-
-def with_other_lengths(content: bytes, chance: random.Random) -> bytes:
-    """Some whole number near the beginning, or anywhere, is a hostile one."""
-    changed, size = bytearray(content), chance.choice([2, 4, 4, 8])
-    end = len(content) if chance.random() < 0.5 else min(len(content), 256)
-    place = chance.randrange(max(end - size, 1))
-    number = chance.choice(LENGTHS) & (2 ** (8 * size) - 1)
-    changed[place : place + size] = number.to_bytes(size, "little")
-    return bytes(changed)
-
-
-def with_odd_floats(content: bytes, chance: random.Random) -> bytes:
-    """Some floats are no numbers, or too large for anything."""
-    changed = bytearray(content)
-    for _ in range(chance.choice([1, 5, 100])):
-        place = chance.randrange(max(len(content) - 4, 1))
-        struct.pack_into("<f", changed, place, chance.choice([np.nan, np.inf, -np.inf, 3e38, -3e38, 1e20, -1.0]))
-    return bytes(changed[: len(content)])
-
-
-def flipped_at_the_start(content: bytes, chance: random.Random) -> bytes:
-    """Bytes of what describes the rest."""
-    return flipped(content, chance, min(2000, len(content)))
-
-
-def with_other_words(content: bytes, chance: random.Random) -> bytes:
-    """Some words and numbers of a text, or of a text before numbers, are hostile ones."""
-    changed = content
-    for _ in range(chance.choice([1, 1, 2, 5])):
-        found = list(_WORD.finditer(changed, 0, min(len(changed), chance.choice([1000, 10_000, 10**9]))))
-        if not found:
-            return content
-        word = chance.choice(found)
-        other = chance.choice(HOSTILE_WORDS if chance.random() < 0.7 else found)
-        other = other if isinstance(other, bytes) else other.group()
-        changed = changed[: word.start()] + other + changed[word.end() :]
-    return changed
-
-
-MUTATIONS = [flipped, cut, torn, with_other_lengths, with_other_lengths, with_odd_floats]
-TEXTS = [flipped, flipped_at_the_start, cut, torn, *[with_other_words] * 6]
-
-
-def repacked(content: bytes, chance: random.Random) -> bytes:
-    """A sound archive of unsound members."""
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        members = {name: archive.read(name) for name in archive.namelist()}
-    name = chance.choice(list(members))
-    members[name] = chance.choice(MUTATIONS)(members[name], chance)
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", chance.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])) as archive:
-        for each, member in members.items():
-            archive.writestr(each, member)
-    return file.getvalue()
+from fuzzing.worker import Kind, limit_time
 
 
 class Imports(Kind):
@@ -116,13 +42,11 @@ class Imports(Kind):
         suffix: of the files.
     """
 
-    mutations = MUTATIONS
     suffix: str
 
     def __init__(self, folder: Path) -> None:
-        self.target, self.path = folder / "made.frog", folder / f"mutated{self.suffix}"
-        self._scene = partly_static(folder)
-        self.whole = self.made(folder)
+        self.target, self._scene = folder / "made.frog", partly_static(folder)
+        self.keep(folder / f"mutated{self.suffix}", *self.made(folder))
 
     def made(self, folder: Path) -> list[bytes]:
         """The contents of undamaged files."""
@@ -152,7 +76,7 @@ class InProcess(Imports):
         reader, writer = os.pipe()
         child = os.fork()
         if not child:
-            limit_time()  # its own: it must not outlive the file
+            limit_time(self.seconds)  # its own: it must not outlive the file
             try:
                 devnull = os.open(os.devnull, os.O_WRONLY)
                 os.dup2(devnull, 1)
@@ -190,7 +114,6 @@ class BinaryUsd(InProcess):
 
 class TextUsd(BinaryUsd):
     suffix = ".usda"
-    mutations = TEXTS
 
 
 class PackedUsd(InProcess):
@@ -211,7 +134,6 @@ class ForeignUsd(InProcess):
     """As other programs write it: prims that are moved, shared, time-sampled in some attributes, and cameras."""
 
     suffix = ".usda"
-    mutations = TEXTS
 
     def made(self, folder: Path) -> list[bytes]:
         return [foreign_files.usd(self._scene.at_frame(2)).encode()]
@@ -232,7 +154,6 @@ class Spz(Imports):
 
 class Gltf(Imports):
     suffix = ".glb"
-    mutations = [*MUTATIONS, flipped_at_the_start]
 
     def made(self, folder: Path) -> list[bytes]:
         from frog_blender.engine.interchange.gltf import write_glb
@@ -246,7 +167,6 @@ class TextGltf(Imports):
     """With a buffer in the text, and one in a file beside it."""
 
     suffix = ".gltf"
-    mutations = TEXTS
 
     def made(self, folder: Path) -> list[bytes]:
         beside, buffer = foreign_files.gltf(folder, self._scene.at_frame(2), "beside.bin")
@@ -271,7 +191,6 @@ class Ksplat(Imports):
 
 class Sog(InProcess):
     suffix = ".sog"
-    mutations = [*MUTATIONS, *[repacked] * 6]
 
     def made(self, folder: Path) -> list[bytes]:
         return [foreign_files.sog(self._scene.at_frame(2))]
@@ -279,7 +198,6 @@ class Sog(InProcess):
 
 class Ply(Imports):
     suffix = ".ply"
-    mutations = [*MUTATIONS, flipped_at_the_start, *[with_other_words] * 6]
 
     def made(self, folder: Path) -> list[bytes]:
         gaussians = self._scene.at_frame(2)
@@ -290,7 +208,6 @@ class SavedEdits(Imports):
     """Edits, which a scene plays with."""
 
     suffix = ".json"
-    mutations = TEXTS
 
     def made(self, folder: Path) -> list[bytes]:
         count, box = self._scene.count, tuple(np.eye(4).ravel().tolist())
@@ -316,7 +233,6 @@ class SavedEdits(Imports):
 
 class Plys(Imports):
     suffix = ".zip"
-    mutations = [*MUTATIONS, *[repacked] * 6]
 
     def made(self, folder: Path) -> list[bytes]:
         return [
@@ -339,6 +255,3 @@ KINDS: dict[str, type[Kind]] = {
     "gltf": TextGltf,
     "edits": SavedEdits,
 }
-
-if __name__ == "__main__":
-    main(KINDS)

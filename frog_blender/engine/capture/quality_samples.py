@@ -1,4 +1,4 @@
-"""Which images are looked at, and what of them: features, brightness where they lie, blur, the next frame."""
+"""What ``quality_check`` looks at, and what of it: features, brightness where they lie, blur, the next frame."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from itertools import groupby
 
 import numpy as np
 
-from ...arrays import Float32s, Float64s, ImageArray
-from ..camera import Camera
-from ..capture import Capture
-from ..decoding import decode_shots
-from ..frame_keys import decoding_order
-from ..seeding.matching import root_sift
-from ..seeding.views import neighbours, scene_depth, spread
-from ..video import load_opencv
+from ..arrays import Float32s, Float64s, ImageArray
+from .camera import Camera
+from .capture import Capture
+from .decoding import decode_shots
+from .frame_keys import decoding_order
+from .seeding.matching import root_sift
+from .seeding.views import neighbours, scene_depth, spread
+from .video import load_opencv
 
 _LONGEST_SIDE = 1280  # pixels: smaller errors than one of these do no harm
 _FEATURES = 2000  # an image

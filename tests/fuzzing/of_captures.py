@@ -1,0 +1,158 @@
+"""Captures of which one file is damaged or hostile, of every layout."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from support.filmed_scene import HEIGHT, WIDTH, moving, rig, still
+from support.layouts import phones, rigs
+from support.layouts.colmap import write_model
+from support.layouts.files import write_film, write_frames, write_image
+
+from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.errors import FrogError
+from fuzzing.worker import Kind
+
+
+def colmap(text: bool) -> Callable[[Path], list[Camera]]:
+    def write(folder: Path) -> list[Camera]:
+        write_frames(folder / "images", rig())
+        return _model(folder, text)
+
+    return write
+
+
+def _model(folder: Path, text: bool) -> list[Camera]:
+    names = [f"{camera.name}/{frame:04d}.png" for camera in rig() for frame in range(2)]
+    lenses = [
+        ("PINHOLE", (50.0, 50.0, 32.0, 24.0)),
+        ("OPENCV_FISHEYE", (26.0, 26.5, 32.5, 23.0, -0.03, 0.01, -0.002, 0.0003)),
+        ("FULL_OPENCV", (52.0, 53.0, 32.5, 23.0, -0.1, 0.02, 0.003, -0.002, 0.01, 0.05, -0.01, 0.004)),
+        ("FOV", (30.0, 30.5, 32.5, 23.0, 0.9)),
+    ]
+    cameras = [camera for camera in rig() for _ in range(2)]
+    write_model(folder / "sparse" / "0", names, cameras, [lens for lens in lenses for _ in range(2)], text=text)
+    if not text:
+        _frames(folder / "sparse" / "0" / "frames.bin")
+    return cameras
+
+
+def _frames(file: Path) -> None:
+    content = struct.pack("<Q", 2)
+    for frame in range(2):
+        content += struct.pack("<II7dI", frame + 1, 1, 1, 0, 0, 0, 0, 0, 0, 4)
+        content += b"".join(struct.pack("<iIQ", 0, 1 + 2 * i + frame, 11 + 2 * i + frame) for i in range(4))
+    file.write_bytes(content)
+
+
+def one_moving(folder: Path) -> list[Camera]:
+    for index, _ in enumerate(moving(9)):
+        write_image(folder / "images" / f"frame_{index}.png", still("cam00", 0))
+    write_model(folder / "sparse" / "0", [f"frame_{index}.png" for index in range(9)], moving(9), text=True)
+    return moving(9)
+
+
+def timed_films(folder: Path) -> list[Camera]:
+    """Films named by their calibration, each with a clock of its own."""
+    entries = []
+    for index, camera in enumerate(rig()):
+        write_film(folder / "films" / f"{camera.name}.avi", [still(camera.name, frame) for frame in range(2)])
+        lens = {"K": camera.intrinsics.tolist(), "dist": [-0.1, 0.01, 0, 0, 0], "width": 64, "height": 48}
+        pose = {"R": camera.rotation.tolist(), "t": camera.world_to_camera[:3, 3].tolist()}
+        clock = {"offset": 0.01 * index, "rate": 1.0, "video": f"films/{camera.name}.avi"}
+        entries.append({"name": camera.name, **lens, **pose, **clock})
+    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": entries, "points": [[0.0, 1.0, 4.0]]}))
+    return rig()
+
+
+def qualisys(folder: Path) -> list[Camera]:
+    from capture.test_calibrated_videos import qca
+
+    (folder / "Calib.qca.txt").write_text(qca())
+    write_film(folder / "a.avi", [still("cam00", frame) for frame in range(2)])
+    return rig()[:1]
+
+
+def birthday(folder: Path) -> list[Camera]:
+    """Technicolor's rows."""
+    from capture.test_technicolor import write
+
+    write(folder)
+    return []
+
+
+def hypernerf(folder: Path) -> list[Camera]:
+    names = [f"{index:06d}" for index in range(4)]
+    lens = {"orientation": np.eye(3).tolist(), "focal_length": 60.0, "principal_point": [32, 24], "skew": 0.0}
+    lens |= {"pixel_aspect_ratio": 1.0, "radial_distortion": [-0.1, 0.01, 0.0], "tangential_distortion": [0.0, 0.0]}
+    (folder / "camera").mkdir(parents=True)
+    for index, name in enumerate(names):
+        view = {**lens, "position": [0.1 * index, 0, 0], "image_size": [WIDTH, HEIGHT]}
+        (folder / "camera" / f"{name}.json").write_text(json.dumps(view))
+        write_image(folder / "rgb" / "1x" / f"{name}.png", still("cam00", 0))
+    listed = {"count": 4, "num_exemplars": 2, "ids": names, "train_ids": names[::2], "val_ids": names[1::2]}
+    (folder / "dataset.json").write_text(json.dumps(listed))
+    metadata = {name: {"warp_id": index, "camera_id": 0, "time_id": index} for index, name in enumerate(names)}
+    (folder / "metadata.json").write_text(json.dumps(metadata))
+    (folder / "scene.json").write_text(json.dumps({"scale": 0.1, "center": [0, 0, 0], "near": 0.1, "far": 2.0}))
+    return []
+
+
+LAYOUTS: dict[str, tuple[Callable[[Path], list[Camera]], tuple[str, ...]]] = {
+    "colmap_binary": (colmap(False), tuple(f"sparse/0/{n}.bin" for n in ("cameras", "images", "points3D", "frames"))),
+    "colmap_text": (colmap(True), tuple(f"sparse/0/{name}.txt" for name in ("cameras", "images", "points3D"))),
+    "colmap_moving": (one_moving, ("sparse/0/images.txt", "sparse/0/cameras.txt")),
+    "multipleview": (rigs.multipleview, ("sparse_/images.bin", "sparse_/cameras.bin")),
+    "multipleview_rows": (rigs.multipleview_rows, ("poses_bounds_multipleview.npy",)),
+    "n3dv_frames": (rigs.n3dv_frames, ("poses_bounds.npy",)),
+    "panoptic_sports": (rigs.panoptic_sports, ("train_meta.json", "test_meta.json", "init_pt_cld.npz")),
+    "easyvolcap": (rigs.easyvolcap, ("intri.yml", "extri.yml")),
+    "easymocap": (rigs.easymocap, ("intri.yml", "extri.yml")),
+    "caliscope": (rigs.caliscope, ("camera_array.toml",)),
+    "fisheye_toml": (rigs.fisheye_toml, ("calibration.toml",)),
+    "immersive": (rigs.immersive, ("models.json",)),
+    "opencv_frames": (rigs.opencv_frames, ("cameras_opencv.json",)),
+    "record3d": (phones.record3d, ("metadata.json",)),
+    "polycam": (phones.polycam, ("keyframes/corrected_cameras/65482573842.json",)),
+    "timed_films": (timed_films, ("cameras_opencv.json",)),
+    "qualisys": (qualisys, ("Calib.qca.txt",)),
+    "anipose": (rigs.anipose, ("rec_camera_calibration.toml",)),
+    "pose2sim": (rigs.pose2sim, ("calibration/Calib_scene.toml",)),
+    "technicolor": (birthday, ("cameras_parameters.txt",)),
+    "hypernerf": (hypernerf, ("dataset.json", "metadata.json", "scene.json", "camera/000002.json")),
+    "nerfstudio_fisheye": (phones.nerfstudio_fisheye, ("transforms.json",)),
+}
+
+
+class OfLayout(Kind):
+    """A capture of a layout."""
+
+    layout: str
+
+    def __init__(self, folder: Path) -> None:
+        write, files = LAYOUTS[self.layout]
+        self._folder = folder / "capture"
+        self._folder.mkdir()
+        write(self._folder)
+        self.whole = {self._folder / file: [(self._folder / file).read_bytes()] for file in files}
+
+    def use(self) -> bool:
+        try:
+            capture = open_capture(self._folder)
+        except FrogError as error:
+            assert str(error).startswith(str(self._folder)), error
+            raise
+        for camera in capture.cameras:
+            assert np.isfinite(camera.intrinsics).all() and np.isfinite(camera.world_to_camera).all()
+            camera.ray_directions(np.array([[0.5, 0.5]]))
+        assert capture.points is None or np.isfinite(capture.points).all()
+        assert all(0 <= shot.frame < capture.frame_count and abs(shot.offset) <= 0.5 for shot in capture.shots)
+        return True
+
+
+KINDS: dict[str, type[Kind]] = {name: type(name, (OfLayout,), {"layout": name}) for name in LAYOUTS}

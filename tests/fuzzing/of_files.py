@@ -1,0 +1,188 @@
+"""Bakes, ``.npy``, ``.npz`` and checkpoint files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from support.builders import plain_camera, scene_file
+from support.synthetic_capture import FRAMES, HEIGHT, WIDTH, seeds, write_capture
+
+from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.evaluation.masks import load_masks
+from frog_blender.engine.frames.seed_store import stored_seeds
+from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.playback.bake import Bake, write_bake
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.playback.render import draw
+from frog_blender.engine.scene.scene_file import write_scene
+from fuzzing.of_captures import hypernerf
+from fuzzing.worker import Kind
+
+
+class Bakes(Kind):
+    """Of a scene whose fingerprint the hostile know."""
+
+    warnings = "default"
+
+    def __init__(self, folder: Path) -> None:
+        path, self._source = folder / "x.frogbake", folder / "x.frog"
+        write_scene(self._source, scene_file(200, moving=120))
+        self._scene = ScenePlayer.load(self._source)
+        list(write_bake(path, self._source, self._scene, [0.0, 0.5, 1.0]))
+        self.keep(path)
+
+    def use(self) -> bool:
+        found = Bake(self.path, self._source, self._scene)
+        try:
+            for frame_time in (0.0, 0.5, 1.0):
+                part = found.find(frame_time)
+                if part is not None:
+                    draw(self._scene.at(frame_time, part), plain_camera(), (0.0, 0.0, 0.0))
+        finally:
+            found.close()
+        assert not found.problem
+        return True
+
+
+class Poses(Kind):
+    """``poses_bounds.npy``, opened and decoded to see whether the capture can be worked with."""
+
+    def __init__(self, folder: Path) -> None:
+        write_capture(folder / "capture")
+        path = folder / "capture" / "poses_bounds.npy"
+        rows, contents = np.load(path, allow_pickle=False), []
+        for kind in ("<f8", "<f4", ">f8"):
+            np.save(path, rows.astype(kind))
+            contents.append(path.read_bytes())
+        self.keep(path, *contents)
+
+    def use(self) -> bool:
+        capture = open_capture(self.path.parent)
+        for camera in capture.cameras:
+            camera.ray_directions(np.array([[0.5, 0.5]]))
+            camera.to_json()
+        return True
+
+
+class Points(Kind):
+    """``points.npy`` of a HyperNeRF folder."""
+
+    def __init__(self, folder: Path) -> None:
+        hypernerf(folder)
+        path = folder / "points.npy"
+        np.save(path, np.random.default_rng(0).uniform([-1, -1, 3], [1, 1, 5], (80, 3)).astype(np.float32))
+        self.keep(path)
+
+    def use(self) -> bool:
+        capture = open_capture(self.path.parent)
+        assert capture.points is not None and np.isfinite(capture.points).all()
+        return True
+
+
+class Masks(Kind):
+    def __init__(self, folder: Path) -> None:
+        self._capture = open_capture(write_capture(folder / "capture"))
+        path, contents = folder / "masks.npz", []
+        mask = np.zeros((FRAMES, HEIGHT, WIDTH), np.uint8)
+        mask[:, 5:15, 20:40] = 255
+        for save in (np.savez, np.savez_compressed):
+            save(path, cam00=mask, cam01=mask[0] > 0)
+            contents.append(path.read_bytes())
+        self.keep(path, *contents)
+
+    def use(self) -> bool:
+        for name, mask in load_masks(self.path, self._capture).items():
+            assert name.startswith("cam") and mask.dtype == bool and mask.shape[-2:] == (HEIGHT, WIDTH)
+        return True
+
+
+class KeptSeeds(Kind):
+    """What the cache holds: whatever is wrong with it, the search is made again."""
+
+    def __init__(self, folder: Path) -> None:
+        self._capture = open_capture(write_capture(folder / "capture"))
+        self._store = FrameStore.open(self._capture, cache_folder=folder / "cache")
+        self._searches = 0
+        self._seeds()
+        self.keep(*self._store.folder.glob("seeds-*.npz"))
+
+    def _search(self, *_: object, **__: object) -> object:
+        self._searches += 1
+        return seeds()
+
+    def _seeds(self) -> object:
+        return stored_seeds(self._capture, self._store, count_limit=300, search=self._search)
+
+    def use(self) -> bool:
+        before = self._searches
+        found = self._seeds()
+        assert found.points.shape == found.colors.shape and np.isfinite(found.points).all() and len(found.points)
+        return self._searches == before
+
+
+class Checkpoints(Kind):
+    """Gone on from with everything the file says, for three steps."""
+
+    warnings = "default"
+
+    def __init__(self, folder: Path) -> None:
+        import torch
+
+        from frog_blender.engine.recipes import recipe
+        from frog_blender.engine.training.session.checkpoint import save_checkpoint
+        from frog_blender.engine.training.session.job import TrainingJob
+        from frog_blender.engine.training.session.output_paths import checkpoint_path
+
+        torch.set_num_threads(1)
+        self._cache = folder / "cache"
+        small = {"steps": 40, "steps_per_moment": 0, "max_gaussians": 600, "seed_gaussians": 300}
+        self._job = TrainingJob(write_capture(folder / "capture"), folder / "x.frog", device="cpu", resume=True)
+        path, contents = checkpoint_path(self._job.output), []
+        for changes, done in (({"capacity": "auto"}, 37), ({}, 12), ({"sh_degree": 2}, 25)):
+            chosen = recipe("draft", **small, **changes, densify_every=0.05)
+            job = TrainingJob(self._job.capture, self._job.output, recipe=chosen, device="cpu")
+            trainer = self._trainer(job)
+            for _ in range(done):
+                trainer.step()
+            save_checkpoint(path, trainer, job.stored_settings())
+            contents.append(path.read_bytes())
+        self.keep(path, *contents)
+
+    def _trainer(self, job):  # type: ignore[no-untyped-def]
+        from frog_blender.engine.training.compression.schedule import compression_hooks
+        from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+        from frog_blender.engine.training.session.run import prepare_capture
+
+        capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets)
+        store = FrameStore.open(capture, cache_folder=self._cache)
+        most = min(job.recipe.seed_gaussians, job.recipe.max_gaussians)
+        limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
+        hooks = compression_hooks(job.recipe, job.method, capture, job.seed)
+        points = seeds(min(300, most))
+        return Trainer(capture, store, points, job.recipe, job.method, limits, seed=job.seed, hooks=hooks)
+
+    def use(self) -> bool:
+        from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
+        from frog_blender.engine.training.session.checkpoint import load_checkpoint, restore_job
+
+        job, _ = restore_job(self._job)
+        trainer = self._trainer(job)
+        load_checkpoint(self.path, trainer)
+        try:
+            for _ in range(3):
+                if not trainer.finished:
+                    trainer.step()
+        except TrainingDiverged:
+            return False
+        return True
+
+
+KINDS: dict[str, type[Kind]] = {
+    "bakes": Bakes,
+    "poses": Poses,
+    "points": Points,
+    "masks": Masks,
+    "seeds": KeptSeeds,
+    "checkpoints": Checkpoints,
+}
