@@ -31,7 +31,7 @@ from frog_blender.engine.native import binding
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 from frog_blender.engine.training.session.run import prepare_capture
-from frog_blender.research.corruptions.cameras import fewer_views
+from frog_blender.research.conditions import fewer_views
 
 BASE = {"gaussians": 20_000, "scale": 1.0, "cameras": 0, "moments": 0}
 CASES: dict[str, tuple[str, list[float]]] = {

@@ -70,6 +70,7 @@ def test_the_picture_of_the_rooms_shows_those_that_there_are(tmp_path: Path) -> 
 def test_pages_are_short() -> None:
     assert sum(words(text_of(page)) for page in PAGES if page.parent == DOCS) <= 10_000
     assert words(text_of(DOCS / "concepts.md")) <= 1_500
+    assert sum(words(text_of(page)) for page in EXPERIMENTS) <= 15_000
 
 
 def test_what_troubleshooting_quotes_is_said() -> None:

@@ -34,11 +34,10 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 import raster_report  # noqa: E402
 
 from frog_blender.engine.registry import METHODS  # noqa: E402
-from frog_blender.research import charts, heat_map, stability  # noqa: E402
+from frog_blender.research import charts, stability  # noqa: E402
 from frog_blender.research.grid import AUTO_LABEL  # noqa: E402
+from frog_blender.research.report import Row, Section, differences, markdown, sections, table  # noqa: E402
 from frog_blender.research.results import read  # noqa: E402
-from frog_blender.research.summary import Row, Section, differences, sections  # noqa: E402
-from frog_blender.research.tables import markdown, table  # noqa: E402
 
 Record = dict[str, Any]
 BLOCK = re.compile(r"(<!-- table ([\w-]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
@@ -138,8 +137,7 @@ def under_conditions(name: str) -> str:
     frog, base, static, curves = (METHODS[name].title for name in ("frog", "ed3dgs", "static", "curves"))
 
     def ahead(condition: str, first: str, second: str) -> list[float]:
-        here, there = (found.cell(condition, label).psnr for label in (first, second))
-        return [here[seed] - there[seed] for seed in sorted(here) if seed in there]
+        return found.cell(condition, first).less(found.cell(condition, second))
 
     lines = []
     for condition in found.conditions:
@@ -149,15 +147,13 @@ def under_conditions(name: str) -> str:
             [
                 condition.name,
                 by_seed((own.psnr[seed] for seed in sorted(own.psnr)), ".2f"),
-                "-" if own.deviation is None else f"{own.deviation:.2f}",
                 "" if loss is None or condition.name == condition.against else f"{loss:+z.1f}",
                 by_seed(ahead(condition.name, frog, base), "+z.2f"),
                 *(f"{statistics.mean(values):+z.1f}" if values else "-" for values in others),
-                by_seed(ahead(condition.name, AUTO_LABEL, frog), "+z.2f"),
             ]
         )
-    titles = ["condition", f"PSNR of {frog}, dB", "deviation", "off the clean case"]
-    titles += [f"less {base}", f"less {static}", f"less {curves}", f"{AUTO_LABEL} less {frog}"]
+    titles = ["condition", f"PSNR of {frog}, dB", "off the clean case"]
+    titles += [f"less {base}", f"less {static}", f"less {curves}"]
     return table(titles, lines)
 
 
@@ -166,7 +162,9 @@ def raster() -> str:
     shown = [
         record
         for record in raster_results()
-        if record["isa"] in ("avx512", "avx2") and not record["scene"].startswith(("tiny", "sweep"))
+        if record["isa"] in ("avx512", "avx2")
+        and record["threads"] == 2
+        and not record["scene"].startswith(("tiny", "sweep"))
     ]
     return raster_report.table(shown, markdown=True)
 
@@ -196,7 +194,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "accuracy-at-equal-time": lambda: overview("grid", "time"),
     "accuracy-of-the-papers-forms": lambda: overview("papers"),
     "automatic-capacity": lambda: automatic("drafts"),
-    "automatic-capacity-in-the-grid": lambda: automatic("grid"),
     "capacity-sweep": lambda: sweep("grid-earlier"),
     "stability": lambda: under_conditions("stability"),
     "rasterizer": raster,
@@ -213,8 +210,7 @@ def scene_chart(name: str, scene: str, chart: Callable[[Section], Any]) -> Any:
 
 FIGURES: dict[str, Callable[[], Any]] = {
     "accuracy-and-speed": lambda: scene_chart("grid", "fast", charts.speed_chart),
-    "compression": lambda: scene_chart("grid-earlier", "room", charts.capacity_chart),
-    "stability": lambda: heat_map.heat_map(stability.outcome(results("stability"))),
+    "stability": lambda: stability.heat_map(stability.outcome(results("stability"))),
 }
 """One a page, by the page's name."""
 
@@ -228,7 +224,7 @@ def texts() -> Iterator[tuple[Path, str]]:
     for path in sorted(FOLDER.glob("*/runs.jsonl.gz")):
         records = read(path.with_suffix(""))
         suite = any(record.get("condition") for record in records)
-        text = heat_map.stability_table(stability.outcome(records)) if suite else markdown(records)
+        text = stability.stability_table(stability.outcome(records)) if suite else markdown(records)
         yield path.with_name("tables.md"), text.replace("](stability.png)", "](../stability.svg)")
 
     def filled(block: re.Match[str]) -> str:

@@ -1,1 +1,1 @@
-"""``frog``: parse, call the engine, print; one file a command."""
+"""``frog``: parse, call the engine, print."""

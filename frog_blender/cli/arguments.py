@@ -1,14 +1,15 @@
-"""Arguments that several commands take."""
+"""Arguments that several commands take, and what they stand for."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..engine.distributed.cluster import LOCAL, Cluster
 from ..engine.errors import FrogError
 from ..engine.options import OPTIONS, Option, PixelOffsets
 from ..engine.setting import Choice, parsed
@@ -75,9 +76,13 @@ def _offset(text: str) -> dict[str, tuple[float, ...]]:
     raise FrogError(f"{option.flag} {text}: expected {offsets.expected}.")
 
 
-def add_frames_argument(parser: argparse.ArgumentParser) -> None:
-    """Adds ``--frames``; see ``frames_of``."""
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the scene, ``--frames`` (see ``frames_of``) and ``--edits`` (see ``edited_scene``)."""
+    parser.add_argument("scene", type=Path)
     parser.add_argument("--frames", default=None, metavar="A:B", help="frames A to B - 1, counted from 0; default: all")
+    parser.add_argument(
+        "--edits", type=Path, default=None, metavar="FILE", help="crops, grades, timing and so on, saved in Blender"
+    )
 
 
 def frames_of(text: str | None, count: int) -> range:
@@ -94,13 +99,6 @@ def frames_of(text: str | None, count: int) -> range:
     if not frames or frames[0] < 0 or frames[-1] >= count:
         raise FrogError(f"--frames {text}: expected frames between 0:{count}.")
     return frames
-
-
-def add_edits_argument(parser: argparse.ArgumentParser) -> None:
-    """Adds ``--edits``; see ``edited_scene``."""
-    parser.add_argument(
-        "--edits", type=Path, default=None, metavar="FILE", help="crops, grades, timing and so on, saved in Blender"
-    )
 
 
 def edited_scene(scene: ScenePlayer, path: Path | None) -> tuple[ScenePlayer, Timing | None]:
@@ -120,3 +118,53 @@ def edited_scene(scene: ScenePlayer, path: Path | None) -> tuple[ScenePlayer, Ti
     for sentence in dropped:
         print(f"warning: {path}: {sentence}", file=sys.stderr)
     return played, edits.timing
+
+
+def add_scheduler_argument(command: argparse.ArgumentParser, jobs: str) -> None:
+    """Adds ``--jobs`` and ``--scheduler``; see ``opened_cluster``."""
+    command.add_argument("--jobs", type=positive(int), default=1, metavar="N", help=jobs)
+    command.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help=f"give the work to the workers of a Dask cluster, such as tcp://10.0.0.5:8786; {LOCAL}: to --jobs"
+        " workers of this machine",
+    )
+
+
+@contextmanager
+def opened_cluster(scheduler: str, workers: int) -> Iterator[Cluster]:
+    """Yields the cluster; its tasks are asked to end, and a local one ends, with the block.
+
+    Args:
+        scheduler: the address of a Dask scheduler, or "local".
+        workers: processes of a local cluster.
+
+    Raises:
+        FrogError: if no scheduler answers.
+    """
+    with Cluster(scheduler, workers) as cluster:
+        print(f"Dask: {cluster.slots} at once; {cluster.dashboard}", file=sys.stderr, flush=True)
+        yield cluster
+
+
+@contextmanager
+def limited_threads(count: int) -> Iterator[None]:
+    """At most ``count`` threads each for the native library, torch and OpenCV inside the block; 0 changes nothing."""
+    if not count:
+        yield
+        return
+    import cv2
+    import torch
+
+    from ..engine.native import binding
+
+    before, torch_before = cv2.getNumThreads(), torch.get_num_threads()
+    cv2.setNumThreads(count)
+    torch.set_num_threads(count)
+    binding.set_thread_count(count)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+        torch.set_num_threads(torch_before)
+        binding.set_thread_count(0)

@@ -7,10 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..engine.errors import FrogError
-from .printing import complain, say
-from .stopping import stopping
-
-_LOOKS = 0.2  # seconds between questions whether to stop
+from .terminal import complain, say, stopping
 
 
 def add_calibrate_parser(commands: Any) -> None:
@@ -105,9 +102,11 @@ def _clocks(listed: list[str] | None) -> dict[str, tuple[float, float]] | None:
         name, _, values = text.rpartition("=")
         try:
             offset, rate = (*map(float, values.split(",")), 1.0)[:2]
-        except ValueError as error:
-            raise FrogError(f"--clock {text}: expected CAMERA=SECONDS or CAMERA=SECONDS,RATE.") from error
+        except ValueError:
+            offset, rate = 0.0, 0.0
         if not name or not -1e7 < offset < 1e7 or not 0.5 <= rate <= 2:
-            raise FrogError(f"--clock {text}: expected a camera, seconds, and a rate between 0.5 and 2.")
+            raise FrogError(
+                f"--clock {text}: expected CAMERA=SECONDS or CAMERA=SECONDS,RATE with a rate between 0.5 and 2."
+            )
         clocks[name] = (offset, rate)
     return clocks

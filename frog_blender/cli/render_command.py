@@ -1,21 +1,21 @@
-"""``frog render``: frames of a scene as image files."""
+"""``frog render``, ``frog export`` and ``frog import``: frames of a scene as images, and other programs' formats."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FrogError
-from .arguments import add_edits_argument, add_frames_argument, edited_scene, frames_of, positive
-from .cluster import add_scheduler_argument, opened_cluster
-from .printing import say
+from .arguments import add_scene_arguments, add_scheduler_argument, edited_scene, frames_of, opened_cluster, positive
+from .terminal import say
 
 if TYPE_CHECKING:
-    from ..engine.playback.render_files import FrameRenderer
+    from ..engine.interchange.take import SceneTake, Sound
+    from ..engine.playback.render_files import FrameRenderer, PlayedFrames
     from ..engine.scene.header import SceneHeader
     from ..engine.scene.scene_file import SceneFile
 
@@ -26,25 +26,13 @@ _PARTS_A_SLOT = 4  # parts of a render for each task that runs at once: the last
 def add_render_parser(commands: Any) -> None:
     """Adds the command."""
     render = commands.add_parser("render", help="render frames of a scene as one of its cameras sees them")
-    render.add_argument("scene", type=Path)
+    add_scene_arguments(render)
     render.add_argument("--camera", required=True)
-    add_frames_argument(render)
     render.add_argument("--out", type=Path, required=True)
     render.add_argument(
-        "--device",
-        choices=["cpu", "cuda", "auto"],
-        default="cpu",
-        help="cuda and auto need torch; default: cpu",
+        "--device", choices=["cpu", "cuda", "auto"], default="cpu", help="cuda and auto need torch; default: cpu"
     )
-    add_edits_argument(render)
-    render.add_argument(
-        "--jobs",
-        type=positive(int),
-        default=1,
-        metavar="N",
-        help="processes of --scheduler local, which share the cores",
-    )
-    add_scheduler_argument(render)
+    add_scheduler_argument(render, "processes of --scheduler local, which share the cores")
     render.set_defaults(run=_render)
 
 
@@ -103,31 +91,30 @@ def _opened(scene_file: Path, device: str, edits: Path | None) -> _Opened:
 
 def _on_cluster(options: argparse.Namespace, frames: range, report: Callable[[int, int], None]) -> None:
     """Renders frames on the workers of a cluster, in parts that are small enough to keep all of them busy."""
-    common = {"scene": str(options.scene.resolve()), "camera": options.camera, "out": str(options.out.resolve())}
-    common |= {"device": options.device, "edits": options.edits and str(options.edits.resolve())}
+    from ..engine.distributed.cluster import Ended
+
+    common = {"scene": options.scene.resolve(), "camera": options.camera, "out": options.out.resolve()}
+    common |= {"device": options.device, "edits": options.edits and options.edits.resolve()}
     done: set[int] = set()
-
-    def told(frame: int) -> None:
-        done.add(frame)
-        report(len(done), len(frames))
-
     with opened_cluster(options.scheduler, options.jobs) as cluster:
         size = max(1, len(frames) // (_PARTS_A_SLOT * cluster.slots))
         parts = [frames[first : first + size] for first in range(0, len(frames), size)]
-        cluster.each(render_part, {f"frames {part[0]}": {**common, "frames": list(part)} for part in parts}, told)
+        tasks = ((f"frames {part[0]}", {**common, "frames": part}) for part in parts)
+        for _, message in cluster.messages(render_part, tasks):
+            if not isinstance(message, Ended):
+                done.add(message)
+                report(len(done), len(frames))
+            elif message.error is not None:
+                raise FrogError(message.error)
 
 
 def render_part(task: Mapping[str, Any], say: Callable[[int], None], cancelled: Callable[[], bool]) -> None:
-    """Renders some frames as a task of a cluster; says each of them.
-
-    Args:
-        task: the paths scene, out and edits (or None), the camera's name, the device, and a list of frames.
-    """
-    opened = _opened(Path(task["scene"]), task["device"], Path(task["edits"]) if task["edits"] else None)
+    """Renders some frames as a task of a cluster; says each of them."""
+    opened = _opened(task["scene"], task["device"], task["edits"])
     for frame in task["frames"]:
         if cancelled():
             return
-        list(opened.render(task["camera"], [frame], Path(task["out"])))
+        list(opened.render(task["camera"], [frame], task["out"]))
         say(frame)
 
 
@@ -153,3 +140,125 @@ def frame_renderer(scene: SceneFile, device: str) -> FrameRenderer:
             on_device = TorchScenePlayer(scene, chosen)
             return lambda frame, camera: to_uint8(on_device.render_image(frame, camera))
     return cpu_renderer(played)
+
+
+def add_export_parser(commands: Any) -> None:
+    """Adds the command."""
+    export = commands.add_parser("export", help="write a scene for other programs")
+    add_scene_arguments(export)
+    export.add_argument(
+        "--out", type=Path, required=True, metavar="PATH", help="folder of a file for each frame, or file"
+    )
+    kinds = export.add_mutually_exclusive_group()
+    for name, meaning in (
+        ("usd", "one .usdc, .usda or .usd file that plays, with cameras and the sound's path"),
+        ("html", "one .html file that plays in a browser, with sound"),
+        ("spz", "a compressed .spz file for each frame"),
+        ("glb", "a glTF file for each frame, with KHR_gaussian_splatting"),
+    ):
+        kinds.add_argument(f"--{name}", dest="kind", action="store_const", const=name, default="ply", help=meaning)
+    export.add_argument(
+        "--float", action="store_true", help="--usd in single precision; default: half, but for positions"
+    )
+    export.add_argument(
+        "--spz-version", type=int, choices=(3, 4), help="of --spz: 4 is smaller, and fewer programs read it; default: 3"
+    )
+    export.add_argument("--silent", action="store_true", help="without sound")
+    export.add_argument(
+        "--y-down",
+        action="store_true",
+        help="rotate .ply files of a scene whose z axis points up so that its y axis points down, as most viewers "
+        "expect; default: the scene's own axes",
+    )
+    export.set_defaults(run=_export)
+
+
+_OF_FORMATS = {
+    "y_down": (("ply",), "a format that says itself which way is up", ".ply files"),
+    "float": (("usd",), "a format with a precision of its own", "--usd"),
+    "spz_version": (("spz",), "another format", "--spz"),
+    "silent": (("usd", "html"), "a format without sound", "--usd or --html"),
+}
+"""Arguments that some formats alone know: which these are, and how a sentence calls others and these."""
+
+
+def _export(options: argparse.Namespace) -> int:
+    from ..engine.editing.edited_scene import RetimedScene
+    from ..engine.interchange.take import SceneTake
+    from ..engine.playback.player import ScenePlayer
+
+    for name, (kinds, found, expected) in _OF_FORMATS.items():
+        if getattr(options, name) and options.kind not in kinds:
+            raise FrogError(f"--{name.replace('_', '-')}: found {found}, expected {expected}.")
+    scene, timing = edited_scene(ScenePlayer.load(options.scene), options.edits)
+    frames = frames_of(options.frames, scene.header.frame_count if timing is None else len(timing.frames))
+    if options.kind in ("usd", "html"):
+        _export_take(options, SceneTake(scene, options.scene.stem, frames, timing=timing))
+    else:
+        _export_frames(options, scene if timing is None else RetimedScene(scene, timing), frames)
+    return 0
+
+
+def _export_take(options: argparse.Namespace, take: SceneTake) -> None:
+    from ..engine.interchange.usd_export import write_usd
+    from ..engine.interchange.web_page.page import write_page
+    from .progress import bar
+
+    if not options.silent:
+        take = replace(take, sound=_sound(options.scene, take))
+    is_page = options.kind == "html"
+    with bar("Exporting") as report:
+        for done in (
+            write_page(options.out, take) if is_page else write_usd(options.out, take, full_precision=options.float)
+        ):
+            report(done, len(take.chosen))
+    size = options.out.stat().st_size / 1e6
+    say(f"{len(take.chosen)} frames in {options.out}, {size:,.1f} MB{', with sound' if take.sound else ''}")
+
+
+def _sound(scene_file: Path, take: SceneTake) -> Sound | None:
+    """What is heard with a take of a scene's file; None for silence."""
+    from ..engine.interchange.take import sound_of
+
+    shown = [float(frame) if take.timing is None else take.timing.frames[frame] for frame in take.chosen]
+    return sound_of(take.header, scene_file, shown, take.rate)
+
+
+def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: range) -> None:
+    from ..engine.interchange.frame_files import export_frames
+    from ..engine.interchange.spz import VERSIONS
+    from ..engine.playback.transform import Y_DOWN
+    from .progress import bar
+
+    path = options.out / f"{options.scene.stem}.{options.kind}"
+    turn, version = Y_DOWN if options.y_down else None, options.spz_version or VERSIONS[0]
+    with bar("Exporting") as report:
+        for done, _ in enumerate(export_frames(scene, frames, path, turn=turn, spz_version=version), 1):
+            report(done, len(frames))
+    say(f"{len(frames)} files in {options.out}")
+
+
+def add_import_parser(commands: Any) -> None:
+    """Adds the command."""
+    imported = commands.add_parser("import", help="make a scene of other programs' Gaussians")
+    imported.add_argument("splats", type=Path, metavar="FILE", help="or a folder or .zip of .ply frames")
+    imported.add_argument("--out", type=Path, metavar="X.frog", help="default: beside the file")
+    imported.add_argument("--fps", type=positive(float), help="of .ply frames; default: 30")
+    imported.add_argument("--packed", action="store_true", help="several times smaller, without a visible difference")
+    imported.set_defaults(run=_import)
+
+
+def _import(options: argparse.Namespace) -> int:
+    from ..engine.interchange.imports import RATE, free_scene_path, import_scene, is_sequence
+    from .progress import bar
+
+    if options.fps and options.splats.is_file() and not is_sequence(options.splats):
+        raise FrogError("--fps: found a file with frames at times of its own or a single one, expected .ply frames.")
+    target, rate = options.out or free_scene_path(options.splats), options.fps or RATE
+    with bar("Importing") as report:
+        imported = import_scene(options.splats, target, compact=options.packed, rate=rate, progress=report)
+    frames = f", {imported.frames:,} frames" if imported.frames > 1 else ""
+    say(f"{imported.gaussians:,} Gaussians{frames} in {imported.path}")
+    if imported.warning:
+        say(imported.warning)
+    return 0

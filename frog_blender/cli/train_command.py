@@ -1,27 +1,33 @@
-"""``frog train``: a scene from a capture."""
+"""``frog train``: a scene from a capture, or from every capture in a folder; alone, or with other processes."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+import os
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine.errors import FrogError
+from ..engine.capture.readers import detect
+from ..engine.errors import FrogError, found_instead
 from ..engine.given_options import given_file, given_texts, joined, training_options
 from ..engine.options import OPTIONS, TrainingOptions
 from ..engine.recipes import RECIPES, Recipe, recipe
 from ..engine.setting import meanings_of, text_of
-from ..engine.training.session.output_paths import check_unused
+from ..engine.training.session import events
+from ..engine.training.session.output_paths import check_unused, checkpoint_path, training_progress
 from ..engine.training.session.torchrun import started_by_torchrun
-from .arguments import add_options, given_of, positive
-from .cluster import add_scheduler_argument
-from .printing import say
-from .stopping import stopping
-from .streams import printing_may_fail
+from .arguments import add_options, add_scheduler_argument, given_of, limited_threads, opened_cluster
+from .terminal import complain, printing_may_fail, say, stopping
 
 if TYPE_CHECKING:
-    from .takes_command import JobOf
+    from ..engine.distributed.cluster import Cluster
+    from ..engine.training.session.job import TrainingJob
+
+JobOf = Callable[[Path, Path], "TrainingJob"]
+"""The training of a capture to a scene, with the settings of the command line."""
 
 _INSTEAD = "--overwrite replaces it, --resume goes on with its training, and another name keeps both"
 
@@ -58,10 +64,7 @@ def add_train_parser(commands: Any) -> None:
         help="train every capture in the folder CAPTURE, each to a scene of its name in the folder --out; what is"
         " trained stays, what was begun goes on",
     )
-    train.add_argument(
-        "--jobs", type=positive(int), default=1, metavar="N", help="workers of --scheduler local, which share the cores"
-    )
-    add_scheduler_argument(train)
+    add_scheduler_argument(train, "workers of --scheduler local, which share the cores")
     train.set_defaults(run=_train)
 
 
@@ -105,7 +108,12 @@ def _train(arguments: argparse.Namespace) -> int:
     def job_of(capture: Path, output: Path) -> TrainingJob:
         return TrainingJob.of_options(capture, output, options, chosen=names, sinks=tuple(arguments.sink))
 
+    one_alone = "--events" if arguments.events else "torchrun" if started_by_torchrun() else None
     if arguments.takes:
+        if one_alone:
+            raise FrogError(
+                f"--takes: found {one_alone}, which one training is for: expected neither that nor torchrun."
+            )
         return _train_takes(arguments, job_of)
     if not (options.overwrite or options.resume):
         check_unused(arguments.out, _INSTEAD)  # before torch is loaded
@@ -115,28 +123,165 @@ def _train(arguments: argparse.Namespace) -> int:
     if started_by_torchrun():
         if arguments.events:
             raise FrogError("--events tells of a training by one process, and torchrun has started this one.")
-        from .train_together import train_together
-
-        return train_together(job)
+        return _train_together(job)
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
         from ..engine.training.session.run import run_training
         from ..engine.training.session.time_estimate import remembering
+        from .progress import obeying_input, show, tell
 
         if arguments.events:
-            from .event_stream import obeying_input, tell
-
             finished = tell(remembering(run_training(job, obeying_input(asked)), job))
         else:
-            from .progress import show
-
             finished = show(remembering(run_training(job, asked), job), job.output)
     return 0 if finished else 1
 
 
-def _train_takes(arguments: argparse.Namespace, job_of: JobOf) -> int:
-    from .takes_command import train_takes
+def _train_together(job: TrainingJob) -> int:
+    """Trains with the other processes that ``torchrun`` has started; returns the exit status. Rank 0 alone tells."""
+    with printing_may_fail(), stopping() as asked:
+        from ..engine.training.optimize.view_pass import PeerLost
+        from ..engine.training.session.processes import joined
+        from ..engine.training.session.run import run_training
+        from .progress import show
 
-    if arguments.events or started_by_torchrun():
-        found = "--events" if arguments.events else "torchrun"
-        raise FrogError(f"--takes: found {found}, which one training is for: expected neither that nor torchrun.")
-    return train_takes(arguments, job_of)
+        with joined(job.device) as processes:
+            try:
+                stream = run_training(job, asked, peers=processes)
+                if processes.rank == 0:
+                    return 0 if show(stream, job.output) else 1
+                for _ in stream:
+                    pass
+                return 0  # also when asked to stop: torchrun ends rank 0, which still saves, where another one fails
+            except PeerLost as lost:
+                complain(lost)
+                # torch's threads wait on for a process that hangs, and would hold this one at its end.
+                sys.stdout.flush()
+                sys.stderr.flush()
+                os._exit(1)
+
+
+def takes_in(folder: Path, scenes: Path) -> list[Path]:
+    """The captures that lie in a folder, by name; says which of its folders are none.
+
+    Args:
+        scenes: a folder that is not looked at.
+
+    Raises:
+        FrogError: there is none, or the folder cannot be read.
+    """
+    try:
+        entries = sorted(entry for entry in folder.iterdir() if entry.is_dir() and not entry.name.startswith("."))
+    except OSError as error:
+        raise FrogError(f"{folder}: could not be read ({error.strerror or error}).") from error
+    takes = []
+    for entry in entries:
+        if entry.resolve() == scenes.resolve():
+            continue
+        try:
+            detect(entry)
+            takes.append(entry)
+        except FrogError as error:
+            complain(f"left out: {error}")
+    if not takes:
+        raise found_instead(folder, "no capture in it", "a folder that has captures in it")
+    return takes
+
+
+def _train_takes(options: argparse.Namespace, job_of: JobOf) -> int:
+    """Trains what is not yet trained, each take to a scene of its name in ``options.out``; returns the exit status."""
+    takes, folder = takes_in(options.capture, options.out), options.out
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FrogError(f"{folder}: scenes cannot be written here ({error.strerror or error}).") from error
+    jobs = {take.name: job_of(take, folder / f"{take.name}.frog") for take in takes}
+    left = {name: job for name, job in jobs.items() if job.overwrite or not is_trained(job.output)}
+    say(f"{len(takes)} takes, {len(takes) - len(left)} of them trained before")
+    with printing_may_fail(), stopping() as asked:
+        if options.scheduler and left:
+            with opened_cluster(options.scheduler, min(options.jobs, len(left))) as cluster:
+                finished = _on_cluster(cluster, left, asked)
+        else:
+            finished = [name for name, job in left.items() if _train_take(name, job, asked)]
+        done = len(takes) - len(left) + len(finished)
+        say(f"{folder}: {done} of {len(takes)} takes are trained")
+        if done < len(takes):
+            complain("run the same command again to go on with the others.")
+    return 0 if done == len(takes) else 1
+
+
+def is_trained(scene: Path) -> bool:
+    """Whether a scene has been trained to its end."""
+    trained = training_progress(scene)
+    return scene.is_file() and (trained is None or trained[0] >= 1)
+
+
+def _train_take(name: str, job: TrainingJob, asked: Callable[[], bool]) -> bool:
+    """Trains a take in this process; False when it was stopped, or failed."""
+    from ..engine.training.session.run import run_training
+    from ..engine.training.session.time_estimate import remembering
+    from .progress import show
+
+    if asked():
+        return False
+    try:
+        return show(remembering(run_training(_going_on(job), asked), job), job.output, f"{name}: ")
+    except FrogError as error:  # the others can be trained nevertheless
+        complain(f"{name}: {error}")
+        return False
+
+
+def _on_cluster(cluster: Cluster, jobs: Mapping[str, TrainingJob], asked: Callable[[], bool]) -> list[str]:
+    """Gives takes to the workers of a cluster and follows them in one line; the names of those that finished."""
+    from tqdm import tqdm
+
+    from ..engine.distributed.cluster import Ended
+
+    tasks = [
+        (
+            name,
+            {
+                "job": replace(job, capture=job.capture.resolve(), output=job.output.resolve()),
+                "threads": cluster.threads(),
+            },
+        )
+        for name, job in jobs.items()
+    ]
+    shares, finished = dict.fromkeys(jobs, 0.0), []
+    layout = "{desc} |{bar}| {n:.2f}/{total} takes"
+    with tqdm(desc="Training", total=len(jobs), file=sys.stderr, bar_format=layout) as line:
+        for name, message in cluster.messages(do_take, tasks, asked):
+            if not isinstance(message, Ended):
+                shares[name] = message
+            elif message.answer:
+                shares[name] = 1.0
+                finished.append(name)
+            elif message.error is not None:
+                line.clear()
+                complain(f"{name}: {message.error}")
+            line.n = sum(shares.values())
+            line.refresh()
+    return finished
+
+
+def do_take(task: Mapping[str, Any], tell: Callable[[float], None], cancelled: Callable[[], bool]) -> bool:
+    """Trains a take as a task of a cluster; tells the share that is done. One that is done again goes on from the last
+    checkpoint.
+
+    Returns:
+        Whether it finished.
+    """
+    from ..engine.training.session.run import run_training
+
+    with limited_threads(task["threads"]):
+        for event in run_training(_going_on(task["job"]), cancelled):
+            if isinstance(event, events.Progress):
+                tell(event.step / max(event.steps, 1))
+            elif isinstance(event, events.Finished):
+                return True
+    return False
+
+
+def _going_on(job: TrainingJob) -> TrainingJob:
+    """The job, from its checkpoint if there is one."""
+    return replace(job, resume=not job.overwrite and checkpoint_path(job.output).is_file())

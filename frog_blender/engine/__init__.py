@@ -99,6 +99,7 @@ if TYPE_CHECKING:
     from .training.session.export import export_scene as export_scene
     from .training.session.job import TrainingJob as TrainingJob
     from .training.session.output_paths import checkpoint_path as checkpoint_path
+    from .training.session.output_paths import lock_output as lock_output
     from .training.session.run import hooks_of as hooks_of
     from .training.session.run import prepare_capture as prepare_capture
     from .training.session.run import run_training as run_training
@@ -144,7 +145,7 @@ _NAMES = {
     "training.session.events": "Cancelled Evaluated Event Finished Progress Started WarningEvent",
     "training.session.export": "export_scene",
     "training.session.job": "TrainingJob",
-    "training.session.output_paths": "checkpoint_path",
+    "training.session.output_paths": "checkpoint_path lock_output",
     "training.session.run": "hooks_of prepare_capture run_training seeds_of",
     "training.session.session": "Session",
 }

@@ -1,19 +1,27 @@
-"""``frog chart``: trains every method on captures, over seeds, and charts speed against accuracy."""
+"""``frog chart``: trains every method on captures, over seeds, and charts speed against accuracy.
+
+And what it shares with ``frog stability``: the grid's options, plan, progress and exit status.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..cli.arguments import positive
-from ..cli.printing import say
-from ..engine import RECIPES, FrogError
-from .grid import ABLATIONS
-from .grid_command import add_grid_arguments, do_runs, names, say_failed, say_plan, setting
+from ..cli.arguments import LOCAL, add_scheduler_argument, opened_cluster, positive
+from ..cli.terminal import complain, printing_may_fail, say, stopping
+from ..engine import RECIPES, FrogError, printable
+from .grid import ABLATIONS, ROWS, Run, chart_grid, named_captures
 
 if TYPE_CHECKING:
-    from .grid import Run
+    from .execute import Progress
 
 _ALL_ABLATIONS = ",".join(ABLATIONS)
 
@@ -22,123 +30,64 @@ def add_chart_parser(commands: Any) -> None:
     """Adds the command."""
     chart = commands.add_parser("chart", help="train every method on captures and chart speed against accuracy")
     chart.add_argument("captures", type=Path, nargs="+", metavar="CAPTURE")
-    chart.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, tables and charts")
     chart.add_argument(
         "--protocol", metavar="NAME", help="CAPTURE holds a published dataset: n3dv, hypernerf, technicolor or dnerf"
     )
     chart.add_argument("--methods", type=names, metavar="A,B", help="default: all of them")
+    chart.add_argument("--seeds", type=positive(int), default=3, metavar="N", help="of FRoG and E-D3DGS; default: 3")
     chart.add_argument(
-        "--seeds", type=positive(int), default=3, metavar="N", help="number of seeds of FRoG and E-D3DGS"
+        "--other-seeds", type=positive(int), default=1, metavar="N", help="of the other methods; default: 1"
     )
-    chart.add_argument(
-        "--other-seeds", type=positive(int), default=1, metavar="N", help="number of seeds of the other methods"
-    )
-    chart.add_argument("--recipe", choices=RECIPES, help="default: draft, or the protocol's")
-    chart.add_argument("--steps", type=positive(int), help="default: the recipe's")
     chart.add_argument("--scale", type=positive(float), help="image size factor, such as 0.5")
     chart.add_argument("--holdout-frames", type=int, metavar="K", help="hold out every K-th frame")
     chart.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of the recipe, for all methods"
-    )
-    chart.add_argument(
-        "--row",
-        action="append",
-        default=[],
-        metavar="LABEL=METHOD,NAME=VALUE,...",
-        help="an additional row: a method with its own settings",
+        "--row", action="append", default=[], metavar="LABEL=METHOD,NAME=VALUE,...", help="a row with its own settings"
     )
     chart.add_argument(
         "--equal-time", action="store_true", help="also train the other methods for as long as FRoG took"
     )
     chart.add_argument("--ablation", nargs="?", const=_ALL_ABLATIONS, metavar="A,B", help=f"default: {_ALL_ABLATIONS}")
-    chart.add_argument("--ablation-seeds", type=positive(int), metavar="N", help="default: --seeds")
     chart.add_argument("--timing", action="store_true", help="then time all methods, one at a time")
-    chart.add_argument("--timing-steps", type=positive(int), default=300, metavar="N")
     add_grid_arguments(chart)
     chart.set_defaults(run=_chart)
 
 
 def _chart(options: argparse.Namespace) -> int:
+    from .protocols import protocol_named, published_table
     from .report import write_report
 
-    published = _published(options.protocol)
-    failed = 0
-    if not options.only_report:
-        from .runs import RunEnvironment
-        from .timing import WARM_UP
-
-        if options.timing_steps <= WARM_UP:
-            raise FrogError(f"--timing-steps {options.timing_steps}: expected more than the {WARM_UP} warm-up steps.")
-        runs = _grid(options)
-        environment = RunEnvironment(options.out, options.device)
-        say_plan(runs, environment, options.jobs)
-        if options.plan:
-            return 0
-        ended = do_runs(
-            runs, environment, options.jobs, options.scheduler, options.timing_steps if options.timing else None
-        )
-        if ended is None:
-            return 1
-        failed = ended
-    for path in write_report(options.out, published):
-        say(path)
-    return say_failed(failed)
-
-
-def _published(protocol: str | None) -> str:
-    """A protocol's published table; FrogError for a protocol that does not exist."""
-    if not protocol:
-        return ""
-    from .protocols import protocol_named, published_table
-
-    return published_table(protocol_named(protocol))
+    protocol = protocol_named(options.protocol) if options.protocol else None
+    published = published_table(protocol) if protocol else ""
+    return run_and_report(
+        options, lambda: _grid(options), lambda: write_report(options.out, published), timing=options.timing
+    )
 
 
 def _grid(options: argparse.Namespace) -> list[Run]:
     """The runs that the options ask for."""
-    from .grid import (
-        ROWS,
-        CommonSettings,
-        SeedCounts,
-        chart_grid,
-        extra_rows,
-        in_order,
-        named_captures,
-    )
+    from .protocols import captures, protocol_named
 
-    captures, recipe = named_captures(options.captures), options.recipe or "draft"
+    common = replace(common_run(options), scale=options.scale, holdout_frames=options.holdout_frames)
     if options.protocol:
-        captures, recipe = _protocol_captures(options)
-        options.scale = options.scale or 1.0  # their captures have the paper's size
-    common = CommonSettings(
-        recipe,
-        dict(setting(text, "--set") for text in options.set),
-        options.steps,
-        options.scale,
-        options.holdout_frames,
-        options.protocol or "",
-    )
-    runs = chart_grid(
-        captures,
+        if len(options.captures) != 1:
+            raise FrogError(f"--protocol {options.protocol}: found {len(options.captures)} folders, expected one.")
+        (folder,) = options.captures
+        folders = {name: folder for name, _ in captures(options.protocol, folder)}
+        recipe = options.recipe or protocol_named(options.protocol).recipe
+        # Their captures have the paper's size.
+        common = replace(common, protocol=options.protocol, recipe=recipe, scale=options.scale or 1.0)
+    else:
+        folders = named_captures(options.captures)
+    return chart_grid(
+        folders,
         common,
-        SeedCounts(options.seeds, options.other_seeds, options.ablation_seeds),
+        seeds=options.seeds,
+        other_seeds=options.other_seeds,
         methods=options.methods or ROWS,
         ablation=names(options.ablation or ""),
         equal_time=options.equal_time,
+        more=[_row(text) for text in options.row],
     )
-    rows = [_row(text) for text in options.row]
-    return in_order([*runs, *extra_rows(captures, rows, common, options.other_seeds)])
-
-
-def _protocol_captures(options: argparse.Namespace) -> tuple[dict[str, Path], str]:
-    """The folder of each scene of a protocol, and the recipe."""
-    from .protocols import captures, protocol_named
-
-    if len(options.captures) != 1:
-        raise FrogError(f"--protocol {options.protocol}: found {len(options.captures)} folders, expected one.")
-    folder = options.captures[0]
-    names = [name for name, _ in captures(options.protocol, folder)]
-    return dict.fromkeys(names, folder), options.recipe or protocol_named(options.protocol).recipe
 
 
 def _row(text: str) -> tuple[str, str, dict[str, Any]]:
@@ -147,4 +96,146 @@ def _row(text: str) -> tuple[str, str, dict[str, Any]]:
     method, *settings = rest.split(",")
     if not (label and equals and method):
         raise FrogError(f"--row {text}: expected LABEL=METHOD,NAME=VALUE,... with any number of settings.")
-    return label.strip(), method.strip(), dict(setting(text, "--row") for text in settings)
+    return label.strip(), method.strip(), dict(_setting(text, "--row") for text in settings)
+
+
+def add_grid_arguments(command: argparse.ArgumentParser) -> None:
+    """Adds the options that every grid has."""
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="results, tables and images")
+    command.add_argument("--recipe", choices=RECIPES, help="default: draft, or the protocol's")
+    command.add_argument("--steps", type=positive(int), help="default: the recipe's")
+    command.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a setting of the recipe, for all methods"
+    )
+    add_scheduler_argument(command, "number of parallel runs, which share the cores")
+    command.add_argument("--device", choices=["auto", "cpu", "cuda"], default="auto")
+    command.add_argument("--plan", action="store_true", help="list the runs and stop")
+    command.add_argument("--only-report", action="store_true", help="write the report of the finished runs and stop")
+
+
+def names(text: str) -> list[str]:
+    """The parts of a list with commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _setting(text: str, option: str) -> tuple[str, Any]:
+    """``NAME=VALUE`` as both; the value as JSON if it is valid JSON, else as text. FrogError for other text."""
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise FrogError(f"{option} {text}: expected NAME=VALUE, such as network_rate=1e-3.")
+    try:
+        parsed = json.loads(value)
+    except ValueError:
+        parsed = value
+    return name.strip(), tuple(parsed) if isinstance(parsed, list) else parsed
+
+
+def common_run(options: argparse.Namespace) -> Run:
+    """What all runs of a grid share."""
+    overrides = dict(_setting(text, "--set") for text in options.set)
+    return Run(recipe=options.recipe or "draft", overrides=tuple(overrides.items()), steps=options.steps)
+
+
+def run_and_report(
+    options: argparse.Namespace,
+    grid: Callable[[], list[Run]],
+    report: Callable[[], list[Path]],
+    timing: bool = False,
+) -> int:
+    """Does a grid's runs, unless told otherwise, and writes its report; returns the exit status.
+
+    Args:
+        timing: also run the timing pass.
+    """
+    failed = 0
+    if not options.only_report:
+        runs = grid()
+        _say_plan(runs, options)
+        if options.plan:
+            return 0
+        ended = _do_runs(runs, options, timing)
+        if ended is None:
+            return 1
+        failed = ended
+    for path in report():
+        say(path)
+    if failed:
+        complain(f"{failed} {'run' if failed == 1 else 'runs'} failed; the tables say why.")
+    return 1 if failed else 0
+
+
+def _say_plan(runs: Sequence[Run], options: argparse.Namespace) -> None:
+    """Prints what the grid will run."""
+    from .execute import seconds_left
+    from .report import duration
+    from .results import read
+    from .runs import RunEnvironment, is_done
+
+    records = read(RunEnvironment(options.out).results)
+    waiting = [run for run in runs if not is_done(run, records)]
+    rows = Counter((run.condition or run.scene, run.label, run.equal_time) for run in runs)
+    for (scene, label, equal_time), count in rows.items():
+        how = "at FRoG's time" if equal_time else "at equal steps"
+        say(f"{scene}: {label}, {how}, {count} {'seed' if count == 1 else 'seeds'}")
+    left = seconds_left(waiting, {}, records, options.jobs)
+    estimate = f", about {duration(left)}" if left is not None and waiting else ""
+    print(f"{len(runs)} runs, {len(waiting)} to do{estimate}", flush=True)
+
+
+def _do_runs(runs: Sequence[Run], options: argparse.Namespace, timing: bool) -> int | None:
+    """Runs the grid; returns the number of failed runs, or None if it was stopped."""
+    import numpy
+
+    from ..cli.progress import bar
+    from .execute import run_grid
+    from .runs import RunEnvironment, Stopped
+    from .timing import time_grid
+
+    numpy.finfo(numpy.float64)  # cached here: training flushes denormals, with which this lookup warns
+    environment = RunEnvironment(options.out, options.device)
+    scheduler = options.scheduler or (LOCAL if options.jobs > 1 else None)
+    with printing_may_fail(), stopping() as cancelled:
+        failed, stopped = 0, False
+        try:
+            workers = opened_cluster(scheduler, options.jobs) if scheduler else nullcontext()
+            with workers as cluster, _shown(len(runs)) as show:
+                progress = run_grid(runs, environment, cluster=cluster, progressed=show, cancelled=cancelled)
+                failed = progress.failed
+        except Stopped:
+            stopped = True
+        if timing and not stopped:
+            with bar("Timing") as report:
+                records = time_grid(runs, environment, report, cancelled)
+            failed += sum(record["kind"] == "failed" for record in records)
+        if stopped or cancelled():
+            print("frog: stopped; run the same command again to continue.", file=sys.stderr)
+            return None
+    return failed
+
+
+@contextmanager
+def _shown(total: int) -> Iterator[Callable[[Progress], None]]:
+    """Yields a callback for the grid's progress: it shows one bar over all runs, and a line for each finished run."""
+    from tqdm import tqdm
+
+    from .report import duration
+
+    layout = "{desc} |{bar}| {n:.2f}/{total} runs{postfix}"
+    with tqdm(desc="Grid", total=total, file=sys.stderr, bar_format=layout) as line:
+
+        def show(progress: Progress) -> None:
+            line.n = progress.done + progress.failed + sum(progress.shares.values())
+            working = [f"{run.condition or run.scene} {run.label} {run.seed}" for run in progress.shares]
+            left = "" if progress.seconds_left is None else f"about {duration(progress.seconds_left)} left"
+            line.set_postfix_str(" ".join([", ".join(working), left]).strip(), refresh=progress.record is None)
+            if progress.record is not None:
+                tqdm.write(printable(_sentence(progress.record)), file=sys.stderr)
+
+        yield show
+
+
+def _sentence(record: dict[str, Any]) -> str:
+    name = f"{record['condition'] or record['scene']}, {record['label']}, seed {record['seed']}"
+    if record["kind"] == "failed":
+        return f"{name}: failed: {record['error']}"
+    return f"{name}: {record['psnr']:.2f} dB, {record['gaussians']} Gaussians, {record['train_seconds']:.0f} s"

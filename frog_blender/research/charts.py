@@ -1,4 +1,4 @@
-"""The charts: accuracy against speed, accuracy against training time, the effect of each ablation, capacity."""
+"""The charts: accuracy against speed, and accuracy against training time."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..engine import FrogError
-from .grid import AUTO_LABEL
-from .labels import place_labels
-from .summary import Row, Section, differences
+from .report import Row, Section
 
 # Okabe and Ito's palette, which is distinguishable with any colour vision; each method also has its own marker.
 STYLES = {
@@ -22,17 +20,7 @@ STYLES = {
     "curves": ("#E69F00", "v"),
 }
 _OTHERS = (("#56B4E9", "P"), ("#F0E442", "h"), ("#999999", "p"))
-_GROUP_COLORS = {
-    "fusion": "#0072B2",
-    "modulation": "#CC79A7",
-    "sampling": "#009E73",
-    "seeds": "#F0E442",
-    "loss": "#999999",
-    "opacity": "#D55E00",
-    "k": "#E69F00",
-    "capacity": "#56B4E9",
-}
-_DPI = 130
+_FARTHEST = 10.0  # dB below the best method: what lies farther is drawn there
 _LARGEST_SVG = 300_000  # bytes
 
 
@@ -40,7 +28,7 @@ def write_charts(sections: Sequence[Section], folder: Path) -> list[Path]:
     """Writes every chart that the results suffice for, as PNG, and as SVG if that is small; returns their paths."""
     written: list[Path] = []
     for section in sections:
-        for name, make in _CHARTS.items():
+        for name, make in (("speed", speed_chart), ("training", training_chart)):
             figure = make(section)
             if figure is not None:
                 written += save_figure(figure, folder / f"{name}_{section.file_name}")
@@ -50,7 +38,7 @@ def write_charts(sections: Sequence[Section], folder: Path) -> list[Path]:
 def speed_chart(section: Section) -> Any:
     """FPS against PSNR, storage as the discs' area, and the Pareto front; None if no row has both.
 
-    A method far below all others (mostly the static scene) is drawn at the lower edge with its PSNR in its label, so
+    A method far below the best (mostly the static scene) is drawn at the lower edge with its PSNR in the legend, so
     that the others can be distinguished.
     """
     rows = [row for row in section.rows.get("methods", ()) if row.fps and row.median("psnr") is not None]
@@ -59,50 +47,27 @@ def speed_chart(section: Section) -> Any:
     figure, axes = _figure(section.title)
     points = [(row.fps or 0.0, row.median("psnr") or 0.0) for row in rows]
     sizes = [(row.median("bytes") or 0.0) / 1e6 for row in rows]
-    areas = [60 + 840 * size / max([*sizes, 1e-9]) for size in sizes]  # square points
-    names = [f"{row.label}, {size:.1f} MB" for row, size in zip(rows, sizes, strict=True)]
+    edge = max(psnr for _, psnr in points) - _FARTHEST
     front = pareto_front(points)
-    bottom = _far_below([psnr for _, psnr in points])
-    if bottom is not None:
-        names[bottom] += f", {points[bottom][1]:.1f} dB (below)"
-    seen = [psnr for i, (_, psnr) in enumerate(points) if i != bottom]
-    margin = max(0.4, 0.3 * (max(seen) - min(seen)))
-    low = min(seen) - margin * (1 if bottom is None else 2)
-    if bottom is not None:
-        points[bottom] = (points[bottom][0], low + 0.5 * margin)
-    fps = [x for x, _ in points]
-    axes.set_xscale("log")
-    axes.set_xlim(min(fps) / 1.7, max(fps) * 1.7)
-    axes.set_ylim(low, max(seen) + margin)
-    _plain_ticks(axes)
     if len(front) > 1:
-        axes.plot(
-            *zip(*front, strict=True), color="0.55", linestyle="--", linewidth=1.2, zorder=1, label="Pareto front"
-        )
-    for i, (row, (color, marker)) in enumerate(zip(rows, _styles(rows), strict=True)):
-        axes.scatter(*points[i], s=areas[i], color=color, alpha=0.35, linewidths=0, zorder=2)
-        axes.scatter(*points[i], s=42, color=color, marker=marker, edgecolors="white", linewidths=0.7, zorder=4)
-        if i != bottom:
-            low, high = min(row.values("psnr")), max(row.values("psnr"))
-            axes.vlines(points[i][0], low, high, color=color, linewidth=1.2, zorder=3)
+        axes.plot(*zip(*front, strict=True), color="0.55", linestyle="--", linewidth=1.2, label="Pareto front")
+    for row, (fps, psnr), size, (color, marker) in zip(rows, points, sizes, _styles(rows), strict=True):
+        name, height = f"{row.label}, {size:.1f} MB", max(psnr, edge)
+        if psnr < edge:
+            name += f", {psnr:.1f} dB (below)"
+        else:
+            axes.vlines(fps, min(row.values("psnr")), max(row.values("psnr")), color=color, linewidth=1.2)
+        area = 60 + 840 * size / max([*sizes, 1e-9])  # square points
+        axes.scatter(fps, height, s=area, color=color, alpha=0.35, linewidths=0)
+        axes.scatter(fps, height, s=42, color=color, marker=marker, edgecolors="white", linewidths=0.7, label=name)
     axes.scatter([], [], s=120, color="0.5", alpha=0.35, linewidths=0, label="area: storage on disk")
+    axes.set_xscale("log")
+    axes.margins(x=0.15, y=0.15)
+    _plain_ticks(axes)
     axes.set_xlabel("frames a second, deformation and rasterization (logarithmic)")
     axes.set_ylabel("PSNR of the held-out images, dB")
-    axes.legend(loc="lower left", frameon=False, fontsize=9)
-    figure.draw_without_rendering()  # the layout decides where things lie
-    figure.set_layout_engine("none")
-    radii = [(area**0.5) / 2 * figure.dpi / 72 for area in areas]
-    place_labels(axes, points, names, radii)
+    figure.legend(loc="outside right upper", frameon=False, fontsize=9)
     return figure
-
-
-def _far_below(values: Sequence[float]) -> int | None:
-    """Index of a value so far below all others that they could not be distinguished; None if there is none."""
-    if len(values) < 3:
-        return None
-    lowest, second, *_, highest = sorted(values)
-    far = second - lowest > max(2.0, 2.0 * (highest - second))
-    return list(values).index(lowest) if far else None
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -130,9 +95,7 @@ def training_chart(section: Section) -> Any:
                 axes.plot(seconds, psnr, color=color, linewidth=0.7, alpha=0.4)
         points = range(min(len(seconds) for seconds, _ in curves))
         middle = [[statistics.median(curve[axis][i] for curve in curves) for i in points] for axis in (0, 1)]
-        top = 4 if row.method == "frog" else 3
-        style = {"markersize": 6, "markeredgecolor": "white", "markeredgewidth": 0.6, "linewidth": 1.6, "zorder": top}
-        axes.plot(*middle, color=color, marker=marker, label=row.label, **style)
+        axes.plot(*middle, color=color, marker=marker, label=row.label, linewidth=1.6)
     dedicated = all(row.timing is not None or row.is_dedicated for row in rows)
     axes.set_xlabel("training, s" + ("" if dedicated else " (some with several runs at once)"))
     axes.set_ylabel("PSNR of the held-out images, dB")
@@ -148,102 +111,10 @@ def _seconds_and_psnr(row: Row, record: dict[str, Any]) -> tuple[list[float], li
     return [point[0] * factor for point in record["curve"]], [point[2] for point in record["curve"]]
 
 
-def ablation_chart(section: Section) -> Any:
-    """The difference of each ablation to FRoG, in all and in moving pixels; None without an ablation.
-
-    Bars are mean differences over seeds, whiskers their range.
-    """
-    frog = section.of_method("frog")
-    rows = [row for group in _GROUP_COLORS for row in section.rows.get(group, ()) if differences(row, frog, "psnr")]
-    if frog is None or not rows:
-        return None
-    panels = [("psnr", "all pixels")]
-    if any(differences(row, frog, "psnr_moving") for row in rows):
-        panels.append(("psnr_moving", "moving pixels"))
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(2.6 + 3.4 * len(panels), 1.6 + 0.36 * len(rows)), dpi=_DPI, layout="constrained")
-    figure.suptitle(f"{section.title}: difference to FRoG", fontsize=11)
-    all_axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    for axes, (name, title) in zip(all_axes, panels, strict=True):
-        for index, row in enumerate(rows):
-            values = list(differences(row, frog, name).values())
-            if not values:
-                continue
-            axes.barh(index, statistics.mean(values), height=0.62, color=_GROUP_COLORS[row.group], alpha=0.85)
-            axes.plot([min(values), max(values)], [index, index], color="black", linewidth=1.3)
-            axes.plot(values, [index] * len(values), linestyle="none", marker="|", color="black", markersize=7)
-        axes.axvline(0, color="black", linewidth=0.8)
-        axes.set_xlabel(f"PSNR of {title}, dB")
-        axes.locator_params(axis="x", nbins=5)
-        axes.grid(axis="x", color="0.9")
-        axes.set_axisbelow(True)
-    all_axes[0].set_yticks(range(len(rows)), [row.label for row in rows])
-    all_axes[0].invert_yaxis()
-    return figure
-
-
-def capacity_chart(section: Section) -> Any:
-    """PSNR against bytes for fewer Gaussians, fewer dynamic ones, and automatic capacity; None without a sweep.
-
-    Medians are over the seeds that all rows have. Rows equal to the automatic choice are not shown twice.
-    """
-    rows, of_methods = (
-        [row for row in section.rows.get(group, ()) if row.median("psnr") and row.median("packed_bytes")]
-        for group in ("capacity", "methods")
-    )
-    frog = section.of_method("frog")
-    if not rows or frog is None:
-        return None
-    automatic = [row for row in of_methods if row.label == AUTO_LABEL]
-    seeds = set.intersection(*(set(row.by_seed("packed_bytes")) for row in (frog, *rows, *automatic)))
-    if not seeds:
-        return None
-    frog, rows, automatic = frog.of_seeds(seeds), _of_seeds(rows, seeds), _of_seeds(automatic, seeds)
-    figure, axes = _figure(f"{section.title}: what capacity buys")
-
-    def point(row: Row) -> tuple[float, float]:
-        return (row.median("packed_bytes") or 0.0) / 1e6, row.median("psnr") or 0.0
-
-    rows = [row for row in rows if point(row) not in map(point, automatic)]
-    fewer = [row for row in rows if "Gaussians" in row.label]
-    calmer = [row for row in rows if "move" in row.label]
-    lines = {
-        "fewer Gaussians, all of them moving": ([*fewer, frog], "#0072B2", "o"),
-        "fewer that move": (calmer, "#E69F00", "^"),
-    }
-    for title, (swept, color, marker) in lines.items():
-        if not swept:
-            continue
-        points = sorted(point(row) for row in swept)
-        axes.plot(*zip(*points, strict=True), color=color, marker=marker, label=title)
-    for row in automatic:
-        axes.plot(*point(row), color="#D55E00", marker="*", markersize=17, linestyle="none", label="automatic choice")
-    axes.set_xscale("log")
-    _plain_ticks(axes)
-    axes.set_xlabel("storage of all as packed files, MB (logarithmic)")
-    axes.set_ylabel("PSNR of the held-out images, dB")
-    axes.margins(x=0.15, y=0.15)
-    figure.legend(loc="outside lower center", frameon=False, fontsize=9, ncols=3)
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    named = [*automatic, frog, *rows]
-    radii = [10.0] * len(automatic) + [5.0] * (1 + len(rows))
-    place_labels(axes, [point(row) for row in named], [row.label for row in named], radii)
-    return figure
-
-
-def _of_seeds(rows: Sequence[Row], seeds: set[int]) -> list[Row]:
-    return [row.of_seeds(seeds) for row in rows]
-
-
-_CHARTS = {"speed": speed_chart, "training": training_chart, "ablation": ablation_chart, "capacity": capacity_chart}
-
-
 def _figure(title: str) -> tuple[Any, Any]:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.2, 5.2), dpi=_DPI, layout="constrained")
+    figure = Figure(figsize=(8.2, 5.2), dpi=130, layout="constrained")
     axes = figure.subplots()
     axes.set_title(title, fontsize=11)
     axes.grid(color="0.92")

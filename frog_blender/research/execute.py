@@ -1,20 +1,21 @@
-"""Runs a grid: does what is not done yet, one run at a time or several at once, and writes each result."""
+"""Runs a grid: does what is not done yet, here one after the other or on a cluster, and writes each result."""
 
 from __future__ import annotations
 
-import queue
-from collections.abc import Callable, Iterable, Sequence
+import statistics
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ..engine import FrogError
+from ..engine import Ended, FrogError, lock_output
 from .grid import Run
-from .results import Record, append, finished, locked, read
+from .results import Record, append, finished, read
 from .runs import RunEnvironment, Stopped, clean_up, failure, frog_seconds, is_done, perform
-from .workers import Answers, Workers, Working
 
-Perform = Callable[[Run, RunEnvironment, float | None, Callable[[float], None], Callable[[], bool]], Record]
-"""Does one run; see ``runs.perform``."""
+if TYPE_CHECKING:
+    from ..engine import Cluster
 
 
 @dataclass
@@ -36,188 +37,156 @@ class Progress:
     record: Record | None = None
 
 
-@dataclass(frozen=True)
-class GridCallbacks:
-    """What a grid calls while it runs.
-
-    Attributes:
-        progressed: called with the progress at every change.
-        cancelled: asked whether to stop.
-        perform: does one run where ``jobs`` is 1.
-    """
-
-    progressed: Callable[[Progress], None] = lambda progress: None
-    cancelled: Callable[[], bool] = lambda: False
-    perform: Perform = perform
-
-
 def run_grid(
     runs: Sequence[Run],
     environment: RunEnvironment,
     *,
-    workers: Workers | None = None,
-    callbacks: GridCallbacks | None = None,
+    cluster: Cluster | None = None,
+    progressed: Callable[[Progress], None] = lambda progress: None,
+    cancelled: Callable[[], bool] = lambda: False,
 ) -> Progress:
     """Does in order every run that is not ``is_done`` yet; a run that fails is recorded, and the next one begins.
 
     Args:
-        workers: who does the runs, several at once; this process, one after the other, if None.
+        cluster: what does the runs, several at once; this process, one after the other, if None. Its workers see
+            captures and results under the same paths.
+        progressed: called with the progress at every change.
+        cancelled: asked whether to stop.
 
     Raises:
         Stopped: if it was cancelled; the runs in progress continue next time.
     """
-    records = read(environment.results)
-    waiting = [run for run in runs if not is_done(run, records)]
-    progress = Progress(len(runs), len(runs) - len(waiting))
-    if workers is not None:
-        environment = replace(environment, threads=workers.threads, dedicated=False)
-    _keep_out_of_repositories(environment.folder / "scenes")
-    with locked(environment.folder / "scenes" / "lock"):
-        _Grid(waiting, environment, workers, progress, callbacks or GridCallbacks()).work()
-    return progress
-
-
-def _keep_out_of_repositories(scenes: Path) -> None:
-    """Git ignores scenes and checkpoints, which are large and can be made again, but not the results beside them."""
+    scenes = environment.folder / "scenes"
     try:
         scenes.mkdir(parents=True, exist_ok=True)
+        # Git ignores scenes and checkpoints, which are large and can be made again, but not the results beside them.
         (scenes / ".gitignore").write_text("*\n", encoding="utf-8")
     except OSError as error:
         raise FrogError(f"{scenes}: the folder could not be made ({error.strerror}).") from error
+    if cluster is not None:
+        environment = replace(environment, threads=cluster.threads(), dedicated=False)
+    with lock_output(environment.results):
+        grid = _Grid(runs, environment, cluster.slots if cluster else 1, progressed)
+        grid.report()
+        for equal_time in (False, True):
+            if cluster is not None:
+                _on_cluster(grid, grid.begin(equal_time), cluster, cancelled)
+            else:
+                _here(grid, grid.begin(equal_time), cancelled)
+    if grid.progress.done + grid.progress.failed < grid.progress.total:
+        raise Stopped
+    return grid.progress
 
 
 class _Grid:
-    """The runs that wait and those in progress."""
+    """The runs that wait, those in progress, and the results so far."""
 
     def __init__(
-        self,
-        waiting: list[Run],
-        environment: RunEnvironment,
-        workers: Workers | None,
-        progress: Progress,
-        callbacks: GridCallbacks,
+        self, runs: Sequence[Run], environment: RunEnvironment, jobs: int, progressed: Callable[[Progress], None]
     ) -> None:
-        self._waiting, self._environment, self._workers = waiting, environment, workers
-        self._progress, self._callbacks = progress, callbacks
+        self.environment, self._jobs, self._progressed = environment, jobs, progressed
         self._records = read(environment.results)
+        self.waiting = [run for run in runs if not is_done(run, self._records)]
+        self.progress = Progress(len(runs), len(runs) - len(self.waiting))
 
-    def work(self) -> None:
-        self._report()
-        if self._workers is not None:
-            self._by(self._workers)
-        else:
-            while self._waiting:
-                self._here(self._waiting.pop(0))
+    def report(self, record: Record | None = None) -> None:
+        self.progress.record = record
+        self.progress.seconds_left = seconds_left(self.waiting, self.progress.shares, self._records, self._jobs)
+        self._progressed(self.progress)
 
-    def _report(self, record: Record | None = None) -> None:
-        jobs = 1 if self._workers is None else self._workers.jobs
-        left = seconds_left(self._waiting, self._progress.shares, self._records, jobs)
-        self._progress.seconds_left = left
-        self._progress.record = record
-        self._callbacks.progressed(self._progress)
+    def advanced(self, run: Run, share: float) -> None:
+        self.progress.shares[run] = share
+        self.report()
 
-    def _advanced(self, run: Run, share: float) -> None:
-        self._progress.shares[run] = share
-        self._report()
-
-    def _ended(self, run: Run, record: Record) -> None:
-        append(self._environment.results, record)
+    def ended(self, run: Run, record: Record) -> None:
+        append(self.environment.results, record)
         self._records.append(record)
-        self._progress.shares.pop(run, None)
+        self.progress.shares.pop(run, None)
         if record["kind"] == "run":
-            clean_up(run, self._environment)
-            self._progress.done += 1
+            clean_up(run, self.environment)
+            self.progress.done += 1
         else:
-            self._progress.failed += 1
-        self._report(record)
+            self.progress.failed += 1
+        self.report(record)
 
-    def _seconds(self, run: Run) -> float | None:
-        return frog_seconds(run, self._records, self._environment) if run.equal_time else None
+    def begin(self, equal_time: bool) -> Iterator[tuple[Run, float | None]]:
+        """Takes the runs that wait, with their limits in seconds: those at equal time, or all others before them.
 
-    def _here(self, run: Run) -> None:
-        if self._callbacks.cancelled():
-            raise Stopped
-        self._advanced(run, 0.0)
-        try:
-            seconds = self._seconds(run)
-            record = self._callbacks.perform(
-                run, self._environment, seconds, lambda share: self._advanced(run, share), self._callbacks.cancelled
-            )
-        except (FrogError, MemoryError, ImportError) as error:
-            record = failure(run, str(error) or type(error).__name__)
-        self._ended(run, record)
+        One at equal time fails at once where FRoG did not run on its scene.
+        """
+        for run in [run for run in self.waiting if run.equal_time == equal_time]:
+            self.waiting.remove(run)
+            try:
+                seconds = frog_seconds(run, self._records, self.environment) if equal_time else None
+            except FrogError as error:
+                self.ended(run, failure(run, str(error)))
+                continue
+            self.advanced(run, 0.0)
+            yield run, seconds
 
-    def _ready(self, working: Iterable[Run]) -> Run | None:
-        """The next run that can begin: a run at equal time waits for FRoG's runs on its scene."""
-        busy = {run.scene for run in (*working, *self._waiting) if run.method == "frog" and not run.equal_time}
-        return next((run for run in self._waiting if not (run.equal_time and run.scene in busy)), None)
 
-    def _by(self, workers: Workers) -> None:
-        answers: Answers = queue.Queue()
-        working: dict[Run, Working] = {}
-        stopped = False
-        try:
-            while self._waiting or working:
-                while len(working) < workers.jobs and (run := self._ready(working)) and not self._callbacks.cancelled():
-                    self._waiting.remove(run)
-                    self._start(run, workers, working, answers)
-                if self._callbacks.cancelled():
-                    for one in working.values():
-                        one.stop()
-                    if not working:
-                        raise Stopped
-                try:
-                    run, answer = answers.get(timeout=0.2)
-                except queue.Empty:
-                    continue
-                if run not in working:
-                    continue  # a share that comes after the record: they take different ways through a cluster
-                if "share" in answer:
-                    self._advanced(run, answer["share"])
-                    continue
-                working.pop(run).wait()
-                if "record" in answer:
-                    self._ended(run, answer["record"])
-                else:
-                    stopped = True
-                    self._progress.shares.pop(run, None)
-        finally:
-            for one in working.values():
-                one.stop()
-            for one in working.values():
-                one.wait()
-        if stopped:
-            raise Stopped  # also where nothing else was waiting
+_Begun = Iterator[tuple[Run, float | None]]
 
-    def _start(self, run: Run, workers: Workers, working: dict[Run, Working], answers: Answers) -> None:
-        try:
-            seconds = self._seconds(run)
-        except FrogError as error:
-            self._ended(run, failure(run, str(error)))
-            return
-        working[run] = workers.start(run, self._environment, seconds, answers)
-        self._advanced(run, 0.0)
+
+def _here(grid: _Grid, begun: _Begun, cancelled: Callable[[], bool]) -> None:
+    while not cancelled() and (next_run := next(begun, None)) is not None:
+        run, seconds = next_run
+        grid.ended(run, _done(run, grid.environment, seconds, partial(grid.advanced, run), cancelled))
+
+
+def _done(
+    run: Run,
+    environment: RunEnvironment,
+    seconds: float | None,
+    advanced: Callable[[float], None],
+    cancelled: Callable[[], bool],
+) -> Record:
+    """The record of a run, also of one that failed; Stopped if it was cancelled."""
+    try:
+        return perform(run, environment, seconds, advanced, cancelled)
+    except (FrogError, MemoryError, ImportError) as error:
+        return failure(run, str(error) or type(error).__name__)
+
+
+def do_task(task: Mapping[str, Any], say: Callable[[float], None], cancelled: Callable[[], bool]) -> Record | None:
+    """Does a run as a task of a cluster, and says the share that is done; None if it was cancelled."""
+    try:
+        return _done(task["run"], task["environment"], task["seconds"], say, cancelled)
+    except Stopped:
+        return None
+
+
+def _on_cluster(grid: _Grid, begun: _Begun, cluster: Cluster, cancelled: Callable[[], bool]) -> None:
+    environment = replace(grid.environment, folder=grid.environment.folder.resolve())
+    runs: dict[str, Run] = {}
+
+    def tasks() -> Iterator[tuple[str, Record]]:
+        for run, seconds in begun:
+            runs[run.key] = run
+            there = replace(run, capture=str(Path(run.capture).resolve()))
+            yield run.key, {"run": there, "environment": environment, "seconds": seconds}
+
+    for key, message in cluster.messages(do_task, tasks(), cancelled):
+        if not isinstance(message, Ended):
+            grid.advanced(runs[key], message)
+        elif message.error is not None:
+            grid.ended(runs[key], failure(runs[key], message.error))
+        elif message.answer is not None:
+            grid.ended(runs[key], message.answer)
 
 
 def seconds_left(
-    waiting: Sequence[Run], shares: dict[Run, float], records: Iterable[Record], jobs: int
+    waiting: Iterable[Run], shares: Mapping[Run, float], records: Iterable[Record], jobs: int
 ) -> float | None:
-    """An estimate from the mean durations of finished runs; None before the first.
-
-    The mean is over runs of the same method and scene if there are any, else of the same method, else over all.
-    """
+    """An estimate from the mean durations of finished runs, those of the same method if there are any; None before
+    the first."""
     done = list(finished(records).values())
     if not done:
         return None
 
-    def mean(chosen: list[Record]) -> float | None:
-        return sum(record["wall_seconds"] for record in chosen) / len(chosen) if chosen else None
-
     def duration(run: Run) -> float:
-        same_method = [record for record in done if record["method"] == run.method]
-        same_scene = [record for record in same_method if record["scene"] == run.scene]
-        return mean(same_scene) or mean(same_method) or mean(done) or 0.0
+        similar = [record for record in done if record["method"] == run.method] or done
+        return float(statistics.mean(record["wall_seconds"] for record in similar))
 
     left = sum(duration(run) for run in waiting)
-    left += sum((1 - share) * duration(run) for run, share in shares.items())
-    return left / jobs
+    return (left + sum((1 - share) * duration(run) for run, share in shares.items())) / jobs

@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine import FrogError
 from ..engine.registry import METHODS
-from .corruptions.catalogue import condition_named
+from .conditions import condition_named
 
 if TYPE_CHECKING:
     from ..engine import Capture, Recipe
@@ -46,13 +46,13 @@ class Run:
         scale, holdout_frames: see ``TrainingJob``.
         protocol: the paper's protocol that opens the capture (see ``protocols``); "" for a plain capture.
         group: "methods", "time" or an ablation's name.
-        condition: the stability suite's condition (see ``corruptions.catalogue``); "" for the capture as it is.
+        condition: the stability suite's condition (see ``conditions``); "" for the capture as it is.
     """
 
-    scene: str
-    capture: str
-    method: str
-    label: str
+    scene: str = ""
+    capture: str = ""
+    method: str = "frog"
+    label: str = ""
     recipe: str = "draft"
     overrides: tuple[tuple[str, Any], ...] = ()
     seed: int = 0
@@ -79,7 +79,6 @@ class Run:
 
     def settings(self) -> Recipe:
         """The recipe as the method trains it."""
-
         return METHODS[self.method].adapted(self.plain_recipe())
 
     def plain_recipe(self) -> Recipe:
@@ -98,18 +97,20 @@ class Run:
 
         return captures(self.protocol, Path(self.capture), [self.scene])[0][1]
 
-    def to_json(self) -> str:
-        return json.dumps(asdict(self))
+    def of(self, scene: str, folder: Path, method: str, label: str, changes: Mapping[str, Any]) -> Run:
+        """The same for a method on a capture, with settings of the recipe of its own.
 
-    @classmethod
-    def from_json(cls, text: str) -> Run:
-        values = json.loads(text)
-        values["overrides"] = tuple((name, _hashable(value)) for name, value in values["overrides"])
-        return cls(**values)
+        Raises:
+            FrogError: for a method, recipe or setting that does not exist. It is better said now than hours later.
+        """
+        overrides = tuple(sorted({**dict(self.overrides), **changes}.items()))
+        run = replace(self, scene=scene, capture=str(folder), method=method, label=label, overrides=overrides)
+        run.settings()
+        return run
 
-
-def _hashable(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+    def with_seeds(self, count: int) -> list[Run]:
+        """The run with the seeds 0 to ``count`` - 1."""
+        return [replace(self, seed=seed) for seed in range(count)]
 
 
 def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str, dict[str, Any]]]:
@@ -120,25 +121,41 @@ def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str,
     """
     from ..engine import FORMS, FUSIONS, SAMPLINGS
 
+    def others(name: str, choices: Sequence[str]) -> dict[str, dict[str, Any]]:
+        own = getattr(base, name)
+        return {f"{name.split('_')[0]}: {choice}": {name: choice} for choice in choices if choice != own}
+
     reduced = base.opacity_reduction if base.opacity_reduction != "off" else "unit"
     sampled = base.sampling if base.sampling != "off" else "anchors"
-    forms = {f"opacity: {form}": {"opacity_reduction": form} for form in FORMS if form != base.opacity_reduction}
-    sampling = {f"sampling: {kind}": {"sampling": kind} for kind in SAMPLINGS if kind != base.sampling}
     depth = "mean" if base.sampling_depth == "median" else "median"
+    moments = replace(base, moment_seeds=not base.moment_seeds)
+    seeds = {
+        f"seeds: at {'many times' if moments.moment_seeds else 'one time'}": {"moment_seeds": moments.moment_seeds}
+    }
     everything: dict[str, dict[str, dict[str, Any]]] = {
-        "fusion": {f"fusion: {fusion}": {"fusion": fusion} for fusion in FUSIONS if fusion != base.fusion},
+        "fusion": others("fusion", FUSIONS),
         "modulation": {f"modulation: {'off' if base.modulation else 'on'}": {"modulation": not base.modulation}},
-        "sampling": {**sampling, f"sampling: {depth} depth": {"sampling": sampled, "sampling_depth": depth}},
-        "seeds": _other_seeds(base),
+        "sampling": {
+            **others("sampling", SAMPLINGS),
+            f"sampling: {depth} depth": {"sampling": sampled, "sampling_depth": depth},
+        },
+        # Nothing where a scene of ``base`` cannot have such seeds.
+        "seeds": seeds if moments.moments_for(30, 300) != base.moments_for(30, 300) else {},
         "loss": {"loss: without squares": {"square_weight": 0.0}} if base.square_weight else {},
-        "opacity": forms,
+        "opacity": others("opacity_reduction", FORMS),
         "k": {
             f"k = {k:g}": {"opacity_sharpness": k, "opacity_reduction": reduced}
             for k in SHARPNESSES
             if k != base.opacity_sharpness
         },
         "capacity": {
-            **{f"{base.max_gaussians // part:,} Gaussians": _smaller(base, part) for part in FEWER_GAUSSIANS},
+            **{
+                f"{base.max_gaussians // part:,} Gaussians": {
+                    "max_gaussians": base.max_gaussians // part,
+                    "seed_gaussians": base.seed_gaussians // part,
+                }
+                for part in FEWER_GAUSSIANS
+            },
             **{f"{share:.0%} move": {**AUTO, "dynamic_share": share} for share in DYNAMIC_SHARES},
         },
     }
@@ -148,152 +165,56 @@ def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str,
     return {kind: everything[kind] for kind in kinds}
 
 
-def _other_seeds(base: Recipe) -> dict[str, dict[str, Any]]:
-    """With seeds at many times or without them; nothing where a scene of ``base`` cannot have them."""
-    other = replace(base, moment_seeds=not base.moment_seeds)
-    if other.moments_for(30, 300) == base.moments_for(30, 300):
-        return {}
-    return {f"seeds: at {'many times' if other.moment_seeds else 'one time'}": {"moment_seeds": other.moment_seeds}}
-
-
-def _smaller(base: Recipe, part: int) -> dict[str, Any]:
-    return {"max_gaussians": base.max_gaussians // part, "seed_gaussians": base.seed_gaussians // part}
-
-
 def row_named(row: str) -> tuple[str, str, dict[str, Any]]:
     """The method, label and own settings of a row among ``ROWS``; FrogError for another name."""
-
     return ("frog", AUTO_LABEL, AUTO) if row == AUTO_ROW else (row, METHODS[row].title, {})
-
-
-@dataclass(frozen=True)
-class CommonSettings:
-    """What all runs of a grid share.
-
-    Attributes:
-        recipe, overrides: a recipe's name, and settings that differ from it.
-        steps, scale, holdout_frames, protocol: see ``Run``.
-    """
-
-    recipe: str = "draft"
-    overrides: Mapping[str, Any] = field(default_factory=dict)
-    steps: int | None = None
-    scale: float | None = None
-    holdout_frames: int | None = None
-    protocol: str = ""
-
-    def run(self, scene: str, folder: Path, method: str, *, label: str = "", **changes: Any) -> Run:
-        """A run of the first seed.
-
-        Args:
-            scene: the capture's name in the tables.
-            folder: the capture.
-            changes: settings of the recipe that this run has of its own.
-
-        Raises:
-            FrogError: for a method, recipe or setting that does not exist. It is better said now than hours later.
-        """
-        run = Run(
-            scene,
-            str(folder),
-            method,
-            label,
-            recipe=self.recipe,
-            overrides=tuple(sorted({**self.overrides, **changes}.items())),
-            steps=self.steps,
-            scale=self.scale,
-            holdout_frames=self.holdout_frames,
-            protocol=self.protocol,
-        )
-        run.settings()
-        return run
-
-
-@dataclass(frozen=True)
-class SeedCounts:
-    """How often each row of a chart is trained.
-
-    Attributes:
-        main: of ``MAIN_METHODS``.
-        others: of the other methods, at most ``main``.
-        ablation: of the rows of an ablation; ``main`` if None.
-    """
-
-    main: int = 3
-    others: int = 1
-    ablation: int | None = None
-
-    def of(self, method: str) -> int:
-        return self.main if method in MAIN_METHODS else min(self.main, self.others)
 
 
 def chart_grid(
     captures: Mapping[str, Path],
-    common: CommonSettings | None = None,
-    seeds: SeedCounts | None = None,
+    common: Run | None = None,
     *,
+    seeds: int = 3,
+    other_seeds: int = 1,
     methods: Sequence[str] = ROWS,
     ablation: Sequence[str] = (),
     equal_time: bool = False,
+    more: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
 ) -> list[Run]:
-    """The runs of a chart, ``in_order``.
+    """The runs of a chart: the first seed of everything, rows of the main tables before those of ablations, then the
+    next seed. Runs at equal time come last, as they need to know how long FRoG took.
 
     Args:
         captures: folders by scene name.
+        common: what all runs share.
+        seeds, other_seeds: how often ``MAIN_METHODS`` and the rows of ablations are trained, and all others (not more
+            often).
         methods: which of ``ROWS``.
         ablation: which of ``ABLATIONS`` of FRoG.
         equal_time: every method but FRoG a second time, for as long as FRoG took.
+        more: further rows of the main table: (label, method, settings of its own).
 
     Raises:
-        FrogError: for a method, recipe or ablation that does not exist.
+        FrogError: for a method, recipe, setting or ablation that does not exist.
     """
-    common, seeds = common or CommonSettings(), seeds or SeedCounts()
+    common, other_seeds = common or Run(), min(seeds, other_seeds)
     runs: list[Run] = []
     for scene, folder in captures.items():
         for row in methods:
             method, label, changes = row_named(row)
-            first = common.run(scene, folder, method, label=label, **changes)
-            runs += with_seeds(first, seeds.of(row))
+            first = common.of(scene, folder, method, label, changes)
+            count = seeds if row in MAIN_METHODS else other_seeds
+            runs += first.with_seeds(count)
             if equal_time and method != "frog" and "frog" in methods:
-                runs += with_seeds(replace(first, equal_time=True, group="time"), seeds.of(row))
-        base = common.run(scene, folder, "frog").plain_recipe()
+                runs += replace(first, equal_time=True, group="time").with_seeds(count)
+        for label, method, own in more:
+            runs += common.of(scene, folder, method, label, own).with_seeds(other_seeds)
+        base = common.of(scene, folder, "frog", "", {}).plain_recipe()
         for kind, variants in ablation_variants(base, ablation).items():
-            for label, changes in variants.items():
-                first = common.run(scene, folder, "frog", label=label, **changes)
-                runs += with_seeds(replace(first, group=kind), seeds.ablation or seeds.main)
-    return in_order(runs)
-
-
-def with_seeds(run: Run, count: int) -> list[Run]:
-    """The run with the seeds 0 to ``count`` - 1."""
-    return [replace(run, seed=seed) for seed in range(count)]
-
-
-def in_order(runs: Sequence[Run]) -> list[Run]:
-    """The first seed of everything, rows of the main tables before those of ablations, then the next seed.
-
-    Runs at equal time come last, as they need to know how long FRoG took.
-    """
+            for label, own in variants.items():
+                first = replace(common.of(scene, folder, "frog", label, own), group=kind)
+                runs += first.with_seeds(seeds)
     return sorted(runs, key=lambda run: (run.equal_time, run.seed, run.group != "methods"))
-
-
-def extra_rows(
-    captures: Mapping[str, Path],
-    rows: Sequence[tuple[str, str, Mapping[str, Any]]],
-    common: CommonSettings | None = None,
-    seeds: int = 1,
-) -> list[Run]:
-    """Runs of further rows in the main table: (label, method, settings of its own) on every scene.
-
-    Raises:
-        FrogError: for a method or setting that does not exist.
-    """
-    common = common or CommonSettings()
-    runs: list[Run] = []
-    for label, method, changes in rows:
-        for scene, folder in captures.items():
-            runs += with_seeds(common.run(scene, folder, method, label=label, **changes), seeds)
-    return runs
 
 
 def named_captures(folders: Sequence[Path]) -> dict[str, Path]:

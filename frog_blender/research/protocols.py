@@ -1,37 +1,149 @@
 """Captures of a paper's dataset as the paper evaluates on them, and averages as the paper takes them.
 
-``protocol_scenes`` has the protocols as data.
+``PROTOCOLS`` has the protocols as data: FRoG's (arXiv 2603.20857, datasets and tables), which follow E-D3DGS
+(JeongminB/E-D3DGS, README and script).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..engine import Capture, FrogError, checked, layout_of, open_capture
 from ..engine.registry import READERS
-from .protocol_scenes import PROTOCOLS, Part, Protocol, Scene
-from .published import markdown
-
-__all__ = [
-    "COSTS",
-    "PROTOCOLS",
-    "Part",
-    "Protocol",
-    "Scene",
-    "averages",
-    "captures",
-    "find_scenes",
-    "protocol_named",
-    "published_table",
-]
+from . import published
 
 _DEPTH = 3  # folders below the given one in which a scene is looked for
 _LOST_AT_THE_END = 2  # frames that decoders lose
-COSTS = frozenset({"bytes", "gaussians", "train_seconds", "fps", "deform_ms", "raster_ms"})
+COSTS = frozenset({"bytes", "gaussians", "train_seconds", "fps"})
 """Figures that are averaged over ``Protocol.cost_scenes`` alone."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Consecutive frames of a scene of a dataset, which are a capture.
+
+    Attributes:
+        name: in tables.
+        folders: names that the scene's folder may have; letter case, punctuation and a leading "vrig" do not count.
+        first: the first frame: of the video from 0; for Technicolor the number in the images' names.
+        count: frames; None for all.
+        without: a camera that is left out of training and evaluation; a name that ends with / stands for all of a
+            folder.
+    """
+
+    name: str
+    folders: tuple[str, ...]
+    first: int = 0
+    count: int | None = None
+    without: str = ""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """A paper's evaluation.
+
+    Attributes:
+        name, title: for commands and for people.
+        format: of its captures, see ``readers.detect``.
+        recipe: the recipe that follows the paper's settings.
+        parts: its captures, in the order of tables; an average weighs each of them alike.
+        image_width: pixels that images are reduced to.
+        held_out: what is held out, in words.
+        cost_scenes: captures on which storage, time and FPS are measured; all where empty.
+        tables: published figures by what is said of them; in the papers' order.
+    """
+
+    name: str
+    title: str
+    format: str
+    recipe: str
+    parts: tuple[Part, ...]
+    image_width: int
+    held_out: str
+    cost_scenes: tuple[str, ...] = ()
+    tables: Mapping[str, tuple[published.Published, ...]] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(part.name for part in self.parts)
+
+
+def _n3dv(name: str, without: str = "") -> Part:
+    return Part(name, (name,), 0, 300, without)
+
+
+_SALMON = ("flame_salmon_1", "flame_salmon")
+_FROG = "FRoG's paper:"
+N3DV = Protocol(
+    "n3dv",
+    "N3DV (Neural 3D Video)",
+    format="n3dv",
+    recipe="paper",
+    parts=(
+        # Its camera 13 (the thirteenth by name) runs out of step with the others: Neural_3D_Video issue 5.
+        _n3dv("coffee_martini", "cam13"),
+        _n3dv("cook_spinach"),
+        _n3dv("cut_roasted_beef"),
+        *(Part(f"flame_salmon_frag{i + 1}", _SALMON, 300 * i, 300) for i in range(4)),
+        _n3dv("flame_steak"),
+        _n3dv("sear_steak"),
+    ),
+    image_width=1352,
+    held_out="the first camera (cam00)",
+    cost_scenes=("flame_salmon_frag1",),
+    tables={
+        f"{_FROG[:-1]} (storage, time and FPS of flame_salmon_frag1):": published.N3DV,
+        "Its ablation of the fusion:": published.N3DV_FUSION,
+        "Its ablation of k:": published.N3DV_SHARPNESS,
+    },
+)
+HYPERNERF = Protocol(
+    "hypernerf",
+    "HyperNeRF (vrig)",
+    format="hypernerf",
+    recipe="hypernerf",
+    parts=(
+        Part("3dprinter", ("vrig-3dprinter",)),
+        Part("peel-banana", ("vrig-peel-banana", "banana")),
+        Part("broom", ("broom2", "vrig-broom")),
+        Part("chicken", ("vrig-chicken",)),
+    ),
+    image_width=536,  # rgb/2x
+    held_out="the rig's other camera at every frame (val_ids)",
+    tables={_FROG: published.HYPERNERF, "Its ablation of the sampling:": published.HYPERNERF_SAMPLING},
+)
+TECHNICOLOR = Protocol(
+    "technicolor",
+    "Technicolor light field",
+    format="technicolor",
+    recipe="technicolor",
+    parts=(
+        Part("Birthday", ("Birthday",), 151, 50),
+        Part("Fabien", ("Fabien",), 51, 50),
+        Part("Painter", ("Painter",), 100, 50),
+        Part("Theater", ("Theater", "Theatre"), 51, 50),
+        Part("Train", ("Train", "Trains"), 151, 50),
+    ),
+    image_width=2048,
+    # FRoG writes "second row, second column"; it counts from 0, as every implementation does.
+    held_out="row 2, column 2 of the grid, counted from 0 (cam10)",
+    tables={_FROG: published.TECHNICOLOR},
+)
+DNERF = Protocol(
+    "dnerf",
+    "D-NeRF",
+    format="transforms",
+    recipe="standard",
+    # Its test images show another shovel than its training images (Deformable-3DGS, README).
+    parts=(Part("lego", ("lego", "dnerf_lego"), without="test/"),),
+    image_width=800,
+    held_out="the validation split",
+    tables={"Deformable-3DGS's paper:": published.DNERF_LEGO},
+)
+PROTOCOLS: dict[str, Protocol] = {protocol.name: protocol for protocol in (N3DV, HYPERNERF, TECHNICOLOR, DNERF)}
 
 
 def protocol_named(name: str) -> Protocol:
@@ -56,60 +168,62 @@ def captures(
         FrogError: if a scene is missing or lacks frames, or cannot be used.
     """
     protocol = protocol_named(protocol) if isinstance(protocol, str) else protocol
-    names = protocol.parts if names is None else names
-    if unknown := set(names) - set(protocol.parts):
+    names = protocol.names if names is None else names
+    if unknown := set(names) - set(protocol.names):
         raise FrogError(
-            f"The protocol {protocol.name} has no {', '.join(sorted(unknown))}; it has {', '.join(protocol.parts)}."
+            f"The protocol {protocol.name} has no {', '.join(sorted(unknown))}; it has {', '.join(protocol.names)}."
         )
-    wanted = [scene for scene in protocol.scenes if any(part.name in names for part in scene.parts)]
-    folders = find_scenes(protocol, Path(directory), wanted)
-    opened = []
-    for scene, folder in zip(wanted, folders, strict=True):
-        parts = [part for part in scene.parts if part.name in names]
-        opened += [(part.name, _at_size(capture, protocol)) for part, capture in _open(scene, parts, folder)]
-    return opened
+    parts = [part for part in protocol.parts if part.name in names]
+    folders = _find(protocol, Path(directory), parts)
+    return [(part.name, _at_size(_open(part, folders[part.folders]), protocol)) for part in parts]
 
 
-def find_scenes(protocol: Protocol, directory: Path, scenes: Collection[Scene]) -> list[Path]:
-    """The folders of some scenes, the topmost of those that match; FrogError that names the missing ones."""
+def _find(protocol: Protocol, directory: Path, parts: Collection[Part]) -> dict[tuple[str, ...], Path]:
+    """The folders of some captures, the topmost of those that match; FrogError that names the missing ones."""
     if not directory.is_dir():
         raise FrogError(f"{directory}: there is no such folder, expected the scenes of {protocol.title}.")
     known: dict[str, list[Path]] = {}
-    for folder in _folders(directory):
-        known.setdefault(_plain(folder.name), []).append(folder)
-    found: list[Path] = []
+    level = [directory]
+    for _ in range(_DEPTH):
+        level = sorted(entry for folder in level for entry in folder.iterdir() if entry.is_dir())
+        for folder in level:
+            known.setdefault(_plain(folder.name), []).append(folder)
+    folders: dict[tuple[str, ...], Path] = {}
     missing: list[str] = []
-    for scene in scenes:
-        candidates = [folder for name in scene.folders for folder in known.get(_plain(name), [])]
-        fitting = [folder for folder in candidates if _is_format(folder, protocol.format)]
-        found += fitting[:1]
-        if not fitting:
-            missing.append(" or ".join(scene.folders) + (f" (not in {candidates[0]})" if candidates else ""))
+    for names in dict.fromkeys(part.folders for part in parts):
+        candidates = [folder for name in names for folder in known.get(_plain(name), [])]
+        fitting = next((folder for folder in candidates if _is_format(folder, protocol.format)), None)
+        if fitting is not None:
+            folders[names] = fitting
+        else:
+            missing.append(" or ".join(names) + (f" (not in {candidates[0]})" if candidates else ""))
     if missing:
         raise FrogError(
             f"{directory}: found no folder in the {protocol.format} layout for {', '.join(missing)}, "
             f"expected each scene of the protocol {protocol.name} in a folder of its name."
         )
-    return found
+    return folders
 
 
-def averages(protocol: Protocol, figures: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:
+def averages(protocol: Protocol | None, figures: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:
     """Means as the paper takes them: quality over all captures alike, costs over ``cost_scenes``.
 
     (N3DV's four segments of flame_salmon count as four, which is why its averages lie near 31 dB and those of papers
     that take its first 300 frames near 32.)
 
     Args:
+        protocol: None for a mean over all that are given.
         figures: by capture, by figure; see ``COSTS`` for those that count as costs.
 
     Returns:
         Only the figures that every capture which counts for them has: an average over some is not the paper's.
     """
-    names = sorted({name for values in figures.values() for name in values})
     result = {}
-    for name in names:
-        over = (protocol.cost_scenes or protocol.parts) if name in COSTS else protocol.parts
-        values = [figures.get(part, {}).get(name) for part in over]
+    for name in {name for values in figures.values() for name in values}:
+        captures: Collection[str] = protocol.names if protocol else figures
+        if protocol and protocol.cost_scenes and name in COSTS:
+            captures = protocol.cost_scenes
+        values = [figures.get(capture, {}).get(name) for capture in captures]
         known = [value for value in values if value is not None]
         if len(known) == len(values):
             result[name] = sum(known) / len(known)
@@ -118,40 +232,26 @@ def averages(protocol: Protocol, figures: Mapping[str, Mapping[str, float | None
 
 def published_table(protocol: Protocol) -> str:
     """The paper's tables as Markdown, to be shown beside ours."""
-    over = ", ".join(protocol.parts)
-    held_out = f"{protocol.title}, the mean of {over}; held out: {protocol.held_out}."
-    parts = [f"FRoG's paper on {held_out}" if protocol.table else held_out]
-    if protocol.cost_scenes:
-        parts.append(f"Storage, training time and FPS are of {', '.join(protocol.cost_scenes)} in the first table.")
-    if protocol.table:
-        parts.append(markdown(protocol.table))
-    for name, rows in protocol.ablations.items():
-        parts += [f"Its ablation ({name}):", markdown(rows)]
-    if protocol.elsewhere:
-        parts += ["What other papers report, under protocols of their own:", markdown(protocol.elsewhere)]
+    parts = [f"{protocol.title}, the mean of {', '.join(protocol.names)}; held out: {protocol.held_out}."]
+    for title, rows in protocol.tables.items():
+        parts += [title, published.markdown(rows)]
     return "\n\n".join(parts)
 
 
-def _open(scene: Scene, parts: list[Part], folder: Path) -> Iterator[tuple[Part, Capture]]:
-    """The parts of a scene, without the cameras that the protocol leaves out."""
+def _open(part: Part, folder: Path) -> Capture:
+    """A part of a scene, without what the protocol leaves out; a warning if its last one or two frames are missing,
+    FrogError if more are."""
     if layout_of(folder) == "technicolor":
-        for part in parts:
-            frames = range(part.first, part.first + part.count) if part.count else None
-            yield part, checked(READERS["technicolor"].read(folder, frames))
-        return
+        frames = range(part.first, part.first + part.count) if part.count else None
+        return checked(READERS["technicolor"].read(folder, frames))
     capture = open_capture(folder)
-    capture = capture.without_cameras({camera.name for camera in capture.cameras if _is_without(scene, camera.name)})
-    for part in parts:
-        yield part, _segment(capture, part) if part.count else capture
-
-
-def _is_without(scene: Scene, name: str) -> bool:
-    return name in scene.without or f"{name.partition('/')[0]}/" in scene.without
-
-
-def _segment(capture: Capture, part: Part) -> Capture:
-    """A part's frames; a warning if the last one or two are missing, FrogError if more are."""
-    assert part.count is not None
+    if part.without:
+        is_folder = part.without.endswith("/")
+        names = [camera.name for camera in capture.cameras]
+        out = [name for name in names if name == part.without or (is_folder and name.startswith(part.without))]
+        capture = capture.without_cameras(out)
+    if not part.count:
+        return capture
     there = min(part.count, capture.frame_count - part.first)
     if there < part.count - _LOST_AT_THE_END or there < 1:
         raise FrogError(
@@ -175,14 +275,6 @@ def _at_size(capture: Capture, protocol: Protocol) -> Capture:
         )
         return replace(capture, warnings=(*capture.warnings, sentence))
     return capture.scaled(protocol.image_width / width)
-
-
-def _folders(directory: Path, depth: int = _DEPTH) -> Iterator[Path]:
-    """The folders below one, level by level, in the order of their names."""
-    level = [directory]
-    for _ in range(depth):
-        level = sorted(entry for folder in level for entry in folder.iterdir() if entry.is_dir())
-        yield from level
 
 
 def _plain(name: str) -> str:

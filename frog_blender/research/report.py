@@ -1,14 +1,173 @@
-"""The report of a chart's results: a page of tables, and the charts beside it."""
+"""The report of a chart's results: tables as Markdown in the layout of the paper's, and the charts beside them.
+
+Results are grouped: sections by scene, rows by method, values by seed.
+"""
 
 from __future__ import annotations
 
+import statistics
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from ..engine import FrogError, write_atomically
-from .charts import write_charts
-from .results import read
-from .summary import sections
-from .tables import markdown
+from .grid import AUTO_LABEL, ROWS
+from .protocols import averages, protocol_named
+from .results import Record, finished, read
+
+FIGURES = {"psnr": "PSNR", "psnr_moving": "moving PSNR", "ssim": "SSIM", "flip": "FLIP", "lpips": "LPIPS"}
+"""Titles of the figures of quality."""
+_DIGITS = {"psnr": 2, "psnr_moving": 2, "ssim": 4, "flip": 4, "lpips": 4}
+_NONE = "-"
+_GROUPS = {
+    "methods": "",
+    "time": "As long as FRoG took",
+    "fusion": "Temporal fusion",
+    "modulation": "Products of temporal and Gaussian embedding",
+    "sampling": "Canonical sampling",
+    "seeds": "Seeds on what moves, at many times",
+    "loss": "Squares in the loss",
+    "opacity": "Opacity reduction",
+    "k": "Sharpness k of the opacity reduction",
+    "capacity": "Capacity",
+}
+"""Titles of the groups of runs, in the order of the tables."""
+
+
+@dataclass
+class Row:
+    """A method or an ablation on one scene.
+
+    Attributes:
+        label, method, group: see ``grid.Run``.
+        records: finished runs by seed.
+        timing: from the timing pass; None without one.
+    """
+
+    label: str
+    method: str
+    group: str
+    records: dict[int, Record] = field(default_factory=dict)
+    timing: Record | None = None
+
+    def by_seed(self, name: str) -> dict[int, float]:
+        """Values of a figure; seeds without it are left out."""
+        values = {seed: record.get(name) for seed, record in sorted(self.records.items())}
+        return {seed: value for seed, value in values.items() if value is not None}
+
+    def values(self, name: str) -> list[float]:
+        return list(self.by_seed(name).values())
+
+    def median(self, name: str) -> float | None:
+        values = self.values(name)
+        return statistics.median(values) if values else None
+
+    @property
+    def fps(self) -> float | None:
+        """Frames a second of playback, deformation and rasterization; None if it was not timed."""
+        return self.timing["playback"]["fps"] if self.timing else None
+
+    @property
+    def training_seconds(self) -> float | None:
+        """From the timing pass if there is one; from the runs themselves otherwise, and for runs at equal time."""
+        if self.timing and self.group != "time":
+            return float(self.timing["training"]["seconds"])
+        return self.median("train_seconds")
+
+    @property
+    def is_dedicated(self) -> bool:
+        """Whether the training seconds were measured while no other run worked."""
+        timed = self.timing is not None and self.group != "time"
+        return timed or all(record["dedicated"] for record in self.records.values())
+
+
+_IDENTITY = ("scene", "recipe_name", "planned_steps", "scale", "holdout_frames", "protocol")
+
+
+@dataclass
+class Section:
+    """Runs that are compared with each other: on one scene, with the same recipe, steps and image size.
+
+    Attributes:
+        scene: the capture's name.
+        recipe: its name.
+        planned_steps, scale, holdout_frames: as asked for; None for the defaults.
+        protocol: the paper's protocol that the scene belongs to, "" for none.
+        rows: by group, in the order of the tables.
+    """
+
+    scene: str
+    recipe: str
+    planned_steps: int | None
+    scale: float | None
+    holdout_frames: int | None
+    protocol: str = ""
+    rows: dict[str, list[Row]] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """``room (draft, 4000 steps, scale 0.5)``."""
+        steps = {record["steps"] for row in self.rows.get("methods", ()) for record in row.records.values()}
+        parts = [self.recipe]
+        if len(steps) == 1:
+            parts.append(f"{steps.pop()} steps")
+        if self.scale is not None:
+            parts.append(f"scale {self.scale:g}")
+        if self.holdout_frames is not None:
+            parts.append(f"one frame in {self.holdout_frames} held out")
+        return f"{self.scene} ({', '.join(parts)})"
+
+    @cached_property
+    def file_name(self) -> str:
+        """A name for this section's images."""
+        parts = [self.scene, self.recipe]
+        parts += [str(self.planned_steps)] if self.planned_steps else []
+        parts += [f"x{self.scale:g}"] if self.scale is not None else []
+        return "_".join(parts).replace(" ", "-").replace("/", "-")
+
+    def row(self, label: str, group: str = "methods") -> Row | None:
+        return next((row for row in self.rows.get(group, ()) if row.label == label), None)
+
+    def of_method(self, method: str) -> Row | None:
+        """The first row of a method in the main table."""
+        return next((row for row in self.rows.get("methods", ()) if row.method == method), None)
+
+
+def sections(records: Iterable[Record]) -> list[Section]:
+    """All finished runs, grouped. Of two runs with the same row and seed, and of two timings, the later one counts."""
+    records = list(records)
+
+    def identity(record: Record) -> tuple[object, ...]:
+        return tuple(record[name] for name in _IDENTITY)
+
+    times = {(identity(record), record["label"]): record for record in records if record["kind"] == "timing"}
+    grouped: dict[tuple[object, ...], Section] = {}
+    for record in finished(records).values():
+        values, label, group = identity(record), record["label"], record["group"]
+        section = grouped.setdefault(values, Section(*values))  # type: ignore[arg-type]
+        row = section.row(label, group)
+        if row is None:
+            row = Row(label, record["method"], group, {}, times.get((values, label)))
+            section.rows.setdefault(group, []).append(row)
+        row.records[record["seed"]] = record
+    for section in grouped.values():
+        for rows in section.rows.values():
+            rows.sort(key=_place)
+        section.rows = {group: section.rows[group] for group in _GROUPS if group in section.rows}
+    return list(grouped.values())
+
+
+def _place(row: Row) -> tuple[int, bool]:
+    return ROWS.index(row.method) if row.method in ROWS else len(ROWS), row.label == AUTO_LABEL
+
+
+def differences(first: Row | None, second: Row | None, name: str) -> dict[int, float]:
+    """``first - second`` by seed, for the seeds that both have."""
+    if first is None or second is None:
+        return {}
+    a, b = first.by_seed(name), second.by_seed(name)
+    return {seed: a[seed] - b[seed] for seed in a if seed in b}
 
 
 def write_report(folder: Path, published: str = "") -> list[Path]:
@@ -20,13 +179,207 @@ def write_report(folder: Path, published: str = "") -> list[Path]:
     Raises:
         FrogError: if there is no finished run yet.
     """
+    from .charts import write_charts
+
     records = read(folder / "runs.jsonl")
-    found = sections(records)
-    if not found:
+    grouped = sections(records)
+    if not grouped:
         raise FrogError(f"{folder}: found no finished run, expected at least one in runs.jsonl.")
-    charts = write_charts(found, folder)
-    text = markdown(records, published)
+    charts = write_charts(grouped, folder)
     images = [path.name for path in charts if path.suffix == ".png"]
-    text += "\n## Charts\n\n" + "\n\n".join(f"![{Path(name).stem}]({name})" for name in images) if images else ""
-    write_atomically(folder / "tables.md", (text.rstrip() + "\n").encode())
+    shown = "\n## Charts\n\n" + "\n\n".join(f"![{Path(name).stem}]({name})" for name in images) if images else ""
+    write_atomically(folder / "tables.md", ((markdown(records, published) + shown).rstrip() + "\n").encode())
     return [folder / "tables.md", *charts]
+
+
+def markdown(records: Iterable[Record], published: str = "") -> str:
+    """All tables of the results, as one page.
+
+    Args:
+        published: a table of a paper's own figures, shown beside ours.
+    """
+    records = list(records)
+    grouped = sections(records)
+    parts = [_head(records), "## Published\n\n" + published.strip() if published else ""]
+    parts += [f"## {section.title}\n\n{_section(section)}" for section in grouped]
+    parts += [*_averages(grouped), _paired(grouped), _times(grouped), _failed(records)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def table(titles: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table; the first column is left-aligned, the others right."""
+    lines = ["| " + " | ".join(titles) + " |", "|---|" + "---:|" * (len(titles) - 1)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
+
+
+def _head(records: list[Record]) -> str:
+    machines = sorted({_machine(record) for record in records if "machine" in record})
+    text = (
+        "# Comparison\n\nHigher is better for PSNR (dB; of all pixels, and of the moving region) and SSIM (3DGS's "
+        "window), lower for FLIP (67 pixels a degree) and LPIPS (AlexNet), all of the held-out images. Median over "
+        "the seeds, and (smallest to largest). Storage is the `.frog` on disk. Training time and FPS (deformation and "
+        "rasterization by the inference engine) are of a dedicated pass in which nothing else ran; a time with * was "
+        "taken during the grid instead, with several runs at once."
+    )
+    return "\n\n".join([text, *(f"Made on {machine}." for machine in machines)])
+
+
+def _machine(record: Record) -> str:
+    machine, versions = record["machine"], record["versions"]
+    parts = [machine["cpu"], f"{machine['cores']} cores", machine["instruction_set"], machine["gpu"]]
+    parts += [f"{name} {versions[name]}" for name in ("torch", "numpy") if versions.get(name)]
+    return ", ".join(str(part) for part in parts if part)
+
+
+def _spread(values: Sequence[float], form: str, middle: Callable[[Sequence[float]], float]) -> str:
+    """The middle of some values and, where there are several, their range."""
+    text = format(middle(values), form)
+    return f"{text} ({min(values):{form}} to {max(values):{form}})" if len(values) > 1 else text
+
+
+def cell(row: Row, name: str) -> str:
+    """Median and range of a figure, or why it is missing."""
+    values = row.values(name)
+    if values:
+        return _spread(values, f".{_DIGITS[name]}f", statistics.median)
+    reasons = {record.get("missing", {}).get(name, "") for record in row.records.values()}
+    return ", ".join(sorted(reasons - {""})) or _NONE
+
+
+def duration(seconds: float | None) -> str:
+    """``71 s``, ``12 min`` or ``1 h 52 min``."""
+    if seconds is None:
+        return _NONE
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min"
+
+
+def _number(value: float | None, digits: int) -> str:
+    return _NONE if value is None else f"{value:.{digits}f}"
+
+
+def _megabytes(size: float | None) -> str:
+    return _NONE if size is None else f"{size / 1e6:.1f}"
+
+
+def _rows(rows: Sequence[Row]) -> str:
+    lines = [
+        [
+            row.label,
+            *(cell(row, name) for name in FIGURES),
+            _megabytes(row.median("bytes")),
+            _number(row.median("gaussians"), 0),
+            duration(row.training_seconds) + ("" if row.is_dedicated else " *"),
+            _number(row.fps, 1),
+            str(len(row.records)),
+        ]
+        for row in rows
+    ]
+    return table(["", *FIGURES.values(), "storage, MB", "Gaussians", "training", "FPS", "seeds"], lines)
+
+
+def _section(section: Section) -> str:
+    frog = section.of_method("frog")
+    first = [frog] if frog else []
+    parts = []
+    for group, rows in section.rows.items():
+        if group == "methods":
+            parts.append(_rows(rows))
+        elif group == "time":
+            timed = [replace(row, group="time") for row in first]
+            parts.append(f"### {_GROUPS[group]}\n\n{_rows([*timed, *rows])}")
+        else:
+            changes = ([row.label, *(_change(row, frog, name) for name in FIGURES)] for row in rows)
+            changed = table(["difference to FRoG", *FIGURES.values()], changes)
+            parts.append(f"### {_GROUPS[group]}\n\n{_rows([*first, *rows])}\n\n{changed}")
+    return "\n\n".join(parts)
+
+
+def _change(row: Row | None, base: Row | None, name: str) -> str:
+    """The mean difference by seed, and its range."""
+    values = list(differences(row, base, name).values())
+    return _spread(values, f"+.{_DIGITS[name]}f", statistics.mean) if values else _NONE
+
+
+def _averages(grouped: list[Section]) -> list[str]:
+    """Over the scenes of each recipe: the mean of the scenes' medians, or as a paper's protocol takes them."""
+    parts = []
+    for protocol, recipe in dict.fromkeys((section.protocol, section.recipe) for section in grouped):
+        scenes = [s for s in grouped if (s.protocol, s.recipe) == (protocol, recipe) and "methods" in s.rows]
+        if len(scenes) < 2:
+            continue
+        lines = []
+        for label in dict.fromkeys(row.label for section in scenes for row in section.rows["methods"]):
+            rows = {section.scene: row for section in scenes if (row := section.row(label)) is not None}
+            means = averages(protocol_named(protocol) if protocol else None, {s: _values(r) for s, r in rows.items()})
+            star = "" if all(row.is_dedicated for row in rows.values()) else " *"
+            lines.append(
+                [
+                    label,
+                    *(_number(means.get(name), _DIGITS[name]) for name in FIGURES),
+                    _megabytes(means.get("bytes")),
+                    duration(means.get("train_seconds")) + star,
+                    _number(means.get("fps"), 1),
+                    str(len(rows)),
+                ]
+            )
+        titles = ["", *FIGURES.values(), "storage, MB", "training", "FPS", "scenes"]
+        name = f"{protocol}, {recipe}" if protocol else recipe
+        parts.append(f"## Average over the scenes ({name})\n\n" + table(titles, lines))
+    return parts
+
+
+def _values(row: Row) -> Mapping[str, float | None]:
+    quality = {name: row.median(name) for name in (*FIGURES, "bytes")}
+    return {**quality, "train_seconds": row.training_seconds, "fps": row.fps}
+
+
+def _paired(grouped: list[Section]) -> str:
+    """FRoG against its baseline, seed by seed."""
+    pairs = [(section.title, section.of_method("frog"), section.of_method("ed3dgs")) for section in grouped]
+    pairs = [(title, frog, base) for title, frog, base in pairs if differences(frog, base, "psnr")]
+    if not pairs:
+        return ""
+    lines = [
+        [title, *(_change(frog, base, name) for name in FIGURES), str(len(differences(frog, base, "psnr")))]
+        for title, frog, base in pairs
+    ]
+    if len(pairs) > 1:
+        mean = ["mean of the scenes"]
+        for name in FIGURES:
+            by_scene = [list(differences(frog, base, name).values()) for _, frog, base in pairs]
+            means = [statistics.mean(values) for values in by_scene if values]
+            mean.append(f"{statistics.mean(means):+.{_DIGITS[name]}f}" if means else _NONE)
+        lines.append([*mean, ""])
+    return "## FRoG minus E-D3DGS, by seed\n\nMean (smallest to largest) of the differences.\n\n" + table(
+        ["", *FIGURES.values(), "pairs"], lines
+    )
+
+
+def _times(grouped: list[Section]) -> str:
+    """The times of the timing pass in milliseconds."""
+    lines = []
+    for section in grouped:
+        for row in (row for group in ("methods", "fusion") for row in section.rows.get(group, ())):
+            if row.timing is None:
+                continue
+            path, play, steps = row.timing["training_path"], row.timing["playback"], row.timing["training"]
+            times = [path["forward_ms"], path["forward_backward_ms"], play["deformation_ms"], play["rasterization_ms"]]
+            values = (f"{value:.2f}" for value in [*times, play["frame_ms"], steps["step_ms"]])
+            threads = row.timing["threads"] or row.timing["machine"]["cores"]
+            where = f"{path['device']}, {threads} threads"
+            lines.append([section.scene, row.label, str(play["gaussians"]), *values, where])
+    if not lines:
+        return ""
+    titles = ["scene", "", "Gaussians", "deformation in training, forward", "forward and backward"]
+    titles += ["deformation at playback", "rasterization", "frame", "training step", "on"]
+    return "## Times, ms\n\n" + table(titles, lines)
+
+
+def _failed(records: list[Record]) -> str:
+    done = finished(records)
+    failed = {record["key"]: record for record in records if record["kind"] == "failed" and record["key"] not in done}
+    lines = [f"- {r['scene']}, {r['label']}, seed {r['seed']}: {r['error']}" for r in failed.values()]
+    return "## Failed\n\n" + "\n".join(lines) if lines else ""

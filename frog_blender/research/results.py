@@ -1,69 +1,43 @@
-"""Results on disk: a file of JSON lines, one a run, that is only appended to."""
+"""Results on disk: a file of JSON lines, one a run, that is only appended to; and what a result was made on."""
 
 from __future__ import annotations
 
 import gzip
 import json
-import math
 import os
+import platform
+import re
+import time
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable
+from contextlib import suppress
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ..engine import FrogError
+from ..engine import FrogError, instruction_set
 
 Record = dict[str, Any]
 
 
 def append(path: Path, record: Record) -> None:
-    """Appends a line in one write and flushes it to disk.
+    """Appends a line in one write and flushes it to disk. Non-finite numbers, which JSON does not have, become None.
 
     A line that a killed process left half-written is ended first, so that it does not spoil the new one.
     """
-    line = json.dumps(finite(record), allow_nan=False, ensure_ascii=False) + "\n"
+    finite = json.loads(json.dumps(record), parse_constant=lambda _: None)
+    line = json.dumps(finite, ensure_ascii=False) + "\n"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o644)
-        try:
-            size = os.lseek(handle, 0, os.SEEK_END)
-            if size:
-                os.lseek(handle, size - 1, os.SEEK_SET)
-                if os.read(handle, 1) != b"\n":
+        with path.open("ab+", buffering=0) as file:
+            if file.tell():
+                file.seek(-1, os.SEEK_END)
+                if file.read(1) != b"\n":
                     line = "\n" + line
-            os.write(handle, line.encode())
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+            file.write(line.encode())
+            os.fsync(file.fileno())
     except OSError as error:
         raise FrogError(f"{path}: the results could not be written ({error.strerror or error}).") from error
-
-
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Holds a lock file inside the block; the system releases it when the process ends.
-
-    Without such locks (Windows) nothing is held.
-
-    Raises:
-        FrogError: if another process holds it.
-    """
-    try:
-        import fcntl
-    except ModuleNotFoundError:
-        yield
-        return
-    try:
-        file = path.open("w")
-    except OSError as error:
-        raise FrogError(f"{path}: could not be written ({error.strerror or error}).") from error
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise FrogError(f"{path}: another process is working on these results.") from None
-        yield
 
 
 def read(path: Path) -> list[Record]:
@@ -101,17 +75,23 @@ def finished(records: Iterable[Record]) -> dict[str, Record]:
     return {record["key"]: record for record in records if record["kind"] == "run"}
 
 
-def timings(records: Iterable[Record], same: Sequence[str]) -> dict[tuple[Any, ...], Record]:
-    """The last timing by the fields ``same``."""
-    return {tuple(record[name] for name in same): record for record in records if record["kind"] == "timing"}
+def made_on() -> Record:
+    """The part of a record that says on what and when it was made.
 
+    Processor, cores, instruction set of the native library, GPU (None without one), and versions.
+    """
+    import torch
 
-def finite(value: Any) -> Any:
-    """The value with None for non-finite numbers, which JSON does not have."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    return value
+    kernels = cpu = None
+    with suppress(FrogError):
+        kernels = instruction_set()
+    with suppress(OSError):
+        cpu = re.search(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace"))
+    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else None
+    machine = {"cpu": cpu[1] if cpu else platform.processor() or platform.machine(), "cores": os.cpu_count() or 1}
+    versions = {name: version(name) for name in ("torch", "numpy")} | {"python": platform.python_version()}
+    return {
+        "machine": {**machine, "instruction_set": kernels, "gpu": gpu},
+        "versions": versions,
+        "finished_at": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+    }

@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from ..cli.cluster import limited_threads
+from ..cli.arguments import limited_threads
 from ..engine import (
-    Cancelled,
     Evaluated,
     Finished,
     Floats,
@@ -41,11 +40,9 @@ from ..engine import (
     write_atomically,
 )
 from ..engine.registry import METHODS
-from .corruptions.alterations import brightened_values
-from .corruptions.catalogue import condition_named
+from .conditions import brightened_values, condition_named
 from .grid import Run
-from .machine import describe_machine, describe_versions
-from .results import Record, finished
+from .results import Record, finished, made_on
 
 _EVALUATED_SHOTS = 30  # for each point of the curves, as many as for their ends
 
@@ -141,12 +138,6 @@ def failure(run: Run, sentence: str) -> Record:
     return {"kind": "failed", **identity(run), "error": sentence.replace(run.capture, run.scene), **made_on()}
 
 
-def made_on() -> Record:
-    """The part of a record that says on what and when it was made."""
-    now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-    return {"machine": describe_machine(), "versions": describe_versions(), "finished_at": now}
-
-
 def perform(
     run: Run,
     environment: RunEnvironment,
@@ -185,10 +176,9 @@ def perform(
             opened=opened,
             evaluated_shots=_EVALUATED_SHOTS,
         )
-        settings = {"recipe": settings_of(run), "steps": job.steps, "seconds": job.seconds}
-        trained = _train(job, _Notes(scene, settings), advanced, cancelled)
+        trained = _train(job, settings_of(run), advanced, cancelled)
         measured = _measure(job, condition_named(run.condition).light if run.condition else 1.0)
-        record = {
+        return {
             "kind": "run",
             **identity(run),
             "recipe": settings_of(run),
@@ -200,98 +190,80 @@ def perform(
             "wall_seconds": time.monotonic() - started,
             **made_on(),
         }
-    return record
 
 
 def clean_up(run: Run, environment: RunEnvironment) -> None:
     """Removes what only an unfinished run needs. Call it once the record is on disk."""
     scene = environment.scene(run)
-    _notes_path(scene).unlink(missing_ok=True)
+    _curve_path(scene).unlink(missing_ok=True)
     if run.seed or run.equal_time or run.condition:  # the timing pass loads the checkpoints of first seeds
         checkpoint_path(scene).unlink(missing_ok=True)
 
 
-class _Notes:
-    """What a run keeps beside its checkpoint: ``curve`` (seconds, step, PSNR) and ``preparation_seconds``.
-
-    Args:
-        scene: the run's ``.frog``.
-        settings: what the training depends on; notes with other settings are not used.
-    """
-
-    def __init__(self, scene: Path, settings: dict[str, Any]) -> None:
-        self.path, self._settings = _notes_path(scene), settings
-        self.curve: list[list[float]] = []
-        self.preparation_seconds: float | None = None
-
-    def load(self) -> bool:
-        """Takes over the notes of an interrupted run; False where there are none with the same settings."""
-        try:
-            values = json.loads(self.path.read_text(encoding="utf-8"))
-            if values["settings"] != self._settings:
-                return False
-            self.curve, self.preparation_seconds = values["curve"], values["preparation_seconds"]
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
-            return False
-        return True
-
-    def save(self) -> None:
-        names = ("curve", "preparation_seconds")
-        values = {"settings": self._settings, **{name: getattr(self, name) for name in names}}
-        write_atomically(self.path, json.dumps(values).encode())
-
-    def add(self, seconds: float, step: int, psnr: float) -> None:
-        """Adds a point and drops later ones: a resumed training passes some steps a second time."""
-        self.curve = [point for point in self.curve if point[1] < step]
-        self.curve.append([round(seconds, 3), step, round(psnr, 4)])
-        self.save()
-
-
-def _notes_path(scene: Path) -> Path:
+def _curve_path(scene: Path) -> Path:
+    """Where a run keeps its curve (seconds, step, PSNR) and its settings, beside its checkpoint."""
     return Path(f"{scene}.curve")
 
 
-def _train(job: TrainingJob, notes: _Notes, advanced: Callable[[float], None], cancelled: Callable[[], bool]) -> Record:
-    """The training's part of the record; resumes from a checkpoint with the same settings."""
+def _train(
+    job: TrainingJob, recipe: Record, advanced: Callable[[float], None], cancelled: Callable[[], bool]
+) -> Record:
+    """The training's part of the record; goes on from a checkpoint of the same settings."""
+    settings = {"recipe": recipe, "steps": job.steps, "seconds": job.seconds}
     checkpoint = checkpoint_path(job.output)
-    if checkpoint.is_file() and notes.load():
+    curve = _curve_of(job.output, settings) if checkpoint.is_file() else None
+    if curve is not None:
         try:
-            return _follow(replace(job, resume=True), notes, advanced, cancelled)
+            return _follow(replace(job, resume=True), settings, curve, advanced, cancelled)
         except FrogError as error:
             if not str(error).startswith(str(checkpoint)):
-                raise
-            notes.curve, notes.preparation_seconds = [], None  # the checkpoint is damaged: start again
-    return _follow(job, notes, advanced, cancelled)
+                raise  # else the checkpoint is damaged: start again
+    return _follow(job, settings, [], advanced, cancelled)
+
+
+def _curve_of(scene: Path, settings: Record) -> list[list[float]] | None:
+    """The curve of an interrupted run; None where there is none of the same settings."""
+    try:
+        values = json.loads(_curve_path(scene).read_text(encoding="utf-8"))
+        return list(values["curve"]) if values["settings"] == settings else None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
 
 
 def _follow(
-    job: TrainingJob, notes: _Notes, advanced: Callable[[float], None], cancelled: Callable[[], bool]
+    job: TrainingJob,
+    settings: Record,
+    curve: list[list[float]],
+    advanced: Callable[[float], None],
+    cancelled: Callable[[], bool],
 ) -> Record:
-    started, warnings, device = time.monotonic(), [], "cpu"
+    warnings, device = [], "cpu"
+
+    def keep() -> None:
+        write_atomically(_curve_path(job.output), json.dumps({"settings": settings, "curve": curve}).encode())
+
     for event in run_training(job, cancelled):
         match event:
             case WarningEvent(message):
                 warnings.append(message.replace(str(job.capture), job.capture.name))
             case Started(device=device):
-                if notes.preparation_seconds is None:
-                    notes.preparation_seconds = time.monotonic() - started
-                notes.save()
+                keep()
             case Progress(seconds=seconds, seconds_left=left):
                 advanced(seconds / (seconds + left) if seconds + left > 0 else 0.0)
             case Evaluated(step=step, psnr=psnr, seconds=seconds):
-                notes.add(seconds, step, psnr)
-            case Cancelled():
-                raise Stopped
+                # A resumed training passes some steps a second time.
+                curve = [point for point in curve if point[1] < step]
+                curve.append([round(seconds, 3), step, round(psnr, 4)])
+                keep()
             case Finished(steps=steps, seconds=seconds, gaussians=gaussians, capacity=capacity):
                 advanced(1.0)
                 return {
                     "steps": steps,
                     "train_seconds": seconds,
-                    "preparation_seconds": notes.preparation_seconds,
                     "gaussians": gaussians,
                     "dynamic": capacity.get("dynamic", gaussians),
                     "device": device,
-                    "curve": notes.curve,
+                    "curve": curve,
                     "warnings": warnings,
                 }
     raise Stopped

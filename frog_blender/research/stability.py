@@ -1,27 +1,32 @@
-"""The stability suite: methods under conditions in which methods fail, and a summary of the results."""
+"""The stability suite: methods under conditions in which methods fail, a heat map of the results, and its table."""
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from ..engine import FrogError, open_capture
+from ..engine import FrogError, open_capture, write_atomically
 from ..engine.registry import METHODS
-from .corruptions.catalogue import BASES, CONDITIONS, Condition, condition_named
-from .grid import AUTO_ROW, CommonSettings, Run, row_named, with_seeds
-from .results import Record, finished
+from .charts import save_figure
+from .conditions import BASES, CONDITIONS, Condition, condition_named
+from .grid import AUTO_ROW, Run, row_named
+from .report import table
+from .results import Record, finished, read
 
 ROWS = ("frog", AUTO_ROW, "ed3dgs", "static", "hexplane")
 """The rows of the suite in the order of its tables: the paper's method, then the baselines."""
 WORSE_THAN_STATIC = 1.0
 """A run counts as failed if its PSNR is this much (dB) below the static scene's."""
+_WORST = 8.0  # dB at which the colours of the heat map end
 
 
 def stability_grid(
     captures: Mapping[str, Path],
-    common: CommonSettings | None = None,
+    common: Run | None = None,
     *,
     conditions: Sequence[str] = tuple(CONDITIONS),
     methods: Sequence[str] = ROWS,
@@ -32,7 +37,7 @@ def stability_grid(
     """Runs under every condition whose capture is given: the first seed of everything, then the next.
 
     Args:
-        captures: folders by ``corruptions.catalogue.BASES``.
+        captures: folders by ``conditions.BASES``.
         common: what all runs share; a condition's own settings are added.
         frog_seeds, seeds: of FRoG and of each other method.
         side: longest side of the images in pixels, where a capture's are larger.
@@ -40,20 +45,18 @@ def stability_grid(
     Raises:
         FrogError: for a condition, method or setting that does not exist.
     """
-    common = common or CommonSettings()
+    common = replace(common or Run(), group="stability")
     scales = {base: _scale(folder, side) for base, folder in captures.items()}
     runs: list[Run] = []
     for condition in map(condition_named, conditions):
         if condition.base not in captures:
             continue
         folder = captures[condition.base]
-        scaled = replace(common, scale=scales[condition.base])
+        under = replace(common, scale=scales[condition.base], condition=condition.name)
         for row in methods:
             method, label, own = row_named(row)
-            changes = {**condition.settings, **own}
-            first = scaled.run(folder.resolve().name, folder, method, label=label, **changes)
-            first = replace(first, group="stability", condition=condition.name)
-            runs += with_seeds(first, frog_seeds if row == "frog" else seeds)
+            first = under.of(folder.resolve().name, folder, method, label, {**condition.settings, **own})
+            runs += first.with_seeds(frog_seeds if row == "frog" else seeds)
     return sorted(runs, key=lambda run: run.seed)
 
 
@@ -95,6 +98,10 @@ class Cell:
         """Over seeds; None for fewer than two."""
         return statistics.stdev(self.psnr.values()) if len(self.psnr) > 1 else None
 
+    def less(self, other: Cell) -> list[float]:
+        """Differences to another method's, for the seeds that both have."""
+        return [self.psnr[seed] - other.psnr[seed] for seed in sorted(self.psnr) if seed in other.psnr]
+
 
 @dataclass
 class Outcome:
@@ -128,29 +135,107 @@ def outcome(records: Iterable[Record]) -> Outcome:
     """
     records = [record for record in records if record.get("condition") in CONDITIONS]
     done = finished(records)
-    order = [row_named(name)[1] for name in ROWS]
-    found = Outcome([], {})
+    cells: dict[tuple[str, str], Cell] = {}
+
+    def cell_of(record: Record) -> Cell:
+        return cells.setdefault((record["condition"], record["label"]), Cell())
+
     for record in records:
-        key = (record["condition"], record["label"])
         if record["kind"] == "failed" and record["key"] not in done:
-            found.cells.setdefault(key, Cell()).failures.append(f"seed {record['seed']}: {record['error']}")
+            cell_of(record).failures.append(f"seed {record['seed']}: {record['error']}")
     for record in done.values():
-        cell = found.cells.setdefault((record["condition"], record["label"]), Cell())
         psnr = record["psnr"] if record.get("psnr_bright") is None else record["psnr_bright"]
         if psnr is None:
-            cell.failures.append(f"seed {record['seed']}: its images are not finite")
+            cell_of(record).failures.append(f"seed {record['seed']}: its images are not finite")
         else:
-            cell.psnr[record["seed"]] = psnr
-    if not found.cells:
+            cell_of(record).psnr[record["seed"]] = psnr
+    if not cells:
         raise FrogError("There is no finished run of the stability suite, expected at least one.")
-    labels = {label for _, label in found.cells}
-    found.labels = [label for label in order if label in labels] + sorted(labels - set(order))
     static = METHODS["static"].title
-    for (condition, label), cell in found.cells.items():
-        base = found.cell(condition, static).median
+    for (condition, label), cell in cells.items():
+        base = cells.get((condition, static), Cell()).median
         if base is None or label == static:
             continue
         for seed, psnr in cell.psnr.items():
             if psnr < base - WORSE_THAN_STATIC:
                 cell.failures.append(f"seed {seed}: {base - psnr:.1f} dB worse than a static scene")
-    return found
+    labels, order = {label for _, label in cells}, [row_named(name)[1] for name in ROWS]
+    return Outcome([label for label in order if label in labels] + sorted(labels - set(order)), cells)
+
+
+def write_stability(folder: Path) -> list[Path]:
+    """Writes ``stability.md`` and the heat map of the results in ``folder``; returns their paths.
+
+    Raises:
+        FrogError: if there is no finished run yet.
+    """
+    results = outcome(read(folder / "runs.jsonl"))
+    images = save_figure(heat_map(results), folder / "stability")
+    path = folder / "stability.md"
+    write_atomically(path, stability_table(results).encode())
+    return [path, *images]
+
+
+def heat_map(results: Outcome) -> Any:
+    """A matplotlib figure: rows are conditions, columns are methods.
+
+    Colours are the dB lost against the same method's reference condition. A cell without one has its PSNR and no
+    colour. Each cell has its standard deviation over seeds, and after ``!`` the number of failed runs.
+    """
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    rows, labels = results.conditions, results.labels
+    losses = np.array([[results.loss(row, label) for label in labels] for row in rows], float)
+    figure = Figure(figsize=(2.6 + 1.45 * len(labels), 1.6 + 0.3 * len(rows)), dpi=130, layout="constrained")
+    axes = figure.subplots()
+    colors = axes.imshow(losses, cmap="RdBu", vmin=-_WORST, vmax=_WORST, aspect="auto")
+    for y, row in enumerate(rows):
+        for x, label in enumerate(labels):
+            cell, loss = results.cell(row.name, label), losses[y, x]
+            dark = abs(loss) > 0.6 * _WORST
+            axes.text(x, y, _cell_text(cell, loss), ha="center", va="center", fontsize=7.5, color="w" if dark else "k")
+    axes.set_xticks(range(len(labels)), labels)
+    axes.xaxis.tick_top()
+    axes.set_yticks(range(len(rows)), [row.name for row in rows])
+    axes.tick_params(length=0)
+    figure.colorbar(colors, ax=axes, label="dB against the same method's clean case", shrink=0.6)
+    figure.supxlabel(  # in lines that fit the narrowest image
+        "PSNR where a row has no clean case\n±: standard deviation over seeds; !: failed runs", fontsize="medium"
+    )
+    return figure
+
+
+def _cell_text(cell: Cell, loss: float) -> str:
+    """Such as ``-1.32 ±0.10 !1``, where the last is the number of failed runs."""
+    if cell.median is None:
+        words = "-"
+    else:
+        words = f"{cell.median:.2f} dB" if math.isnan(loss) else f"{loss:+.2f}"
+    words += "" if cell.deviation is None else f" ±{cell.deviation:.2f}"
+    return words + (f" !{len(cell.failures)}" if cell.failures else "")
+
+
+def stability_table(results: Outcome) -> str:
+    """Median PSNR with its deviation and number of seeds, FRoG's lead, and every failure in words, as Markdown."""
+    frog, base, static = (METHODS[name].title for name in ("frog", "ed3dgs", "static"))
+    lines, failures = [], []
+    for row in results.conditions:
+        cells = {label: results.cell(row.name, label) for label in results.labels}
+        leads = [results.cell(row.name, frog).less(results.cell(row.name, other)) for other in (base, static)]
+        words = [f"{statistics.mean(lead):+.2f}" if lead else "-" for lead in leads]
+        lines.append([row.name, *map(_figure, cells.values()), *words])
+        failures += [f"- {row.name}, {label}, {said}" for label, cell in cells.items() for said in cell.failures]
+    intro = (
+        "PSNR of the held-out images in dB: median over seeds, their standard deviation, their number. Images of "
+        "less light are compared after brightening both by as much.\n\n![what each condition costs](stability.png)\n\n"
+    )
+    shown = table(["condition", *results.labels, f"{frog} - {base}", f"{frog} - {static}"], lines)
+    return f"# Stability\n\n{intro}{shown}\n\n## Failed runs\n\n" + ("\n".join(failures) or "None.") + "\n"
+
+
+def _figure(cell: Cell) -> str:
+    if cell.median is None:
+        return "-"
+    spread = "" if cell.deviation is None else f" ± {cell.deviation:.2f}"
+    return f"{cell.median:.2f}{spread} ({len(cell.psnr)})"

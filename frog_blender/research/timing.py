@@ -7,21 +7,47 @@ On a GPU the clock is read after the device has finished.
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ..engine import Camera, ScenePlayer, draw, gc_frozen
-from .results import Record
+from ..engine import (
+    Camera,
+    FrameStore,
+    FrogError,
+    Limits,
+    ScenePlayer,
+    Session,
+    Trainer,
+    TrainingDiverged,
+    TrainingJob,
+    checkpoint_path,
+    choose_device,
+    draw,
+    export_scene,
+    gc_frozen,
+    hooks_of,
+    load_checkpoint,
+    prepare_capture,
+    seeds_of,
+    torch_threads,
+)
+from .grid import Run
+from .results import Record, append, made_on
+from .runs import RunEnvironment, failure, identity
 
 if TYPE_CHECKING:
-    from ..engine import SceneModel, Session
+    import torch
+
+    from ..engine import Capture, SceneModel
 
 NUM_TIMES, WARM_UP = 40, 5
-"""Frame times that are measured, and those before them that are not."""
+"""Frame times that are measured, and those (or training steps) before them that are not."""
+STEPS = 300
+"""Of the short training whose steps are timed."""
 _GOLDEN = 0.6180339887498949
 
 
@@ -30,80 +56,46 @@ def spread_times(count: int, start: float = 0.5) -> list[float]:
     return [(start + i * _GOLDEN) % 1.0 for i in range(count)]
 
 
-def seconds_each(
-    work: Callable[[float], object],
-    times: Iterable[float],
-    synchronize: Callable[[], None] = lambda: None,
-    clock: Callable[[], float] = perf_counter,
-) -> list[float]:
-    """Seconds that ``work(time)`` takes at each of the times.
-
-    Args:
-        synchronize: waits for the device.
-        clock: seconds since any start.
-    """
-    result = []
-    for time in times:
+def median_ms(work: Callable[[float], object], synchronize: Callable[[], None] = lambda: None) -> float:
+    """Milliseconds that ``work(time)`` takes; ``synchronize`` waits for the device."""
+    seconds = []
+    for time in spread_times(NUM_TIMES + WARM_UP):
         synchronize()
-        started = clock()
+        started = perf_counter()
         work(time)
         synchronize()
-        result.append(clock() - started)
-    return result
+        seconds.append(perf_counter() - started)
+    return 1e3 * statistics.median(seconds[WARM_UP:])
 
 
-def time_playback(scene: ScenePlayer, camera: Camera, count: int = NUM_TIMES) -> Record:
-    """Playback on the CPU.
-
-    "deformation_ms" is of ``scene.at``, "rasterization_ms" of ``draw``; "frame_ms" and "fps" are of both.
-
-    Args:
-        count: number of frame times; the milliseconds are medians over them.
-    """
-    background = scene.header.background
+def time_playback(scene: ScenePlayer, camera: Camera) -> Record:
+    """Playback on the CPU: "deformation_ms" is of ``scene.at``, "rasterization_ms" of ``draw``; "frame_ms" and "fps"
+    are of both."""
     deformation, rasterization = [], []
-    for index, time in enumerate(spread_times(count + WARM_UP)):
+    for time in spread_times(NUM_TIMES + WARM_UP):
         started = perf_counter()
         gaussians = scene.at(time)
         deformed = perf_counter()
-        draw(gaussians, camera, background)
-        ended = perf_counter()
-        if index >= WARM_UP:
-            deformation.append(deformed - started)
-            rasterization.append(ended - deformed)
-    frame = statistics.median(a + b for a, b in zip(deformation, rasterization, strict=True))
+        draw(gaussians, camera, scene.header.background)
+        deformation.append(1e3 * (deformed - started))
+        rasterization.append(1e3 * (perf_counter() - deformed))
+    deformation, rasterization = deformation[WARM_UP:], rasterization[WARM_UP:]
+    frame = statistics.median(map(sum, zip(deformation, rasterization, strict=True)))
     return {
         "gaussians": scene.count,
-        "size": [camera.width, camera.height],
-        "deformation_ms": 1e3 * statistics.median(deformation),
-        "rasterization_ms": 1e3 * statistics.median(rasterization),
-        "frame_ms": 1e3 * frame,
-        "fps": 1 / frame,
+        "deformation_ms": statistics.median(deformation),
+        "rasterization_ms": statistics.median(rasterization),
+        "frame_ms": frame,
+        "fps": 1e3 / frame,
     }
 
 
-def time_training_path(
-    model: SceneModel, camera: Camera, background: Sequence[float], count: int = NUM_TIMES
-) -> Record:
-    """The deformation as a training step computes it, on the model's device.
-
-    "forward_ms" and "forward_backward_ms" are of ``model.deform``. "frame_ms" and "fps" are of the forward pass and
-    the rasterization of its Gaussians, without gradients.
-
-    Args:
-        background: RGB in [0, 1].
-        count: number of frame times; the milliseconds are medians over them.
-    """
+def time_training_path(model: SceneModel) -> Record:
+    """The deformation as a training step computes it, on the model's device: ``model.deform``, without and with its
+    gradients."""
     import torch
 
-    from ..engine import rasterize, torch_threads
-
     device = model.canonical.means.device
-    synchronize = torch.cuda.synchronize if device.type == "cuda" else lambda: None
-    color = (float(background[0]), float(background[1]), float(background[2]))
-
-    def forward(time: float) -> None:
-        model.deform(time)
 
     def forward_backward(time: float) -> None:
         gaussians = model.deform(time)[0]
@@ -112,63 +104,122 @@ def time_training_path(
         torch.autograd.backward(outputs, [torch.ones_like(output) for output in outputs])
         model.zero_grad(set_to_none=True)
 
-    def frame(time: float) -> None:
-        with torch.no_grad():
-            rasterize(model.deform(time)[0], camera, color)
-
-    times = spread_times(count + WARM_UP)
-    result: Record = {"gaussians": len(model.canonical), "device": device.type}
+    synchronize = torch.cuda.synchronize if device.type == "cuda" else lambda: None
     with torch_threads(1):  # as a training step
-        for name, work in (("forward", forward), ("forward_backward", forward_backward), ("frame", frame)):
-            result[f"{name}_ms"] = 1e3 * statistics.median(seconds_each(work, times, synchronize)[WARM_UP:])
-    result["fps"] = 1e3 / result["frame_ms"]
-    return result
-
-
-@dataclass
-class StepTimes:
-    """Seconds of training steps: of plain steps, and of steps that added, removed or reordered Gaussians."""
-
-    plain: list[float] = field(default_factory=list)
-    reindexing: list[float] = field(default_factory=list)
-
-    def summary(self) -> Record:
-        """The part of a record on steps.
-
-        "steps" and "rounds" count all steps and the reindexing ones. "step_ms" (mean) and "step_median_ms" are of plain
-        steps, "round_ms" is what a reindexing step takes in addition.
-        """
-        step = float(np.mean(self.plain)) if self.plain else float("nan")
-        return {
-            "steps": len(self.plain) + len(self.reindexing),
-            "step_ms": 1e3 * step,
-            "step_median_ms": 1e3 * statistics.median(self.plain) if self.plain else float("nan"),
-            "rounds": len(self.reindexing),
-            "round_ms": 1e3 * (float(np.mean(self.reindexing)) - step) if self.reindexing else 0.0,
+        times = {
+            "forward_ms": median_ms(model.deform, synchronize),
+            "forward_backward_ms": median_ms(forward_backward, synchronize),
         }
-
-    def training_seconds(self, steps: int) -> float:
-        """Duration of a training of ``steps`` steps; the number of reindexing steps does not depend on it."""
-        found = self.summary()
-        seconds: float = (steps * found["step_ms"] + found["rounds"] * found["round_ms"]) / 1e3
-        return seconds
+    return {"device": device.type, **times}
 
 
-def time_steps(session: Session) -> StepTimes:
-    """Trains a session to its end.
+def time_steps(session: Session, planned: int) -> Record:
+    """Trains a session to its end, and tells how long a training of ``planned`` steps would take.
 
-    Even a short training passes through every schedule, so that its mean step is that of a long one.
+    Even a short training passes through every schedule, so that its mean step is that of a long one; but the number of
+    steps that add, remove or reorder Gaussians does not depend on its length. "step_ms" is of the others.
     """
-    trainer, times = session.trainer, StepTimes()
+    trainer = session.trainer
+    plain: list[float] = []
+    reindexing: list[float] = []
     with gc_frozen():  # as in a training
         while not trainer.finished:
-            count, graph = trainer.count, trainer.smoothness.graph
-            before = trainer.seconds
+            count, graph, before = trainer.count, trainer.smoothness.graph, trainer.seconds
             trainer.step()
-            seconds = trainer.seconds - before
-            if trainer.step_count <= WARM_UP:
-                continue
-            changed = trainer.count != count or trainer.smoothness.graph is not graph
-            (times.reindexing if changed else times.plain).append(seconds)
+            if trainer.step_count > WARM_UP:
+                changed = trainer.count != count or trainer.smoothness.graph is not graph
+                (reindexing if changed else plain).append(trainer.seconds - before)
     trainer.check()
-    return times
+    step = statistics.mean(plain) if plain else float("nan")
+    seconds = step * planned + sum(reindexing) - step * len(reindexing)
+    return {"steps": len(plain) + len(reindexing), "step_ms": 1e3 * step, "seconds": seconds}
+
+
+def timed_runs(runs: Sequence[Run]) -> list[Run]:
+    """The runs whose times the tables show: the first seed of each method and of each fusion."""
+    return [run for run in runs if run.seed == 0 and run.group in ("methods", "fusion")]
+
+
+def time_grid(
+    runs: Sequence[Run],
+    environment: RunEnvironment,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> list[Record]:
+    """Times ``timed_runs(runs)``, one at a time, and writes a record of kind "timing" for each.
+
+    The played scene is that of the finished run, or else that of a short training.
+
+    Args:
+        progress: called with the number of timings done and of all.
+        cancelled: asked whether to stop.
+    """
+    chosen = timed_runs(runs)
+    prepared: dict[str, _Prepared] = {}
+    records: list[Record] = []
+    for done, run in enumerate(chosen):
+        progress(done, len(chosen))
+        if cancelled():
+            break
+        try:
+            if run.scene not in prepared:
+                prepared = {run.scene: _prepare(run, environment)}  # one at a time: frames take much memory
+            record = _time(run, environment, prepared[run.scene])
+        except (FrogError, TrainingDiverged) as error:
+            record = failure(run, str(error))
+        append(environment.results, record)
+        records.append(record)
+    progress(len(chosen), len(chosen))
+    return records
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """What all timings on one scene share."""
+
+    capture: Capture
+    scale: float
+    store: FrameStore
+    device: torch.device
+
+    def session(self, run: Run, output: Path, steps: int) -> Session:
+        """A training of ``run`` that has not begun."""
+        recipe = run.plain_recipe()
+        job = TrainingJob(Path(run.capture), output, method=run.method, recipe=recipe, seed=run.seed)
+        sources = (self.capture, self.store, seeds_of(job, self.capture, self.store))
+        hooks = hooks_of(job, self.capture, self.store)
+        trainer = Trainer(*sources, recipe, run.method, Limits(steps), seed=run.seed, device=self.device, hooks=hooks)
+        return Session(job, trainer, self.scale)
+
+
+def _prepare(run: Run, environment: RunEnvironment) -> _Prepared:
+    capture, scale = prepare_capture(Path(run.capture), run.scale, run.holdout_frames, None, run.opened())
+    return _Prepared(capture, scale, FrameStore.open(capture), choose_device(environment.device)[0])
+
+
+def _time(run: Run, environment: RunEnvironment, prepared: _Prepared) -> Record:
+    capture = prepared.capture
+    camera = next((c for c in capture.cameras if c.name in capture.test_cameras), capture.cameras[0])
+    planned = run.steps or run.plain_recipe().steps_for(capture.frame_count)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "short.frog"
+        timed = prepared.session(run, path, STEPS)
+        training = time_steps(timed, planned)
+        export_scene(timed, path)
+        finished = environment.scene(run)
+        if finished.is_file() and checkpoint_path(finished).is_file():
+            timed = prepared.session(run, finished, planned)
+            load_checkpoint(checkpoint_path(finished), timed.trainer)
+            path = finished
+        playback = time_playback(ScenePlayer.load(path), camera)
+    return {
+        "kind": "timing",
+        **identity(run),
+        "training": training,
+        "training_path": time_training_path(timed.trainer.model),
+        "playback": playback,
+        "scene_played": "finished" if path == finished else "short training",
+        "device": prepared.device.type,
+        "threads": environment.threads,
+        **made_on(),
+    }

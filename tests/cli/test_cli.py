@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import cv2
@@ -48,13 +49,13 @@ def trained(filmed: Path, cache_folder: Path, tmp_path_factory: pytest.TempPathF
     path = tmp_path_factory.mktemp("trained") / "x.frog"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FROG_CACHE", str(cache_folder))
-        options = ["--out", str(path), "--recipe", "draft", "--steps", "30", "--seed", "1", "--max-gaussians", "250"]
+        options = ["--out", str(path), "--recipe", "draft", "--steps", "20", "--seed", "1", "--max-gaussians", "250"]
         assert main(["train", str(filmed), *options]) == 0
     return path
 
 
 def test_a_fixed_capacity_keeps_everything(run: Run, filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
-    options = ("--recipe", "draft", "--steps", "12")
+    options = ("--recipe", "draft", "--steps", "6")
     for name, more in (("auto", ()), ("exact", ("--lossless",)), ("fixed", ("--capacity", "fixed"))):
         assert run("train", filmed, "--out", tmp_path / f"{name}.frog", *options, *more)[0] == 0
     auto, exact, fixed = (
@@ -66,7 +67,7 @@ def test_a_fixed_capacity_keeps_everything(run: Run, filmed: Path, tmp_path: Pat
 
 
 def test_budgets(run: Run, filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
-    options = ("train", filmed, "--out", tmp_path / "x.frog", "--recipe", "draft", "--steps", "12")
+    options = ("train", filmed, "--out", tmp_path / "x.frog", "--recipe", "draft", "--steps", "6")
     assert run(*options, "--max-gaussians", "310")[0] == 0
     assert json.loads(run("info", tmp_path / "x.frog", "--json")[1])["gaussians"] <= 310
     options = (*options, "--overwrite")
@@ -109,39 +110,16 @@ def refused(result: tuple[int, str, str], *words: str) -> None:
 
 def test_train_wrote_what_it_was_asked_for(trained: Path) -> None:
     header = read_scene(trained).header
-    assert (header.steps, header.method, header.recipe["name"]) == (30, "frog", "draft")
+    assert (header.steps, header.method, header.recipe["name"]) == (20, "frog", "draft")
     assert ScenePlayer.load(trained).count > 50
     assert sorted(path.name for path in trained.parent.iterdir()) == ["x.capacity.png", "x.frog", "x.frog.checkpoint"]
-
-
-def test_train_says_how_it_went_and_resumes(run: Run, filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
-    options = (
-        "train",
-        filmed,
-        "--out",
-        tmp_path / "y.frog",
-        "--recipe",
-        "draft",
-        "--holdout-frames",
-        "3",
-        "--scale",
-        "0.5",
-    )
-    status, out, _ = run(*options, "--steps", "6", "--method", "static")
-    assert status == 0 and f"{tmp_path / 'y.frog'}: 6 steps" in out and "PSNR" in out
-    header = read_scene(tmp_path / "y.frog").header
-    assert (header.method, header.test_frames, header.scale) == ("static", (1, 4), 0.5)
-    status, out, _ = run(*options, "--steps", "9", "--method", "static", "--resume")
-    assert status == 0 and "9 steps" in out
-    status, out, err = run(*options, "--steps", "12", "--resume")  # another method: the one that it began with stays
-    assert status == 0 and "12 steps" in out and "original settings: method static, recipe draft" in out + err
-    assert read_scene(tmp_path / "y.frog").header.method == "static"
 
 
 def test_a_resume_says_which_options_it_leaves_aside(run: Run, filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
     options = ("train", filmed, "--out", tmp_path / "y.frog")
     began = ("--recipe", "draft", "--seed", "5", "--max-gaussians", "310", "--pixel-offset", "cam01=1,0")
-    assert run(*options, *began, "--steps", "4")[0] == 0
+    status, out, _ = run(*options, *began, "--steps", "4")
+    assert status == 0 and f"{tmp_path / 'y.frog'}: 4 steps" in out and "PSNR" in out
     status, _, err = run(*options, *began, "--steps", "5", "--resume", "--device", "cpu", "--save-every", "9")
     assert status == 0 and "ignored" not in err and "original settings" not in err
     other = {
@@ -160,15 +138,6 @@ def test_a_resume_says_which_options_it_leaves_aside(run: Run, filmed: Path, tmp
     assert set(said.split("ignored: ")[1].rstrip(".").split(", ")) == set(other)
     header = read_scene(tmp_path / "y.frog").header
     assert (header.scale, header.test_frames, header.steps) == (1.0, (), 6)
-
-
-def test_one_bar_for_each_kind_of_work(
-    run: Run, filmed: Path, tmp_path: Path, quick_seeds: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    status, _, err = run("train", filmed, "--out", tmp_path / "y.frog", "--recipe", "draft", "--steps", "12")
-    assert status == 0
-    assert list(dict.fromkeys(re.findall(r"(\w[\w ]*): +\d+%\|", err))) == ["Decoding frames", "Training"]
 
 
 def test_info_about_a_capture(run: Run, filmed: Path) -> None:
@@ -190,7 +159,12 @@ def test_the_cache_is_shown_limited_and_cleared(
     store = FrameStore.open(capture)
     FrameStore.open(capture.scaled(0.5))
     status, out, _ = run("cache")
-    assert status == 0 and out.count(str(filmed)) == 2 and "(25% of the disk)" in out and out.count("today") == 2
+    assert (
+        status == 0
+        and out.count(str(filmed)) == 2
+        and "(25% of the disk)" in out
+        and out.count(f"{date.today()} ") == 2
+    )
     described = json.loads(run("cache", "--json")[1])
     assert described["bytes"] == sum(entry["bytes"] for entry in described["frames"]) > 0
     status, out, _ = run("cache", "--limit", "1 KB")  # what is open stays
@@ -218,11 +192,9 @@ def test_info_about_a_scene(run: Run, trained: Path) -> None:
     report = json.loads(out)
     assert status == 0
     assert (report["method"], report["frames"], report["bytes"]) == ("frog", 6, trained.stat().st_size)
-    assert "30 steps" in report["training"] and "cam03" in report["cameras"]
+    assert "20 steps" in report["training"] and "cam03" in report["cameras"]
     scene = ScenePlayer.load(trained)
     assert (report["gaussians"], report["dynamic"]) == (scene.count, scene.num_dynamic)
-    assert set(report["heads"]) <= {"means", "log_scales", "quaternions", "opacity_logits", "sh"}
-    assert bool(report["heads"]) == bool(scene.num_dynamic)  # thirty steps may have taught no motion that shows
     assert report["sh_degree"] in (0, 1) and any("quantize" in line for line in report["reductions"])
     status, out, _ = run("info", trained)
     assert status == 0 and "costs" in out
@@ -234,7 +206,7 @@ def test_eval_prints_every_figure(run: Run, trained: Path, filmed: Path) -> None
     assert status == 0
     for key in ("psnr", "psnr_moving", "ssim", "gaussians", "bytes", "steps", "train_seconds", "cameras"):
         assert report[key] is not None, key
-    assert 8 < report["psnr"] < 60 and 0 < report["ssim"] < 1 and report["steps"] == 30
+    assert 8 < report["psnr"] < 60 and 0 < report["ssim"] < 1 and report["steps"] == 20
     assert report["bytes"] == trained.stat().st_size
     assert report["cameras"]["cam00"]["frames"] == film.FRAMES
     assert report["psnr"] == pytest.approx(read_scene(trained).header.metrics["psnr"], abs=0.05)
@@ -357,11 +329,6 @@ def test_mistaken_options(run: Run, trained: Path, filmed: Path, tmp_path: Path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file"]
 
 
-def test_another_capture_is_noticed(run: Run, filmed: Path, tmp_path: Path) -> None:
-    write_scene(tmp_path / "x.frog", scene_file())
-    refused(run("eval", tmp_path / "x.frog", filmed), "3 cameras and 7 frames")
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -385,10 +352,15 @@ def test_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None
     assert caught.value.code == 2 and "usage: frog" in capsys.readouterr().err
 
 
-def test_an_offset_reaches_the_cameras(run: Run, filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
+def test_an_offset_reaches_the_cameras_and_each_kind_of_work_has_one_bar(
+    run: Run, filmed: Path, tmp_path: Path, quick_seeds: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
     scene = tmp_path / "x.frog"
     options = ("--recipe", "draft", "--steps", "2", "--pixel-offset", "cam01=2,-1.5")
-    assert run("train", filmed, "--out", scene, *options)[0] == 0
+    status, _, err = run("train", filmed, "--out", scene, *options)
+    assert status == 0
+    assert list(dict.fromkeys(re.findall(r"(\w[\w ]*): +\d+%\|", err))) == ["Decoding frames", "Training"]
     header = read_scene(scene).header
     assert header.pixel_offsets == {"cam01": (2.0, -1.5)}
     np.testing.assert_allclose(header.cameras[1].intrinsics[:2, 2], [film.WIDTH / 2 - 2, film.HEIGHT / 2 + 1.5])

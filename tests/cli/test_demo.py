@@ -9,9 +9,8 @@ import types
 import numpy as np
 import pytest
 
-from frog_blender.cli import demo_captures
-from frog_blender.cli.demo import flight, run_demo
-from frog_blender.cli.demo_captures import DemoCapture
+from frog_blender.cli import demo
+from frog_blender.cli.demo import DemoCapture, flight, run_demo
 from frog_blender.cli.main import main
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
@@ -86,16 +85,16 @@ def test_what_the_demo_needs_last_is_looked_for_first(module, tmp_path, monkeypa
     assert not (tmp_path / "out").exists(), "it did not begin"
 
 
-@pytest.mark.parametrize("name", demo_captures.SHIPPED)
+@pytest.mark.parametrize("name", demo.SHIPPED)
 def test_shipped_captures_are_there(name):
-    assert (demo_captures.demo_capture(name).path / "poses_bounds.npy").is_file()
+    assert (demo.demo_capture(name).path / "poses_bounds.npy").is_file()
 
 
 def test_walk_says_what_pip_said(tmp_path, monkeypatch):
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
     code = "print('noise\\nERROR: No matching distribution found for pose2sim'); raise SystemExit(1)"
     with pytest.raises(FrogError, match="No matching distribution"):
-        demo_captures.demo_capture("walk", [sys.executable, "-c", code])
+        demo.demo_capture("walk", [sys.executable, "-c", code])
 
 
 def test_walk_refuses_another_file_and_keeps_nothing(tmp_path, monkeypatch):
@@ -103,9 +102,9 @@ def test_walk_refuses_another_file_and_keeps_nothing(tmp_path, monkeypatch):
     code = f"""
 import sys, zipfile
 folder = sys.argv[sys.argv.index("--dest") + 1]
-with zipfile.ZipFile(f"{{folder}}/{demo_captures.WALK_WHEEL}", "w") as archive:
+with zipfile.ZipFile(f"{{folder}}/{demo.WALK_WHEEL}", "w") as archive:
     archive.writestr("evil", "evil")
 """
     with pytest.raises(FrogError, match="checksum"):
-        demo_captures.demo_capture("walk", [sys.executable, "-c", code])
+        demo.demo_capture("walk", [sys.executable, "-c", code])
     assert not (tmp_path / "captures" / "walk").exists()

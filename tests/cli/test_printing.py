@@ -10,7 +10,7 @@ import pytest
 from support.builders import scene_file
 
 from frog_blender.cli.main import main
-from frog_blender.cli.printing import complain, say
+from frog_blender.cli.terminal import complain, say
 from frog_blender.engine.errors import FrogError, brief, found_instead, printable
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 from support.builders import REPOSITORY, run_python
 
-from frog_blender.cli.stopping import leaving_cleanly, stopping
-from frog_blender.cli.streams import printing_may_fail
+from frog_blender.cli.terminal import leaving_cleanly, printing_may_fail, stopping
 
 REQUESTS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
 
@@ -57,7 +56,7 @@ def test_nohup_stays_nohup() -> None:
 def test_a_thread_that_may_set_no_signals_is_served_too() -> None:
     code = """
 import threading
-from frog_blender.cli.stopping import leaving_cleanly, stopping
+from frog_blender.cli.terminal import leaving_cleanly, stopping
 def work():
     with leaving_cleanly(), stopping() as asked:
         print(asked())
@@ -68,7 +67,7 @@ thread = threading.Thread(target=work); thread.start(); thread.join()
 
 PRINTING = """
 import sys
-from frog_blender.cli.streams import printing_may_fail
+from frog_blender.cli.terminal import printing_may_fail
 with printing_may_fail():
     for number in range(20000):
         print("to nobody", number)

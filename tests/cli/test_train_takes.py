@@ -9,13 +9,12 @@ from support import synthetic_capture as film
 from support.scene_files import same_arrays
 
 from frog_blender.cli.main import main
-from frog_blender.cli.takes_command import is_trained, takes_in
+from frog_blender.cli.train_command import is_trained, takes_in
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
 
-OPTIONS = ["--takes", "--recipe", "draft", "--steps", "20", "--max-gaussians", "200", "--device", "cpu"]
+OPTIONS = ["--takes", "--recipe", "draft", "--steps", "4", "--max-gaussians", "200", "--device", "cpu"]
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +29,7 @@ def takes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_take_is_trained_once(
-    takes: Path, own_cache: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    takes: Path, quick_seeds: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "scenes"
     command = ["train", str(takes), "--out", str(out), *OPTIONS]
@@ -43,29 +42,20 @@ def test_every_take_is_trained_once(
     assert same_arrays(read_scene(out / "two.frog"), read_scene(alone))
 
     changed = (out / "two.frog").stat().st_mtime_ns
-    (out / "one.frog").unlink()
-    checkpoint_path(out / "one.frog").unlink()
+    (out / "one.frog").unlink()  # its checkpoint says that it is at the end
+    before = checkpoint_path(out / "one.frog").stat().st_mtime_ns
     assert main(command) == 0
     assert "1 of them trained before" in capsys.readouterr().out
     assert (out / "two.frog").stat().st_mtime_ns == changed and is_trained(out / "one.frog")
+    assert checkpoint_path(out / "one.frog").stat().st_mtime_ns >= before
 
     assert main([*command, "--overwrite"]) == 0
     assert (out / "two.frog").stat().st_mtime_ns > changed
     assert "0 of them trained before" in capsys.readouterr().out
 
 
-def test_a_take_that_was_stopped_goes_on(takes: Path, own_cache: Path, tmp_path: Path) -> None:
-    out = tmp_path / "scenes"
-    command = ["train", str(takes), "--out", str(out), *OPTIONS]
-    assert main(command) == 0
-    (out / "one.frog").unlink()  # its checkpoint says that it is at the end
-    before = checkpoint_path(out / "one.frog").stat().st_mtime_ns
-    assert main(command) == 0
-    assert is_trained(out / "one.frog") and checkpoint_path(out / "one.frog").stat().st_mtime_ns >= before
-
-
 def test_a_take_that_fails_keeps_no_other_from_being_trained(
-    own_cache: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    quick_seeds: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     takes, out = tmp_path / "takes", tmp_path / "scenes"
     film.write_capture(takes / "b", [0, 1, 2, 3])
@@ -91,16 +81,6 @@ def test_events_of_several_trainings_are_refused(
 ) -> None:
     assert main(["train", str(takes), "--out", str(tmp_path / "x"), *OPTIONS, "--events"]) == 1
     assert "--events" in capsys.readouterr().err
-
-
-def test_a_job_is_what_its_settings_say(tmp_path: Path) -> None:
-    offsets = {"cam00": (1.5, -2.0)}
-    job = TrainingJob(tmp_path, tmp_path / "x.frog", seed=3, scale=0.5, pixel_offsets=offsets, key="green", steps=7)
-    assert TrainingJob.of_settings(job.stored_settings(), job.output) == job
-    with pytest.raises(KeyError):
-        TrainingJob.of_settings({"capture": "x"}, job.output)
-    with pytest.raises(FrogError):
-        TrainingJob.of_settings({**job.stored_settings(), "seed": -1}, job.output)
 
 
 @pytest.mark.slow

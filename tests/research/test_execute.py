@@ -1,12 +1,13 @@
-"""A grid is done run by run, goes on where it was stopped, and outlives a run that fails."""
+"""A grid is done run by run, here or on a cluster, goes on where it was stopped, and outlives a run that fails."""
 
 from __future__ import annotations
 
 import json
+import os
+import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,23 @@ import pytest
 from support import synthetic_capture as film
 
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.distributed import cluster as clusters
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.research import runs, worker
-from frog_blender.research.execute import GridCallbacks, Progress, run_grid, seconds_left
-from frog_blender.research.grid import CommonSettings, Run, SeedCounts, chart_grid
+from frog_blender.research import execute
+from frog_blender.research.execute import Progress, run_grid, seconds_left
+from frog_blender.research.grid import Run, chart_grid
 from frog_blender.research.results import Record, append, read
-from frog_blender.research.runs import RunEnvironment, Stopped, failure, identity, is_done, perform, settings_of
-from frog_blender.research.workers import Processes
+from frog_blender.research.runs import (
+    RunEnvironment,
+    Stopped,
+    clean_up,
+    failure,
+    identity,
+    is_done,
+    perform,
+    settings_of,
+)
 
 
 def stub_record(run: Run, environment: RunEnvironment, seconds: float | None = None, **changes: Any) -> Record:
@@ -33,6 +43,8 @@ def stub_record(run: Run, environment: RunEnvironment, seconds: float | None = N
 class Performed(list[Run]):
     """Takes the place of ``perform``: keeps the runs that it was asked for and answers with records."""
 
+    fails: Callable[[Run], Exception | None] = staticmethod(lambda run: None)
+
     def __call__(
         self,
         run: Run,
@@ -41,45 +53,38 @@ class Performed(list[Run]):
         advanced: Callable[[float], None],
         cancelled: Callable[[], bool],
     ) -> Record:
+        if error := self.fails(run):
+            raise error
         self.append(run)
         advanced(0.5)
         return stub_record(run, environment, seconds, train_seconds=10.0 + run.seed)
 
 
 @pytest.fixture
-def performed() -> Performed:
-    return Performed()
+def performed(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> Performed:
+    performed = Performed()
+    monkeypatch.setattr(execute, "perform", performed)
+    return performed
 
 
-def grid(seeds: int = 2, ablation_seeds: int | None = None, **changes: Any) -> list[Run]:
+def grid(seeds: int = 2, **changes: Any) -> list[Run]:
     options = {"methods": ["frog", "static"], **changes}
-    counts = SeedCounts(seeds, 1, ablation_seeds)
-    return chart_grid({"room": Path("/nowhere/room")}, CommonSettings(), counts, **options)
+    return chart_grid({"room": Path("/nowhere/room")}, seeds=seeds, **options)
 
 
 def test_finished_runs_are_skipped_and_a_cut_off_line_is_done_again(tmp_path: Path, performed: Performed) -> None:
-    environment = RunEnvironment(tmp_path)
-    wanted = grid()
-    run_grid(wanted, environment, callbacks=GridCallbacks(perform=performed))
-    assert performed == wanted
+    environment, runs = RunEnvironment(tmp_path), grid()
+    run_grid(runs, environment)
+    assert performed == runs
     lines = environment.results.read_bytes().splitlines(keepends=True)
     environment.results.write_bytes(b"".join(lines[:-1]) + lines[-1][:40])  # killed while it wrote
     performed.clear()
-    progress = run_grid(wanted, environment, callbacks=GridCallbacks(perform=performed))
-    assert performed == wanted[-1:] and (progress.done, progress.failed) == (3, 0)
-    assert [record["key"] for record in read(environment.results)] == [run.key for run in wanted]
+    progress = run_grid(runs, environment)
+    assert performed == runs[-1:] and (progress.done, progress.failed) == (3, 0)
+    assert [record["key"] for record in read(environment.results)] == [run.key for run in runs]
     performed.clear()
-    run_grid(wanted, environment, callbacks=GridCallbacks(perform=performed))
-    assert performed == []
-
-
-def test_a_larger_grid_does_only_what_is_new(tmp_path: Path, performed: Performed) -> None:
-    callbacks = GridCallbacks(perform=performed)
-    run_grid(grid(seeds=1), RunEnvironment(tmp_path), callbacks=callbacks)
-    performed.clear()
-    run_grid(grid(ablation_seeds=1, ablation=("opacity",)), RunEnvironment(tmp_path), callbacks=callbacks)
-    assert {run.label for run in performed} == {"FRoG", "opacity: off", "opacity: paper"}
-    assert [run.seed for run in performed if run.label == "FRoG"] == [1]
+    run_grid(grid(ablation=("opacity",)), environment)
+    assert {run.label for run in performed} == {"opacity: off", "opacity: paper"}, "only what is new"
 
 
 def test_a_run_of_other_settings_is_not_done(tmp_path: Path) -> None:
@@ -93,41 +98,40 @@ def test_a_run_of_other_settings_is_not_done(tmp_path: Path) -> None:
 
 
 def test_a_run_that_fails_is_written_down_and_the_next_begins(tmp_path: Path, performed: Performed) -> None:
-    def sometimes(run: Run, *arguments: Any) -> Record:
+    def fails(run: Run) -> Exception | None:
         if run.seed == 1:
-            raise FrogError("/nowhere/room/cam03.mp4: found no file.")
-        if run.method == "static":
-            raise MemoryError
-        return performed(run, *arguments)
+            return FrogError("/nowhere/room/cam03.mp4: found no file.")
+        return MemoryError() if run.method == "static" else None
 
-    wanted, environment = grid(), RunEnvironment(tmp_path)
-    progress = run_grid(wanted, environment, callbacks=GridCallbacks(perform=sometimes))
+    performed.fails = fails  # type: ignore[method-assign]
+    runs, environment = grid(), RunEnvironment(tmp_path)
+    progress = run_grid(runs, environment)
     assert (progress.done, progress.failed) == (1, 2)
     failed = [record for record in read(environment.results) if record["kind"] == "failed"]
     assert [record["error"] for record in failed] == ["MemoryError", "room/cam03.mp4: found no file."]
+    del performed.fails
     performed.clear()
-    assert run_grid(wanted, environment, callbacks=GridCallbacks(perform=performed)).done == 3
+    assert run_grid(runs, environment).done == 3
     assert len(performed) == 2, "what failed is tried again next time"
 
 
 def test_runs_at_equal_time_get_frogs_seconds(tmp_path: Path, performed: Performed) -> None:
-    environment = RunEnvironment(tmp_path)
-    run_grid(grid(equal_time=True, seeds=3), environment, callbacks=GridCallbacks(perform=performed))
+    environment = RunEnvironment(tmp_path / "all")
+    run_grid(grid(equal_time=True, seeds=3), environment)
     timed = [record for record in read(environment.results) if record["equal_time"]]
     assert [(record["method"], record["seconds_limit"]) for record in timed] == [("static", 11.0)]
     alone = [run for run in grid(equal_time=True) if run.equal_time]
-    (tmp_path / "other").mkdir()
     assert run_grid(alone, RunEnvironment(tmp_path / "other")).failed == 1
     assert "FRoG" in read(tmp_path / "other" / "runs.jsonl")[0]["error"]
 
 
 def test_stopping_leaves_the_rest_for_next_time(tmp_path: Path, performed: Performed) -> None:
-    wanted, environment = grid(), RunEnvironment(tmp_path)
+    runs, environment = grid(), RunEnvironment(tmp_path)
     with pytest.raises(Stopped):
-        run_grid(wanted, environment, callbacks=GridCallbacks(cancelled=lambda: len(performed) == 2, perform=performed))
-    assert performed == wanted[:2]
-    run_grid(wanted, environment, callbacks=GridCallbacks(perform=performed))
-    assert performed == wanted
+        run_grid(runs, environment, cancelled=lambda: len(performed) == 2)
+    assert performed == runs[:2]
+    run_grid(runs, environment)
+    assert performed == runs
 
 
 def test_progress_is_told(tmp_path: Path, performed: Performed) -> None:
@@ -136,22 +140,29 @@ def test_progress_is_told(tmp_path: Path, performed: Performed) -> None:
     def note(progress: Progress) -> None:
         told.append((progress.done, sum(progress.shares.values()), progress.seconds_left))
 
-    run_grid(grid(), RunEnvironment(tmp_path), callbacks=GridCallbacks(note, perform=performed))
+    run_grid(grid(), RunEnvironment(tmp_path), progressed=note)
     assert told[0] == (0, 0, None) and told[-1] == (3, 0, 0)
     assert (1, 0.5, pytest.approx(18.0)) in told, "half a run and a whole one of twelve seconds"
 
 
-def test_time_left_looks_at_the_most_similar_runs() -> None:
-    wanted = [Run("room", "", "frog", ""), Run("dim", "", "frog", ""), Run("dim", "", "static", "")]
+def test_time_left_looks_at_runs_of_the_same_method() -> None:
+    runs = [Run("room", "", "frog", ""), Run("dim", "", "static", "")]
     done = [
-        {"kind": "run", "key": "1", "scene": "room", "method": "frog", "wall_seconds": 100.0},
-        {"kind": "run", "key": "2", "scene": "fast", "method": "frog", "wall_seconds": 300.0},
+        {"kind": "run", "key": "1", "method": "frog", "wall_seconds": 100.0},
+        {"kind": "run", "key": "2", "method": "ed3dgs", "wall_seconds": 300.0},
     ]
     assert seconds_left([], {}, [], 1) is None
-    assert seconds_left(wanted[:1], {}, done, 1) == 100
-    assert seconds_left(wanted[:2], {}, done, 1) == 300
-    assert seconds_left(wanted, {}, done, 2) == 250
-    assert seconds_left([], {wanted[0]: 0.25}, done, 1) == 75
+    assert seconds_left(runs[:1], {}, done, 1) == 100 and seconds_left(runs, {}, done, 2) == 150
+    assert seconds_left([], {runs[0]: 0.25}, done, 1) == 75
+
+
+def test_two_processes_do_not_work_on_the_same_results(tmp_path: Path, performed: Performed) -> None:
+    def begin_another(_: Progress) -> None:
+        with pytest.raises(FrogError, match="writes this file"):
+            run_grid(grid(), RunEnvironment(tmp_path))
+
+    pytest.importorskip("fcntl")
+    assert run_grid(grid(seeds=1), RunEnvironment(tmp_path), progressed=begin_another).done == 2
 
 
 # With the real training, on the small recorded scene.
@@ -179,43 +190,32 @@ def test_a_record_says_everything(filmed: Path, tmp_path: Path, quick_seeds: Non
     assert shares[-1] == 1.0 and str(filmed) not in json.dumps(record)
 
 
-def test_a_killed_training_goes_on(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
+def test_a_killed_training_goes_on_unless_its_settings_changed(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
     environment = RunEnvironment(tmp_path, save_every=0.0)  # a checkpoint after every step
-    run = filmed_run(filmed, steps=40)
-    asked = 0
+    run, asked = filmed_run(filmed), iter([False] * 13)
 
     def killed() -> bool:
-        nonlocal asked
-        asked += 1
-        if asked == 26:
-            raise KeyboardInterrupt
-        return False
+        for answer in asked:
+            return answer
+        raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         perform(run, environment, cancelled=killed)
-    curve = json.loads(Path(f"{environment.scene(run)}.curve").read_text())["curve"]
-    record = perform(run, environment)
-    assert record["steps"] == 40 and 0 < len(curve) < len(record["curve"])
-    assert record["curve"][: len(curve)] == curve, "the curve's beginning was kept, times included"
-    assert [point[1] for point in record["curve"]] == [4 * i for i in range(1, 11)]
-
-
-def test_a_checkpoint_of_other_settings_is_not_used(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
-    environment, run = RunEnvironment(tmp_path), filmed_run(filmed)
+    kept = Path(f"{environment.scene(run)}.curve")
+    values = json.loads(kept.read_text())
     first = perform(run, environment)
-    assert perform(run, environment)["curve"] == first["curve"], "it went on at its end"
-    notes = Path(f"{environment.scene(run)}.curve")
-    values = json.loads(notes.read_text())
+    kept_points = values["curve"][:-1]  # the last one may come after the checkpoint, and is made again
+    assert first["steps"] == 20 and 0 < len(kept_points) < len(first["curve"]) - 1
+    assert first["curve"][: len(kept_points)] == kept_points, "the curve's beginning was kept, times included"
+    assert [point[1] for point in first["curve"]] == [2 * i for i in range(1, 11)]
+
     values["settings"]["recipe"]["network_rate"] = 7.0  # as if the recipe had been changed since
-    notes.write_text(json.dumps(values))
+    kept.write_text(json.dumps(values))
     again = perform(run, environment)
     assert again["steps"] == 20 and again["curve"] != first["curve"], "trained anew, at other times of the clock"
-    runs.clean_up(run, environment)
-    assert sorted(path.name for path in environment.scene(run).parent.iterdir()) == [
-        f"{run.key}.frog",
-        f"{run.key}.frog.checkpoint",
-    ], "the first seed's checkpoint stays for the timings"
-    runs.clean_up(replace(run, seed=1), environment)
+    clean_up(run, environment)
+    left = {path.name for path in environment.scene(run).parent.iterdir()}
+    assert left == {f"{run.key}.frog", f"{run.key}.frog.checkpoint"}, "the checkpoint stays for the timings"
 
 
 def test_an_opened_capture_is_trained_on(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
@@ -227,29 +227,62 @@ def test_an_opened_capture_is_trained_on(filmed: Path, tmp_path: Path, quick_see
     assert (cameras[1].world_to_camera != clean[1].world_to_camera).any()
 
 
-def test_a_worker_answers_in_lines(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
-    def ask(run: Run, stopping: threading.Event) -> list[dict]:
-        answer = StringIO()
-        task = {"run": run.to_json(), "folder": str(tmp_path), "device": "cpu", "threads": 1}
-        worker.serve(json.dumps({**task, "dedicated": False, "seconds": None}), answer, stopping)
-        return [json.loads(line) for line in answer.getvalue().splitlines()]
-
-    *shares, last = ask(filmed_run(filmed, steps=3), threading.Event())
-    assert shares[-1] == {"share": 1.0}
-    assert (last["record"]["kind"], last["record"]["dedicated"]) == ("run", False)
-    (failed,) = ask(Run("gone", "/nowhere/gone", "frog", "FRoG", steps=3), threading.Event())
-    assert failed["record"]["kind"] == "failed" and "/nowhere" not in failed["record"]["error"]
-    stopping = threading.Event()
-    stopping.set()
-    assert ask(filmed_run(filmed, seed=1), stopping) == [{"stopped": True}]
+@pytest.fixture(scope="module")
+def cluster(cache_folder: Path) -> Iterator[clusters.Cluster]:
+    pytest.importorskip("distributed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FROG_CACHE", str(cache_folder))  # workers have the environment of their first moment
+        with clusters.Cluster(clusters.LOCAL, workers=2) as cluster:
+            yield cluster
 
 
-def test_several_processes(tmp_path: Path) -> None:
-    """Two runs of a capture that is not there: both are recorded as failed, and nothing hangs."""
-    environment = RunEnvironment(tmp_path, "cpu")
-    progress = run_grid(grid(seeds=2, methods=["frog"]), environment, workers=Processes(2))
-    assert (progress.done, progress.failed) == (0, 2)
-    records = read(environment.results)
-    assert {record["seed"] for record in records} == {0, 1}
-    assert all("room: there is no such folder" in record["error"] for record in records), records
-    assert not list((tmp_path / "scenes").glob("*.log"))
+def tiny_runs(filmed: Path, count: int, steps: int) -> list[Run]:
+    first = filmed_run(filmed, overrides=(("seed_gaussians", 200),), steps=steps)
+    return [replace(first, seed=seed) for seed in range(count)]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal on this system")
+def test_a_cluster_does_all_once_though_a_worker_dies(
+    cluster: clusters.Cluster, filmed: Path, quick_seeds: None, tmp_path: Path
+) -> None:
+    here, there = RunEnvironment(tmp_path / "here", "cpu", threads=1), RunEnvironment(tmp_path / "there", "cpu")
+    runs = [*tiny_runs(filmed, 3, 6), filmed_run(tmp_path / "none", scene="none")]
+    run_grid(runs[:3], here)  # keeps its seed points where the workers find them
+    killed = threading.Event()
+
+    def kill_half_way(progress: Progress) -> None:
+        if progress.done >= 1 and progress.shares and not killed.is_set():
+            killed.set()
+            os.kill(min(cluster._client.run(os.getpid).values()), signal.SIGKILL)
+
+    assert cluster.slots == 2 and cluster.threads() == max(1, (os.cpu_count() or 1) // 2)
+    progress = run_grid(runs, there, cluster=cluster, progressed=kill_half_way)
+    assert killed.is_set() and (progress.done, progress.failed, progress.shares) == (3, 1, {})
+    records, others = read(there.results), read(here.results)
+    assert len({record["key"] for record in records}) == len(records), "a run was recorded twice"
+    psnrs, expected = ({r["seed"]: r["psnr"] for r in part if r["kind"] == "run"} for part in (records, others))
+    assert psnrs == expected and not any(record["dedicated"] for record in records if record["kind"] == "run")
+    (failed,) = [record for record in records if record["kind"] == "failed"]
+    assert "none: there is no such folder" in failed["error"]
+
+
+def test_a_stopped_grid_keeps_what_was_learned(
+    cluster: clusters.Cluster, filmed: Path, quick_seeds: None, tmp_path: Path
+) -> None:
+    environment, told = RunEnvironment(tmp_path, "cpu"), threading.Event()
+
+    def started(progress: Progress) -> None:
+        if any(progress.shares.values()):
+            told.set()
+
+    with pytest.raises(Stopped):
+        run_grid(tiny_runs(filmed, 1, 100_000), environment, cluster=cluster, progressed=started, cancelled=told.is_set)
+    assert not read(environment.results) and list((tmp_path / "scenes").glob("*.frog*"))
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere"])
+def test_no_scheduler_is_told(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(clusters, "_CONNECT_SECONDS", 0.5)
+    with pytest.raises(FrogError, match="no Dask scheduler answered"):
+        clusters.Cluster(address)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.research.results import append, finished, locked, read, timings
+from frog_blender.research.results import append, finished, read
 
 
 def test_lines_come_back_in_order(tmp_path: Path) -> None:
@@ -62,25 +62,8 @@ def test_numbers_that_json_does_not_know_become_none(tmp_path: Path) -> None:
 
 
 def test_the_last_one_counts() -> None:
-    records = [
-        {"kind": "run", "key": "a", "psnr": 1},
-        {"kind": "failed", "key": "b"},
-        {"kind": "run", "key": "a", "psnr": 2},
-        {"kind": "timing", "key": "a", "scene": "room", "label": "FRoG", "fps": 1},
-        {"kind": "timing", "key": "a", "scene": "room", "label": "FRoG", "fps": 2},
-        {"kind": "timing", "key": "a", "scene": "dim", "label": "FRoG", "fps": 3},
-    ]
-    assert finished(records) == {"a": records[2]}
-    names = ("scene", "label")
-    assert timings(records, names) == {("room", "FRoG"): records[4], ("dim", "FRoG"): records[5]}
-
-
-def test_two_processes_do_not_work_on_the_same_results(tmp_path: Path) -> None:
-    pytest.importorskip("fcntl")
-    with locked(tmp_path / "lock"), pytest.raises(FrogError, match="another process"), locked(tmp_path / "lock"):
-        pass
-    with locked(tmp_path / "lock"):
-        pass
+    runs = [{"kind": "run", "key": "a", "psnr": psnr} for psnr in (1, 2)]
+    assert finished([runs[0], {"kind": "failed", "key": "b"}, runs[1]]) == {"a": runs[1]}
 
 
 def test_a_folder_that_takes_nothing_is_said(tmp_path: Path) -> None:

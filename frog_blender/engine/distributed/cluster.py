@@ -1,7 +1,7 @@
 """Independent tasks on the workers of a Dask cluster: one of this machine, or one whose scheduler is running.
 
-A task is a function of a module that the workers can import, with what it needs as JSON values. Paths in it must mean
-the same on every worker. A task whose worker dies is given to another one.
+A task is a function of a module that the workers can import, with what it needs: plain values, or dataclasses of them.
+Paths in it must mean the same on every worker. A task whose worker dies is given to another one.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import queue
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -115,44 +115,46 @@ class Cluster:
         shares = (count // slots[hosts[name]] for name, count in cores.items() if name in hosts)
         return max(1, min(shares, default=1))
 
-    def start(self, key: str, work: Work, task: Task, told: Say, ended: Callable[[Ended], None]) -> None:
-        """Gives out a task.
+    def messages(
+        self, work: Work, tasks: Iterable[tuple[str, Task]], stopped: Callable[[], bool] = lambda: False
+    ) -> Iterator[tuple[str, Any]]:
+        """Does tasks, as many at once as there are slots; yields by key what they say, and at last how they ``Ended``.
+
+        A task that is done again repeats its messages.
 
         Args:
-            key: of the task; unique in this cluster at any time.
-            told: called in another thread with each message of the task.
-            ended: called once in another thread, also after ``stop``.
+            tasks: by key, each taken when it can begin.
+            stopped: asked whether to begin no other task, and to ask those in progress to end. They still answer.
         """
-        self._told[key] = told
+        heard: queue.Queue[tuple[str, Any]] = queue.Queue()
+        waiting, working = iter(tasks), set[str]()
+        try:
+            while True:
+                while len(working) < self.slots and not stopped() and (begun := next(waiting, None)) is not None:
+                    working.add(begun[0])
+                    self._start(*begun, work, heard)
+                if stopped():
+                    self.stop()
+                if not working:
+                    return
+                with suppress(queue.Empty):  # Windows' Ctrl-C waits for an endless get
+                    key, message = heard.get(timeout=0.2)
+                    if key in working:  # what it said last may come after its end: they take different ways
+                        working -= {key} if isinstance(message, Ended) else set()
+                        yield key, message
+        finally:
+            if working:
+                self.stop()
+            while working:
+                key, message = heard.get()
+                working -= {key} if isinstance(message, Ended) else set()
+
+    def _start(self, key: str, task: Task, work: Work, heard: queue.Queue[tuple[str, Any]]) -> None:
+        self._told[key] = lambda message: heard.put((key, message))
         do = partial(_do, work, dict(task), key, self._name)
         future = self._client.submit(do, key=f"{self._name}-{key}-{uuid.uuid4().hex}", pure=False)
         self._futures[key] = future
-        future.add_done_callback(partial(self._ended, key, ended))
-
-    def each(self, work: Work, tasks: Mapping[str, Task], told: Say = lambda message: None) -> dict[str, Any]:
-        """Does tasks; returns their answers by key.
-
-        Args:
-            tasks: by key.
-            told: called with every message of any of them; a task that is done again repeats its messages.
-
-        Raises:
-            FrogError: if one fails; the others are asked to end.
-        """
-        heard: queue.Queue[tuple[str, Any]] = queue.Queue()
-        for key, task in tasks.items():
-            self.start(key, work, task, partial(_put, heard, ""), partial(_put, heard, key))
-        answers: dict[str, Any] = {}
-        while len(answers) < len(tasks):
-            with suppress(queue.Empty):  # Windows' Ctrl-C waits for an endless get
-                key, message = heard.get(timeout=0.5)
-                if not key:
-                    told(message)
-                elif message.error is not None:
-                    raise FrogError(message.error)
-                else:
-                    answers[key] = message.answer
-        return answers
+        future.add_done_callback(lambda future: heard.put((key, self._ended(key, future))))
 
     def stop(self) -> None:
         """Asks all tasks to end. They still answer."""
@@ -165,20 +167,15 @@ class Cluster:
         if key in self._told:
             self._told[key](message)
 
-    def _ended(self, key: str, ended: Callable[[Ended], None], future: Future[Any]) -> None:
+    def _ended(self, key: str, future: Future[Any]) -> Ended:
         self._futures.pop(key, None)
         self._told.pop(key, None)
         if future.status == "finished":
-            ended(Ended(future.result()))
-        elif future.status == "cancelled":
-            ended(Ended(error="The scheduler dropped this task."))
-        else:
-            error = future.exception()
-            ended(Ended(error=str(error) or type(error).__name__))
-
-
-def _put(heard: queue.Queue[tuple[str, Any]], key: str, message: Any) -> None:
-    heard.put((key, message))
+            return Ended(future.result())
+        if future.status == "cancelled":
+            return Ended(error="The scheduler dropped this task.")
+        error = future.exception()
+        return Ended(error=str(error) or type(error).__name__)
 
 
 def _local_cluster(workers: int) -> LocalCluster:

@@ -17,7 +17,7 @@ BLOCK = 4096
 
 
 @contextmanager
-def readable(what: str) -> Iterator[None]:
+def _readable(what: str) -> Iterator[None]:
     """Turns what goes wrong with arrays and settings of a file into one sentence; ``what`` names the part."""
     try:
         yield
@@ -25,88 +25,81 @@ def readable(what: str) -> Iterator[None]:
         raise FrogError(f"The scene's {what} cannot be used ({brief(error)}); train it again.") from error
 
 
-def take(arrays: SceneArrays, name: str, *shape: int) -> Array:
-    """An array as contiguous float32; KeyError or ValueError unless it has that shape and no number is missing."""
-    array = arrays[name]
-    if array.shape != shape or 0 in shape:
-        raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
-    array = np.ascontiguousarray(array, np.float32)
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} holds numbers that are not finite")
-    return array
+class _Stored:
+    """Arrays and settings of a scene file, checked as they are asked for: ValueError for what does not fit."""
+
+    def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
+        self.arrays, self.model = arrays, model
+
+    def array(self, name: str, *shape: int) -> Array:
+        """An array as contiguous float32, of that shape, in which no number is missing."""
+        array = self.arrays[name]
+        if array.shape != shape or 0 in shape:
+            raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+        array = np.ascontiguousarray(array, np.float32)
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} holds numbers that are not finite")
+        return array
+
+    def whole(self, name: str, least: int, most: int = 4096) -> int:
+        """A setting that is a whole number."""
+        value = int(self.model[name])
+        if not least <= value <= most:
+            raise ValueError(f"{name} is {value}, expected {least} to {most}")
+        return value
+
+    def number(self, name: str) -> np.float32:
+        """A setting that is a finite number above zero."""
+        value = float(self.model[name])
+        if not 0 < value < np.inf:
+            raise ValueError(f"{name} is {value}, expected a number above 0")
+        return np.float32(value)
 
 
-def whole(model: JsonMapping, name: str, least: int, most: int) -> int:
-    """A setting that is a whole number; ValueError outside ``least`` to ``most``."""
-    value = int(model[name])
-    if not least <= value <= most:
-        raise ValueError(f"{name} is {value}, expected {least} to {most}")
-    return value
-
-
-def number(model: JsonMapping, name: str) -> float:
-    """A setting that is a finite number above zero; ValueError otherwise."""
-    value = float(model[name])
-    if not 0 < value < np.inf:
-        raise ValueError(f"{name} is {value}, expected a number above 0")
-    return value
-
-
-def scales_of(logs: Array) -> Array:
+def _scales_of(logs: Array) -> Array:
     """Standard deviations, finite for any logarithms, as those of static Gaussians."""
     result: Array = np.exp(np.clip(logs, -80, 80))
     return result
 
 
-def sigmoid(logits: Array) -> Array:
+def _sigmoid(logits: Array) -> Array:
     result: Array = 1 / (1 + np.exp(-np.clip(logits, -80, 80)))
     return result
 
 
-class StaticGaussians:
+class _Still:
     """The canonical Gaussians, and what becomes of them when changes are added before activation."""
 
     def __init__(self, arrays: SceneArrays) -> None:
         names = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
-        self._values = {name: np.ascontiguousarray(arrays[name], np.float32) for name in names}
+        self.values = {name: np.ascontiguousarray(arrays[name], np.float32) for name in names}
+        self.means = self.values["means"]
 
     def __len__(self) -> int:
-        return len(self._values["means"])
+        return len(self.means)
 
-    @property
-    def means(self) -> Array:
-        """(N, 3)."""
-        return self._values["means"]
-
-    @property
-    def sh_count(self) -> int:
-        """SH coefficients a channel."""
-        return self._values["sh"].shape[1]
-
-    def changed(self, sizes: dict[str, int], output: Array, motion_unit: float) -> NumpyGaussians:
+    def changed(self, sizes: dict[str, int], output: Array, motion_unit: np.float32) -> NumpyGaussians:
         """Activated, quaternions not normalised.
 
         Args:
             sizes: columns of ``output`` by attribute, in their order.
             output: (N, sum of sizes); means in motion units.
         """
-        v, start = dict(self._values), 0
-        for name, size in sizes.items():
-            change = output[:, start : start + size]
-            start += size
-            if name == "means":
-                change = change * np.float32(motion_unit)
+        v = dict(self.values)
+        for (name, size), end in zip(sizes.items(), np.cumsum(list(sizes.values())), strict=True):
+            change = output[:, end - size : end]
             if name == "sh":
                 v["sh"] = v["sh"].copy()
                 v["sh"][:, : size // 3] += change.reshape(len(self), -1, 3)
             else:
+                change = change * motion_unit if name == "means" else change
                 v[name] = v[name] + change.reshape(v[name].shape)
         return GaussianArrays(
-            v["means"], v["quaternions"], scales_of(v["log_scales"]), sigmoid(v["opacity_logits"]), v["sh"]
+            v["means"], v["quaternions"], _scales_of(v["log_scales"]), _sigmoid(v["opacity_logits"]), v["sh"]
         )
 
 
-def in_blocks(count: int, outputs: int, network: Callable[[slice], Array]) -> Array:
+def _in_blocks(count: int, outputs: int, network: Callable[[slice], Array]) -> Array:
     """(count, outputs) of a network that answers for the Gaussians of a slice."""
     result = np.empty((count, outputs), np.float32)
     for start in range(0, count, BLOCK):
@@ -129,35 +122,31 @@ class PlayableCurves:
     changing = frozenset({"means", "quaternions", "base"})
 
     def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
-        with readable("curves"):
-            count = self.num_dynamic = len(StaticGaussians(arrays))
-            embeddings = take(arrays, "embeddings", count, _NUMBERS)
-            units = [number({"motion_units": unit}, "motion_units") for unit in model["motion_units"]]
+        with _readable("curves"):
+            still, stored = _Still(arrays), _Stored(arrays, model)
+            self.num_dynamic = len(still)
+            embeddings = stored.array("embeddings", len(still), _NUMBERS)
+            units = [_Stored(arrays, {"motion_units": unit}).number("motion_units") for unit in model["motion_units"]]
             if len(units) != 3:
                 raise ValueError(f"there are {len(units)} motion units, expected 3")
-            self._curve = [embeddings[:, 3 * i : 3 * i + 3] * np.float32(unit) for i, unit in enumerate(units)]
-            self._spin = embeddings[:, 9:13] * np.float32(number(model, "rotation_unit"))
-            self._centres = embeddings[:, 13:14] * np.float32(number(model, "centre_unit"))
-            widths = np.clip(np.float32(-number(model, "width_unit")) * embeddings[:, 14:15], -40, 40)
-            self._sharpness = np.exp(widths) / np.float32(number(model, "first_width"))
-            self._still = {name: np.ascontiguousarray(arrays[name], np.float32) for name in ("means", "quaternions")}
-            self._scales = scales_of(np.asarray(arrays["log_scales"], np.float32))
-            self._opacities = sigmoid(np.asarray(arrays["opacity_logits"], np.float32))
-            self._sh = np.ascontiguousarray(arrays["sh"], np.float32)
+            self._curve = [embeddings[:, 3 * i : 3 * i + 3] * unit for i, unit in enumerate(units)]
+            self._spin = embeddings[:, 9:13] * stored.number("rotation_unit")
+            self._centres = embeddings[:, 13:14] * stored.number("centre_unit")
+            widths = np.clip(-stored.number("width_unit") * embeddings[:, 14:15], -40, 40)
+            self._sharpness = np.exp(widths) / stored.number("first_width")
+            self._still = still.changed({}, embeddings, np.float32(1))
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated; quaternions are not normalised."""
         since = np.float32(time - 0.5) - self._centres
-        first, second, third = self._curve
-        means = self._still["means"] + since * (first + since * (second + since * third))
+        (first, second, third), still = self._curve, self._still
+        means = still.means + since * (first + since * (second + since * third))
         presence = np.exp(-np.square(since * self._sharpness))[:, 0]
-        return GaussianArrays(
-            means, self._still["quaternions"] + since * self._spin, self._scales, self._opacities * presence, self._sh
-        )
+        quaternions = still.quaternions + since * self._spin
+        return GaussianArrays(means, quaternions, still.scales, still.opacities * presence, still.sh)
 
 
 _SIZES = {"means": 3, "quaternions": 4, "log_scales": 3}
-_WIDEST = 4096
 
 
 def _encode(values: Array, frequencies: int) -> Array:
@@ -178,37 +167,35 @@ class PlayableD3dgs:
     changing = frozenset(name.removeprefix("log_") for name in _SIZES)
 
     def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
-        with readable("deformation network"):
-            self._still = StaticGaussians(arrays)
+        with _readable("deformation network"):
+            self._still, stored = _Still(arrays), _Stored(arrays, model)
             self.num_dynamic = len(self._still)
-            depth, width = whole(model, "depth", 1, 64), whole(model, "width", 1, _WIDEST)
-            space = 3 + 6 * whole(model, "space_frequencies", 0, 24)
-            self._frequencies = whole(model, "time_frequencies", 0, 24)
-            self._unit = number(model, "motion_unit")
-            encoded_time = 1 + 2 * self._frequencies
-            self._skips = (0, depth // 2 + 1)
+            depth, width = stored.whole("depth", 1, 64), stored.whole("width", 1)
+            space_frequencies = stored.whole("space_frequencies", 0, 24)
+            self._frequencies = stored.whole("time_frequencies", 0, 24)
+            self._unit = stored.number("motion_unit")
+            space, encoded_time = 3 + 6 * space_frequencies, 1 + 2 * self._frequencies
             self._layers = []
             for layer in range(depth):
-                inputs = (space + encoded_time) * (layer in self._skips) + width * (layer > 0)
-                weight = take(arrays, f"network.layers.{layer}.weight", width, inputs)
-                bias = take(arrays, f"network.layers.{layer}.bias", width)
-                splits = [space, space + encoded_time] if layer in self._skips else [0, 0]
-                self._layers.append((*np.split(weight, splits, axis=1), bias))
+                skips = layer in (0, depth // 2 + 1)
+                inputs = (space + encoded_time) * skips + width * (layer > 0)
+                weight = stored.array(f"network.layers.{layer}.weight", width, inputs)
+                bias = stored.array(f"network.layers.{layer}.bias", width)
+                self._layers.append(
+                    (*np.split(weight, [space, space + encoded_time] if skips else [0, 0], axis=1), bias)
+                )
             outputs = sum(_SIZES.values())
-            self._output = take(arrays, "network.output.weight", outputs, width)
-            self._output_bias = take(arrays, "network.output.bias", outputs)
-            centre, unit = (take(arrays, f"network.{name}", 3) for name in ("centre", "unit"))
+            self._output = stored.array("network.output.weight", outputs, width)
+            self._output_bias = stored.array("network.output.bias", outputs)
+            centre, unit = (stored.array(f"network.{name}", 3) for name in ("centre", "unit"))
             if not (unit > 0).all():
                 raise ValueError("its unit of length is not above 0")
-            self._places = _encode((self._still.means - centre) / unit, int(model["space_frequencies"]))
+            self._places = _encode((self._still.means - centre) / unit, space_frequencies)
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated; quaternions are not normalised."""
         encoded_time = _encode(np.full((1, 1), time, np.float32), self._frequencies)[0]
-        constants = [
-            bias + by_time @ encoded_time if by_time.size else bias
-            for by_place, by_time, by_hidden, bias in self._layers
-        ]
+        constants = [bias + by_time @ encoded_time if by_time.size else bias for _, by_time, _, bias in self._layers]
 
         def network(part: slice) -> Array:
             places, hidden = self._places[part], None
@@ -220,7 +207,7 @@ class PlayableD3dgs:
                 hidden = np.maximum(sums, 0, out=sums)
             return hidden @ self._output.T + self._output_bias
 
-        output = in_blocks(len(self._still), len(self._output), network)
+        output = _in_blocks(len(self._still), len(self._output), network)
         return self._still.changed(_SIZES, output, self._unit)
 
 
@@ -278,51 +265,50 @@ class PlayableHexPlane:
     """
 
     def __init__(self, arrays: SceneArrays, model: JsonMapping) -> None:
-        with readable("planes or network"):
-            self._still = StaticGaussians(arrays)
+        with _readable("planes or network"):
+            self._still, stored = _Still(arrays), _Stored(arrays, model)
             self.num_dynamic = len(self._still)
-            channels, rows = whole(model, "channels", 1, _WIDEST), whole(model, "time_rows", 2, 1 << 20)
-            hidden, self._head = whole(model, "hidden_width", 1, _WIDEST), whole(model, "head_width", 0, _WIDEST)
-            deformed = whole(model, "deformed_sh", 0, self._still.sh_count)
-            self._unit = number(model, "motion_unit")
-            sizes = output_sizes(deformed)
+            channels, rows = stored.whole("channels", 1), stored.whole("time_rows", 2, 1 << 20)
+            hidden, self._head = stored.whole("hidden_width", 1), stored.whole("head_width", 0)
+            deformed_sh = stored.whole("deformed_sh", 0, self._still.values["sh"].shape[1])
+            self._unit = stored.number("motion_unit")
+            self._sizes = output_sizes(deformed_sh)
             if not model["deformed_opacity"]:
-                del sizes["opacity_logits"]
-            self._sizes = sizes
-            plain = {
-                name.removeprefix("log_") for name in ("means", "log_scales", "quaternions") if name in self._sizes
-            }
+                del self._sizes["opacity_logits"]
             base = {"base"} if self._sizes.keys() & {"opacity_logits", "sh"} else set()
-            self.changing = frozenset({*plain, *base, *(f"sh_{k}" for k in range(1, deformed))})
-            low, high = (take(arrays, f"network.{name}", 3) for name in ("low", "high"))
+            self.changing = frozenset(
+                {"means", "scales", "quaternions", *base, *(f"sh_{k}" for k in range(1, deformed_sh))}
+            )
+            low, high = (stored.array(f"network.{name}", 3) for name in ("low", "high"))
             if not (high > low).all():
                 raise ValueError("its box has no room")
             places = (self._still.means - low) / (high - low)
             resolutions = [int(size) for size in model["resolutions"]]
-            if not 1 <= len(resolutions) <= 16 or not all(2 <= size <= _WIDEST for size in resolutions):
+            if not 1 <= len(resolutions) <= 16 or not all(2 <= size <= 4096 for size in resolutions):
                 raise ValueError(f"the resolutions are {resolutions}")
             self._scales = [
                 _Scale(
-                    take(arrays, f"network.space_planes.{number_}", 3, channels, size, size),
-                    take(arrays, f"network.time_planes.{number_}", 3, channels, rows, size),
+                    stored.array(f"network.space_planes.{index}", 3, channels, size, size),
+                    stored.array(f"network.time_planes.{index}", 3, channels, rows, size),
                     places,
                 )
-                for number_, size in enumerate(resolutions)
+                for index, size in enumerate(resolutions)
             ]
-            second = len(self._sizes) * self._head or hidden
+            second, outputs = len(self._sizes) * self._head or hidden, sum(self._sizes.values())
             shapes = {
                 "first.weight": (hidden, channels * len(resolutions)),
                 "first.bias": (hidden,),
                 "second.weight": (second, hidden),
                 "second.bias": (second,),
-                "output_weight": (sum(self._sizes.values()), self._head or hidden),
-                "output_bias": (sum(self._sizes.values()),),
+                "output_weight": (outputs, self._head or hidden),
+                "output_bias": (outputs,),
             }
-            self._network = {name: take(arrays, f"network.{name}", *shape) for name, shape in shapes.items()}
+            self._network = {name: stored.array(f"network.{name}", *shape) for name, shape in shapes.items()}
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated; quaternions are not normalised."""
         lines, n = [scale.lines_at(time) for scale in self._scales], self._network
+        sizes = list(self._sizes.values())
 
         def network(part: slice) -> Array:
             parts = [scale.features(line, part) for scale, line in zip(self._scales, lines, strict=True)]
@@ -332,13 +318,12 @@ class PlayableHexPlane:
                 np.maximum(hidden, 0, out=hidden)
             if not self._head:
                 return hidden @ n["output_weight"].T + n["output_bias"]
-            outputs, start = [], 0
-            for head, size in enumerate(self._sizes.values()):
-                rows = slice(start, start + size)
-                part_of = hidden[:, head * self._head : (head + 1) * self._head]
-                outputs.append(part_of @ n["output_weight"][rows].T + n["output_bias"][rows])
-                start += size
-            return np.concatenate(outputs, axis=1)
+            parts = []
+            for head, (size, end) in enumerate(zip(sizes, np.cumsum(sizes), strict=True)):
+                rows = slice(end - size, end)
+                own = hidden[:, head * self._head : (head + 1) * self._head]
+                parts.append(own @ n["output_weight"][rows].T + n["output_bias"][rows])
+            return np.concatenate(parts, axis=1)
 
-        output = in_blocks(len(self._still), len(n["output_bias"]), network)
+        output = _in_blocks(len(self._still), len(n["output_bias"]), network)
         return self._still.changed(self._sizes, output, self._unit)

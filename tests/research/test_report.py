@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 from support.chart_records import run_record, timing_record, whole_chart
 
-from frog_blender.research.summary import differences, sections
-from frog_blender.research.tables import cell, duration, markdown, table
+from frog_blender.research.report import cell, differences, duration, markdown, sections, table
 
 
 def lines_of(text: str, heading: str) -> list[list[str]]:

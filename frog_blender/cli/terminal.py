@@ -1,0 +1,159 @@
+"""What a command has to do with its terminal: printing, also where nobody reads any more, and requests to end.
+
+Ctrl-C and other requests to end: long commands save their state, all others remove what is half-written. A closed
+terminal, a lost connection (SIGHUP), ``kill``, a scheduler or a system that shuts down (SIGTERM), and a closed console
+window of Windows (SIGBREAK and its events) count as the first Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any, TextIO
+
+from ..engine.errors import printable
+
+_CTRL_C = signal.SIGINT
+_OTHERS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
+_CLOSE, _LOG_OFF, _SHUT_DOWN = 2, 5, 6  # events of a Windows console that end a process
+_MAX_WAIT = 30.0  # seconds; Windows itself waits less
+
+
+def say(text: object) -> None:
+    """Prints a line of a command's result, without control characters: text from files must not control the
+    terminal."""
+    print(printable(text))
+
+
+def complain(text: object) -> None:
+    """Prints a line about an error to standard error."""
+    print(f"frog: {printable(text)}", file=sys.stderr)
+
+
+@contextmanager
+def stopping() -> Iterator[Callable[[], bool]]:
+    """Yields a function that returns True after the first request to end; a second Ctrl-C raises KeyboardInterrupt.
+
+    Other repeated requests do nothing: a closed terminal sends SIGHUP twice, and a scheduler may repeat SIGTERM.
+    """
+    asked = False
+
+    def ask() -> None:
+        nonlocal asked
+        asked = True
+
+    def stop(number: int, _: FrameType | None) -> None:
+        if asked and number == _CTRL_C:
+            raise KeyboardInterrupt
+        ask()
+
+    with _handled([_CTRL_C, *_OTHERS], stop), _console_closing(ask):
+        yield lambda: asked
+
+
+@contextmanager
+def leaving_cleanly() -> Iterator[None]:
+    """Inside the block a request to end raises KeyboardInterrupt, so that what is half-written is removed."""
+
+    def leave(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with _handled(_OTHERS, leave):
+        yield
+
+
+@contextmanager
+def _handled(signals: Iterable[int], handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+    """Handles signals inside the block; does nothing outside the main thread, where Python allows no handlers.
+
+    A request other than Ctrl-C that is ignored stays so, as ``nohup`` sets it.
+    """
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in signals:
+            if number == _CTRL_C or signal.getsignal(number) != signal.SIG_IGN:
+                before[number] = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, previous in before.items():
+            signal.signal(number, previous if previous is not None else signal.SIG_DFL)
+
+
+@contextmanager
+def _console_closing(ask: Callable[[], None]) -> Iterator[None]:
+    """Calls ``ask`` when a Windows console closes, the user logs off, or the computer shuts down.
+
+    Windows ends the process when its handler of such an event returns, and at the latest some seconds later. The
+    handler has its own thread and waits until the block has ended.
+    """
+    if sys.platform != "win32":
+        yield
+        return
+    ended = threading.Event()
+
+    @ctypes.WINFUNCTYPE(ctypes.c_int, ctypes.c_uint)
+    def handle(event: int) -> int:
+        if event not in (_CLOSE, _LOG_OFF, _SHUT_DOWN):
+            return 0  # Ctrl-C and Ctrl-Break are Python's
+        ask()
+        ended.wait(_MAX_WAIT)
+        return 1
+
+    kernel = ctypes.windll.kernel32
+    kernel.SetConsoleCtrlHandler(handle, 1)
+    try:
+        yield
+    finally:
+        ended.set()
+        kernel.SetConsoleCtrlHandler(handle, 0)
+
+
+@contextmanager
+def printing_may_fail() -> Iterator[None]:
+    """Inside the block output that cannot be printed is dropped without an error, so that it ends no training.
+
+    The terminal may be closed, the pipe's reader gone, or the disk of a log full.
+    """
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = _LossyStream(sys.stdout), _LossyStream(sys.stderr)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
+        for stream in before:
+            _drop_buffer(stream)
+
+
+class _LossyStream:
+    """Wraps a text stream so that writing to it never raises."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with suppress(OSError, ValueError):
+            return self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError, ValueError):
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:  # as the stream's own attributes
+        return getattr(self._stream, name)
+
+
+def _drop_buffer(stream: TextIO) -> None:
+    """Flushes a stream; drops what cannot be written, which would else raise again when Python exits."""
+    try:
+        stream.flush()
+    except (OSError, ValueError):
+        with suppress(OSError, ValueError), open(os.devnull, "w", encoding="utf-8") as nowhere:
+            os.dup2(nowhere.fileno(), stream.fileno())

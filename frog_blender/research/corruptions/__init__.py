@@ -1,1 +1,0 @@
-"""Corrupted captures: conditions under which methods fail, each a function of a clean capture."""
