@@ -51,7 +51,7 @@ def code_of(page: str) -> str:
     blocks += re.findall(r"^```python\n(.+?)^```", text, re.M | re.S)
     code = "\n".join(line.removeprefix("    ") for line in blocks[0].splitlines())
     assert 'recipe="draft"' in code
-    return code.replace('recipe="draft"', 'recipe="draft", steps=12')
+    return code.replace('recipe="draft"', 'recipe="draft", steps=4, max_gaussians=250')
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/python-api.md"])
@@ -65,8 +65,7 @@ def test_the_python_of_a_page_runs_inside_the_clone(installed: Path, clone: Path
 def test_the_command_line_runs_inside_the_clone(installed: Path, clone: Path) -> None:
     frog = installed / "bin" / "frog"
     for command in (
-        ["train", "capture", "--out", "scene.frog", "--recipe", "draft", "--steps", "12"],
-        ["eval", "scene.frog", "capture"],
+        ["train", "capture", "--out", "scene.frog", "--recipe", "draft", "--steps", "4", "--max-gaussians", "250"],
         ["render", "scene.frog", "--camera", "cam00", "--out", "frames"],
     ):
         run = run_at(clone, installed, frog, *command)

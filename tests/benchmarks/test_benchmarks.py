@@ -93,6 +93,7 @@ def test_the_gpu_check_can_be_rehearsed(tmp_path: Path) -> None:
     assert all(f"## {name}" in report for name in parts)
 
 
+@pytest.mark.slow
 def test_a_part_of_the_gpu_check_that_fails_does_not_stop_the_others(tmp_path: Path) -> None:
     status, parts, report = rehearse(tmp_path, FROG_NATIVE_LIBRARY=str(tmp_path / "nowhere.so"))
     assert status == 1
@@ -109,11 +110,3 @@ def test_the_gpu_check_without_a_gpu_says_so_and_stops(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert list(json.loads((tmp_path / "gpu.json").read_text())) == ["machine"]
     assert "torch sees no CUDA device" in done.stdout
-
-
-def test_training_modules_need_no_native_library(tmp_path: Path) -> None:
-    modules = ["training.optimize.trainer", "training.session.run", "rasterizer.cuda.rasterize"]
-    script = "; ".join(f"import frog_blender.engine.{module}" for module in modules)
-    environment = os.environ | {"FROG_NATIVE_LIBRARY": str(tmp_path / "nowhere.so")}
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=False)
-    assert done.returncode == 0, done.stderr

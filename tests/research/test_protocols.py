@@ -53,44 +53,29 @@ def n3dv(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_n3dv_is_nine_captures_at_the_papers_size(n3dv: Path) -> None:
-    found = captures(replace(N3DV, image_width=16), n3dv)
-    assert [name for name, _ in found] == [
-        "coffee_martini",
-        "cook_spinach",
-        "cut_roasted_beef",
-        *(f"flame_salmon_frag{i}" for i in (1, 2, 3, 4)),
-        "flame_steak",
-        "sear_steak",
-    ]
-    by_name = dict(found)
-    for name, capture in found:
+    opened = captures(replace(N3DV, image_width=16), n3dv)
+    salmon = [f"flame_salmon_frag{i}" for i in (1, 2, 3, 4)]
+    names = ["coffee_martini", "cook_spinach", "cut_roasted_beef", *salmon, "flame_steak", "sear_steak"]
+    assert [name for name, _ in opened] == names
+    by_name = dict(opened)
+    for name, capture in opened:
         assert capture.test_cameras == {"cam00"}
         assert (capture.cameras[0].width, capture.cameras[0].height) == (16, 12)
         assert capture.frame_count == (299 if name == "sear_steak" else 300)
     assert any("299 of its 300 frames" in warning for warning in by_name["sear_steak"].warnings)
+    for segment, name in enumerate(salmon):
+        shots = [shot for shot in by_name[name].shots if shot.camera == 1]
+        assert [shot.index for shot in shots] == [*range(300 * segment, 300 * segment + 300)]
+        assert [shot.frame for shot in shots] == [*range(300)]
 
-
-def test_coffee_martini_goes_without_camera_13_and_its_pose(n3dv: Path) -> None:
+    martini = by_name["coffee_martini"]  # without camera 13 and its pose
     assert sorted(MARTINI).index("cam13") == 12
-    ((_, capture),) = captures("n3dv", n3dv, names=["coffee_martini"])
     kept = [name for name in MARTINI if name != "cam13"]
-    assert [camera.name for camera in capture.cameras] == kept
-    centers = [camera.center[0] for camera in capture.cameras]
+    assert [camera.name for camera in martini.cameras] == kept
+    centers = [camera.center[0] for camera in martini.cameras]
     np.testing.assert_allclose(centers, [index for index in range(len(MARTINI)) if index != 12])
-    assert {shot.path.stem for shot in capture.shots} == set(kept)
-    for shot in capture.shots:
-        assert capture.cameras[shot.camera].name == shot.path.stem
-
-
-def test_flame_salmon_is_four_consecutive_segments(n3dv: Path) -> None:
-    names = [f"flame_salmon_frag{i}" for i in (1, 2, 3, 4)]
-    found = captures("n3dv", n3dv, names)
-    for segment, (name, capture) in enumerate(found):
-        assert name == names[segment]
-        assert [shot.index for shot in capture.shots if shot.camera == 1] == [
-            *range(300 * segment, 300 * segment + 300)
-        ]
-        assert [shot.frame for shot in capture.shots if shot.camera == 1] == [*range(300)]
+    assert {shot.path.stem for shot in martini.shots} == set(kept)
+    assert all(martini.cameras[shot.camera].name == shot.path.stem for shot in martini.shots)
 
 
 def test_images_that_are_too_small_are_told_and_left_as_they_are(n3dv: Path) -> None:

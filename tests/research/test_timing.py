@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import synthetic_capture, turning_object
+from support import synthetic_capture
 from support.builders import odd_camera, scene_file
 
 from frog_blender.engine.capture.seeds import Seeds
@@ -133,14 +133,3 @@ def test_the_timing_pass(filmed: Path, tmp_path: Path, quick_seeds: None, monkey
         assert record["training"]["seconds"] > 0 and record["playback"]["fps"] > 0
         path = record["training_path"]
         assert path["device"] == "cpu" and 0 < path["forward_ms"] < path["forward_backward_ms"]
-
-
-def test_a_scene_with_masks_is_timed(tmp_path: Path, own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It holds fewer Gaussians than its recipe says, and its checkpoint too."""
-    monkeypatch.setattr(timing, "STEPS", 8)
-    folder, environment = turning_object.write_capture(tmp_path / "object"), RunEnvironment(tmp_path)
-    common = Run(steps=8, overrides=(("seed_gaussians", 300), ("max_gaussians", 100_000)))
-    runs = chart_grid({"object": folder}, common, seeds=1, methods=["frog"])
-    perform(runs[0], environment)
-    records = time_grid(runs, environment)
-    assert [record.get("scene_played") for record in records] == ["finished"], records

@@ -65,17 +65,12 @@ def settings_for(motion_unit: float) -> CurveSettings:
 class Curves(SceneModel):
     """See the module. The canonical field's embeddings (N, 15) hold all there is of motion."""
 
-    def __init__(self, canonical: CanonicalField, settings: CurveSettings, spread: float = 0.0) -> None:
-        """``spread``: fresh centres lie evenly within so much of the capture, in random order."""
+    def __init__(self, canonical: CanonicalField, settings: CurveSettings) -> None:
         super().__init__()
         self.canonical: CanonicalField = canonical
         self.settings = settings
         if canonical.embeddings.shape[1] != EMBEDDING_SIZE:
             raise ValueError(f"embeddings of {canonical.embeddings.shape[1]} numbers, expected {EMBEDDING_SIZE}")
-        if spread:
-            offsets = (torch.rand(len(canonical), device="cpu") - 0.5) * spread / settings.centre_unit
-            with torch.no_grad():
-                canonical.embeddings[:, 13] = offsets.to(canonical.embeddings.device)
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None

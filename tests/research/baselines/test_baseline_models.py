@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 import torch
 
@@ -128,11 +126,6 @@ def test_d3dgs_keeps_places_out_of_the_gradient() -> None:
     torch.testing.assert_close(model.canonical.means.grad, torch.ones(COUNT, 3))
 
 
-@pytest.mark.parametrize(("frames", "octaves"), [(1, 3), (6, 5), (30, 8), (300, 10), (3000, 10)])
-def test_d3dgs_has_as_many_octaves_of_time_as_there_are_frames_for(frames: int, octaves: int) -> None:
-    assert d3dgs.settings_for(64, frames, 1.0).time_frequencies == octaves
-
-
 def bilinear(plane: torch.Tensor, column: float, row: float) -> torch.Tensor:
     """(C,) of a plane (C, rows, columns) at a place in cells, literally."""
     rows, columns = plane.shape[1:]
@@ -193,18 +186,10 @@ def test_hexplane_pulls_its_planes_smooth_and_still() -> None:
     assert all(p.grad is not None for p in (*field.space_planes, *field.time_planes))
 
 
-def test_hexplane_without_moving_opacities() -> None:
-    model = perturbed(built("hexplane", deformed_opacity=False, deformed_sh=0))
-    assert list(model.settings.sizes) == ["means", "log_scales", "quaternions"]
-    torch.testing.assert_close(model(0.2).opacities, model.canonical.gaussians().opacities)
-    assert float((model(0.2).means - model(0.9).means).detach().abs().max()) > 1e-4
-
-
-@pytest.mark.parametrize("wide", [False, True], ids=["small", "paper"])
 @pytest.mark.parametrize("method", ["d3dgs", "hexplane"])
-@pytest.mark.parametrize("rows", [0, 1, 17, COUNT])
-def test_leaving_out_what_was_not_drawn_changes_no_gradient(method: str, wide: bool, rows: int) -> None:
-    model = perturbed(built(method, **({"hidden_width": 128, "head_width": 16} if wide else {})))
+@pytest.mark.parametrize("rows", [0, 17])
+def test_leaving_out_what_was_not_drawn_changes_no_gradient(method: str, rows: int) -> None:
+    model = perturbed(built(method))
     field, means = model.deformation, model.canonical.means
     if method == "d3dgs":
         means = means.detach()
@@ -249,19 +234,3 @@ def test_fresh_curves_stand_still_and_are_there_at_all_times() -> None:
         torch.testing.assert_close(model(time).means, still.means)
         torch.testing.assert_close(model(time).quaternions, still.quaternions)
         assert bool((model(time).opacities > 0.3 * still.opacities).all())
-
-
-def test_a_copy_of_a_gaussian_lives_on_the_same_curve() -> None:
-    """Density control copies embeddings; a curve is nothing else."""
-    model = perturbed(built("curves"))
-    values = {name: torch.cat([p, p]).detach() for name, p in model.canonical.named_parameters()}
-    twice = curves.Curves(CanonicalField(values), model.settings)
-    torch.testing.assert_close(twice(0.7).means[COUNT:], model(0.7).means)
-
-
-def test_spread_centres_lie_where_they_should() -> None:
-    torch.manual_seed(0)
-    settings = replace(curves.settings_for(1.0), centre_unit=0.05)
-    model = curves.Curves(canonical(15, 400), settings, spread=0.8)
-    centres = 0.5 + 0.05 * model.canonical.embeddings[:, 13].detach()
-    assert 0.1 <= float(centres.min()) < 0.15 and 0.85 < float(centres.max()) <= 0.9

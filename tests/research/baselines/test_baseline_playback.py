@@ -63,9 +63,10 @@ def as_file(method: str, model: SceneModel) -> SceneFile:
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
-@pytest.mark.parametrize("count", [1, 41, BLOCK + 3])
-def test_gaussians_at_many_times(tmp_path: Path, shape: tuple[str, dict], count: int) -> None:
+def test_gaussians_at_many_times(tmp_path: Path, shape: tuple[str, dict]) -> None:
+    """More of them than go through a network together."""
     method, settings = shape
+    count = BLOCK + 3
     model = restless(method, count, **settings)
     write_scene(tmp_path / "x.frog", as_file(method, model))
     played = ScenePlayer.load(tmp_path / "x.frog")
@@ -98,44 +99,22 @@ def test_what_is_kept_of_a_time_brings_back_the_same_bits(shape: tuple[str, dict
     assert ("scales" in still) == (method == "curves") and "sh_3" in playable.columns
 
 
-@pytest.mark.parametrize("method", ["d3dgs", "hexplane", "curves"])
-def test_any_order_of_times_gives_the_same_bits(method: str) -> None:
-    scene = ScenePlayer(as_file(method, restless(method)))
-    forwards = [scene.at(time).means.tobytes() for time in TIMES]
-    assert [scene.at(time).means.tobytes() for time in reversed(TIMES)] == forwards[::-1]
-    assert len(set(forwards)) == len(TIMES)
-
-
 HOSTILE = [
     ("d3dgs", "network.layers.1.weight", None),
     ("d3dgs", "network.layers.0.weight", (64, 3)),
-    ("d3dgs", "network.output.bias", (9,)),
     ("d3dgs", "network.unit", "zero"),
     ("d3dgs", "network.layers.2.bias", "nan"),
     ("d3dgs", "depth", 10**9),
-    ("d3dgs", "width", -4),
     ("d3dgs", "space_frequencies", "many"),
-    ("d3dgs", "time_frequencies", None),
     ("d3dgs", "motion_unit", float("nan")),
     ("hexplane", "network.space_planes.0", (3, 16, 32, 31)),
-    ("hexplane", "network.time_planes.1", None),
     ("hexplane", "network.high", "zero"),
-    ("hexplane", "network.first.weight", (64, 31)),
-    ("hexplane", "network.output_weight", (4, 64)),
     ("hexplane", "resolutions", (1, 64)),
-    ("hexplane", "resolutions", None),
     ("hexplane", "resolutions", 32),
-    ("hexplane", "time_rows", 1),
-    ("hexplane", "deformed_sh", 99),
     ("hexplane", "head_width", 10**6),
-    ("curves", "embeddings", None),
     ("curves", "embeddings", (41, 14)),
-    ("curves", "embeddings", "nan"),
     ("curves", "motion_units", (1.0, 2.0)),
-    ("curves", "motion_units", 3),
-    ("curves", "centre_unit", 0),
     ("curves", "first_width", None),
-    ("curves", "width_unit", float("inf")),
 ]
 
 
