@@ -53,8 +53,8 @@ def add_chart_parser(commands: Any) -> None:
 
 
 def _chart(options: argparse.Namespace) -> int:
+    from .charts import write_report
     from .protocols import protocol_named, published_table
-    from .report import write_report
 
     protocol = protocol_named(options.protocol) if options.protocol else None
     published = published_table(protocol) if protocol else ""

@@ -1,4 +1,4 @@
-"""The charts: accuracy against speed, and accuracy against training time."""
+"""The report of a chart: its tables, accuracy against speed, and accuracy against training time."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..engine import FrogError
-from .report import Row, Section
+from ..engine import FrogError, write_atomically
+from .report import Row, Section, markdown, sections
+from .results import read
 
 # Okabe and Ito's palette, which is distinguishable with any colour vision; each method also has its own marker.
 STYLES = {
@@ -24,10 +25,30 @@ _FARTHEST = 10.0  # dB below the best method: what lies farther is drawn there
 _LARGEST_SVG = 300_000  # bytes
 
 
-def write_charts(sections: Sequence[Section], folder: Path) -> list[Path]:
+def write_report(folder: Path, published: str = "") -> list[Path]:
+    """Writes ``tables.md`` and the charts of the results in ``folder``; returns their paths.
+
+    Args:
+        published: a table of a paper's own figures, shown beside ours.
+
+    Raises:
+        FrogError: if there is no finished run yet.
+    """
+    records = read(folder / "runs.jsonl")
+    grouped = sections(records)
+    if not grouped:
+        raise FrogError(f"{folder}: found no finished run, expected at least one in runs.jsonl.")
+    charts = write_charts(grouped, folder)
+    images = [path.name for path in charts if path.suffix == ".png"]
+    shown = "\n## Charts\n\n" + "\n\n".join(f"![{Path(name).stem}]({name})" for name in images) if images else ""
+    write_atomically(folder / "tables.md", ((markdown(records, published) + shown).rstrip() + "\n").encode())
+    return [folder / "tables.md", *charts]
+
+
+def write_charts(grouped: Sequence[Section], folder: Path) -> list[Path]:
     """Writes every chart that the results suffice for, as PNG, and as SVG if that is small; returns their paths."""
     written: list[Path] = []
-    for section in sections:
+    for section in grouped:
         for name, make in (("speed", speed_chart), ("training", training_chart)):
             figure = make(section)
             if figure is not None:

@@ -1,4 +1,4 @@
-"""The report of a chart's results: tables as Markdown in the layout of the paper's, and the charts beside them.
+"""The tables of a chart's results as Markdown, in the layout of the paper's.
 
 Results are grouped: sections by scene, rows by method, values by seed.
 """
@@ -9,12 +9,10 @@ import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 
-from ..engine import FrogError, write_atomically
 from .grid import AUTO_LABEL, ROWS
 from .protocols import averages, protocol_named
-from .results import Record, finished, read
+from .results import Record, finished
 
 FIGURES = {"psnr": "PSNR", "psnr_moving": "moving PSNR", "ssim": "SSIM", "flip": "FLIP", "lpips": "LPIPS"}
 """Titles of the figures of quality."""
@@ -168,28 +166,6 @@ def differences(first: Row | None, second: Row | None, name: str) -> dict[int, f
         return {}
     a, b = first.by_seed(name), second.by_seed(name)
     return {seed: a[seed] - b[seed] for seed in a if seed in b}
-
-
-def write_report(folder: Path, published: str = "") -> list[Path]:
-    """Writes ``tables.md`` and the charts of the results in ``folder``; returns their paths.
-
-    Args:
-        published: a table of a paper's own figures, shown beside ours.
-
-    Raises:
-        FrogError: if there is no finished run yet.
-    """
-    from .charts import write_charts
-
-    records = read(folder / "runs.jsonl")
-    grouped = sections(records)
-    if not grouped:
-        raise FrogError(f"{folder}: found no finished run, expected at least one in runs.jsonl.")
-    charts = write_charts(grouped, folder)
-    images = [path.name for path in charts if path.suffix == ".png"]
-    shown = "\n## Charts\n\n" + "\n\n".join(f"![{Path(name).stem}]({name})" for name in images) if images else ""
-    write_atomically(folder / "tables.md", ((markdown(records, published) + shown).rstrip() + "\n").encode())
-    return [folder / "tables.md", *charts]
 
 
 def markdown(records: Iterable[Record], published: str = "") -> str:

@@ -9,8 +9,8 @@ from support.chart_records import run_record, timing_record, whole_chart
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.registry import METHODS
-from frog_blender.research.charts import STYLES, pareto_front, speed_chart, training_chart, write_charts
-from frog_blender.research.report import sections, write_report
+from frog_blender.research.charts import STYLES, pareto_front, speed_chart, training_chart, write_charts, write_report
+from frog_blender.research.report import sections
 from frog_blender.research.results import append
 
 
