@@ -4,8 +4,8 @@
 
 Of each scene, which must come from `frog train --capacity fixed`, such a share of the Gaussians is put 1e2 to 1e7 away,
 made e^3 to e^8 times as large or given colours 10 to 1,000 times as strong, a third each, all nearly transparent. The
-scene is packed with such numbers apart, as files are, and together with the others of their blocks, as they were until
-format version 4. One JSON object a scene and share, means over the seeds: kilobytes of the packed arrays, PSNR of the
+scene is packed with such numbers apart, as files are, and together with the others of their blocks.
+One JSON object a scene and share, means over the seeds: kilobytes of the packed arrays, PSNR of the
 packed images against those of the scene as it is, and per cent of the pixels that differ by more than 8 of 255.
 """
 
@@ -15,11 +15,13 @@ import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw, to_uint8
+from frog_blender.engine.scene import quantization
 from frog_blender.engine.scene.quantization import BITS, morton_order_by_range, pack, unpack
 from frog_blender.engine.scene.scene_file import VISIBILITY, SceneFile, read_scene
 
@@ -63,8 +65,9 @@ def strayed(scene: SceneFile, share: float, seed: int) -> SceneFile:
 def measured(scene: SceneFile) -> dict[str, float]:
     """Bytes and images of the scene packed both ways."""
     truth, found = images(scene), {}
-    for way, apart in (("apart", True), ("together", False)):
-        packed = {name: pack(name, array, outliers_apart=apart) for name, array in scene.arrays.items()}
+    for way, inside in (("apart", quantization._inside), ("together", lambda *_: None)):
+        with patch.object(quantization, "_inside", inside):
+            packed = {name: pack(name, array) for name, array in scene.arrays.items()}
         size = sum(len(array.content) for array in packed.values())
         arrays = {name: unpack(array.content, array.description) for name, array in packed.items()}
         figures = compared(images(replace(scene, arrays=arrays)), truth)

@@ -19,9 +19,7 @@ Unknown names are refused: edits that are silently not made would be a lie.
 from __future__ import annotations
 
 import json
-from collections.abc import Set
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -39,6 +37,7 @@ KIND = "edits of a FRoG scene"
 _VERSION = 1
 _LARGEST_FILE = 1 << 26  # bytes
 _LARGEST = 1e9  # of a coordinate
+_BY_CHANNEL, _PLAIN = ("gains", "offsets"), Grade()
 
 
 def save_edits(path: Path, edits: Edits) -> None:
@@ -74,24 +73,19 @@ def load_edits(path: Path) -> Edits:
 
 def to_json(edits: Edits) -> JsonObject:
     """Plain values for ``from_json``."""
-    found: JsonObject = {"frog_edits": _VERSION}
-    if edits.hidden is not None:
-        found["hidden"] = _marks_json(edits.hidden)
-    if edits.crops:
-        found["crops"] = [_crop_json(crop) for crop in edits.crops]
-    grades = [_grade_json(grade) for grade in edits.grades if not grade.is_neutral]
-    if grades:
-        found["grades"] = grades
-    if edits.timing is not None:
-        timing = edits.timing
-        found["time"] = {"start": timing.start, "rate": timing.rate, "frames": list(timing.frames)}
-    return found
+    timing, grades = edits.timing, [_grade_json(grade) for grade in edits.grades if not grade.is_neutral]
+    found: JsonObject = {
+        "hidden": edits.hidden and _marks_json(edits.hidden),
+        "crops": [_crop_json(crop) for crop in edits.crops],
+        "grades": grades,
+        "time": timing and {"start": timing.start, "rate": timing.rate, "frames": list(timing.frames)},
+    }
+    return {"frog_edits": _VERSION} | {name: value for name, value in found.items() if value}
 
 
 def from_json(value: object) -> Edits:
     """Edits from plain values; ValueError (UnfitValue mostly) for what they cannot be."""
-    found = entries(value, "the content")
-    _only(found, {"frog_edits", "hidden", "crops", "grades", "time"}, "edits")
+    found = _entries(value, "the content", "frog_edits", "hidden", "crops", "grades", "time")
     whole(found.get("frog_edits"), "frog_edits", _VERSION, _VERSION)
     return Edits(
         _marks(found["hidden"], "hidden") if "hidden" in found else None,
@@ -106,8 +100,8 @@ def _marks_json(marks: Marks) -> JsonObject:
 
 
 def _crop_json(crop: Crop) -> JsonObject:
-    found: JsonObject = {"shape": crop.shape, "matrix": list(crop.matrix)}
-    found["keep"] = "inside" if crop.keep_inside else "outside"
+    keep = "inside" if crop.keep_inside else "outside"
+    found: JsonObject = {"shape": crop.shape, "matrix": list(crop.matrix), "keep": keep}
     if crop.feather:
         found["feather"] = crop.feather
     if crop.time is not None:
@@ -119,35 +113,30 @@ def _crop_json(crop: Crop) -> JsonObject:
 
 
 def _grade_json(grade: Grade) -> JsonObject:
-    plain = Grade()
-    found: JsonObject = {name: getattr(grade, name) for name in RANGES if getattr(grade, name) != getattr(plain, name)}
-    found |= {
-        name: list(getattr(grade, name))
-        for name in ("gains", "offsets")
-        if getattr(grade, name) != getattr(plain, name)
-    }
-    if grade.only is not None:
-        found["only"] = _marks_json(grade.only)
+    said = {name: getattr(grade, name) for name in (*RANGES, *_BY_CHANNEL)}
+    changes = {name: value for name, value in said.items() if value != getattr(_PLAIN, name)}
+    found: JsonObject = {name: list(value) if name in _BY_CHANNEL else value for name, value in changes.items()}
+    return found | ({} if grade.only is None else {"only": _marks_json(grade.only)})
+
+
+def _entries(value: object, what: str, *known: str) -> JsonObject:
+    """An object of no other names than these."""
+    found = entries(value, what)
+    unknown = sorted(found.keys() - set(known))
+    if unknown:
+        raise UnfitValue(f"{what} with {unknown[0]!r}", f"only {', '.join(sorted(known))}")
     return found
 
 
-def _only(found: JsonObject, known: Set[str], what: str) -> None:
-    unknown = sorted(found.keys() - known)
-    if unknown:
-        raise UnfitValue(f"{what} with {unknown[0]!r}", f"only {', '.join(sorted(known))}")
-
-
 def _marks(value: object, what: str) -> Marks:
-    found = entries(value, what)
-    _only(found, {"count", "scene", "bits"}, what)
+    found = _entries(value, what, "count", "scene", "bits")
     count = whole(found.get("count"), f"{what}: count", 1, MOST)
     scene = text(found.get("scene"), f"{what}: scene", 64)
     return Marks.from_text(count, scene, text(found.get("bits"), f"{what}: bits", _LARGEST_FILE))
 
 
 def _crop(value: object) -> Crop:
-    found = entries(value, "a crop")
-    _only(found, {"shape", "matrix", "keep", "feather", "time", "vertices", "triangles"}, "a crop")
+    found = _entries(value, "a crop", "shape", "matrix", "keep", "feather", "time", "vertices", "triangles")
     shape = _one_of(found.get("shape"), "a crop's shape", SHAPES)
     keep = _one_of(found.get("keep", "inside"), "what a crop keeps", ("inside", "outside"))
     matrix = numbers(found.get("matrix"), "a crop's matrix", (16,), _LARGEST)
@@ -168,23 +157,20 @@ def _mesh(found: JsonObject) -> ClosedMesh:
 
 
 def _grade(value: object) -> Grade:
-    found = entries(value, "a grade")
-    _only(found, {*RANGES, "gains", "offsets", "only"}, "a grade")
-    # Any: keyword arguments of different types.
-    settings: dict[str, Any] = {
-        name: number(found[name], f"a grade's {name}", *RANGES[name]) for name in RANGES if name in found
-    }
-    for name in ("gains", "offsets"):
-        if name in found:
-            settings[name] = tuple(numbers(found[name], f"a grade's {name}", (3,), 100).tolist())
-    if "only" in found:
-        settings["only"] = _marks(found["only"], "a grade's selection")
+    found = _entries(value, "a grade", *RANGES, *_BY_CHANNEL, "only")
+    settings: JsonObject = {}
+    for name, setting in found.items():
+        if name in RANGES:
+            settings[name] = number(setting, f"a grade's {name}", *RANGES[name])
+        elif name in _BY_CHANNEL:
+            settings[name] = tuple(numbers(setting, f"a grade's {name}", (3,), 100).tolist())
+        else:
+            settings[name] = _marks(setting, "a grade's selection")
     return Grade(**settings)
 
 
 def _timing(value: object) -> Timing:
-    found = entries(value, "a timing")
-    _only(found, {"start", "rate", "frames"}, "a timing")
+    found = _entries(value, "a timing", "start", "rate", "frames")
     start = whole(found.get("start", 1), "a timing's start", -MOST_FRAMES, MOST_FRAMES)
     frames = [
         None if item is None else number(item, "a timing's frame", -_LARGEST, _LARGEST)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
+from typing import Any
 
 from ..capture.camera import Camera, cameras_move
 from ..capture.masking import EVERY_MASK, MaskSettings
@@ -119,69 +121,70 @@ class SceneHeader:
         version = whole(data.get("format_version"), "format_version", 0, 2**31)
         if version != FORMAT_VERSION:
             raise UnfitValue(f"format version {version}", f"version {FORMAT_VERSION}")
-        missing = [name for name in cls.__dataclass_fields__ if name not in data and name not in _OPTIONAL]
+        missing = [name for name in _READERS if name not in data and name not in _OPTIONAL]
         if missing:
             raise UnfitValue(f"a header without {', '.join(missing)}", "all that a scene needs")
-        method = text(data["method"], "the method", _LONGEST_NAME)
-        if method != SEQUENCE and method not in METHODS:
-            raise UnfitValue(f"the method {method!r}", f"one of {', '.join(METHODS)}, or the package that has it")
-        red, green, blue = numbers(data["background"], "background", (3,), 1e3).tolist()
-        header = cls(
-            method=method,
-            recipe=finite_entries(data["recipe"], "recipe"),
-            model=finite_entries(data["model"], "model"),
-            **_filmed(data),
-            frames_per_second=number(data["frames_per_second"], "frames_per_second", 1e-6, _FASTEST),
-            background=(red, green, blue),
-            capture_path=text(data["capture_path"], "capture_path", _LONGEST_PATH),
-            capture_format=text(data["capture_format"], "capture_format", _LONGEST_NAME),
-            scale=number(data["scale"], "scale", 1e-6, 1e6),
-            pixel_offsets=_offsets(data["pixel_offsets"]),
-            metrics=finite_entries(data["metrics"], "metrics"),
-            steps=whole(data["steps"], "steps", 0, 2**62),
-            train_seconds=number(data["train_seconds"], "train_seconds", 0, 1e15),
-            capacity=readable_report(data["capacity"]),
-            world=World.from_json(data["world"]) if "world" in data else FILES_OWN,
-            masks=_masks(data["masks"]) if "masks" in data else EVERY_MASK,
-        )
+        header = cls(**{name: read(data[name], name) for name, read in _READERS.items() if name in data})
+        if len(header.camera_shots) != len(header.cameras):
+            found = f"{len(header.camera_shots)} camera_shots of {len(header.cameras)} cameras"
+            raise UnfitValue(found, "what each of them saw")
         if len(header.cameras) > MOST_STANDING and not header.is_moving:
             raise UnfitValue(f"{len(header.cameras)} cameras that do not move", f"at most {MOST_STANDING}")
         return header
 
 
-def _masks(value: object) -> MaskSettings:
-    found = {"use": True, "key": None} | entries(value, "masks")
+def _method(value: object, what: str) -> str:
+    method = text(value, what, _LONGEST_NAME)
+    if method != SEQUENCE and method not in METHODS:
+        raise UnfitValue(f"the method {method!r}", f"one of {', '.join(METHODS)}, or the package that has it")
+    return method
+
+
+def _masks(value: object, what: str) -> MaskSettings:
+    found = {"use": True, "key": None} | entries(value, what)
     key = None if found["key"] is None else text(found["key"], "the chroma key", 100)
     if not isinstance(found["use"], bool):
         raise UnfitValue(f"use of masks = {brief(found['use'])}", "true or false")
     return MaskSettings(found["use"], key)
 
 
-def _filmed(data: JsonObject) -> JsonObject:
-    """The fields that say which cameras saw which frames."""
-    cameras = tuple(Camera.from_json(camera) for camera in items(data["cameras"], "cameras", MOST_CAMERAS))
-    shots = items(data["camera_shots"], "camera_shots", MOST_CAMERAS)
-    if len(shots) != len(cameras):
-        raise UnfitValue(f"{len(shots)} camera_shots of {len(cameras)} cameras", "what each of them saw")
-    return {
-        "cameras": cameras,
-        "camera_shots": tuple(_frames(seen, "camera_shots") for seen in shots),
-        "test_cameras": tuple(
-            text(name, "test_cameras", _LONGEST_NAME)
-            for name in items(data["test_cameras"], "test_cameras", MOST_CAMERAS)
-        ),
-        "test_frames": _frames(data["test_frames"], "test_frames"),
-        "frame_count": whole(data["frame_count"], "frame_count", 1, MAX_FRAMES),
-    }
-
-
 def _frames(value: object, what: str) -> tuple[int, ...]:
     return tuple(whole(frame, f"a frame of {what}", 0, MAX_FRAMES - 1) for frame in items(value, what, MAX_FRAMES))
 
 
-def _offsets(value: object) -> dict[str, tuple[float, float]]:
+def _offsets(value: object, what: str) -> dict[str, tuple[float, float]]:
     found = {}
-    for name, offset in entries(value, "pixel_offsets").items():
+    for name, offset in entries(value, what).items():
         dx, dy = numbers(offset, "a pixel offset", (2,), 1e6).tolist()
         found[text(name, "a camera's name", _LONGEST_NAME)] = (dx, dy)
     return found
+
+
+def _each(value: object, what: str, read: Callable[[Any, str], Any]) -> tuple[Any, ...]:
+    """What is read of each value of a list of as many as there may be cameras."""
+    return tuple(read(item, what) for item in items(value, what, MOST_CAMERAS))
+
+
+_READERS: dict[str, Callable[[Any, str], Any]] = {
+    "method": _method,
+    "recipe": finite_entries,
+    "model": finite_entries,
+    "cameras": partial(_each, read=lambda value, _: Camera.from_json(value)),
+    "camera_shots": partial(_each, read=_frames),
+    "test_cameras": partial(_each, read=partial(text, longest=_LONGEST_NAME)),
+    "test_frames": _frames,
+    "frame_count": partial(whole, least=1, most=MAX_FRAMES),
+    "frames_per_second": partial(number, least=1e-6, most=_FASTEST),
+    "background": lambda value, what: tuple(numbers(value, what, (3,), 1e3).tolist()),
+    "capture_path": partial(text, longest=_LONGEST_PATH),
+    "capture_format": partial(text, longest=_LONGEST_NAME),
+    "scale": partial(number, least=1e-6, most=1e6),
+    "pixel_offsets": _offsets,
+    "metrics": finite_entries,
+    "steps": partial(whole, least=0, most=2**62),
+    "train_seconds": partial(number, least=0, most=1e15),
+    "capacity": lambda value, _: readable_report(value),
+    "world": lambda value, _: World.from_json(value),
+    "masks": _masks,
+}
+"""What checks and makes each field of plain values: UnfitValue for what it cannot be."""

@@ -51,11 +51,11 @@ class Blocks:
     numbers: Array
 
 
-def quantize(name: str, rows: Array, bits: int, *, apart: bool = True) -> Blocks:
-    """The finite numbers (N, columns) of an attribute in whole ones of 8 or 16 bits; with ``apart``, those far from all
-    others of their block stand apart."""
+def quantize(name: str, rows: Array, bits: int) -> Blocks:
+    """The finite numbers (N, columns) of an attribute in whole ones of 8 or 16 bits; those far from all others of their
+    block stand apart."""
     kind = np.uint8 if bits == 8 else np.uint16
-    inside = _inside(name, rows, bits) if apart else None
+    inside = _inside(name, rows, bits)
     least, step = _ranges(rows, inside, bits)
     block = np.arange(len(rows)) // BLOCK
     with np.errstate(over="ignore"):  # of numbers that stand apart
@@ -204,12 +204,8 @@ class Packed:
     description: JsonObject
 
 
-def pack(name: str, array: Array, *, outliers_apart: bool = True) -> Packed:
-    """A float32 array of any shape, or bytes (uint8); ValueError for numbers that are not finite.
-
-    Args:
-        outliers_apart: see ``quantize``.
-    """
+def pack(name: str, array: Array) -> Packed:
+    """A float32 array of any shape, or bytes (uint8); ValueError for numbers that are not finite."""
     bits, apart = BITS.get(name, 0), 0
     if bits == _AS_IT_IS:
         stored = array.astype(np.uint8).tobytes()
@@ -221,7 +217,7 @@ def pack(name: str, array: Array, *, outliers_apart: bool = True) -> Packed:
         stored = by_significance(array.astype(np.float16).reshape(-1).view(np.uint8), 2)
     else:
         rows = array.reshape(len(array), math.prod(array.shape[1:]))
-        found = quantize(name, rows, bits, apart=outliers_apart)
+        found = quantize(name, rows, bits)
         stored, apart = block_bytes(found), len(found.places)
     content = np.frombuffer(zlib.compress(stored, _LEVEL), np.uint8)
     described = {"shape": list(array.shape), "bits": bits} | ({"apart": apart} if apart else {})
