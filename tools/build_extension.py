@@ -48,15 +48,12 @@ TRAINING = (
             "calibration",
             "clocks",
             "installation",
-            "live_view",
             "package_folders",
             "packages",
-            "remote_command",
             "remote_training",
             "scene_capture",
             "training",
             "training_request",
-            "training_state",
         )
     ),
     "viewport/live.py",
@@ -91,7 +88,6 @@ TRAINING = (
     *(
         f"ui/{name}.py"
         for name in (
-            "calibration_panel",
             "capture_panel",
             "capture_reading",
             "capture_summary",
@@ -104,7 +100,6 @@ TRAINING = (
             "rig_images",
             "rig_overlay",
             "rig_settings",
-            "scene_capture_panel",
             "status_bar",
             "torch_environment",
             "train_panel",

@@ -72,7 +72,7 @@ class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
         layout.use_property_split = True
         layout.prop(self, "offset")
         layout.prop(self, "rate")
-        preview_image.draw(layout, context, report_images.ONE_CURVE)
+        preview_image.draw(layout, report_images.ONE_CURVE)
 
     def act(self, context: bpy.types.Context) -> None:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)

@@ -15,9 +15,8 @@ from .. import app_handlers, point_cloud, redrawing
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import finder, of_same_capture, plays, stored_path
 from ..scene_import.create_objects import import_scene
-from ..tasks.live_view import LiveView
 from ..tasks.remote_training import RemoteTraining
-from ..tasks.training import TrainingTask
+from ..tasks.training import LiveView, TrainingTask
 from ..tasks.training_request import (
     REMOTE,
     TrainingRequest,

@@ -6,26 +6,155 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import bpy
 
 from .. import addon_state, unsaved_changes
 from ..engine import memory
 from ..engine.errors import FrogError, brief
+from ..engine.scene.compression_report import lines, summary
 from ..engine.training.session.cancel_token import CancelToken
-from ..timeline import open_scenes, prefetch
+from ..engine.training.session.live_scene import LiveScene
+from ..timeline import open_scenes, playback_cache, prefetch
 from .background_task import BackgroundTask, Ended, Progress
-from .live_view import LiveView
-from .training_state import TrainingState
 
 if TYPE_CHECKING:
-    from ..engine.training.session.events import Event
+    import numpy as np
+
+    from ..engine.playback.player import ScenePlayer
+    from ..engine.training.session.events import Event, Finished
 
 EventSource = Callable[[CancelToken], Iterator[Any]]  # Any: events of the engine, which need torch to be imported
 OnFinished = Callable[[Path], str | None]
 """Is called with a finished scene's file; returns an additional note for the panel, if any. May raise FrogError."""
-Watcher = Callable[[TrainingState], None]
+Watcher = Callable[["TrainingState"], None]
 """Is called with a training's state whenever it has changed, on Blender's main thread."""
+
+
+@dataclass
+class TrainingState:
+    """What the panel shows.  Only ``pump()`` writes it, so it needs no lock."""
+
+    step: int = 0
+    steps: int = 0
+    seconds: float = 0.0
+    seconds_left: float = 0.0
+    loss: float | None = None
+    gaussians: int = 0
+    moving: int = 0
+    capacity: list[str] = field(default_factory=list)  # what was removed from the model, one line each
+    psnr: float | None = None
+    psnr_split: str = ""
+    preview: np.ndarray | None = None  # (H, W, 3) uint8, the latest
+    report_image: np.ndarray | None = None  # (H, W, 3) uint8, what moves and what does not
+    warnings: list[str] = field(default_factory=list)
+    result: Path | None = None  # the finished scene, or what a cancelled training left
+    result_bytes: int = 0  # of the finished scene's file
+    is_cancelled: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """What a finished training made: ``4,100 of 33,000 splats move; file 1.1 MB; quality 33.8 dB.``"""
+        splats = f"{self.moving:,} of {self.gaussians:,} splats move"
+        if self.moving in (0, self.gaussians):
+            splats = f"{self.gaussians:,} splats, {'none' if self.moving == 0 else 'all'} of which move"
+        parts = [splats]
+        if self.result_bytes:
+            parts.append(f"file {_size(self.result_bytes)}")
+        if self.psnr is not None:
+            parts.append(f"quality {self.psnr:.1f} dB")
+        return f"{'; '.join(parts)}."
+
+    def take(self, event: Event) -> None:
+        """Apply an event of the engine (``engine.training.session.events``)."""
+        from ..engine.training.session import events as kinds
+
+        match event:
+            case kinds.Progress():
+                self.step, self.steps, self.loss = event.step, event.steps, event.loss
+                self.seconds, self.seconds_left = event.seconds, event.seconds_left
+                self.gaussians, self.moving = event.gaussians, event.num_dynamic
+            case kinds.Reduced():
+                self.capacity.append(event.message)
+            case kinds.Preview():
+                self.preview = event.image
+            case kinds.CompressionPreview():
+                self.report_image = event.image
+            case kinds.Started():
+                self.steps, self.gaussians = event.steps or 0, event.gaussians
+            case kinds.Evaluated():
+                self.psnr, self.psnr_split = event.psnr, event.split
+            case kinds.WarningEvent():
+                self.warnings.append(event.message)
+            case kinds.Finished():
+                self._finish(event)
+            case kinds.Cancelled():
+                self.is_cancelled = True
+                self.result = Path(event.path) if event.path else None
+
+    def _finish(self, event: Finished) -> None:
+        self.result = Path(event.path)  # first: the file exists, whatever else is wrong with the event
+        self.step, self.steps = event.steps, event.steps
+        self.seconds = sum(event.phases.values()) or event.seconds  # by the clock, as it was promised
+        with suppress(OSError):
+            self.result_bytes = self.result.stat().st_size
+        self.gaussians = event.gaussians
+        self.psnr = event.psnr if event.psnr is not None else self.psnr
+        if event.capacity:
+            self.moving = event.capacity["dynamic"]
+            self.capacity = [summary(event.capacity), *lines(event.capacity)]
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:,.1f} MB" if count >= 1e5 else f"{count / 1e3:,.0f} KB"
+
+
+class LiveView:
+    """What is seen of one training.
+
+    Args:
+        scene: the Blender scene whose viewports show it.
+
+    Attributes:
+        source: what the training offers its snapshots to.
+        player: the latest one; None until there is one.
+        number: of snapshots so far.
+    """
+
+    def __init__(self, scene: bpy.types.Scene) -> None:
+        self.source = LiveScene(is_wanted=self._is_seen(scene))
+        self.player: ScenePlayer | None = None
+        self.number = 0
+        self._scene_uid = scene.session_uid
+
+    def shown_in(self, scene: bpy.types.Scene) -> ScenePlayer | None:
+        """What a scene's viewports show of the training; None for nothing."""
+        return self.player if scene.session_uid == self._scene_uid and scene.frog.show_live else None
+
+    def update(self) -> bool:
+        """Takes the newest snapshot, and says whether further ones are wanted; true if there was one."""
+        scene = next((known for known in bpy.data.scenes if known.session_uid == self._scene_uid), None)
+        self.source.is_wanted = scene is not None and self._is_seen(scene)
+        newest = self.source.take()
+        if newest is None:
+            return False
+        self.forget()
+        self.player = newest
+        self.number += 1
+        return True
+
+    def forget(self) -> None:
+        """Drops what was seen, and what is kept of it elsewhere."""
+        if self.player is not None:
+            playback_cache.frames().forget(self.player.token)
+        self.player = None
+
+    @staticmethod
+    def _is_seen(scene: bpy.types.Scene) -> bool:
+        return bool(scene.frog.show_live) and not bpy.app.background
 
 
 class TrainingTask(BackgroundTask):

@@ -1,4 +1,4 @@
-"""The Capture panel of the FRoG tab: what is trained from, and what was found in it."""
+"""The Capture panel of the FRoG tab: what is trained from, what was found in it, and how its cameras were found."""
 
 from __future__ import annotations
 
@@ -7,9 +7,27 @@ from pathlib import Path
 
 import bpy
 
-from . import calibration_panel, capture_reading, capture_summary, refreshing
-from .sidebar_panel import SidebarPanel, split
-from .text import wrapped_label
+from ..engine.capture.calibration.landmark_file import landmark_file
+from ..scene_capture import placing
+from ..tasks.calibration import CalibrationTask
+from ..tasks.clocks import CameraClock
+from ..tasks.scene_capture import SceneCaptureTask
+from . import capture_reading, capture_summary, contact_sheet, preview_image, refreshing, report_images
+from . import torch_environment as environment
+from .capture_summary import CaptureSummary
+from .clicked_points import FILE
+from .sidebar_panel import SidebarPanel, duration, split, wrapped_label
+
+
+def _folder(context: bpy.types.Context) -> str:
+    """The capture's folder; empty for none."""
+    folder = context.scene.frog.capture_folder
+    return bpy.path.abspath(folder) if folder else ""
+
+
+def _summary(context: bpy.types.Context) -> CaptureSummary:
+    """What is known of the capture's folder."""
+    return capture_summary.known(_folder(context)) or CaptureSummary()
 
 
 class FROG_PT_capture(SidebarPanel, bpy.types.Panel):
@@ -18,36 +36,15 @@ class FROG_PT_capture(SidebarPanel, bpy.types.Panel):
     bl_label = "Capture"
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout = split(self.layout)
-        settings = context.scene.frog
-        layout.prop(settings, "capture_folder", text="")
-        if not settings.capture_folder:
-            wrapped_label(layout, "Choose a folder with videos or images, or drop videos into the viewport.", context)
-            return
-        _draw_capture(layout, bpy.path.abspath(settings.capture_folder), context)
+        layout, folder = split(self.layout), _folder(context)
+        layout.prop(context.scene.frog, "capture_folder", text="")
+        if folder:
+            _draw_capture(layout, folder)
+        else:
+            wrapped_label(layout, "Choose a folder with videos or images, or drop videos into the viewport.")
 
 
-class FROG_PT_masks(SidebarPanel, bpy.types.Panel):
-    """Which parts of the images are trained on."""
-
-    bl_label = "Masks"
-    bl_parent_id = "FROG_PT_capture"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return bool(context.scene.frog.capture_folder)
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, settings = split(self.layout), context.scene.frog
-        layout.prop(settings, "masks")
-        if settings.masks == "key":
-            row = layout.row(align=True)
-            row.prop(settings, "key_color")
-            row.prop(settings, "key_tolerance", text="")
-
-
-def _draw_capture(layout: bpy.types.UILayout, folder: str, context: bpy.types.Context) -> None:
+def _draw_capture(layout: bpy.types.UILayout, folder: str) -> None:
     summary = capture_summary.known(folder)
     is_being_read = capture_reading.is_reading(folder)
     if not is_being_read and capture_summary.is_outdated(folder):
@@ -61,14 +58,220 @@ def _draw_capture(layout: bpy.types.UILayout, folder: str, context: bpy.types.Co
     box = layout.box()
     column = box.column(align=True)
     for line in summary.lines:
-        wrapped_label(column, line, context)
+        wrapped_label(column, line)
     for warning in summary.warnings:
-        wrapped_label(box, warning, context, icon="INFO")
-    calibration_panel.draw_calibration(box, Path(folder), summary, context)
+        wrapped_label(box, warning, icon="INFO")
+    _draw_calibration(box, Path(folder), summary)
     if summary.error:
-        wrapped_label(box, summary.error, context, icon="ERROR")
+        wrapped_label(box, summary.error, icon="ERROR")
         box.operator("frog.inspect_capture", text="Check Again", icon="FILE_REFRESH")
 
 
-_CLASSES = (FROG_PT_capture, FROG_PT_masks)
+def _draw_calibration(layout: bpy.types.UILayout, folder: Path, summary: CaptureSummary) -> None:
+    """Draws the running calibration, the end of the last one of this folder, and the buttons for raw footage."""
+    task = CalibrationTask.current()
+    if task is not None and task.is_running:
+        if task.folder != folder:
+            wrapped_label(layout, f"Calibrating {task.folder.name}")
+        doing = "Cancelling" if task.is_stopping else task.progress.sentence
+        layout.progress(factor=task.progress.fraction, text=doing)
+        layout.operator("frog.cancel_calibration", icon="CANCEL")
+        return
+    if task is not None and task.folder == folder:
+        _draw_calibrated(layout, task, summary)
+    if not summary.raw_footage:
+        return
+    needed = environment.calibration_needed()
+    if needed:
+        wrapped_label(layout, needed, icon="ERROR")
+        environment.draw_calibration_installation(layout)
+    row = layout.row()
+    row.scale_y, row.enabled = 1.5, not needed
+    row.operator("frog.calibrate", icon="CAMERA_DATA")
+    row = layout.row(align=True)
+    row.operator("frog.click_points", icon="PIVOT_CURSOR")
+    if (folder / FILE).is_file():
+        row = row.row(align=True)
+        row.enabled = not needed
+        row.operator("frog.calibrate_from_points")
+
+
+def _draw_calibrated(layout: bpy.types.UILayout, task: CalibrationTask, summary: CaptureSummary) -> None:
+    """Draws how a calibration ended."""
+    if task.error:
+        wrapped_label(layout, task.error, icon="QUESTION" if task.is_refused else "ERROR")
+        if task.is_refused and landmark_file() is None:
+            environment.draw_landmarks(layout)  # the refusal says what for
+    elif task.is_cancelled:
+        wrapped_label(layout, "Cancelled. The next calibration continues with what was done.", icon="CANCEL")
+    outcome = task.result
+    if outcome is None:
+        return
+    wrapped_label(layout, f"Calibrated: {outcome.cameras.name}", icon="CHECKMARK")
+    if outcome.given_kept:
+        wrapped_label(layout, "The calibration that was there is kept. What was found lies beside it.", icon="INFO")
+        _draw_choice(layout, summary)
+    for warning in outcome.warnings:
+        wrapped_label(layout, warning, icon="INFO")
+    preview_image.draw(layout, report_images.rig_name(task.folder))
+    if outcome.page.is_file():
+        layout.operator("wm.path_open", text="Open Report", icon="TEXT").filepath = str(outcome.page)
+
+
+def _draw_choice(layout: bpy.types.UILayout, summary: CaptureSummary) -> None:
+    """Draws what makes the other calibration of a folder the one in use."""
+    if summary.found is not None:
+        layout.operator("frog.use_found_cameras", icon="CHECKMARK")
+    if summary.given is not None:
+        layout.operator("frog.use_given_cameras", icon="LOOP_BACK")
+
+
+class _OfCapture(SidebarPanel):
+    """Base of the panel's sub-panels."""
+
+    bl_parent_id = "FROG_PT_capture"
+    bl_options = {"DEFAULT_CLOSED"}
+
+
+class FROG_PT_scene_capture(_OfCapture, bpy.types.Panel):
+    """A capture of the open scene: a rig of cameras around a box, and what is rendered through it."""
+
+    bl_label = "From This Scene"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = split(self.layout), context.scene.frog.rig
+        layout.prop(settings, "shape")
+        layout.prop(settings, "count")
+        if settings.shape == "ARC":
+            layout.prop(settings, "arc")
+        layout.prop(settings, "lens")
+        if settings.box is not None:
+            layout.prop(settings, "box")
+        row = layout.row(align=True)
+        row.operator("frog.place_rig", icon="OUTLINER_OB_CAMERA")
+        if settings.box is not None:
+            row.operator("frog.place_rig", text="Fit to Selection", icon="CUBE").fit = True
+            row.operator("frog.remove_rig", text="", icon="X")
+        if cameras := placing.cameras_of(settings):
+            _draw_rendering(layout, context.scene, len(cameras))
+
+
+def _draw_rendering(layout: bpy.types.UILayout, scene: bpy.types.Scene, cameras: int) -> None:
+    """Draws what a rig is rendered with, or the rendering."""
+    settings, task = scene.frog.rig, SceneCaptureTask.current()
+    done = f"{task.progress.done:,} of {task.progress.total:,} images" if task is not None else ""
+    if task is not None and task.is_running:
+        left = f", {duration(task.seconds_left)} left" if task.seconds_left is not None else ""
+        layout.progress(factor=task.progress.fraction, text="Cancelling" if task.is_stopping else f"{done}{left}")
+        layout.operator("frog.cancel_scene_capture", icon="CANCEL")
+        return
+    layout.prop(settings, "size")
+    layout.prop(settings, "folder")
+    frames = len(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
+    sentence = f"{cameras * frames:,} images: {frames:,} frames of {cameras:,} cameras"
+    wrapped_label(layout, sentence, icon="RENDER_STILL")
+    row = layout.row()
+    row.scale_y = 1.5
+    row.operator("frog.capture_scene", icon="RENDER_ANIMATION")
+    if task is None:
+        return
+    if task.error:
+        wrapped_label(layout, task.error, icon="ERROR")
+    elif task.is_cancelled:
+        wrapped_label(layout, f"Cancelled at {done}. Render Capture continues there.", icon="CANCEL")
+    else:
+        sentence = f"{task.progress.total:,} images are in {task.plan.folder.name}. Train FRoG learns from them."
+        wrapped_label(layout, sentence, icon="CHECKMARK")
+
+
+class FROG_PT_masks(_OfCapture, bpy.types.Panel):
+    """Which parts of the images are trained on."""
+
+    bl_label = "Masks"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(_folder(context))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = split(self.layout), context.scene.frog
+        layout.prop(settings, "masks")
+        if settings.masks == "key":
+            row = layout.row(align=True)
+            row.prop(settings, "key_color")
+            row.prop(settings, "key_tolerance", text="")
+
+
+class FROG_PT_cameras(_OfCapture, bpy.types.Panel):
+    """One image of each camera, and the rig."""
+
+    bl_label = "Cameras"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        summary = _summary(context)
+        return summary.capture is not None or bool(summary.raw_footage)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, summary = self.layout, _summary(context)
+        if summary.capture is not None:
+            layout.prop(context.scene.frog, "show_rig")
+        _draw_contact_sheet(layout, _folder(context))
+        if summary.capture is not None and summary.has_videos and not CalibrationTask.is_any_running():
+            layout.operator("frog.calibrate", text="Calibrate Again", icon="CAMERA_DATA")
+            _draw_choice(layout, summary)
+
+
+def _draw_contact_sheet(layout: bpy.types.UILayout, folder: str) -> None:
+    sheet = contact_sheet.shown(folder)
+    if sheet is None:
+        layout.operator("frog.show_contact_sheet", icon="IMAGE_REFERENCE")
+        return
+    if sheet.problem:
+        wrapped_label(layout, sheet.problem, icon="ERROR")
+    elif sheet.is_running:
+        layout.label(text=f"Decoding: {len(sheet.names)} of {sheet.total}", icon="TIME")
+    grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+    for name in sheet.names:
+        column = grid.column(align=True)
+        column.template_icon(preview_image.icon_id(contact_sheet.icon_name(name)), scale=6.0)
+        column.label(text=name)
+
+
+class FROG_PT_synchronization(_OfCapture, bpy.types.Panel):
+    """When each camera began to film, and how fast its clock runs."""
+
+    bl_label = "Synchronization"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return _summary(context).clocks is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, clocks = self.layout, _summary(context).clocks
+        if clocks is None:
+            return
+        column = layout.column(align=True)
+        for clock in clocks.clocks:
+            row = column.row(align=True)
+            row.label(text=clock.name)
+            row.label(text=_told(clock))
+            if clocks.is_own:
+                operator = row.operator("frog.edit_clock", text="", icon="GREASEPENCIL")
+                operator.camera, operator.offset, operator.rate = clock.name, clock.offset, clock.rate
+        if not clocks.is_own:
+            sentence = f"{clocks.path.name} was given, so it is not changed here."
+            if clocks.found is not None:
+                sentence += f" What was found lies beside it in {clocks.found.name}."
+            wrapped_label(layout, sentence, icon="INFO")
+        preview_image.draw(layout, report_images.curves_name(clocks.path.parent))
+
+
+def _told(clock: CameraClock) -> str:
+    """A clock in a row of the panel: ``+0.133 s``, with the rate where it is not 1."""
+    rate = f", x {clock.rate:.5f}" if clock.rate != 1.0 else ""
+    return f"{clock.offset:+.3f} s{rate}"
+
+
+_CLASSES = (FROG_PT_capture, FROG_PT_masks, FROG_PT_scene_capture, FROG_PT_cameras, FROG_PT_synchronization)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -1,19 +1,81 @@
 """The Scene panel of the FRoG tab: the captures of this scene, and what the chosen one plays."""
 
-from __future__ import annotations
+# Blender reads properties from annotations, which to a type checker or a linter are not types.
+# mypy: disable-error-code="valid-type"
+
+from typing import Any
 
 import bpy
 
 from .. import capture_files, point_cloud
 from ..nodes import ellipsoid_nodes
+from ..properties import whole
 from ..relative_paths import library_of
-from ..scene_import.capture_objects import cameras_of
+from ..scene_import.capture_objects import active_capture, cameras_of, root_of, select_capture
 from ..timeline import open_scenes, playback, playback_cache, retiming
 from ..viewport import drawing
 from . import refreshing
-from .capture_list import chosen_capture
-from .sidebar_panel import SidebarPanel, split
-from .text import wrapped_label
+from .sidebar_panel import SidebarPanel, split, wrapped_label
+
+
+def chosen_capture(context: bpy.types.Context) -> Any:  # Any: None without any
+    """The capture that panels are about: the active one, otherwise the scene's first, otherwise None."""
+    return active_capture(context) or next(playback.captures(context.scene.objects), None)
+
+
+def problem_of(obj: bpy.types.Object, frame: float) -> str:
+    """Why a capture does not play at a frame, as a sentence; empty where it does."""
+    return retiming.problem(obj, frame) or open_scenes.problem(playback.file_of(obj)) or ""
+
+
+def _chosen_index(settings: Any) -> int:
+    chosen = chosen_capture(bpy.context)
+    objects = settings.id_data.objects
+    return next((index for index, obj in enumerate(objects) if obj == chosen), -1)
+
+
+def _choose(settings: Any, index: int) -> None:
+    objects = settings.id_data.objects
+    if 0 <= index < len(objects):
+        chosen = objects[index]
+        if root_of(chosen).name in bpy.context.view_layer.objects:  # its collection may be excluded
+            select_capture(bpy.context, chosen)
+
+
+class ChoosesCapture:
+    """A base of ``Scene.frog``."""
+
+    capture_index: whole(
+        "Capture",
+        "The chosen capture: an index into the scene's objects. Choosing one selects what moves it",
+        get=_chosen_index,
+        set=_choose,
+        options={"SKIP_SAVE"},
+    )
+
+
+class FROG_UL_captures(bpy.types.UIList):
+    """The captures among the scene's objects."""
+
+    def draw_item(
+        self,
+        context: bpy.types.Context,
+        layout: bpy.types.UILayout,
+        _data: bpy.types.Scene,
+        item: bpy.types.Object,
+        _icon: int,
+        _active: Any,
+    ) -> None:
+        has_problem = bool(problem_of(item, context.scene.frame_current_final))
+        layout.label(text=root_of(item).name, icon="ERROR" if has_problem else "OUTLINER_OB_POINTCLOUD")
+        row = layout.row(align=True)
+        row.prop(item, "hide_viewport", text="", emboss=False)
+        row.prop(item, "hide_render", text="", emboss=False)
+
+    def filter_items(self, _context: bpy.types.Context, data: Any, name: str) -> tuple[list[int], list[int]]:
+        captures = set(playback.captures(data.objects))
+        shown = [self.bitflag_filter_item if obj in captures else 0 for obj in getattr(data, name)]
+        return shown, []
 
 
 class FROG_PT_captures(SidebarPanel, bpy.types.Panel):
@@ -33,7 +95,7 @@ class FROG_PT_captures(SidebarPanel, bpy.types.Panel):
                 refreshing.soon()
             _draw_problem(layout, obj, context)
         if too_many := drawing.problem(context.scene):
-            wrapped_label(layout, too_many, context, icon="INFO")
+            wrapped_label(layout, too_many, icon="INFO")
         chosen = chosen_capture(context)
         if chosen is None:
             return
@@ -76,7 +138,7 @@ class FROG_PT_display(OfChosen, bpy.types.Panel):
         row.prop(chosen.frog, "display")
         if not row.enabled:
             sentence = f"Ellipsoids are for at most {ellipsoid_nodes.MOST:,} Gaussians. Lower the density to see them."
-            wrapped_label(layout, sentence, context, icon="INFO")
+            wrapped_label(layout, sentence, icon="INFO")
         layout.prop(chosen.frog, "density", text="Density", slider=True)
         layout.prop(chosen.frog, "render_density", text="In Renders", slider=True)
 
@@ -92,7 +154,7 @@ class FROG_PT_bake(OfChosen, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)
-        _draw_bake(layout, chosen_capture(context), context)
+        _draw_bake(layout, chosen_capture(context))
         row = layout.row(align=True)
         row.label(text=playback_cache.summary(), icon="MEMORY")
         row.operator("frog.clear_cache", text="", icon="TRASH")
@@ -107,12 +169,12 @@ def _draw_problem(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bp
     """Draws why a capture does not play, and what finds its file."""
     late = retiming.problem(obj, context.scene.frame_current_final)
     if late:
-        wrapped_label(layout, late, context, icon="ERROR")
+        wrapped_label(layout, late, icon="ERROR")
     file = playback.file_of(obj)
     error = open_scenes.problem(file)
     if not error:
         return
-    wrapped_label(layout, error, context, icon="ERROR")
+    wrapped_label(layout, error, icon="ERROR")
     if open_scenes.is_missing(file) and library_of(obj) is None:
         layout.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
 
@@ -128,11 +190,11 @@ def outdated(obj: bpy.types.Object) -> bool:
     return is_played and open_scenes.is_bake_outdated(playback.bake_path(obj), file)
 
 
-def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.types.Context) -> None:
+def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     """Draws the state of a capture's bake and its buttons."""
     bake, problem = playback.baked(obj), playback.bake_problem(obj)
     if problem:
-        wrapped_label(layout, problem, context, icon="ERROR")
+        wrapped_label(layout, problem, icon="ERROR")
     elif bake is not None:
         layout.label(
             text=f"Baked: {len(bake):,} frames, {bake.bytes / playback_cache.MEGABYTE:,.0f} MB", icon="CHECKMARK"
@@ -148,5 +210,5 @@ def _draw_bake(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.t
     column.prop(obj.frog, "bake_megabytes", text="Limit (MB)")
 
 
-_CLASSES = (FROG_PT_captures, FROG_PT_display, FROG_PT_bake)
+_CLASSES = (FROG_UL_captures, FROG_PT_captures, FROG_PT_display, FROG_PT_bake)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -9,11 +9,9 @@ import bpy
 from ..engine.errors import FrogError
 from ..timeline import playback
 from ..timeline.edits import GRADE, edits_of, marks_of
-from .capture_list import chosen_capture
-from .captures_panel import OfChosen
+from .captures_panel import OfChosen, chosen_capture
 from .selection_tools import BOX, BRUSH, LASSO
-from .sidebar_panel import split
-from .text import wrapped_label
+from .sidebar_panel import split, wrapped_label
 
 
 class FROG_PT_edit(OfChosen, bpy.types.Panel):
@@ -30,7 +28,7 @@ class FROG_PT_edit(OfChosen, bpy.types.Panel):
         row.operator("frog.load_edits", icon="FILE_FOLDER")
         row.operator("frog.save_edits", icon="FILE_TICK")
         for sentence in _problems(obj):
-            wrapped_label(layout, sentence, context, icon="ERROR")
+            wrapped_label(layout, sentence, icon="ERROR")
 
 
 class FROG_PT_crop(OfChosen, bpy.types.Panel):

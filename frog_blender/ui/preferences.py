@@ -37,12 +37,12 @@ class FROG_AP_preferences(TrainingPreferences, bpy.types.AddonPreferences):
         update=_on_cache_limit,
     )
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "cache_megabytes")
         if edition.TRAINS:
-            self.draw_environment(context)
+            self.draw_environment()
             self.draw_remote()
 
 

@@ -6,8 +6,7 @@ import bpy.utils.previews
 import numpy as np
 
 from .. import addon_state
-from ..tasks.training import watch
-from ..tasks.training_state import TrainingState
+from ..tasks.training import TrainingState, watch
 
 NAME = "training"
 REPORT = "training report"
@@ -64,9 +63,10 @@ def icon_id(name: str = NAME) -> int:
     return found[name].icon_id if found is not None and name in found else 0
 
 
-def draw(layout: bpy.types.UILayout, context: bpy.types.Context, name: str = NAME) -> None:
+def draw(layout: bpy.types.UILayout, name: str = NAME) -> None:
     """Draws an image as wide as the sidebar, if there is one. It fills a square of as many rows as that is wide."""
     if icon_id(name):
+        context = bpy.context
         rows = context.region.width / (20 * context.preferences.system.ui_scale) - 3 if context.region else 8
         layout.template_icon(icon_id(name), scale=min(max(rows, 6.0), 16.0))
 

@@ -1,16 +1,16 @@
-"""The Render panel of the FRoG tab: who draws the captures, with which colors, and among what."""
+"""The Render panel of the FRoG tab: who draws the captures, with which colors, and what they do to other objects."""
 
 from __future__ import annotations
 
 import bpy
 
+from ..lighting import world
+from ..lighting.proxy import is_for_shadows, proxies_of
 from ..render.compositing import renders
 from ..scene_import.scene_setup import are_colors_unchanged, is_set_up
 from ..timeline import playback
-from .sidebar_panel import SidebarPanel, split
-from .text import wrapped_label
-
-_LARGER = 1.25  # times the filmed size, from which on a render is larger than what was trained
+from .captures_panel import chosen_capture
+from .sidebar_panel import SidebarPanel, split, wrapped_label
 
 
 class FROG_PT_render(SidebarPanel, bpy.types.Panel):
@@ -30,10 +30,9 @@ class FROG_PT_render(SidebarPanel, bpy.types.Panel):
         draw_with_objects(layout)
         draw_colors(layout, context)
         layout.operator("frog.render_film", icon="FILE_MOVIE")
-        _draw_size(layout, context)
         _draw_lock(layout, context)
         for problem in renders.problems():
-            wrapped_label(layout, problem, context, icon="ERROR")
+            wrapped_label(layout, problem, icon="ERROR")
 
 
 def draw_with_objects(layout: bpy.types.UILayout) -> None:
@@ -49,18 +48,8 @@ def draw_colors(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         return
     settings = context.scene.view_settings
     name = settings.view_transform if settings.look == "None" else f"{settings.view_transform}, {settings.look}"
-    wrapped_label(layout, f"{name} changes the colors of the videos.", context, icon="COLOR")
+    wrapped_label(layout, f"{name} changes the colors of the videos.", icon="COLOR")
     layout.operator("frog.show_as_filmed", icon="LOOP_BACK")
-
-
-def _draw_size(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Tells where renders are larger than what was filmed."""
-    render, camera = context.scene.render, context.scene.camera
-    filmed = tuple(camera.data.frog.size) if camera is not None and camera.type == "CAMERA" else (0, 0)
-    wide = render.resolution_x * render.resolution_percentage / 100
-    if filmed[0] and wide > _LARGER * filmed[0]:
-        sentence = f"The camera filmed {filmed[0]} x {filmed[1]} pixels: larger renders show no more detail."
-        wrapped_label(layout, sentence, context, icon="INFO")
 
 
 def _draw_lock(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -68,10 +57,41 @@ def _draw_lock(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     render = context.scene.render
     if render.engine == "FROG" or render.use_lock_interface:
         return
-    wrapped_label(
-        layout, "Captures do not move in animations of this engine unless Lock Interface is on.", context, icon="INFO"
-    )
+    wrapped_label(layout, "Captures do not move in animations of this engine unless Lock Interface is on.", icon="INFO")
     layout.prop(render, "use_lock_interface")
 
 
-register, unregister = bpy.utils.register_classes_factory((FROG_PT_render,))
+class FROG_PT_light(SidebarPanel, bpy.types.Panel):
+    """Light for the objects of this scene, and what their shadows fall on."""
+
+    bl_label = "Light and Shadow"
+    bl_parent_id = "FROG_PT_render"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return playback.has_captures(context.scene)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = split(self.layout)
+        lit = world.lit_scene(context.scene)
+        light = world.light_node(lit.world) if lit.world is not None else None
+        if light is not None:
+            row = layout.row(align=True)
+            row.operator("frog.light_objects", text="Update Light", icon="FILE_REFRESH")
+            row.operator("frog.use_own_world", icon="LOOP_BACK")
+            layout.prop(light.inputs["Strength"], "default_value", text="Strength")
+        else:
+            layout.operator("frog.light_objects", icon="WORLD")
+        layout.operator("frog.make_proxy", icon="MESH_DATA")
+        chosen = chosen_capture(context)
+        for obj in proxies_of(chosen) if chosen is not None else ():
+            box = layout.box()
+            box.label(text=obj.name, icon="OUTLINER_OB_MESH")
+            row = box.row(align=True, heading="Shadows")
+            if is_for_shadows(obj):
+                row.prop(obj, "is_shadow_catcher", text="Catch", toggle=True)
+            row.prop(obj, "visible_shadow", text="Cast", toggle=True)
+
+
+register, unregister = bpy.utils.register_classes_factory((FROG_PT_render, FROG_PT_light))

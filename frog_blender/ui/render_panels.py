@@ -8,7 +8,7 @@ from ..render import blur
 from ..render.world import background_node
 from ..timeline import playback
 from .render_panel import draw_colors, draw_with_objects
-from .text import wrapped_label
+from .sidebar_panel import wrapped_label
 
 
 class _EnginePanel:
@@ -54,7 +54,7 @@ class FROG_PT_motion_blur(_EnginePanel, bpy.types.Panel):
         layout.prop(scene.render, "motion_blur_position", text="Position")
         layout.prop(scene.render, "motion_blur_shutter")
         layout.prop(scene.frog, "motion_samples")
-        _draw_cost(layout, context)
+        _draw_cost(layout, scene)
 
 
 class FROG_PT_depth_of_field(_EnginePanel, bpy.types.Panel):
@@ -82,15 +82,15 @@ class FROG_PT_depth_of_field(_EnginePanel, bpy.types.Panel):
             layout.prop(dof, "focus_distance")
         layout.prop(dof, "aperture_fstop")
         layout.prop(scene.frog, "lens_samples")
-        _draw_cost(layout, context)
-        wrapped_label(layout, "Viewports show everything sharp.", context, icon="INFO")
+        _draw_cost(layout, scene)
+        wrapped_label(layout, "Viewports show everything sharp.", icon="INFO")
 
 
-def _draw_cost(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+def _draw_cost(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """Tells what blurs cost, which share their samples."""
-    count = blur.sample_count(context.scene, blur.has_lens(context.scene.camera))
+    count = blur.sample_count(scene, blur.has_lens(scene.camera))
     if count > 1:
-        wrapped_label(layout, f"Each image takes as long as {count:,} without blur.", context, icon="TIME")
+        wrapped_label(layout, f"Each image takes as long as {count:,} without blur.", icon="TIME")
 
 
 class FROG_PT_background(_EnginePanel, bpy.types.Panel):
@@ -107,9 +107,9 @@ class FROG_PT_background(_EnginePanel, bpy.types.Panel):
         layout, world = self.layout, context.scene.world
         layout.use_property_split = True
         if context.scene.render.film_transparent:
-            wrapped_label(layout, "Not drawn: Render > Film > Transparent is on.", context, icon="INFO")
+            wrapped_label(layout, "Not drawn: Render > Film > Transparent is on.", icon="INFO")
         if world is None:
-            wrapped_label(layout, "Without a world, the background is the capture's own.", context, icon="INFO")
+            wrapped_label(layout, "Without a world, the background is the capture's own.", icon="INFO")
             return
         node = background_node(world)
         if node is None:

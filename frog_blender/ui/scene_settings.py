@@ -11,7 +11,7 @@ from bpy.props import PointerProperty
 from .. import edition
 from ..properties import HIDDEN, choice, reference, switch, text, whole
 from ..render.blur import LENS_SAMPLES, SHUTTER_SAMPLES
-from .capture_list import ChoosesCapture
+from .captures_panel import ChoosesCapture
 
 if edition.TRAINS:
     from .rig_settings import FrogRigSettings

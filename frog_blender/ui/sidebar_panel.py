@@ -1,7 +1,8 @@
-"""What the panels of the FRoG tab share, and bringing it to the front."""
+"""What panels share: wrapped labels, durations, and the tab FRoG, which is brought to the front."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
@@ -25,6 +26,27 @@ def split(layout: Any) -> Any:
     layout.use_property_split = True
     layout.use_property_decorate = False
     return layout
+
+
+def duration(seconds: float) -> str:
+    """3725 -> "1 h 2 min", 95 -> "1 min 35 s", 8 -> "8 s"."""
+    minutes, rest = divmod(round(max(seconds, 0.0)), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes} min"
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def wrapped_label(layout: bpy.types.UILayout, text: str, icon: str = "NONE") -> None:
+    """A label wrapped to the width of the region that is drawn; Blender does not wrap by itself."""
+    context, width = bpy.context, 1000
+    if context.region is not None:  # there is none without a window
+        margin = 3 if icon == "NONE" else 6  # characters
+        width = max(int(context.region.width / (7.0 * context.preferences.system.ui_scale)) - margin, 16)
+    column = layout.column(align=True)
+    column.scale_y = 0.8
+    for i, line in enumerate(textwrap.wrap(text, width)):
+        column.label(text=line, icon=icon if i == 0 or icon == "NONE" else "BLANK1")
 
 
 def show_tab(area: bpy.types.Area) -> None:

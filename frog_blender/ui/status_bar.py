@@ -7,9 +7,8 @@ from typing import Any
 import bpy
 
 from .. import redrawing
-from ..tasks.training import TrainingTask, watch
-from ..tasks.training_state import TrainingState
-from .text import duration
+from ..tasks.training import TrainingState, TrainingTask, watch
+from .sidebar_panel import duration
 
 
 def _draw(self: Any, _context: bpy.types.Context) -> None:  # Any: the header, drawn by Blender

@@ -9,10 +9,8 @@ import bpy
 from ..engine.errors import FrogError
 from ..scene_import import capture_sound
 from ..timeline import playback, retiming
-from .capture_list import chosen_capture
-from .captures_panel import OfChosen, is_moving
-from .sidebar_panel import split
-from .text import wrapped_label
+from .captures_panel import OfChosen, chosen_capture, is_moving
+from .sidebar_panel import split, wrapped_label
 
 _SAME_SPEED = 0.005  # of the speed: nobody sees less
 _OPERATORS: tuple[dict[str, str], ...] = (
@@ -43,7 +41,7 @@ class FROG_PT_timing(OfChosen, bpy.types.Panel):
         _draw_pair(layout, settings, "use_range", ("range_start", "range_end"))
         told = _told_of_frames(chosen, context.scene)
         if told:
-            wrapped_label(layout, told, context, icon="INFO")
+            wrapped_label(layout, told, icon="INFO")
         for row_of in _OPERATORS:
             row = layout.row(align=True)
             for name, text in row_of.items():
@@ -71,10 +69,10 @@ class FROG_PT_sound(OfChosen, bpy.types.Panel):
         except FrogError:  # shown by the Scene panel
             return
         if is_outdated:
-            wrapped_label(layout, "The timing has changed since the sound was made.", context, icon="ERROR")
+            wrapped_label(layout, "The timing has changed since the sound was made.", icon="ERROR")
         elif is_outdated is None:
             sentence = "The time is driven, in the NLA or modified: update the sound when that has changed."
-            wrapped_label(layout, sentence, context, icon="INFO")
+            wrapped_label(layout, sentence, icon="INFO")
         layout.operator("frog.update_sound", icon="FILE_REFRESH")
 
 

@@ -22,9 +22,9 @@ from ..tasks import installation
 from ..tasks.installation import PipTask
 from ..tasks.package_folders import CALIBRATION, TORCH, installed
 from ..tasks.packages import CALIBRATION_SIZES, SIZES, has_nvidia_gpu, has_pycolmap_wheel, suitable_build
-from ..tasks.remote_command import RemoteCommand
+from ..tasks.remote_training import RemoteCommand
 from ..tasks.training_request import REMOTE
-from .text import wrapped_label
+from .sidebar_panel import wrapped_label
 
 EXAMPLE = "ssh gpu frog train {capture} --out {output} --events {options}"
 _PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
@@ -56,7 +56,7 @@ class TrainingPreferences:
     )
     remote_folder: text("Remote Folder", "The same folder as it is called on the other computer")
 
-    def draw_environment(self, context: bpy.types.Context) -> None:
+    def draw_environment(self) -> None:
         """Draws which torch there is, and the buttons that install and remove it."""
         layout: bpy.types.UILayout = self.layout  # type: ignore[attr-defined]  # of the preferences
         layout.prop(self, "torch_path")
@@ -66,7 +66,7 @@ class TrainingPreferences:
             layout.operator("frog.remove_torch", icon="TRASH")
         if torch_needed():
             layout.prop(self, "package_index")
-            draw_torch_installation(layout, context)
+            draw_torch_installation(layout)
         elif calibration_needed():
             layout.label(text=calibration_needed(), icon="INFO")
             draw_calibration_installation(layout)
@@ -100,15 +100,15 @@ def needed(settings: Any) -> str:
     return remote_command().problem() if settings.device == REMOTE else torch_needed()
 
 
-def draw_torch_installation(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+def draw_torch_installation(layout: bpy.types.UILayout) -> None:
     """Draws the button that installs torch, with its size and what it waits for, or the running installation."""
     if _draw_running(layout):
         return
     layout.operator("frog.install_torch", icon="IMPORT")
     if not bpy.app.online_access:
-        wrapped_label(layout, "Allow Online Access first: Preferences > System > Network.", context, icon="INFO")
+        wrapped_label(layout, "Allow Online Access first: Preferences > System > Network.", icon="INFO")
         return
-    wrapped_label(layout, f"Downloads {SIZES[suitable_build()]} for this computer. It asks first.", context)
+    wrapped_label(layout, f"Downloads {SIZES[suitable_build()]} for this computer. It asks first.")
 
 
 def _torch_found() -> str:

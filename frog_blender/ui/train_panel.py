@@ -13,12 +13,10 @@ from ..engine.setting import Choice
 from ..option_properties import property_name
 from ..scene_import.capture_objects import plays
 from ..scene_import.scene_setup import is_set_up, start_cube
-from ..tasks.training import TrainingTask
+from ..tasks.training import TrainingState, TrainingTask
 from ..tasks.training_request import REMOTE, can_resume, can_train_longer
-from ..tasks.training_state import TrainingState
 from . import presets, preview_image, torch_environment, training_settings
-from .sidebar_panel import SidebarPanel, split
-from .text import duration, wrapped_label
+from .sidebar_panel import SidebarPanel, duration, split, wrapped_label
 
 _LEGEND = "Orange moves, blue stands still, red dots were left out."
 
@@ -37,9 +35,9 @@ class FROG_PT_train(SidebarPanel, bpy.types.Panel):
         if not TrainingTask.is_any_running():
             layout.prop(settings, "recipe")
             layout.prop(settings, "output_path")
-            _draw_start(layout, settings, context)
+            _draw_start(layout, settings)
         if task is not None:
-            _draw_training(layout, task, settings, context)
+            _draw_training(layout, task, context.scene)
 
 
 class FROG_PT_train_report(SidebarPanel, bpy.types.Panel):
@@ -60,13 +58,13 @@ class FROG_PT_train_report(SidebarPanel, bpy.types.Panel):
             return
         layout, state = self.layout, task.state
         if state.result is not None:
-            wrapped_label(layout, f"Saved: {state.result}", context, icon="FILE_TICK")
-        _draw_figures(layout, state, context)
+            wrapped_label(layout, f"Saved: {state.result}", icon="FILE_TICK")
+        _draw_figures(layout, state)
         for line in state.capacity:
-            wrapped_label(layout, line, context, icon="MOD_DECIM")
+            wrapped_label(layout, line, icon="MOD_DECIM")
         if state.report_image is not None:
-            preview_image.draw(layout, context, preview_image.REPORT)
-            wrapped_label(layout, _LEGEND, context)
+            preview_image.draw(layout, preview_image.REPORT)
+            wrapped_label(layout, _LEGEND)
 
 
 class FROG_PT_train_advanced(SidebarPanel, bpy.types.Panel):
@@ -160,16 +158,16 @@ def _expected_time(settings: Any, capture: Capture) -> str:
     return f"{estimate(work, likely_device(settings.device), 60.0 * settings.minutes or None)}."
 
 
-def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Context) -> None:
+def _draw_start(layout: bpy.types.UILayout, settings: Any) -> None:
     """Draws the estimated duration and the buttons that start a training."""
     capture = training_settings.known_capture(settings)
     if capture is not None and settings.device != REMOTE:
-        wrapped_label(layout, _expected_time(settings, capture), context, icon="TIME")
+        wrapped_label(layout, _expected_time(settings, capture), icon="TIME")
     needed = torch_environment.needed(settings)
     if needed:
-        wrapped_label(layout, needed, context, icon="ERROR")
+        wrapped_label(layout, needed, icon="ERROR")
     if needed and settings.device != REMOTE:
-        torch_environment.draw_torch_installation(layout, context)
+        torch_environment.draw_torch_installation(layout)
     row = layout.row()
     row.scale_y = 1.5
     row.operator("frog.train", icon="PLAY")
@@ -179,23 +177,23 @@ def _draw_start(layout: bpy.types.UILayout, settings: Any, context: bpy.types.Co
         row.operator("frog.train_longer", icon="FRAME_NEXT")
 
 
-def _draw_training(layout: bpy.types.UILayout, task: TrainingTask, settings: Any, context: bpy.types.Context) -> None:
+def _draw_training(layout: bpy.types.UILayout, task: TrainingTask, scene: bpy.types.Scene) -> None:
     """Draws the running training, or the last one."""
     box, state = layout.box(), task.state
-    _draw_progress(box, task, context)
+    _draw_progress(box, task)
     if task.result is not None:
-        _draw_result(box, task, task.result, context)
+        _draw_result(box, task, task.result, scene)
     for warning in state.warnings[-3:]:
-        wrapped_label(box, warning, context, icon="INFO")
-    if state.result is None or not plays(context.scene, state.result):  # else the viewport shows more
-        preview_image.draw(box, context)
+        wrapped_label(box, warning, icon="INFO")
+    if state.result is None or not plays(scene, state.result):  # else the viewport shows more
+        preview_image.draw(box)
     if task.is_running:
-        box.prop(settings, "preview_camera")
+        box.prop(scene.frog, "preview_camera")
         if task.live is not None:
-            box.prop(settings, "show_live")
+            box.prop(scene.frog, "show_live")
 
 
-def _draw_progress(box: bpy.types.UILayout, task: TrainingTask, context: bpy.types.Context) -> None:
+def _draw_progress(box: bpy.types.UILayout, task: TrainingTask) -> None:
     """Draws the progress or result, and the buttons to pause, cancel and dismiss."""
     state, stage = task.state, task.progress.stage
     if task.is_running:
@@ -212,7 +210,7 @@ def _draw_progress(box: bpy.types.UILayout, task: TrainingTask, context: bpy.typ
         return
     row = box.row()
     if task.error:
-        wrapped_label(row.column(), task.error, context, icon="ERROR")
+        wrapped_label(row.column(), task.error, icon="ERROR")
     elif task.is_cancelled:
         text = f"Cancelled at step {state.step:,}." if state.step else "Cancelled before the first step."
         row.label(text=text, icon="CANCEL")
@@ -221,13 +219,13 @@ def _draw_progress(box: bpy.types.UILayout, task: TrainingTask, context: bpy.typ
     row.operator("frog.dismiss_training", text="", icon="X", emboss=False)
 
 
-def _draw_result(box: bpy.types.UILayout, task: TrainingTask, result: Path, context: bpy.types.Context) -> None:
+def _draw_result(box: bpy.types.UILayout, task: TrainingTask, result: Path, scene: bpy.types.Scene) -> None:
     """Draws what came of the training, what happened to it, and the next action."""
     if not task.is_cancelled and not task.error:
-        wrapped_label(box, f"{result.name}: {task.state.sentence}", context)
+        wrapped_label(box, f"{result.name}: {task.state.sentence}")
     if task.note:
-        wrapped_label(box, task.note, context, icon="INFO")
-    if not plays(context.scene, result):
+        wrapped_label(box, task.note, icon="INFO")
+    if not plays(scene, result):
         row = box.row()
         row.operator_context = "EXEC_DEFAULT"  # the file is known: no file browser
         text = "Import What There Is" if task.is_cancelled else "Import"
@@ -235,19 +233,19 @@ def _draw_result(box: bpy.types.UILayout, task: TrainingTask, result: Path, cont
         return
     row = box.row(align=True)
     row.operator("frog.show_result", icon="HIDE_OFF").filepath = str(result)
-    if not is_set_up(context.scene):
+    if not is_set_up(scene):
         row.operator("frog.set_up_scene", icon="SCENE_DATA")
-    if start_cube(context.scene) is not None:
-        wrapped_label(box, "The default cube stands in the scene, and hides what is behind it.", context, icon="INFO")
+    if start_cube(scene) is not None:
+        wrapped_label(box, "The default cube stands in the scene, and hides what is behind it.", icon="INFO")
         box.operator("frog.hide_start_cube", icon="HIDE_ON")
 
 
-def _draw_figures(layout: bpy.types.UILayout, state: TrainingState, context: bpy.types.Context) -> None:
+def _draw_figures(layout: bpy.types.UILayout, state: TrainingState) -> None:
     column = layout.column(align=True)
     if state.loss is not None:
         column.label(text=f"Loss: {state.loss:.4f}")
     if state.psnr is not None:
-        wrapped_label(column, f"PSNR: {state.psnr:.2f} dB ({state.psnr_split or 'training'} views)", context)
+        wrapped_label(column, f"PSNR: {state.psnr:.2f} dB ({state.psnr_split or 'training'} views)")
     if state.gaussians:
         is_partly_static = state.moving < state.gaussians and state.capacity
         dynamic = f" ({state.moving:,} dynamic)" if is_partly_static else ""

@@ -24,7 +24,6 @@ from frog_blender.tasks.background_task import Progress
 from frog_blender.tasks.calibration import CalibrationTask
 from frog_blender.tasks.clocks import CameraClock, read_clocks, write_clock
 from frog_blender.ui import (
-    calibration_panel,
     capture_panel,
     capture_reading,
     capture_summary,
@@ -118,7 +117,7 @@ def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, drawn
     empty.frog.capture_folder = str(raw)
     before = (raw / "cameras_opencv.json").read_bytes()
     assert "frog.calibrate" not in drawn().split(), "it is not what is to be done next"
-    assert "frog.calibrate" in drawn(calibration_panel.FROG_PT_cameras).split()
+    assert "frog.calibrate" in drawn(capture_panel.FROG_PT_cameras).split()
 
     gate = threading.Event()
 
@@ -130,12 +129,12 @@ def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, drawn
         return SimpleNamespace(cameras=cameras, report=report, page=page, given_kept=True, warnings=())
 
     task = begin(raw, calibrate)
-    assert "frog.calibrate" not in drawn(calibration_panel.FROG_PT_cameras).split(), "it runs"
+    assert "frog.calibrate" not in drawn(capture_panel.FROG_PT_cameras).split(), "it runs"
     gate.set()
     assert not finish(task).error and (raw / "cameras_opencv.json").read_bytes() == before
     said = drawn()
     assert "Calibrated: cameras_found.json" in said and "What was found lies beside it." in said
-    assert "frog.calibrate" in drawn(calibration_panel.FROG_PT_cameras).split()
+    assert "frog.calibrate" in drawn(capture_panel.FROG_PT_cameras).split()
 
 
 def test_a_running_calibration_shows_its_stage(empty, drawn, raw):
@@ -201,10 +200,10 @@ def test_a_cancelled_calibration(empty, drawn, raw):
 def test_clocks_are_listed_and_corrected(empty, drawn, raw):
     write_cameras(raw)
     empty.frog.capture_folder = str(raw)
-    said = drawn(calibration_panel.FROG_PT_synchronization)
+    said = drawn(capture_panel.FROG_PT_synchronization)
     assert "cam01 +0.020 s frog.edit_clock" in said and "cam00 +0.000 s" in said
     assert bpy.ops.frog.edit_clock(camera="cam02", offset=0.1, rate=1.0005) == {"FINISHED"}
-    assert "cam02 +0.100 s, x 1.00050" in drawn(calibration_panel.FROG_PT_synchronization)
+    assert "cam02 +0.100 s, x 1.00050" in drawn(capture_panel.FROG_PT_synchronization)
     content = json.loads((raw / "cameras_opencv.json").read_text())
     assert content["points"] == [[0, 0, 1]] and content["cameras"][1]["offset"] == 0.02, "nothing else has changed"
     changed = {shot.offset for shot in capture_summary.known(str(raw)).capture.shots}
@@ -217,14 +216,14 @@ def test_a_given_calibration_is_not_changed(empty, drawn, raw):
     write_cameras(raw, made_by="somebody else")
     empty.frog.capture_folder = str(raw)
     before = (raw / "cameras_opencv.json").read_bytes()
-    said = drawn(calibration_panel.FROG_PT_synchronization)
+    said = drawn(capture_panel.FROG_PT_synchronization)
     assert "was given" in said and "frog.edit_clock" not in said
     with pytest.raises(RuntimeError, match="was given"):
         bpy.ops.frog.edit_clock(camera="cam02", offset=0.1)
     assert (raw / "cameras_opencv.json").read_bytes() == before
     (raw / "cameras_found.json").write_text("{}")
     capture_reading.read(str(raw))
-    assert "beside it in cameras_found.json" in drawn(calibration_panel.FROG_PT_synchronization)
+    assert "beside it in cameras_found.json" in drawn(capture_panel.FROG_PT_synchronization)
 
 
 def test_found_cameras_become_the_ones_in_use_and_back(empty, drawn, raw):
@@ -232,18 +231,18 @@ def test_found_cameras_become_the_ones_in_use_and_back(empty, drawn, raw):
     given = (raw / "cameras_opencv.json").read_bytes()
     empty.frog.capture_folder = str(raw)
     assert not bpy.ops.frog.use_found_cameras.poll() and not bpy.ops.frog.use_given_cameras.poll()
-    assert "use_found" not in drawn(calibration_panel.FROG_PT_cameras)
+    assert "use_found" not in drawn(capture_panel.FROG_PT_cameras)
     found = json.loads(given) | {"made_by": "frog calibrate"}
     found["cameras"][1]["offset"] = 0.1
     (raw / "cameras_found.json").write_text(json.dumps(found))
     capture_reading.read(str(raw))
-    said = drawn(calibration_panel.FROG_PT_cameras)
+    said = drawn(capture_panel.FROG_PT_cameras)
     assert "frog.use_found_cameras" in said and "frog.use_given_cameras" not in said
     before = {shot.offset for shot in capture_summary.known(str(raw)).capture.shots}
     assert bpy.ops.frog.use_found_cameras() == {"FINISHED"}
     assert {shot.offset for shot in capture_summary.known(str(raw)).capture.shots} != before, "it is opened anew"
-    assert "cam01 +0.100 s frog.edit_clock" in drawn(calibration_panel.FROG_PT_synchronization)
-    said = drawn(calibration_panel.FROG_PT_cameras)
+    assert "cam01 +0.100 s frog.edit_clock" in drawn(capture_panel.FROG_PT_synchronization)
+    said = drawn(capture_panel.FROG_PT_cameras)
     assert "frog.use_found_cameras" not in said and "frog.use_given_cameras" in said
     assert bpy.ops.frog.use_given_cameras() == {"FINISHED"}
     assert (raw / "cameras_opencv.json").read_bytes() == given
@@ -277,11 +276,11 @@ def test_the_contact_sheet_has_one_image_of_each_camera(empty, drawn, raw, is_ca
     if is_calibrated:
         write_cameras(raw)
     empty.frog.capture_folder = str(raw)
-    assert "frog.show_contact_sheet" in drawn(calibration_panel.FROG_PT_cameras)
+    assert "frog.show_contact_sheet" in drawn(capture_panel.FROG_PT_cameras)
     assert bpy.ops.frog.show_contact_sheet() == {"FINISHED"}
     sheet = finished_sheet(raw)
     assert sheet.names == list(film.CAMERAS) and not sheet.problem
-    said = drawn(calibration_panel.FROG_PT_cameras)
+    said = drawn(capture_panel.FROG_PT_cameras)
     assert said.split().count("image") == 4 and "cam03" in said and "Decoding" not in said
     contact_sheet.close()
     assert contact_sheet.shown(str(raw)) is None
@@ -293,7 +292,7 @@ def test_a_film_that_cannot_be_decoded_does_not_hide_the_others(empty, drawn, ra
     bpy.ops.frog.show_contact_sheet()
     sheet = finished_sheet(raw)
     assert sheet.names == ["cam00", "cam01", "cam03"] and "cam02.mp4" in sheet.problem
-    assert "cam02.mp4" in drawn(calibration_panel.FROG_PT_cameras)
+    assert "cam02.mp4" in drawn(capture_panel.FROG_PT_cameras)
     contact_sheet.close()
 
 

@@ -18,7 +18,7 @@ from frog_blender.lighting import world
 from frog_blender.render.world import background_of
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import playback
-from frog_blender.ui.light_panel import FROG_PT_light
+from frog_blender.ui.render_panel import FROG_PT_light
 
 
 @pytest.fixture

@@ -13,8 +13,7 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
 from frog_blender.engine.spherical_harmonics import SH_DC
 from frog_blender.tasks import background_task
-from frog_blender.tasks.live_view import LiveView
-from frog_blender.tasks.training import TrainingTask, watch_live
+from frog_blender.tasks.training import LiveView, TrainingTask, watch_live
 from frog_blender.timeline import playback_cache
 from frog_blender.timeline.playback_cache import SceneTime
 from frog_blender.viewport import drawing, live

@@ -20,7 +20,7 @@ from frog_blender.lighting.proxy import proxies_of
 from frog_blender.operators.make_proxy import FROG_OT_make_proxy
 from frog_blender.render.compositing import compositor
 from frog_blender.scene_import.capture_objects import active_capture
-from frog_blender.ui.light_panel import FROG_PT_light
+from frog_blender.ui.render_panel import FROG_PT_light
 
 RESOLUTION = 12
 

@@ -22,8 +22,7 @@ from frog_blender.engine.options import OPTIONS, Door, TrainingOptions
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.events import line_of
-from frog_blender.tasks.remote_command import RemoteCommand, options_of
-from frog_blender.tasks.remote_training import RemoteTraining
+from frog_blender.tasks.remote_training import RemoteCommand, RemoteTraining, options_of
 from frog_blender.tasks.training_request import TrainingRequest
 
 WHOLE = "train {capture} --out {output} --events {options}"
@@ -288,7 +287,7 @@ from pathlib import Path
 from frog_blender.engine.options import TrainingOptions
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.tasks.remote_training import RemoteTraining
-from frog_blender.tasks.remote_command import RemoteCommand
+from frog_blender.tasks.remote_training import RemoteCommand
 from frog_blender.tasks.training_request import TrainingRequest
 options = TrainingOptions(recipe="draft", max_gaussians=250, steps=1000000)
 request = TrainingRequest(Path(sys.argv[2]), Path(sys.argv[3]), options)

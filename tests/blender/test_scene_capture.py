@@ -20,7 +20,7 @@ from frog_blender.scene_capture import rig
 from frog_blender.scene_capture.request import request_of
 from frog_blender.tasks import background_task
 from frog_blender.tasks.scene_capture import SceneCaptureTask
-from frog_blender.ui import scene_capture_panel
+from frog_blender.ui import capture_panel
 
 SIZE = 40
 
@@ -231,7 +231,7 @@ def test_the_panel_leads_through_it(cube, monkeypatch):
     scene = bpy.context.scene
 
     def said():
-        return panel_says(scene_capture_panel.FROG_PT_scene_capture)
+        return panel_says(capture_panel.FROG_PT_scene_capture)
 
     assert "frog.place_rig" in said() and "frog.capture_scene" not in said()
     assert "arc" not in said().split()

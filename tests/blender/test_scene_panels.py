@@ -19,7 +19,7 @@ from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback
 from frog_blender.ui import captures_panel, menus, render_panel, status_bar, timing_panel
-from frog_blender.ui.capture_list import FROG_UL_captures
+from frog_blender.ui.captures_panel import FROG_UL_captures
 
 
 @pytest.fixture
@@ -89,16 +89,6 @@ def test_a_view_transform_is_told_and_taken_away(empty, static_rig, said):
     assert bpy.ops.frog.show_as_filmed() == {"FINISHED"}
     assert (empty.view_settings.view_transform, empty.view_settings.look) == ("Standard", "None")
     assert "changes the colors" not in said(panel)
-
-
-def test_a_render_larger_than_the_film_says_so(empty, static_rig, said):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    assert "filmed" not in said(render_panel.FROG_PT_render)
-    width, height = empty.camera.data.frog.size
-    empty.render.resolution_x = 4 * width
-    assert f"The camera filmed {width} x {height} pixels" in said(render_panel.FROG_PT_render)
-    empty.render.resolution_percentage = 25
-    assert "filmed" not in said(render_panel.FROG_PT_render)
 
 
 def drawn(entry):

@@ -16,9 +16,8 @@ from frog_blender.engine.training.session import events
 from frog_blender.option_properties import property_name
 from frog_blender.tasks import background_task
 from frog_blender.tasks.background_task import Ended
-from frog_blender.tasks.training import TrainingTask
+from frog_blender.tasks.training import TrainingState, TrainingTask
 from frog_blender.tasks.training_request import request_of
-from frog_blender.tasks.training_state import TrainingState
 from frog_blender.ui import capture_panel, capture_summary, preview_image, train_panel, training_settings
 
 
