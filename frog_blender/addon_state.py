@@ -17,13 +17,11 @@ _kept: dict[type, Any] = {}  # Any: the object of the type that is its key
 
 def get(kind: type[T]) -> T:
     """The one object of a class, created without arguments on first use. Thread-safe."""
-    found: T | None = _kept.get(kind)
-    if found is None:
-        with _lock:
-            found = _kept.get(kind)
-            if found is None:
-                found = _kept[kind] = kind()
-    return found
+    with _lock:
+        if kind not in _kept:
+            _kept[kind] = kind()
+        kept: T = _kept[kind]
+    return kept
 
 
 def put(state: object) -> None:

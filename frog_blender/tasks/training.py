@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import bpy
 
-from .. import addon_state, unsaved_changes
+from .. import addon_state, redrawing, unsaved_changes
 from ..engine import memory
 from ..engine.errors import FrogError, brief
 from ..engine.scene.compression_report import lines, summary
@@ -164,7 +164,6 @@ class TrainingTask(BackgroundTask):
         source: gives the events; called on the worker thread.
         on_finished: is given the file of a finished scene.
         prepare: does a part of ``on_finished`` before it, so that neither keeps the user waiting; at another time.
-        is_scene_in_use: while true, ``on_finished`` has to wait.
         live: where viewports find its scene while it runs.
         kill: ends at once what the source has started outside Blender, where it did not end in time.
 
@@ -186,7 +185,6 @@ class TrainingTask(BackgroundTask):
         on_finished: OnFinished | None = None,
         *,
         prepare: Callable[[], None] | None = None,
-        is_scene_in_use: Callable[[], bool] | None = None,
         live: LiveView | None = None,
         kill: Callable[[], None] = lambda: None,
     ) -> None:
@@ -194,7 +192,6 @@ class TrainingTask(BackgroundTask):
         self.live, self.kill = live, kill
         self.state = TrainingState()
         self.on_finished, self.prepare = on_finished, prepare
-        self._is_scene_in_use = is_scene_in_use or unsaved_changes.is_scene_in_use
         self.waiting: Path | None = None
         self.control = CancelToken()
         self._source = source
@@ -273,6 +270,10 @@ class TrainingTask(BackgroundTask):
         """An error counts though it was cancelled: what it has learned may be lost."""
         self.result, self.error, self.is_cancelled = self.state.result, ended.error, self.state.is_cancelled
 
+    def redraw(self) -> None:
+        super().redraw()
+        redrawing.status_bars()
+
     def hand_over(self) -> None:
         self.waiting = self.result
         self.hand_over_when_possible()
@@ -281,7 +282,7 @@ class TrainingTask(BackgroundTask):
         """Calls ``on_finished`` with the file of a finished training once nothing else uses the scene; ``prepare``
         alone the first time, where there is any.
         """
-        if self.waiting is None or self._is_scene_in_use():
+        if self.waiting is None or unsaved_changes.is_scene_in_use():
             return
         if self.prepare is not None:
             prepare, self.prepare = self.prepare, None

@@ -55,23 +55,11 @@ class TrainingRequest:
     def copy_checkpoint(self) -> None:
         """Gives a training that continues a finished one the checkpoint that it begins with."""
         if self.continued is not None:
-            _copy(checkpoint_path(self.continued), checkpoint_path(self.output))
-
-
-def _copy(source: Path, target: Path) -> None:
-    """Copies a file; FrogError where that fails."""
-    try:
-        shutil.copyfile(source, target)
-    except OSError as error:
-        raise FrogError(f"{target}: the checkpoint could not be copied ({error.strerror}).") from error
-
-
-def request_of(settings: Any, resume: bool = False) -> TrainingRequest:
-    """The training request of the panel's settings; FrogError if something is missing.
-
-    Unless it is resumed, a training writes what is not there yet: the output gets a number where a scene lies.
-    """
-    return _request(settings, resume)
+            target = checkpoint_path(self.output)
+            try:
+                shutil.copyfile(checkpoint_path(self.continued), target)
+            except OSError as error:
+                raise FrogError(f"{target}: the checkpoint could not be copied ({error.strerror}).") from error
 
 
 def longer_request(settings: Any, steps: int) -> TrainingRequest:
@@ -81,12 +69,16 @@ def longer_request(settings: Any, steps: int) -> TrainingRequest:
     done = output_of(settings)
     if not can_train_longer(settings):
         raise found_instead(checkpoint_path(done), "no finished training of this capture", "one to go on with")
-    request = _request(settings, True)
+    request = request_of(settings, resume=True)
     options = replace(request.options, steps=steps, seconds=None)
     return replace(request, output=unused_output(done), continued=done, options=options)
 
 
-def _request(settings: Any, resume: bool) -> TrainingRequest:
+def request_of(settings: Any, resume: bool = False) -> TrainingRequest:
+    """The training request of the panel's settings; FrogError if something is missing.
+
+    Unless it is resumed, a training writes what is not there yet: the output gets a number where a scene lies.
+    """
     if not settings.capture_folder:
         raise FrogError("No capture is selected. Choose the folder with the videos and cameras to train from.")
     capture = Path(bpy.path.abspath(settings.capture_folder))

@@ -22,9 +22,8 @@ ONE_CURVE = "one curve"
 """The name of the curve in ``preview_image`` that is looked at while its clock is corrected."""
 _NARROW = 400  # pixels
 _SIDE, _MARGIN = 480, 50  # pixels
-_PAPER, _INK, _POINTS, _CAMERA = (255, 255, 255), (40, 40, 40), (170, 170, 170), (30, 100, 200)
+_PAPER, _POINTS, _CAMERA = (255, 255, 255), (170, 170, 170), (30, 100, 200)
 _MOST_POINTS = 3000
-_MOST_NAMES = 40
 
 
 def show(folder: Path, capture: Capture | None) -> None:
@@ -77,7 +76,7 @@ def curves(report: Path, camera: str = "") -> ImageArray | None:
 
 
 def rig_from_above(capture: Capture) -> ImageArray:
-    """(SIDE, SIDE, 3) uint8: the cameras with their viewing directions and names, and the points, seen along -z."""
+    """(SIDE, SIDE, 3) uint8: the cameras with their viewing directions, and the points, seen along -z."""
     cv2 = load_opencv()
     centers = np.array([camera.center[:2] for camera in capture.cameras])
     ahead = np.array([camera.forward[:2] for camera in capture.cameras])
@@ -94,20 +93,7 @@ def rig_from_above(capture: Capture) -> ImageArray:
     image = np.full((_SIDE, _SIDE, 3), _PAPER, np.uint8)
     for point in points:
         cv2.circle(image, pixel(point), 1, _POINTS, -1)
-    for camera, center, direction in zip(capture.cameras, centers, ahead, strict=True):
+    for center, direction in zip(centers, ahead, strict=True):
         cv2.line(image, pixel(center), pixel(center + direction * 24 / scale), _CAMERA, 2, cv2.LINE_AA)
         cv2.circle(image, pixel(center), 5, _CAMERA, -1, cv2.LINE_AA)
-        if len(centers) <= _MOST_NAMES:
-            (width, _), _ = cv2.getTextSize(camera.name, cv2.FONT_HERSHEY_SIMPLEX, 0.7, 1)
-            x, y = pixel(center)
-            cv2.putText(
-                image,
-                camera.name,
-                (min(x + 8, _SIDE - width), y - 8),
-                cv2.FONT_HERSHEY_SIMPLEX,
-                0.7,
-                _INK,
-                1,
-                cv2.LINE_AA,
-            )
     return image

@@ -6,8 +6,7 @@ from typing import Any
 
 import bpy
 
-from .. import redrawing
-from ..tasks.training import TrainingState, TrainingTask, watch
+from ..tasks.training import TrainingTask
 from .sidebar_panel import duration
 
 
@@ -42,13 +41,8 @@ def ended(task: TrainingTask) -> str:
     return f"{task.result.name} is trained" if task.result is not None else "The training has ended"
 
 
-def _on_change(_state: TrainingState) -> None:
-    redrawing.status_bars()
-
-
 def register() -> None:
     bpy.types.STATUSBAR_HT_header.append(_draw)
-    watch(_on_change)
 
 
 def unregister() -> None:

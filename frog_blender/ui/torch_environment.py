@@ -5,7 +5,6 @@ is missing of it, and its part of the preferences.
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
 
-import importlib.metadata
 import importlib.util
 import sys
 from pathlib import Path
@@ -21,7 +20,7 @@ from ..properties import text
 from ..tasks import installation
 from ..tasks.installation import PipTask
 from ..tasks.package_folders import CALIBRATION, TORCH, installed
-from ..tasks.packages import CALIBRATION_SIZES, SIZES, has_nvidia_gpu, has_pycolmap_wheel, suitable_build
+from ..tasks.packages import CALIBRATION_SIZES, SIZES, has_pycolmap_wheel, suitable_build
 from ..tasks.remote_training import RemoteCommand
 from ..tasks.training_request import REMOTE
 from .sidebar_panel import wrapped_label
@@ -60,7 +59,7 @@ class TrainingPreferences:
         """Draws which torch there is, and the buttons that install and remove it."""
         layout: bpy.types.UILayout = self.layout  # type: ignore[attr-defined]  # of the preferences
         layout.prop(self, "torch_path")
-        layout.label(text=_torch_found() or torch_needed(), icon="INFO")
+        layout.label(text=torch_needed() or "torch is available: training is possible.", icon="INFO")
         layout.label(text="Opening, scrubbing and rendering a .frog file does not need torch.")
         if installed(installation.folder()) is not None:
             layout.operator("frog.remove_torch", icon="TRASH")
@@ -109,19 +108,6 @@ def draw_torch_installation(layout: bpy.types.UILayout) -> None:
         wrapped_label(layout, "Allow Online Access first: Preferences > System > Network.", icon="INFO")
         return
     wrapped_label(layout, f"Downloads {SIZES[suitable_build()]} for this computer. It asks first.")
-
-
-def _torch_found() -> str:
-    """Which torch there is, and what it can compute on; an empty string if there is none."""
-    if torch_needed():
-        return ""
-    add_environment()
-    try:
-        version = importlib.metadata.version("torch")
-    except importlib.metadata.PackageNotFoundError:
-        version = "without a version"
-    gpu = "an NVIDIA graphics card" if has_nvidia_gpu() else "no NVIDIA graphics card"
-    return f"torch {version} is available: training is possible. This computer has {gpu}."
 
 
 def draw_calibration_installation(layout: bpy.types.UILayout) -> None:

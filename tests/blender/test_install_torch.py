@@ -296,18 +296,16 @@ def test_it_can_be_removed(empty, own_folder, tmp_path, monkeypatch):
 
 
 def test_the_preferences_tell_what_there_is_and_what_it_takes(empty, own_folder, online, monkeypatch):
-    from support.training_panel import Written, drawing_context
+    from support.training_panel import Written
 
     from frog_blender.ui import torch_environment
 
     def said():
         layout = Written()
-        torch_environment.draw_torch_installation(layout, drawing_context())
+        torch_environment.draw_torch_installation(layout)
         return " ".join(layout.said)
 
     monkeypatch.setattr(torch_environment, "suitable_build", lambda: "CPU")
     assert "frog.install_torch" in said() and "about 0.4 GB" in said()
     bpy.context.preferences.system.use_online_access = False
     assert "Allow Online Access first" in said()
-    monkeypatch.setattr(torch_environment, "torch_needed", lambda: "")
-    assert "is available: training is possible. This computer has" in torch_environment._torch_found()

@@ -71,10 +71,11 @@ def test_an_error_of_one_that_was_cancelled_is_told(addon):
     assert finish(task).error == "The disk is full." and not task.is_cancelled
 
 
-def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, request):
+def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, request, monkeypatch):
     renders, imported = ["RENDER"], []
+    monkeypatch.setattr(unsaved_changes, "is_scene_in_use", lambda: bool(renders))
     said = [events.Finished("x.frog", 1, 1.0, 20.0, 5)]
-    task = TrainingTask(lambda cancelled: iter(said), imported.append, is_scene_in_use=lambda: bool(renders))
+    task = TrainingTask(lambda cancelled: iter(said), imported.append)
     finish(task.start())
     task.hand_over_when_possible()
     assert task.waiting is not None and not imported
