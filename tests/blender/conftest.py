@@ -25,6 +25,16 @@ def addon():
     frog_blender.unregister()
 
 
+@pytest.fixture(autouse=True)
+def tasks_of_its_own():
+    """No test finds what runs, or has ended, in another one."""
+    from frog_blender.tasks import background_task
+
+    yield
+    background_task.unregister()
+    background_task.register()
+
+
 @pytest.fixture
 def empty(addon):
     """A new file without objects; handlers of the add-on stay, since they are persistent."""

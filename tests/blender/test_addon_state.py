@@ -7,6 +7,7 @@ import threading
 import time
 
 import pytest
+from support.training_panel import switched_off
 
 from frog_blender import addon_state
 from frog_blender.timeline import open_scenes
@@ -31,16 +32,12 @@ def no_counter():
     addon_state.reset(Counter)
 
 
-def test_there_is_one_object_of_a_class_until_it_is_reset():
+def test_there_is_one_object_of_a_class_until_it_is_reset_or_replaced():
     first = addon_state.get(Counter)
     first.value = 3
     assert addon_state.get(Counter) is first and Counter.made == 1
     addon_state.reset(Counter)
     assert addon_state.get(Counter).value == 0 and Counter.made == 2
-
-
-def test_one_that_is_put_takes_its_place():
-    addon_state.get(Counter)
     other = Counter(7)
     addon_state.put(other)
     assert addon_state.get(Counter) is other
@@ -69,8 +66,5 @@ def test_threads_that_ask_at_once_get_the_same_one():
 def test_disabling_the_add_on_forgets_everything(addon, static_rig):
     open_scenes.scene(static_rig)
     counter = addon_state.get(Counter)
-    addon.unregister()
-    try:
+    with switched_off():
         assert not open_scenes.paths() and addon_state.get(Counter) is not counter
-    finally:
-        addon.register()

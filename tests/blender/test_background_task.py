@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from support.training_panel import finish
+from support.training_panel import finish, switched_off
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
@@ -179,35 +179,27 @@ def test_without_a_thread_there_is_one_sentence(create, monkeypatch):
     assert not task.is_any_running()
 
 
-def test_one_at_a_time_and_none_outlives_the_add_on(create, addon):
+def test_one_at_a_time_and_none_outlives_the_add_on(create):
     task = create(until_stopped).begin()
-    try:
-        assert task.current() is task and task.is_any_running()
-        assert bpy.app.timers.is_registered(background_task.tick)
-        with pytest.raises(FrogError, match=r"already|is running"):
-            create(until_stopped).begin()
-        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-        assert bpy.app.timers.is_registered(background_task.tick), "another file does not end it"
-    finally:
-        addon.unregister()
-        addon.register()
-    assert task.join(0.0) and task.current() is None and not bpy.app.timers.is_registered(background_task.tick)
+    assert task.current() is task and task.is_any_running()
+    assert bpy.app.timers.is_registered(background_task.tick)
+    with pytest.raises(FrogError, match=r"already|is running"):
+        create(until_stopped).begin()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert bpy.app.timers.is_registered(background_task.tick), "another file does not end it"
+    with switched_off():
+        assert task.join(0.0) and task.current() is None and not bpy.app.timers.is_registered(background_task.tick)
 
 
 def test_the_timer_ends_with_the_last_of_several(addon):
     gate, made = threading.Event(), []
     first = Work(lambda task: gate.wait(20.0), made.append).begin()
     other = CalibrationTask(Path(), lambda progress, stopped: None).begin()
-    try:
-        assert other.join(20.0)
-        other.pump_all()
-        assert background_task.tick() == TIMER_SECONDS and not other.is_running
-        gate.set()
-        assert first.join(20.0)
-        while background_task.tick() is not None:
-            pass
-        assert made == [True]
-    finally:
-        gate.set()
-        Work.forget()
-        CalibrationTask.forget()
+    assert other.join(20.0)
+    other.pump_all()
+    assert background_task.tick() == TIMER_SECONDS and not other.is_running
+    gate.set()
+    assert first.join(20.0)
+    while background_task.tick() is not None:
+        pass
+    assert made == [True]

@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import threading
+import time
 from pathlib import Path
 
 import bpy
@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from support.blender_windows import another_blender
 from support.small_scenes import rig_of_three, write_scene
+from support.training_panel import switched_off
 
 from frog_blender import point_cloud
 from frog_blender.engine.options import TrainingOptions
@@ -58,29 +59,24 @@ def test_a_duplicate_plays_at_its_own_time(empty, static_rig):
     shows(second, static_rig, 1.0)
 
 
-def test_imported_twice_there_are_two_captures_each_with_its_own_root(empty, static_rig):
+@pytest.mark.parametrize("how", ["imported again", "duplicated with all of it"])
+def test_two_captures_move_and_play_by_themselves(empty, static_rig, how):
     first = imported(static_rig)
-    assert bpy.ops.import_scene.frog(filepath=str(static_rig), start_frame=4.0) == {"FINISHED"}
-    second = active_capture(bpy.context)
-    assert second != first and second.parent != first.parent and len(empty.collection.children) == 2
+    if how == "imported again":
+        assert bpy.ops.import_scene.frog(filepath=str(static_rig), start_frame=4.0) == {"FINISHED"}
+        second = active_capture(bpy.context)
+        assert len(empty.collection.children) == 2
+    else:
+        bpy.ops.object.select_all(action="SELECT")
+        bpy.ops.object.duplicate()
+        second = next(obj for obj in bpy.context.selected_objects if obj in set(playback.captures(empty.objects)))
+        second.frog.start_frame = 4.0
+    assert second != first and second.parent != first.parent and len(cameras_of(second)) == 3
     second.parent.location.x += 3.0
     empty.frame_set(6)
     shows(first, static_rig, 5.0)
     shows(second, static_rig, 2.0)
     assert first.matrix_world.translation.x == 0.0 and second.matrix_world.translation.x == pytest.approx(3.0)
-
-
-def test_a_duplicate_of_everything_moves_by_itself(empty, static_rig):
-    first = imported(static_rig)
-    for obj in empty.objects:
-        obj.select_set(True)
-    bpy.ops.object.duplicate()
-    second = next(obj for obj in bpy.context.selected_objects if obj in set(playback.captures(empty.objects)))
-    assert second.parent != first.parent and len(cameras_of(second)) == 3
-    second.parent.location.z += 2.0
-    empty.frame_set(3)
-    shows(second, static_rig, 2.0)
-    assert second.matrix_world.translation.z == pytest.approx(2.0) and first.matrix_world.translation.z == 0.0
 
 
 def test_without_its_root_a_capture_plays_on(empty, static_rig):
@@ -94,21 +90,15 @@ def test_without_its_root_a_capture_plays_on(empty, static_rig):
 
 def test_one_undo_takes_an_import_back_and_redo_plays_it(empty, static_rig):
     bpy.ops.ed.undo_push(message="before")
-    name = imported(static_rig).name
+    obj = imported(static_rig)
+    obj.name, obj.data.name, obj.parent.name = "a", "b", "c"
     bpy.ops.ed.undo_push(message="import")
     bpy.ops.ed.undo()
     assert not list(playback.captures(bpy.data.objects)) and not bpy.data.cameras and not bpy.data.collections
     bpy.context.scene.frame_set(3)
     bpy.ops.ed.redo()
     bpy.context.scene.frame_set(7)
-    shows(bpy.data.objects[name], static_rig, 6.0)
-
-
-def test_a_renamed_capture_plays_on(empty, static_rig):
-    obj = imported(static_rig)
-    obj.name, obj.data.name, obj.parent.name = "a", "b", "c"
-    empty.frame_set(4)
-    shows(obj, static_rig, 3.0)
+    shows(bpy.data.objects["a"], static_rig, 6.0)
 
 
 def test_a_deleted_capture_is_gone_and_comes_back_by_undo(empty, static_rig):
@@ -163,65 +153,34 @@ def test_a_moved_folder_plays_on_by_a_relative_path(empty, tmp_path):
     shows(next(playback.captures(bpy.data.objects)), there / "x.frog", 5.0)
 
 
-def test_switched_off_and_on_again_in_a_file_with_captures(addon, empty, static_rig):
+def test_switched_off_and_on_again_in_a_file_with_captures(empty, static_rig):
     obj = imported(static_rig)
     name = obj.name
-    addon.unregister()
-    try:
+    with switched_off():
         bpy.context.scene.frame_set(5)  # nobody plays it
-    finally:
-        addon.register()
     bpy.context.scene.frame_set(8)
     shows(bpy.data.objects[name], static_rig, 7.0)
 
 
-def endless(cancelled):
-    from frog_blender.engine.training.session import events
-
-    while not cancelled():
-        yield events.Stage("decoding", 0, 1)
-        threading.Event().wait(0.005)
-    yield events.Cancelled(0, None)
-
-
-def test_switched_off_while_training_leaves_no_thread(addon):
-    before = threading.active_count()
-    task = TrainingTask(endless).begin()
-    assert threading.active_count() == before + 1
-    addon.unregister()
-    try:
-        assert task.join(5.0) and threading.active_count() == before
-        assert not bpy.app.timers.is_registered(background_task.tick)
-    finally:
-        addon.register()
-
-
-def test_another_file_while_training_loses_nothing(addon, tmp_path, monkeypatch):
+def test_another_file_while_training_loses_nothing(addon, tmp_path, filmed, quick_seeds):
     """A real training of a small filmed scene: what it had learned plays, and can be resumed."""
     pytest.importorskip("torch")
-    pytest.importorskip("cv2")
-    film = pytest.importorskip("support.synthetic_capture")
     from frog_blender.engine.training.session.output_paths import checkpoint_path
 
-    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    capture = film.write_capture(tmp_path / "capture")
     output = tmp_path / "x.frog"
-    request = TrainingRequest(capture, output, TrainingOptions(recipe="draft", steps=100_000))
+    request = TrainingRequest(filmed, output, TrainingOptions(recipe="draft", steps=100_000))
     task = TrainingTask(request.events).begin()
-    deadline = 12_000
-    while not task.state.step and deadline:
-        task.pump()
-        threading.Event().wait(0.01)
-        deadline -= 1
-    assert task.state.step, task.error
-    step = task.state.step
+
+    def until_after(step):
+        deadline = time.monotonic() + 120
+        while task.state.step <= step and task.is_running and time.monotonic() < deadline:
+            task.pump()
+            time.sleep(0.01)
+        assert task.state.step > step, task.error
+
+    until_after(0)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    deadline = 12_000
-    while task.state.step == step and task.is_running and deadline:
-        task.pump()
-        threading.Event().wait(0.01)
-        deadline -= 1
-    assert task.state.step > step, "it goes on"
+    until_after(task.state.step)
     background_task.stop()
     assert task.join(0.0) and task.is_cancelled
     assert ScenePlayer.load(output).header.steps > 0
@@ -250,9 +209,6 @@ QUIT = (
     + f"""
 sys.path[:0] = [{str(ROOT)!r}]
 import frog_blender
-from frog_blender.scene_import.capture_objects import active_capture
-from frog_blender.tasks import background_task
-from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingTask
 frog_blender.register()
 TrainingTask(events).begin()

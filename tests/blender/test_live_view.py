@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from support.builders import scene_file
+from support.training_panel import switched_off
 
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
@@ -32,8 +33,7 @@ def live_view(empty):
     view = LiveView(empty)
     task = TrainingTask(lambda control: iter(()), live=view)
     task.show()
-    yield view
-    TrainingTask.forget()
+    return view
 
 
 def offer(view, seed=1):
@@ -45,6 +45,7 @@ def offer(view, seed=1):
 
 def test_the_newest_snapshot_is_shown_at_the_frame_of_the_timeline(empty, live_view):
     assert live.shown_in(empty) is None and not live_view.update()
+    assert bpy.app.background and not live_view.source.is_wanted, "without a window nobody sees it"
     player = offer(live_view)
     frames = player.header.frame_count
     for frame in (1, 3, frames):
@@ -66,10 +67,6 @@ def test_another_scene_and_a_scene_that_says_no_show_nothing(empty, live_view):
     assert not live_view.source.is_wanted, "the training makes no more of them"
 
 
-def test_without_a_window_no_snapshots_are_wanted(empty, live_view):
-    assert bpy.app.background and not live_view.source.is_wanted
-
-
 def test_what_was_imported_of_the_same_capture_takes_its_place(empty, live_view, tmp_path):
     offer(live_view)
     write_scene(tmp_path / "room.frog", snapshot())
@@ -88,7 +85,7 @@ def test_nothing_of_an_earlier_snapshot_stays_in_memory(empty, live_view):
     assert len(playback_cache.frames()) == before and live_view.player is None
 
 
-def test_watchers_are_told_when_it_begins_and_ends(empty, live_view, monkeypatch):
+def test_watchers_are_told_when_it_begins_and_ends(live_view):
     told = []
     watch_live(lambda: told.append(live_view.number))
     live_view.source.offer(ScenePlayer(snapshot()))
@@ -96,6 +93,9 @@ def test_watchers_are_told_when_it_begins_and_ends(empty, live_view, monkeypatch
     background_task.tick()
     assert told == [1]
     TrainingTask.forget()
+    assert told == [1, 1]
+    with switched_off():
+        """Who watches is forgotten with the add-on."""
     assert told == [1, 1]
 
 

@@ -114,11 +114,3 @@ def test_the_bounds_are_those_of_what_is_seen(empty):
         point_cloud.display(obj, kind)
     assert shown() == (1997, pytest.approx(4.0, abs=0.1))
     assert point_cloud.count(obj) == 2000, "what FRoG draws is whole"
-
-
-def test_quantiles_are_numpy_s():
-    random = np.random.default_rng(3)
-    for count in (1, 2, 7, 1000):
-        values = random.normal(size=(count, 3)).astype(np.float32)
-        found = point_cloud._quantiles(values, (0.0, 0.01, 0.5, 0.998, 1.0))
-        np.testing.assert_allclose(found, np.quantile(values, (0.0, 0.01, 0.5, 0.998, 1.0), axis=0), atol=1e-6)

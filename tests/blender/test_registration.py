@@ -9,6 +9,10 @@ from pathlib import Path
 import bpy
 import pytest
 from support.small_scenes import rig_of_three, write_scene
+from support.training_panel import switched_off
+
+from frog_blender.tasks import background_task
+from frog_blender.tasks.training import TrainingTask
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -25,11 +29,7 @@ def footprint():
 
 
 def test_twice_on_and_off_leaves_nothing(addon):
-    from frog_blender.tasks import background_task
-    from frog_blender.tasks.training import TrainingTask
-
-    addon.unregister()
-    try:
+    with switched_off():
         clean = footprint()
         assert not any(clean[2]) and not clean[3]
         for _ in range(2):
@@ -38,8 +38,6 @@ def test_twice_on_and_off_leaves_nothing(addon):
             addon.unregister()
             assert footprint() == clean
             assert not bpy.app.timers.is_registered(background_task.tick) and TrainingTask.current() is None
-    finally:
-        addon.register()
 
 
 def in_python(code, *arguments):
@@ -55,11 +53,12 @@ def test_importing_needs_neither_bpy_nor_torch():
     assert in_python(code).stdout.strip() == "imported"
 
 
-def test_registering_imports_nothing_heavy():
-    code = "import bpy, frog_blender; frog_blender.register()\n"
-    code += "print([name for name in ('torch', 'cv2', 'pycolmap', 'matplotlib') if name in sys.modules])\n"
+def test_registering_imports_nothing_heavy_and_leaves_the_environment_alone():
+    code = "import os, bpy\nbefore = dict(os.environ)\nimport frog_blender; frog_blender.register()\n"
+    code += "heavy = [name for name in ('torch', 'cv2', 'pycolmap', 'matplotlib') if name in sys.modules]\n"
+    code += "print(heavy, {name for name, _ in os.environ.items() ^ before.items()})\n"
     code += "frog_blender.unregister()"  # the bpy 4.5 module never leaves while any script's handler is registered
-    assert in_python(code).stdout.splitlines()[-1] == "[]"  # bpy 5.3 prints a line of its own before
+    assert in_python(code).stdout.splitlines()[-1] == "[] set()"  # bpy 5.3 prints a line of its own before
 
 
 def test_open_scrub_and_render_without_torch(tmp_path):
@@ -86,9 +85,3 @@ frog_blender.unregister()
     result = in_python(code, path, tmp_path / "still.png")
     assert "moved True says True" in result.stdout, result.stdout + result.stderr
     assert (tmp_path / "still.png").stat().st_size > 1000
-
-
-def test_registering_leaves_the_processs_environment_alone():
-    code = "import os, bpy\nbefore = dict(os.environ)\nimport frog_blender; frog_blender.register()\n"
-    code += "print({name for name, _ in os.environ.items() ^ before.items()})\nfrog_blender.unregister()"
-    assert in_python(code).stdout.splitlines()[-1] == "set()"

@@ -1,4 +1,4 @@
-"""Trainings by a command: what is started, and what becomes of what it says, whatever that is."""
+"""Trainings by a command: what is started, what becomes of what it says, and the device Remote in the panel."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
 from support.builders import REPOSITORY
 from support.option_examples import EXAMPLES
+from support.training_panel import Written, finish, panel_says
 
 from frog_blender.cli.main import _parser
 from frog_blender.cli.train_command import _options_of
@@ -22,10 +24,16 @@ from frog_blender.engine.options import OPTIONS, Door, TrainingOptions
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.events import line_of
+from frog_blender.tasks import background_task
 from frog_blender.tasks.remote_training import RemoteCommand, RemoteTraining, options_of
-from frog_blender.tasks.training_request import TrainingRequest
+from frog_blender.tasks.training import TrainingTask
+from frog_blender.tasks.training_request import TrainingRequest, steps_done
+from frog_blender.timeline import playback
+from frog_blender.ui import preferences, torch_environment, train_panel
 
 WHOLE = "train {capture} --out {output} --events {options}"
+PYTHON = shlex.quote(sys.executable)
+REAL = f"{PYTHON} -m frog_blender.cli {WHOLE} --device cpu"
 ODD = "/cap tures/it's; $(touch x) {output}"
 posix = pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")
 
@@ -41,22 +49,21 @@ def test_placeholders_become_arguments_as_they_are():
 
 
 @posix
-@pytest.mark.parametrize("over", ["ssh", "/usr/bin/ssh", "nice ssh -p 22"])
-def test_the_shell_behind_ssh_reads_what_was_meant(over):
+@pytest.mark.parametrize(
+    "command",
+    [
+        "ssh gpu printf %s, {capture} {output} {options}",
+        'nice /usr/bin/ssh -p 22 gpu "printf %s, {capture} {output} {options}"',
+        "sh -c 'printf %s, {capture} {output} {options}'",
+    ],
+)
+def test_a_shell_in_between_reads_what_was_meant(command):
     asked = request(ODD, key="#00b140,0.40")
-    for words in ("printf %s, {capture} {output} {options}", '"printf %s, {capture} {output} {options}"'):
-        found = RemoteCommand(f"{over} gpu {words}").arguments(asked)
-        joined = " ".join(found[found.index("gpu") + 1 :])  # as ssh does
-        said = subprocess.run(["sh", "-c", joined], capture_output=True, text=True, check=True).stdout
-        assert said == "".join(f"{each}," for each in (ODD, "/out/room.frog", *options_of(asked)))
-
-
-@posix
-def test_words_within_an_argument_are_quoted_for_the_shell_that_reads_them():
-    asked = request(ODD)
-    found = RemoteCommand("sh -c 'printf %s, {capture} {output} {options}'").arguments(asked)
+    found = RemoteCommand(command).arguments(asked)
+    if "gpu" in found:  # ssh joins its words for the shell there
+        found = ["sh", "-c", " ".join(found[found.index("gpu") + 1 :])]
     said = subprocess.run(found, capture_output=True, text=True, check=True).stdout
-    assert said == "".join(f"{each}," for each in (ODD, "/out/room.frog", *options_of(asked)))
+    assert said == "".join(f"{word}," for word in (ODD, "/out/room.frog", *options_of(asked)))
 
 
 @pytest.mark.parametrize(
@@ -100,7 +107,7 @@ def by_script(tmp_path, code, patience=20.0, **job):
     script = tmp_path / "train.py"
     tell = f"import sys, time\nsys.path.insert(0, {str(REPOSITORY)!r})\nout = sys.argv[2]\n"
     script.write_text(tell + code)
-    text = f"{shlex.quote(sys.executable)} {shlex.quote(str(script))} {{capture}} {{output}} {{options}}"
+    text = f"{PYTHON} {shlex.quote(str(script))} {{capture}} {{output}} {{options}}"
     return RemoteTraining(RemoteCommand(text), request(tmp_path, tmp_path / "x.frog", **job), patience)
 
 
@@ -110,6 +117,21 @@ def prints(*said):
 
 def finished(tmp_path):
     return events.Finished(str(tmp_path / "x.frog"), 5, 1.0, 30.0, 40)
+
+
+def until(condition):
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def followed(training, control):
+    """A thread that follows a training, and the events that it hears."""
+    said = []
+    follower = threading.Thread(target=lambda: said.extend(training.events(control)))
+    follower.start()
+    return follower, said
 
 
 def test_a_scene_that_is_copied_after_the_training(tmp_path):
@@ -187,15 +209,11 @@ with open(out, "w") as kept:
 {prints(events.Cancelled(7, str(tmp_path / "x.frog")))}
 sys.exit(1)
 """
-    training, control, said = by_script(tmp_path, code, preview_camera="cam02"), CancelToken(), []
-    follower = threading.Thread(target=lambda: said.extend(training.events(control)))
-    follower.start()
+    control = CancelToken()
+    follower, said = followed(by_script(tmp_path, code, preview_camera="cam02"), control)
 
     def heard(lines):
-        deadline = time.monotonic() + 20
-        while not ((tmp_path / "x.frog").is_file() and (tmp_path / "x.frog").read_text() == lines):
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        until(lambda: (tmp_path / "x.frog").is_file() and (tmp_path / "x.frog").read_text() == lines)
 
     heard("preview cam02\n")
     control.pause()
@@ -210,8 +228,8 @@ sys.exit(1)
     assert said == [events.Cancelled(7, str(tmp_path / "x.frog"))]
 
 
-@pytest.mark.parametrize("way", ["cancelled", "killed"])
-def test_a_command_that_does_not_end_is_killed_with_all_it_started(tmp_path, way):
+@pytest.mark.parametrize("end", ["cancelled", "killed"])
+def test_a_command_that_does_not_end_is_killed_with_all_it_started(tmp_path, end):
     code = f"""
 import subprocess
 child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(100)"])
@@ -220,24 +238,18 @@ with open(out, "w") as kept:
     kept.write(str(child.pid))
 time.sleep(100)
 """
-    training, control, said = by_script(tmp_path, code, patience=0.2), CancelToken(), []
-    follower = threading.Thread(target=lambda: said.extend(training.events(control)))
-    follower.start()
-    deadline = time.monotonic() + 20
-    while not ((tmp_path / "x.frog").is_file() and (tmp_path / "x.frog").read_text()):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    training, control = by_script(tmp_path, code, patience=0.2), CancelToken()
+    follower, said = followed(training, control)
+    until(lambda: (tmp_path / "x.frog").is_file() and (tmp_path / "x.frog").read_text())
     control.cancel()
-    if way == "killed":
+    if end == "killed":
         training.kill()
     follower.join(20)
     assert not follower.is_alive() and said[-1] == events.Cancelled(3, None)
-    assert any("did not end within 0 seconds" in str(event) for event in said) == (way == "cancelled")
+    assert any("did not end within 0 seconds" in str(event) for event in said) == (end == "cancelled")
     if os.name == "posix":
         child = Path(f"/proc/{(tmp_path / 'x.frog').read_text()}/stat")
-        while child.is_file() and child.read_text().split()[2] != "Z":
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        until(lambda: not child.is_file() or child.read_text().split()[2] == "Z")
 
 
 def test_cancelled_before_it_began(tmp_path):
@@ -247,47 +259,12 @@ def test_cancelled_before_it_began(tmp_path):
     assert not (tmp_path / "x.frog").exists()
 
 
-@pytest.fixture
-def real(tmp_path, filmed, own_cache, monkeypatch):
-    """A training of the filmed scene by this Python, with the output's folder under another name."""
-    pytest.importorskip("torch")
-    monkeypatch.setenv("PYTHONPATH", str(REPOSITORY))
-    (tmp_path / "here").mkdir()
-    (tmp_path / "there").symlink_to(tmp_path / "here")
-    text = f"{shlex.quote(sys.executable)} -m frog_blender.cli {WHOLE} --device cpu"
-    command = RemoteCommand(text, str(tmp_path / "here"), str(tmp_path / "there"))
-
-    def create(steps):
-        return RemoteTraining(command, request(filmed, tmp_path / "here" / "x.frog", steps=steps, max_gaussians=250))
-
-    return create
-
-
-def test_a_real_training(real, tmp_path):
-    said = list(real(30).events(CancelToken()))
-    kinds = {type(event) for event in said}
-    assert {events.Started, events.Progress, events.Evaluated, events.Preview, events.Saved} <= kinds
-    assert isinstance(said[-1], events.Finished) and said[-1].path == str(tmp_path / "here" / "x.frog")
-    assert Path(said[-1].path).is_file() and said[-1].steps == 30
-
-
-def test_a_real_training_is_cancelled(real, tmp_path):
-    control, said = CancelToken(), []
-    for event in real(100_000).events(control):
-        said.append(event)
-        if isinstance(event, events.Progress) and event.step > 20:
-            control.cancel()
-    assert isinstance(said[-1], events.Cancelled) and said[-1].path == str(tmp_path / "here" / "x.frog")
-    assert said[-1].step > 20 and (tmp_path / "here" / "x.frog.checkpoint").is_file()
-
-
 PARENT = """
 import sys
 from pathlib import Path
 from frog_blender.engine.options import TrainingOptions
 from frog_blender.engine.training.session.cancel_token import CancelToken
-from frog_blender.tasks.remote_training import RemoteTraining
-from frog_blender.tasks.remote_training import RemoteCommand
+from frog_blender.tasks.remote_training import RemoteCommand, RemoteTraining
 from frog_blender.tasks.training_request import TrainingRequest
 options = TrainingOptions(recipe="draft", max_gaussians=250, steps=1000000)
 request = TrainingRequest(Path(sys.argv[2]), Path(sys.argv[3]), options)
@@ -302,8 +279,7 @@ def test_a_blender_that_is_killed_leaves_no_training(tmp_path, filmed, own_cache
     if bpy.app.binary_path:
         pytest.skip("a real Blender runs no second interpreter with bpy")
     monkeypatch.setenv("PYTHONPATH", str(REPOSITORY))
-    text = f"{shlex.quote(sys.executable)} -m frog_blender.cli {WHOLE} --device cpu"
-    command = [sys.executable, "-c", PARENT, text, str(filmed), str(tmp_path / "x.frog")]
+    command = [sys.executable, "-c", PARENT, REAL, str(filmed), str(tmp_path / "x.frog")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
         patience = threading.Timer(60.0, parent.kill)
         patience.start()
@@ -311,8 +287,107 @@ def test_a_blender_that_is_killed_leaves_no_training(tmp_path, filmed, own_cache
             pass
         patience.cancel()
         parent.kill()
-    deadline = time.monotonic() + 60
-    while not (tmp_path / "x.frog").is_file():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    until(lambda: (tmp_path / "x.frog").is_file())
     assert (tmp_path / "x.frog.checkpoint").is_file()
+
+
+@pytest.fixture
+def chosen(empty, filmed, own_cache, tmp_path, monkeypatch):
+    """The add-on's preferences, as in a Blender that has it installed, and the device Remote for a small training."""
+    monkeypatch.setenv("PYTHONPATH", str(REPOSITORY))
+    addon = bpy.context.preferences.addons.new()
+    addon.module = torch_environment.base_package
+    settings = empty.frog
+    settings.capture_folder, settings.output_path, settings.device = str(filmed), str(tmp_path / "here.frog"), "remote"
+    settings.recipe, settings.max_gaussians = "draft", 250
+    yield addon.preferences
+    bpy.context.preferences.addons.remove(addon)
+
+
+def drawn():
+    return panel_says(train_panel.FROG_PT_train)
+
+
+def test_without_a_command_it_is_grey_and_says_why(chosen, monkeypatch):
+    settings = bpy.context.scene.frog
+    assert "Roughly" not in drawn()
+    assert "needs a Remote Command" in drawn() and not bpy.ops.frog.train.poll()
+    with pytest.raises(RuntimeError, match="needs a Remote Command in the add-on's preferences"):
+        bpy.ops.frog.train()
+    chosen.remote_command = "frog train {capture}"
+    with pytest.raises(RuntimeError, match=r"lacks \{output\} and \{options\}"):
+        bpy.ops.frog.train()
+    chosen.remote_command = f"frog {WHOLE}"
+    monkeypatch.setattr(torch_environment, "torch_needed", lambda: "There is no torch.")
+    assert bpy.ops.frog.train.poll() and "no torch" not in drawn()
+    settings.device = "cpu"
+    assert not bpy.ops.frog.train.poll() and "There is no torch." in drawn()
+
+
+def test_the_preferences_say_what_the_command_lacks(chosen):
+    def said():
+        layout = Written()
+        shown = SimpleNamespace(layout=layout, bl_rna=chosen.bl_rna, remote_command=chosen.remote_command)
+        torch_environment.TrainingPreferences.draw_remote(shown)
+        return layout.said
+
+    assert isinstance(chosen, preferences.FROG_AP_preferences)
+    assert said() == ["remote_command", torch_environment.EXAMPLE]
+    chosen.remote_command = torch_environment.EXAMPLE
+    assert said() == ["remote_command", "remote_local_folder", "remote_folder"]
+    chosen.remote_folder = "/data"
+    assert "both a Local Folder and a Remote Folder" in said()[-1]
+
+
+def test_cancelled_from_the_panel_and_trained_on_until_the_scene_is_imported(chosen, tmp_path, monkeypatch):
+    """By this Python, which calls the output's folder by another name. Here torch is not even looked for."""
+    pytest.importorskip("torch")
+    monkeypatch.setattr(torch_environment, "make_torch_importable", lambda: pytest.fail("not needed"))
+    scene, output = bpy.context.scene, tmp_path / "here" / "x.frog"
+    output.parent.mkdir()
+    (tmp_path / "there").symlink_to(output.parent)
+    settings = scene.frog
+    settings.output_path, settings.steps = str(output), 10**6
+    chosen.remote_command = REAL
+    chosen.remote_local_folder, chosen.remote_folder = str(output.parent), str(tmp_path / "there")
+    assert bpy.ops.frog.train() == {"FINISHED"}
+    task = TrainingTask.current()
+    assert "frog.pause_training" in drawn() and "show_live" not in drawn()
+    while not task.state.step:
+        assert background_task.tick() is not None, task.error
+    assert bpy.ops.frog.cancel_training() == {"FINISHED"}
+    finish(task)
+    assert task.is_cancelled and not task.error and task.state.result == output and output.is_file()
+    assert "Import What There Is" not in drawn() and "frog.train" in drawn()
+
+    settings.steps = steps_done(settings) + 20
+    seen, take = [], TrainingTask.apply
+    monkeypatch.setattr(TrainingTask, "apply", lambda self, event: (seen.append(type(event)), take(self, event)))
+    assert bpy.ops.frog.train(resume=True) == {"FINISHED"}
+    task = TrainingTask.current()
+    assert task.join(120.0)
+    while background_task.tick() is not None:
+        pass
+    state = task.state
+    assert not task.error and not task.note and state.step == settings.steps and state.preview is not None
+    assert {events.Stage, events.Evaluated, events.Saved} <= set(seen) and state.psnr and state.capacity
+    assert state.result == output and state.result_bytes == output.stat().st_size
+    assert [playback.file_of(obj) for obj in playback.captures(scene.objects)] == [output]
+    assert "Finished in" in drawn()
+
+
+def test_what_outlives_its_patience_dies_with_blender(chosen, tmp_path, monkeypatch, capfd):
+    script = tmp_path / "deaf.py"
+    script.write_text('import time\nprint(\'{"event": "saved", "path": "x"}\', flush=True)\ntime.sleep(100)\n')
+    chosen.remote_command = f"{PYTHON} {shlex.quote(str(script))} {{capture}} {{output}} {{options}}"
+    monkeypatch.setattr(TrainingTask, "patience", 0.01)
+    monkeypatch.setattr(TrainingTask, "quit_seconds", 0.1)
+    assert bpy.ops.frog.train() == {"FINISHED"}
+    task = TrainingTask.current()
+    while not task.pump():
+        pass
+    background_task.stop()
+    assert "That took longer." in capfd.readouterr().err
+    assert task.join(20.0), "it was killed, which ends the worker"
+    task.pump_all()
+    assert task.is_cancelled and not task.error

@@ -12,11 +12,14 @@ from frog_blender.ui import render_panels
 
 
 @pytest.fixture
-def said(empty):
-    """A function that gives what a panel says, or None where it is not shown."""
+def frog(empty):
+    """A scene that FROG renders."""
     empty.render.engine = "FROG"
+    return empty
 
-    return lambda panel, part="draw": panel_says(panel, part, scene=empty, engine=empty.render.engine)
+
+def said(panel, part="draw"):
+    return panel_says(panel, part, engine=bpy.context.scene.render.engine)
 
 
 def shown_under_frog():
@@ -32,27 +35,27 @@ def test_what_frog_does_not_draw_has_no_settings(addon):
     assert {"RENDER_PT_color_management", "RENDER_PT_format", "RENDER_PT_post_processing"} <= shown
 
 
-def test_motion_blur_is_set_where_one_looks_for_it(empty, said):
+def test_motion_blur_is_set_where_one_looks_for_it(frog):
     panel = render_panels.FROG_PT_motion_blur
     assert panel.bl_context == "render" and said(panel, "draw_header") == "use_motion_blur"
     assert "motion_blur_position motion_blur_shutter motion_samples" in said(panel)
-    empty.frog.motion_samples = 40
+    frog.frog.motion_samples = 40
     assert "as long as" not in said(panel), "it is off"
-    empty.render.use_motion_blur = True
+    frog.render.use_motion_blur = True
     assert "as long as 40 without blur." in said(panel)
-    empty.render.engine = "CYCLES"
+    frog.render.engine = "CYCLES"
     assert said(panel) is None
 
 
-def test_depth_of_field_is_the_cameras(empty, said):
+def test_depth_of_field_is_the_cameras(frog):
     panel = render_panels.FROG_PT_depth_of_field
     assert said(panel) is None, "there is no camera"
     data = bpy.data.cameras.new("eye")
-    empty.camera = bpy.data.objects.new("eye", data)
+    frog.camera = bpy.data.objects.new("eye", data)
     assert said(panel, "draw_header") == "use_dof" and "as long as" not in said(panel)
-    data.dof.use_dof, empty.frog.lens_samples = True, 24
+    data.dof.use_dof, frog.frog.lens_samples = True, 24
     assert "focus_distance aperture_fstop lens_samples" in said(panel) and "as long as 24 without" in said(panel)
-    empty.render.use_motion_blur, empty.frog.motion_samples = True, 30
+    frog.render.use_motion_blur, frog.frog.motion_samples = True, 30
     assert "as long as 30 without" in said(panel), "they share their samples"
     data.type = "PANO"
     assert said(panel) is None
@@ -73,31 +76,31 @@ def test_more_samples_are_more_frames(empty, static_rig, monkeypatch, rendered):
         assert len(drawn) == samples + 1
 
 
-def test_the_background_is_the_worlds(empty, said):
+def test_the_background_is_the_worlds(frog):
     panel = render_panels.FROG_PT_background
     assert panel.bl_context == "world"
-    empty.world = None
+    frog.world = None
     assert "the capture's own" in said(panel)
-    empty.world = world = bpy.data.worlds.new("Mine")
+    frog.world = world = bpy.data.worlds.new("Mine")
     if bpy.app.version < (5, 0, 0):  # later worlds always have nodes
         world.use_nodes = True
     assert said(panel) == "default_value default_value"
     node = render_panels.background_node(world)
     node.inputs["Color"].default_value = (1.0, 0.0, 0.0, 1.0)
-    np.testing.assert_allclose(background_of(empty, np.zeros(3)), (1.0, 0.0, 0.0), atol=1e-6)
+    np.testing.assert_allclose(background_of(frog, np.zeros(3)), (1.0, 0.0, 0.0), atol=1e-6)
     sky = world.node_tree.nodes.new("ShaderNodeTexSky")
     world.node_tree.links.new(sky.outputs[0], node.inputs["Color"])
     assert said(panel) == "color", "a sky is not drawn"
-    empty.render.film_transparent = True
+    frog.render.film_transparent = True
     assert "Transparent is on" in said(panel)
 
 
-def test_captures_among_objects_are_found_in_the_render_settings(empty, static_rig, said):
+def test_captures_among_objects_are_found_in_the_render_settings(frog, static_rig):
     panel = render_panels.FROG_PT_with_objects
     assert panel.bl_context == "render" and said(panel) is None
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
     for engine in ("CYCLES", "FROG"):
-        empty.render.engine = engine
+        frog.render.engine = engine
         assert said(panel) == "frog.compose"
-    empty.view_settings.view_transform = "AgX"
+    frog.view_settings.view_transform = "AgX"
     assert said(panel) == "frog.compose AgX changes the colors of the videos. frog.show_as_filmed"

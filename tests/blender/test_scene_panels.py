@@ -6,7 +6,6 @@ import re
 from types import SimpleNamespace
 
 import bpy
-import pytest
 from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import Written, panel_says, told
 
@@ -16,24 +15,16 @@ from frog_blender.engine.training.session import events
 from frog_blender.nodes import ellipsoid_nodes
 from frog_blender.scene_import.capture_objects import active_capture, root_of
 from frog_blender.tasks.background_task import Ended
-from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback
 from frog_blender.ui import captures_panel, menus, render_panel, status_bar, timing_panel
 from frog_blender.ui.captures_panel import FROG_UL_captures
 
 
-@pytest.fixture
-def said(empty):
-    """A function that gives what a panel says, or None where it is not shown."""
-
-    return lambda panel: panel_says(panel, scene=empty)
-
-
-def test_one_capture_is_a_handful_of_rows(empty, static_rig, said):
-    assert said(captures_panel.FROG_PT_captures) == "import_scene.frog"
-    assert said(render_panel.FROG_PT_render) is None
+def test_one_capture_is_a_handful_of_rows(empty, static_rig):
+    assert panel_says(captures_panel.FROG_PT_captures) == "import_scene.frog"
+    assert panel_says(render_panel.FROG_PT_render) is None
     bpy.ops.import_scene.frog(filepath=str(static_rig))
-    rows = said(captures_panel.FROG_PT_captures)
+    rows = panel_says(captures_panel.FROG_PT_captures)
     assert rows == "import_scene.frog filepath 60 Gaussians frog.align_to_floor frog.add_clips frog.hide_clips"
     panels = {
         timing_panel.FROG_PT_timing: "start_frame",
@@ -42,11 +33,11 @@ def test_one_capture_is_a_handful_of_rows(empty, static_rig, said):
         captures_panel.FROG_PT_bake: "frog.bake",
     }
     for kind, name in panels.items():
-        assert name in said(kind) and kind.bl_options == {"DEFAULT_CLOSED"}
-    assert said(render_panel.FROG_PT_render) == "engine frog.compose frog.render_film", "it was set up"
+        assert name in panel_says(kind) and kind.bl_options == {"DEFAULT_CLOSED"}
+    assert panel_says(render_panel.FROG_PT_render) == "engine frog.compose frog.render_film", "it was set up"
 
 
-def test_several_captures_are_a_list_of_which_one_is_chosen(empty, static_rig, tmp_path, said):
+def test_several_captures_are_a_list_of_which_one_is_chosen(empty, static_rig, tmp_path):
     other = write_scene(tmp_path / "other.frog", rig_of_three(), count=40)
     for path in (static_rig, other):
         bpy.ops.import_scene.frog(filepath=str(path))
@@ -57,38 +48,38 @@ def test_several_captures_are_a_list_of_which_one_is_chosen(empty, static_rig, t
         empty.frog.capture_index = list(empty.objects).index(obj)
         assert bpy.context.object == root_of(obj) and active_capture(bpy.context) == obj
         assert empty.objects[empty.frog.capture_index] == obj
-        rows = said(captures_panel.FROG_PT_captures)
+        rows = panel_says(captures_panel.FROG_PT_captures)
         assert "FROG_UL_captures" in rows and f"{count} Gaussians" in rows
         assert rows.count("filepath") == 1
     other.unlink()
     empty.frame_set(3)
     empty.frog.capture_index = list(empty.objects).index(captures[0])
-    assert "found no file" in said(captures_panel.FROG_PT_captures), "a problem is told whatever is chosen"
+    assert "found no file" in panel_says(captures_panel.FROG_PT_captures), "a problem is told whatever is chosen"
 
 
-def test_what_stands_still_has_no_time(empty, static_rig, tmp_path, said):
+def test_what_stands_still_has_no_time(empty, static_rig, tmp_path):
     write_splats(tmp_path / "still.ply", ScenePlayer.load(static_rig).at_frame(0))
     bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "still.ply"))
-    assert said(timing_panel.FROG_PT_timing) is None and said(captures_panel.FROG_PT_bake) is None
-    assert "density" in said(captures_panel.FROG_PT_display)
+    assert panel_says(timing_panel.FROG_PT_timing) is None and panel_says(captures_panel.FROG_PT_bake) is None
+    assert "density" in panel_says(captures_panel.FROG_PT_display)
 
 
-def test_grey_ellipsoids_say_why(empty, static_rig, said, monkeypatch):
+def test_grey_ellipsoids_say_why(empty, static_rig, monkeypatch):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
-    assert "at most" not in said(captures_panel.FROG_PT_display)
+    assert "at most" not in panel_says(captures_panel.FROG_PT_display)
     monkeypatch.setattr(ellipsoid_nodes, "MOST", 50)
-    assert "Ellipsoids are for at most 50 Gaussians" in said(captures_panel.FROG_PT_display)
+    assert "Ellipsoids are for at most 50 Gaussians" in panel_says(captures_panel.FROG_PT_display)
 
 
-def test_a_view_transform_is_told_and_taken_away(empty, static_rig, said):
+def test_a_view_transform_is_told_and_taken_away(empty, static_rig):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     panel = render_panel.FROG_PT_render
     assert not bpy.ops.frog.show_as_filmed.poll()
     empty.view_settings.view_transform, empty.view_settings.look = "AgX", "AgX - Punchy"
-    assert "AgX, AgX - Punchy changes the colors of the videos. frog.show_as_filmed" in said(panel)
+    assert "AgX, AgX - Punchy changes the colors of the videos. frog.show_as_filmed" in panel_says(panel)
     assert bpy.ops.frog.show_as_filmed() == {"FINISHED"}
     assert (empty.view_settings.view_transform, empty.view_settings.look) == ("Standard", "None")
-    assert "changes the colors" not in said(panel)
+    assert "changes the colors" not in panel_says(panel)
 
 
 def drawn(entry):
@@ -115,7 +106,6 @@ def test_menus_have_what_the_search_is_to_find(empty, static_rig):
 
 
 def test_the_status_bar_tells_of_a_training(empty, tmp_path):
-    TrainingTask.forget()
     assert drawn(status_bar._draw) == []
     told(events.Stage("decoding frames", 3, 10))
     assert drawn(status_bar._draw) == ["Training: Decoding frames"]

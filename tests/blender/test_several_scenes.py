@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from support.small_scenes import rig_of_three, write_scene
+from support.training_panel import switched_off
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
@@ -56,11 +57,11 @@ def test_an_instanced_collection_plays_and_is_saved(empty, capture, static_rig, 
     shows(capture, static_rig, 2.0)
 
 
-def test_what_was_opened_without_the_add_on_plays_when_it_comes(addon, empty, capture, static_rig):
+def test_what_was_opened_without_the_add_on_plays_when_it_comes(empty, capture, static_rig):
     empty.frame_set(4)
     point_cloud.clear(capture)
-    addon.unregister()
-    addon.register()
+    with switched_off():
+        """It is a file that nobody plays."""
     assert bpy.app.timers.is_registered(handlers.take_over)
     handlers.take_over()  # no timer runs without a window
     shows(the_capture(), static_rig, 3.0)

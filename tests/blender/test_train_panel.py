@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from support.option_examples import EXAMPLES
-from support.training_panel import finish, leave_checkpoint, panel_says, told
+from support.training_panel import finish, leave_checkpoint, panel_says, switched_off, told
 
 from frog_blender.engine.options import Door, TrainingOptions, options_at
 from frog_blender.engine.training.session import events
@@ -22,27 +22,20 @@ from frog_blender.ui import capture_panel, capture_summary, preview_image, train
 
 
 @pytest.fixture
-def drawn(empty):
-    """A function that draws the panel and gives what it says, label lines joined."""
-
-    def draw(kind=train_panel.FROG_PT_train):
-        return panel_says(kind, scene=empty) or ""
-
-    yield draw
-    background_task.stop()
-    TrainingTask.forget()
-
-
-@pytest.fixture
-def capture(tmp_path, monkeypatch):
-    """A folder of four filmed cameras."""
-    pytest.importorskip("cv2")
-    film = pytest.importorskip("support.synthetic_capture")
+def capture(empty, filmed, tmp_path, monkeypatch):
+    """A folder of four filmed cameras, chosen in the panel, of which no training is known."""
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
-    return film.write_capture(tmp_path / "capture")
+    empty.frog.output_path = str(tmp_path / "capture.frog")
+    empty.frog.capture_folder = str(filmed)
+    return filmed
 
 
-def test_a_capture_is_described_and_its_training_timed(empty, drawn, capture):
+def drawn(panel=train_panel.FROG_PT_train):
+    return panel_says(panel) or ""
+
+
+def test_a_capture_is_described_and_its_training_timed(empty, capture):
+    empty.frog.capture_folder = ""
     assert "Roughly" not in drawn()
     empty.frog.capture_folder = str(capture)
     said = drawn(capture_panel.FROG_PT_capture)
@@ -51,26 +44,27 @@ def test_a_capture_is_described_and_its_training_timed(empty, drawn, capture):
     assert "Roughly" in said and "on this processor" in said
     empty.frog.device = "cuda"
     assert "on the GPU: not known before a first training" in drawn()
+    empty.frog.device, empty.frog.minutes = "cpu", 180.0
+    assert "Roughly 3" in drawn() and "hours on this processor" in drawn()
 
 
-def test_estimates_follow_what_finished_trainings_took(empty, drawn, capture):
+def test_estimates_follow_what_finished_trainings_took(empty, capture, tmp_path):
     from frog_blender.engine.recipes import recipe
     from frog_blender.engine.training.session.job import TrainingJob
     from frog_blender.engine.training.session.time_estimate import Workload, remembering
 
-    empty.frog.capture_folder, empty.frog.device = str(capture), "cpu"
-    opened = capture_summary.known(bpy.path.abspath(empty.frog.capture_folder)).capture
-    work = Workload.of(opened, recipe("standard"))
+    empty.frog.device = "cpu"
+    work = Workload.of(capture_summary.known(str(capture)).capture, recipe("standard"))
     stream = (
         events.Started("frog", work.steps, 4, 6, 300, "cpu", round(work.pixels), work.images),
         events.Finished("x.frog", work.steps, 5.0, None, 300, {}, {"training": 7 * work.seconds}),
     )
-    list(remembering(iter(stream), TrainingJob(capture, capture / "x.frog")))
+    list(remembering(iter(stream), TrainingJob(capture, tmp_path / "x.frog")))
     said = drawn()
     assert "About " in said and "on this processor, as earlier trainings went." in said
 
 
-def test_a_running_training(drawn):
+def test_a_running_training(empty):
     task = told(events.Stage("decoding frames", 3, 10))
     assert "Decoding frames" in drawn() and "frog.train" not in drawn()
     task = told(
@@ -89,7 +83,7 @@ def test_a_running_training(drawn):
     assert "Paused: Step 40 of 100 Time left: 1 min 35 s frog.resume_training frog.cancel" in drawn()
 
 
-def test_an_ended_training(drawn, tmp_path):
+def test_an_ended_training(empty, tmp_path):
     path = tmp_path / ("a long name " * 8).strip() / "x.frog"
     capacity = {"gaussians": 300, "dynamic": 40, "sh_degree": 1, "reductions": []}
     ended = Ended("")
@@ -125,15 +119,6 @@ def others(addon):
     return set(preview_image.icons())
 
 
-def test_the_image_is_what_training_drew(others):
-    image = np.random.default_rng(0).integers(0, 255, (30, 40, 3), np.uint8)
-    preview_image.show(image)
-    np.testing.assert_array_equal(pixels()[:, :, :3], image)
-    assert (pixels()[:, :, 3] == 255).all()
-    preview_image.show(None)
-    assert preview_image.icon_id() == 0 and set(preview_image.icons()) == others
-
-
 def test_many_images_leave_nothing_behind(others):
     resource = pytest.importorskip("resource")
     images = [np.full((400, side, 3), 7, np.uint8) for side in (512, 300)]
@@ -149,37 +134,31 @@ def test_many_images_leave_nothing_behind(others):
     preview_image.show(None)
 
 
-def test_switching_off_takes_the_image_away(addon):
-    preview_image.show(np.zeros((8, 8, 3), np.uint8))
-    addon.unregister()
-    try:
-        assert preview_image.icons() is None and preview_image.icon_id() == 0
-        preview_image.show(np.zeros((8, 8, 3), np.uint8))  # a late one
-        assert preview_image.icons() is None
-    finally:
-        addon.register()
-
-
-def test_a_preview_reaches_the_panel_by_the_timer(addon):
-    image = np.full((9, 12, 3), 200, np.uint8)
+def test_a_preview_reaches_the_panel_by_the_timer_and_goes_with_the_add_on(others):
+    image = np.random.default_rng(0).integers(0, 255, (30, 40, 3), np.uint8)
     task = TrainingTask(lambda control: iter([events.Preview(1, image)])).begin()
     assert task.join(20.0)
     while background_task.tick() is not None:
         pass
     np.testing.assert_array_equal(pixels()[:, :, :3], image)
+    assert (pixels()[:, :, 3] == 255).all()
+    with switched_off():
+        assert preview_image.icons() is None and preview_image.icon_id() == 0
+        preview_image.show(image)  # a late one
+        assert preview_image.icons() is None
+    preview_image.show(image)
     preview_image.show(None)
+    assert preview_image.icon_id() == 0 and not set(preview_image.icons())
 
 
 def test_the_preview_camera_is_searched_among_the_captures(empty, capture):
     from frog_blender.ui.training_settings import camera_names
 
-    empty.frog.capture_folder = str(capture)
     assert camera_names(empty.frog, None, "") == ["cam00", "cam01", "cam02", "cam03"]  # the held-out one first
     assert camera_names(empty.frog, None, "M02") == ["cam02"]
     task = told(events.Stage("decoding frames", 3, 10))
     empty.frog.preview_camera = "cam02"
     assert task.control.preview_camera == "cam02"
-    TrainingTask.forget()
 
 
 def test_presets_keep_how_to_train_and_not_what(empty, tmp_path, monkeypatch):
@@ -197,7 +176,7 @@ def test_presets_keep_how_to_train_and_not_what(empty, tmp_path, monkeypatch):
     assert Path(settings.capture_folder) == Path(other)
 
 
-def test_the_image_of_what_moves_is_in_the_report_with_a_legend(drawn):
+def test_the_image_of_what_moves_is_in_the_report_with_a_legend(empty):
     seen, colors = np.zeros((8, 8, 3), np.uint8), np.ones((8, 8, 3), np.uint8)
     task = told(events.Progress(9, 9, 1.0, 0.0, 0.1, 300), events.Preview(9, seen))
     task.apply(events.CompressionPreview("x.capacity.png", colors))
@@ -217,7 +196,7 @@ def test_what_a_training_made_in_one_sentence():
     assert still.sentence == "1,200 splats, none of which move; file 48 KB."
 
 
-def test_a_report_can_be_dismissed_but_no_running_training(empty, drawn):
+def test_a_report_can_be_dismissed_but_no_running_training(empty):
     task = told(events.Progress(9, 9, 61.0, 0.0, 0.1, 300))
     assert not bpy.ops.frog.dismiss_training.poll()
     task.apply(Ended("It stopped."))
@@ -226,7 +205,7 @@ def test_a_report_can_be_dismissed_but_no_running_training(empty, drawn):
     assert TrainingTask.current() is None and "It stopped." not in drawn()
 
 
-def test_a_report_stays_with_the_file_that_shows_the_scene(empty, drawn, static_rig):
+def test_a_report_stays_with_the_file_that_shows_the_scene(empty, static_rig):
     ended = events.Finished(str(static_rig), 9, 61.0, 28.0, 60), Ended("")
     task = told(*ended)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -236,27 +215,24 @@ def test_a_report_stays_with_the_file_that_shows_the_scene(empty, drawn, static_
     assert TrainingTask.current() is None
 
 
-@pytest.mark.parametrize("given", [{}, {"capture_folder": "nothing"}, {"capture_folder": "raw"}])
-def test_a_grey_button_says_why(empty, capture, tmp_path, given):
+def test_a_grey_button_says_why(empty, capture, tmp_path):
     pytest.importorskip("torch")
     (tmp_path / "nothing").mkdir()
     shutil.copytree(capture, tmp_path / "raw", ignore=shutil.ignore_patterns("*.npy"))
-    for name, value in given.items():
-        setattr(empty.frog, name, str(tmp_path / value))
-    assert not bpy.ops.frog.train.poll()
-    words = {"": "No capture is selected", "nothing": "found", "raw": "have to be calibrated"}
-    with pytest.raises(RuntimeError, match=words[given.get("capture_folder", "")]):
-        bpy.ops.frog.train()
+    for folder, why in (("", "No capture is selected"), ("nothing", "found"), ("raw", "have to be calibrated")):
+        empty.frog.capture_folder = folder and str(tmp_path / folder)
+        assert not bpy.ops.frog.train.poll()
+        with pytest.raises(RuntimeError, match=why):
+            bpy.ops.frog.train()
     empty.frog.capture_folder = str(capture)
     assert bpy.ops.frog.train.poll()
     told(events.Stage("decoding frames", 3, 10))
     assert not bpy.ops.frog.train.poll()
-    TrainingTask.forget()
 
 
-def test_no_value_stands_for_something_else(empty, drawn, capture):
+def test_no_value_stands_for_something_else(empty, capture):
     settings, advanced = empty.frog, train_panel.FROG_PT_train_advanced
-    settings.capture_folder, settings.recipe = str(capture), "draft"
+    settings.recipe = "draft"
     said = drawn(advanced)
     for resolved in ("3,000 steps", "1.00 of their size", "25,000 at most", "cam00"):
         assert resolved in said
@@ -278,16 +254,9 @@ def test_no_value_stands_for_something_else(empty, drawn, capture):
     assert training_settings.usual_steps(settings) == 3000
 
 
-def test_a_time_limit_is_part_of_the_estimate(empty, drawn, capture):
-    empty.frog.capture_folder, empty.frog.device, empty.frog.minutes = str(capture), "cpu", 180.0
-    assert "Roughly 3" in drawn() and "hours on this processor" in drawn()
-
-
-def test_resume_is_offered_where_it_does_something(empty, drawn, capture, tmp_path):
+def test_resume_is_offered_where_it_does_something(empty, capture):
     pytest.importorskip("torch")
-    settings = empty.frog
-    settings.capture_folder = str(capture)
-    scene = Path(settings.output_path)
+    scene = Path(empty.frog.output_path)
     assert "frog.train_longer" not in drawn() and drawn().count("frog.train") == 1
     leave_checkpoint(scene, capture, 0.4, 1200)
     assert drawn().count("frog.train") == 2 and "frog.train_longer" not in drawn(), "Resume"
@@ -298,26 +267,22 @@ def test_resume_is_offered_where_it_does_something(empty, drawn, capture, tmp_pa
         bpy.ops.frog.train_longer(steps=3000)
 
 
-def test_training_longer_keeps_the_finished_scene(empty, capture, tmp_path):
+def test_training_longer_keeps_the_finished_scene(empty, capture, quick_seeds):
     """A training of a few steps, and more of them, by the engine itself."""
     pytest.importorskip("torch")
     settings = empty.frog
-    settings.capture_folder, settings.recipe, settings.device, settings.steps = str(capture), "draft", "cpu", 12
+    settings.recipe, settings.device, settings.steps, settings.image_scale = "draft", "cpu", 4, 0.5
     settings.capacity, settings.import_when_done = "fixed", False
     scene = Path(settings.output_path)
     assert bpy.ops.frog.train() == {"FINISHED"}
-    try:
-        task = finish(TrainingTask.current())
-        assert not task.error and task.state.step == 12
-        before = scene.read_bytes()
-        assert bpy.ops.frog.train_longer(steps=20) == {"FINISHED"}
-        task = finish(TrainingTask.current())
-        assert not task.error and task.state.step == 20
-        assert task.state.result == scene.with_name("capture_2.frog") == Path(settings.output_path)
-        assert scene.read_bytes() == before
-    finally:
-        background_task.stop()
-        TrainingTask.forget()
+    task = finish(TrainingTask.current())
+    assert not task.error and task.state.step == 4
+    before = scene.read_bytes()
+    assert bpy.ops.frog.train_longer(steps=8) == {"FINISHED"}
+    task = finish(TrainingTask.current())
+    assert not task.error and task.state.step == 8
+    assert task.state.result == scene.with_name("capture_2.frog") == Path(settings.output_path)
+    assert scene.read_bytes() == before
 
 
 PANEL = {
@@ -333,7 +298,6 @@ PANEL = {
 
 def test_every_option_is_in_the_panel(empty, capture):
     settings = empty.frog
-    settings.capture_folder = str(capture)
     assert request_of(settings).options == TrainingOptions()
     for option in options_at(Door.PANEL):
         name, (value, _) = property_name(option), EXAMPLES[option.name]
@@ -354,7 +318,7 @@ def test_every_option_is_in_the_panel(empty, capture):
         bpy.ops.frog.train()
 
 
-def test_the_panels_draw_every_option(drawn):
+def test_the_panels_draw_every_option(empty):
     said = " ".join(drawn(panel) for panel in (train_panel.FROG_PT_train_advanced, train_panel.FROG_PT_train_more))
     for name in ("seed", "max_megabytes", "lossless", "save_every", "views_per_step", "settings", "device"):
         assert name in said

@@ -11,7 +11,6 @@ from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import Written, panel_says, told
 from support.users_scene import users_scene, views
 
-from frog_blender import point_cloud
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.training.session import events
@@ -29,6 +28,10 @@ from frog_blender.ui import train_panel
 
 def files(scene):
     return [playback.file_of(obj).name for obj in playback.captures(scene.objects)]
+
+
+def drawn():
+    return panel_says(train_panel.FROG_PT_train)
 
 
 def start(use_empty=False):
@@ -62,6 +65,9 @@ def test_one_click_shows_it_and_one_question_sets_the_scene_up(addon, static_rig
     assert bpy.ops.frog.show_result(filepath=str(static_rig)) == {"FINISHED"}
     assert scene.camera.name == "cam00", "nobody chose the camera of the new file"
     assert {obj.name for obj in bpy.context.selected_objects} == {"figure", "figure Gaussians"}
+    scene.camera.location.x += 1.0
+    chosen = scene.camera
+    assert bpy.ops.frog.show_result(filepath=str(static_rig)) == {"FINISHED"} and scene.camera == chosen
     assert (scene.frame_end, scene.render.engine != "FROG") == (250, True)
     assert bpy.ops.frog.set_up_scene(use_engine=False, use_colors=False, use_frames=False) == {"FINISHED"}
     assert (scene.frame_end, scene.render.resolution_x) == (250, 96) and scene.render.engine != "FROG"
@@ -92,15 +98,9 @@ def test_the_finished_scene_is_read_where_it_was_trained(empty, static_rig):
     assert files(empty) == ["figure.frog"]
 
 
-def test_a_camera_of_the_users_stays_the_scene_s(addon, static_rig):
-    scene = start()
-    ResultImporter(scene)(static_rig)
-    scene.camera.location.x += 1.0
-    chosen = scene.camera
-    assert bpy.ops.frog.show_result(filepath=str(static_rig)) == {"FINISHED"} and scene.camera == chosen
-
-
-def test_one_in_an_excluded_collection_is_said(empty, static_rig):
+def test_what_cannot_be_shown_is_said(empty, static_rig):
+    with pytest.raises(RuntimeError, match="Import it first"):
+        bpy.ops.frog.show_result(filepath=str(static_rig))
     ResultImporter(empty)(static_rig)
     obj = next(playback.captures(empty.objects))
     layers = [bpy.context.view_layer.layer_collection]
@@ -112,26 +112,17 @@ def test_one_in_an_excluded_collection_is_said(empty, static_rig):
         bpy.ops.frog.show_result(filepath=str(static_rig))
 
 
-def test_only_what_the_scene_plays_is_shown(empty, static_rig):
-    with pytest.raises(RuntimeError, match="Import it first"):
-        bpy.ops.frog.show_result(filepath=str(static_rig))
-
-
-def test_the_default_cube_is_told_and_hidden(addon, static_rig, drawn):
+def test_the_default_cube_is_told_and_hidden(addon, static_rig):
     scene = start()
     ResultImporter(scene)(static_rig)
     told(events.Finished(str(static_rig), 9, 1.0, 20.0, 5), Ended(""))
-    said = drawn(scene)
+    said = drawn()
     assert {"frog.show_result", "frog.set_up_scene", "frog.hide_start_cube"} <= set(said.split())
-    assert bpy.ops.frog.hide_start_cube() == {"FINISHED"} and bpy.data.objects["Cube"].hide_render
-    assert "frog.hide_start_cube" not in drawn(scene) and not bpy.ops.frog.hide_start_cube.poll()
-
-
-def test_a_cube_that_was_changed_is_the_users(addon):
-    scene = start()
-    assert start_cube(scene) is not None
     scene.objects["Cube"].location.z = 1.0
-    assert start_cube(scene) is None
+    assert start_cube(scene) is None, "one that was changed is the user's"
+    scene.objects["Cube"].location.z = 0.0
+    assert bpy.ops.frog.hide_start_cube() == {"FINISHED"} and bpy.data.objects["Cube"].hide_render
+    assert "frog.hide_start_cube" not in drawn() and not bpy.ops.frog.hide_start_cube.poll()
 
 
 def test_one_undo_takes_it_back(empty, static_rig):
@@ -153,20 +144,6 @@ def test_what_is_being_edited_is_left_to_the_panel(addon, static_rig):
     before = values(scene)
     assert "being edited" in ResultImporter(scene)(static_rig)
     assert not files(scene) and values(scene) == before and cube.mode == "EDIT"
-
-
-@pytest.mark.skipif(point_cloud.draws_splats(), reason="Blender's own splats need no nodes")
-@pytest.mark.parametrize("where", ["here", "edited", "another file"])
-def test_only_what_will_be_imported_is_prepared(addon, where):
-    bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
-    result = ResultImporter(bpy.context.scene)
-    if where == "edited":
-        bpy.ops.object.mode_set(mode="EDIT")
-    if where == "another file":
-        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    before = len(bpy.data.materials), len(bpy.data.node_groups)
-    result.prepare()
-    assert ((len(bpy.data.materials), len(bpy.data.node_groups)) != before) == (where == "here")
 
 
 def test_another_file_gets_nothing(empty, static_rig):
@@ -206,16 +183,8 @@ def test_outputs_are_counted_on(tmp_path):
     assert unused_output(take).name == "take_7_2.frog"
 
 
-@pytest.fixture
-def drawn(empty):
-    """A function that draws the panel and gives what it says."""
-
-    yield lambda scene=None: panel_says(train_panel.FROG_PT_train, scene=scene or empty)
-    TrainingTask.forget()
-
-
 @pytest.mark.parametrize("cancelled", [False, True])
-def test_the_panel_offers_what_is_not_here(empty, drawn, static_rig, cancelled):
+def test_the_panel_offers_what_is_not_here(empty, static_rig, cancelled):
     users_scene(empty)
     path = str(static_rig)
     event = events.Cancelled(9, path) if cancelled else events.Finished(path, 9, 1.0, 20.0, 5)

@@ -9,14 +9,14 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from support.training_panel import finish, leave_checkpoint
+from support.training_panel import finish, leave_checkpoint, switched_off
 
 from frog_blender import addon_state, unsaved_changes
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session import events
 from frog_blender.operators.train import ResultImporter
 from frog_blender.tasks import background_task
-from frog_blender.tasks.training import TrainingTask, watch
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import playback
 from frog_blender.ui import capture_summary
 
@@ -44,19 +44,6 @@ def test_events_become_state(addon, tmp_path):
     assert task.result == tmp_path / "a.frog" and finished == [task.result]
 
 
-def test_cancel_reaches_the_worker(addon):
-    def source(cancelled):
-        yield from steps(2)
-        while not cancelled():
-            pass
-        yield events.Cancelled(2, "half.frog")
-
-    task = TrainingTask(source, lambda path: pytest.fail("a cancelled training is not imported")).start()
-    task.cancel()
-    finish(task)
-    assert task.is_cancelled and task.result.name == "half.frog"
-
-
 def test_an_error_of_one_that_was_cancelled_is_told(addon):
     """What it has learned may be lost."""
 
@@ -71,7 +58,7 @@ def test_an_error_of_one_that_was_cancelled_is_told(addon):
     assert finish(task).error == "The disk is full." and not task.is_cancelled
 
 
-def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, request, monkeypatch):
+def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatch):
     renders, imported = ["RENDER"], []
     monkeypatch.setattr(unsaved_changes, "is_scene_in_use", lambda: bool(renders))
     said = [events.Finished("x.frog", 1, 1.0, 20.0, 5)]
@@ -79,7 +66,6 @@ def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, request, m
     finish(task.start())
     task.hand_over_when_possible()
     assert task.waiting is not None and not imported
-    request.addfinalizer(lambda: TrainingTask.forget())
     task.show()
     with pytest.raises(FrogError, match="Finish the current render"):  # another training would take its place
         TrainingTask(lambda cancelled: iter([])).begin()
@@ -94,14 +80,11 @@ def test_what_an_import_needs_is_made_a_tick_before_it(addon):
     done = []
     source = lambda cancelled: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)])  # noqa: E731
     task = TrainingTask(source, lambda path: done.append(path), prepare=lambda: done.append("prepared")).begin()
-    try:
-        assert task.join(20.0)
-        while not done:
-            assert background_task.tick() is not None
-        assert done == ["prepared"] and task.waiting is not None
-        assert background_task.tick() is None and done == ["prepared", Path("x.frog")]
-    finally:
-        TrainingTask.forget()
+    assert task.join(20.0)
+    while not done:
+        assert background_task.tick() is not None
+    assert done == ["prepared"] and task.waiting is not None
+    assert background_task.tick() is None and done == ["prepared", Path("x.frog")]
 
 
 def test_a_scene_that_was_renamed_meanwhile_gets_the_import(empty, static_rig):
@@ -122,11 +105,7 @@ def endless(addon):
             threading.Event().wait(0.005)
         yield events.Cancelled(3, "half.frog")
 
-    task = TrainingTask(source).begin()
-    yield task
-    task.cancel()
-    finish(task)
-    TrainingTask.forget()
+    return TrainingTask(source, lambda path: pytest.fail("a cancelled training is not imported")).begin()
 
 
 def test_opening_another_file_neither_ends_a_training_nor_waits_for_it(endless, tmp_path):
@@ -153,17 +132,14 @@ def test_at_the_end_there_is_so_much_patience(addon, capfd, monkeypatch, learned
 
     task = TrainingTask(source).begin()
     assert taken.wait(20.0) and task.pump() == 1
-    addon.unregister()
-    try:
+    with switched_off():
         assert not task.join(0.0) and TrainingTask.current() is None
-        said = capfd.readouterr().err
-        assert ("Saving what the training has learned" in said) == learned
-        assert ("The last checkpoint is kept" in said) == learned
-        assert "That took longer." in said
-    finally:
-        addon.register()
-        gate.set()
-        assert task.join(20.0)
+    said = capfd.readouterr().err
+    assert ("Saving what the training has learned" in said) == learned
+    assert ("The last checkpoint is kept" in said) == learned
+    assert "That took longer." in said
+    gate.set()
+    assert task.join(20.0)
 
 
 @pytest.fixture
@@ -203,13 +179,6 @@ def test_a_file_that_is_saved_after_an_undo_can_still_redo(endless, file):
     assert len(file.pushed) == 1
 
 
-def test_a_file_becomes_unsaved(empty):
-    if bpy.data.is_dirty:
-        pytest.skip("without a window this Blender counts every file as unsaved")
-    unsaved_changes.count_as_unsaved()
-    assert bpy.data.is_dirty
-
-
 def test_an_event_that_cannot_be_shown_ends_nothing(addon):
     said = [events.Stage("decoding", 1, None), events.Finished("x.frog", 7, 1.0, 20.0, 5, {"what": "no summary"})]
     imported = []
@@ -218,29 +187,18 @@ def test_an_event_that_cannot_be_shown_ends_nothing(addon):
     assert not task.error and imported == [Path("x.frog")] and task.state.step == 7
 
 
-def test_an_image_that_cannot_be_shown_ends_nothing(endless, capfd):
-    watch(lambda state: 1 / 0)
+def test_an_image_that_cannot_be_shown_ends_nothing(endless, capfd, monkeypatch):
+    monkeypatch.setattr(TrainingTask, "redraw", lambda self: 1 / 0)
     while "ZeroDivisionError" not in capfd.readouterr().err:
         assert background_task.tick() is not None, "the timer goes on"
     assert endless.is_running
 
 
-def test_train_operator_says_what_is_missing(empty, tmp_path):
-    with pytest.raises(RuntimeError, match="No capture is selected"):
-        bpy.ops.frog.train()
-    empty.frog.capture_folder = str(tmp_path / "nowhere")
-    with pytest.raises(RuntimeError, match="nowhere: there is no such folder"):
-        bpy.ops.frog.train()
-    assert not TrainingTask.is_any_running()
-
-
 def test_naming_a_folder_says_what_it_is(empty, tmp_path):
-    from frog_blender.ui import capture_summary
-
     (tmp_path / "notes.txt").write_text("nothing to train from")
     empty.frog.capture_folder = str(tmp_path)
-    summary = capture_summary.known(bpy.path.abspath(empty.frog.capture_folder))
-    assert summary.error and str(tmp_path) in summary.error and not summary.lines
+    summary = capture_summary.known(str(tmp_path))
+    assert str(tmp_path) in summary.error and not summary.lines
     assert empty.frog.output_path == f"{tmp_path}.frog"
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import bpy
 import numpy as np
 from safetensors.numpy import save_file
 
+import frog_blender
 from frog_blender.tasks.training import TrainingTask
 
 
@@ -73,10 +75,8 @@ def panel_says(panel, part="draw", **values):
 
 
 def drawing_context(**values):
-    """What a panel is drawn with, in a sidebar so wide that no sentence is broken: paths of tests are long."""
-    preferences = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-    usual = {"scene": bpy.context.scene, "object": bpy.context.object, "region": SimpleNamespace(width=7000)}
-    return SimpleNamespace(**(usual | {"preferences": preferences} | values))
+    """What a panel is drawn with."""
+    return SimpleNamespace(**({"scene": bpy.context.scene, "object": bpy.context.object} | values))
 
 
 def finish(task):
@@ -85,6 +85,16 @@ def finish(task):
     task.pump_all()
     assert not task.is_running
     return task
+
+
+@contextmanager
+def switched_off():
+    """Inside, the add-on is disabled, and gives up all that it has remembered."""
+    frog_blender.unregister()
+    try:
+        yield
+    finally:
+        frog_blender.register()
 
 
 def leave_checkpoint(path, capture, progress=0.5, steps=7):
