@@ -31,8 +31,6 @@ from .package_folders import (
 )
 from .packages import BYTES_NEEDED, CALIBRATION_BYTES_NEEDED, CALIBRATION_PACKAGES, CPU, PACKAGES
 
-_PARTS = 1000  # of an installation's progress
-
 
 class PipTask(BackgroundTask):
     """One run of pip; its result is a folder, and its stage what pip said last.
@@ -53,6 +51,10 @@ class PipTask(BackgroundTask):
         """Starts the worker; FrogError without pip."""
         self._pip = pip_command() if self._pip is None else self._pip
         return super().start()
+
+    def say(self, line: str) -> None:
+        """Queues what pip says; called on the worker thread."""
+        self.tell(line, 0, 0)
 
     def redraw(self) -> None:
         redrawing.viewports()
@@ -81,69 +83,41 @@ class Installation(PipTask):
     ) -> None:
         super().__init__(pip)
         self.folder, self.on_finished = folder, on_finished
-        self._package = package_of(folder)
-        self._arguments, self._packages = list(arguments), list(packages)
-        self._bytes_needed = bytes_needed
-        self._free_before = self._fraction = 0.0
-        self._line = "Starting"
+        self._package, self._bytes_needed = package_of(folder), bytes_needed
+        self._arguments = [*arguments, *packages]
 
     def start(self) -> Self:
         """Starts the worker; FrogError without pip or with too little disk space."""
         place = self.folder.parent
         try:
             place.mkdir(parents=True, exist_ok=True)
-            self._free_before = shutil.disk_usage(place).free
+            free = shutil.disk_usage(place).free
         except OSError as error:
             raise FrogError(f"{place}: the folder could not be created ({error.strerror}).") from error
-        if self._free_before < self._bytes_needed:
+        if free < self._bytes_needed:
             needs = f"{self._package} needs {self._bytes_needed / 1e9:.1f} GB"
-            raise FrogError(f"{place}: found {self._free_before / 1e9:.1f} GB free, {needs}.")
+            raise FrogError(f"{place}: found {free / 1e9:.1f} GB free, {needs}.")
         return super().start()
 
     def work(self) -> Path:
-        new_folder = partial(
-            tempfile.TemporaryDirectory,
-            prefix=partial_prefix(self.folder),
-            dir=self.folder.parent,
-            ignore_cleanup_errors=True,
-        )
+        folder, prefix = self.folder, partial_prefix(self.folder)
+        new_folder = partial(tempfile.TemporaryDirectory, None, prefix, folder.parent, ignore_cleanup_errors=True)
         try:
             with new_folder() as packages, new_folder() as scratch:
                 self._install(Path(packages), Path(scratch))
-                return switch_to(Path(packages), self.folder)
+                return switch_to(Path(packages), folder)
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or brief(repr(error))
-            raise FrogError(f"{self.folder}: {self._package} could not be installed ({reason}).") from error
+            raise FrogError(f"{folder}: {self._package} could not be installed ({reason}).") from error
 
     def _install(self, target: Path, scratch: Path) -> None:
-        arguments = ["install", "--target", str(target), *self._arguments, *self._packages]
+        arguments, stopped = ["install", "--target", str(target), *self._arguments], self.stopped.is_set
         try:
-            said = run_pip(arguments, target, self._is_stopped, scratch=scratch, say=self._say, pip=self._pip)
+            said = run_pip(arguments, target, stopped, scratch=scratch, say=self.say, pip=self._pip)
         except FrogError as error:
             raise FrogError(f"{self._package} could not be installed: {error}") from error
         if not has_package(target):
             raise FrogError(f"{self._package} could not be installed: pip brought none ({said}).")
-
-    def _say(self, line: str) -> None:
-        self._line = line
-        self.tell(line, round(_PARTS * self.fraction()), _PARTS)
-
-    def _is_stopped(self) -> bool:
-        before = self._fraction
-        if self.fraction() > before:
-            self._say(self._line)
-        return self.stopped.is_set()
-
-    def fraction(self) -> float:
-        """About how much is done, from 0 to 1, by how much of the disk space is taken: pip of Python 3.11 tells none,
-        and whoever else writes counts too.
-        """
-        try:
-            taken = self._free_before - shutil.disk_usage(self.folder.parent).free
-        except OSError:  # as it was
-            return self._fraction
-        self._fraction = min(max(self._fraction, taken / self._bytes_needed), 0.99)
-        return self._fraction
 
 
 class LandmarkDownload(PipTask):
@@ -159,8 +133,7 @@ class LandmarkDownload(PipTask):
 
     def work(self) -> Path:
         try:
-            stopped = self.stopped.is_set
-            return fetch_landmark_file(stopped, lambda line: self.tell(line, 0, 0), pip=self._pip, cache=self._cache)
+            return fetch_landmark_file(self.stopped.is_set, self.say, pip=self._pip, cache=self._cache)
         except (FrogError, OSError) as error:
             raise FrogError(f"The landmark file could not be fetched: {brief(error)}") from error
 

@@ -1,8 +1,7 @@
 """Folders of installed packages: the current one, and leftovers to remove.
 
 A folder whose libraries are loaded cannot be replaced on Windows. So each installation gets a new one, ``torch``,
-``torch-2`` and so on, and the file ``torch.current`` beside them names the one that counts, unless that is ``torch``.
-``calibration``, which has pycolmap and no torch, is another such name.
+``torch-2`` and so on, of which the last counts. ``calibration``, which has pycolmap and no torch, is another such name.
 """
 
 from __future__ import annotations
@@ -23,7 +22,8 @@ from ..engine.capture.sharing import lock_exclusively, open_shared
 
 TORCH, CALIBRATION = "torch", "calibration"
 """Names of the folders."""
-_POINTER = ".current"
+_REMOVED = "removed"
+"""A file in a folder that is to go, but was in use."""
 
 
 def hold() -> None:
@@ -53,12 +53,7 @@ def partial_prefix(folder: Path) -> str:
 
 def installed(folder: Path) -> Path | None:
     """The current installation of ``folder``; None if there is none."""
-    try:
-        named = (folder.parent / f"{folder.name}{_POINTER}").read_text(encoding="utf-8").strip()
-    except (OSError, ValueError):
-        named = folder.name
-    choices = [folder.with_name(named)] if _is_version(named, folder) else []
-    return next((path for path in [*choices, folder] if has_package(path)), None)
+    return max(filter(has_package, _versions(folder)), key=_number, default=None)
 
 
 def clear_remains(folder: Path) -> None:
@@ -70,27 +65,33 @@ def clear_remains(folder: Path) -> None:
 def remains(folder: Path) -> list[Path]:
     """The folders that ``clear_remains`` would remove."""
     current, found = installed(folder), []
-    for path in folder.parent.glob(f"{glob.escape(folder.name)}*"):
-        partial = re.fullmatch(rf"{re.escape(folder.name)}\.partial-(?:(\d+)-)?.*", path.name)
-        is_earlier = current is not None and path != current and _is_version(path.name, folder)
-        is_partial = partial is not None and not (partial[1] and _is_running(int(partial[1])))
-        if (is_earlier or is_partial) and path.is_dir() and not path.is_symlink():
+    for path in folder.parent.glob(f"{glob.escape(folder.name)}.partial-*"):
+        process = re.fullmatch(r".*\.partial-(?:(\d+)-)?.*?", path.name)
+        if not (process and process[1] and _is_running(int(process[1]))) and path.is_dir() and not path.is_symlink():
             found.append(path)
-    return found
+    return [*found, *(path for path in _versions(folder) if path != current)]
 
 
 def remove(folder: Path) -> bool:
     """Removes every installation of ``folder``; those in use stay until the next start. True if none is left."""
-    (folder.parent / f"{folder.name}{_POINTER}").unlink(missing_ok=True)
-    found = folder.parent.glob(f"{glob.escape(folder.name)}*")
-    versions = [path for path in found if _is_version(path.name, folder) and path.is_dir() and not path.is_symlink()]
+    versions = _versions(folder)
     for path in versions:
         _discard(path, folder)
+        if path.exists():
+            (path / _REMOVED).touch()
     return not any(path.exists() for path in versions)
 
 
-def _is_version(name: str, folder: Path) -> bool:
-    return re.fullmatch(rf"{re.escape(folder.name)}(-\d+)?", name) is not None
+def _versions(folder: Path) -> list[Path]:
+    """All installations of ``folder``, whole ones and others."""
+    found = folder.parent.glob(f"{glob.escape(folder.name)}*")
+    pattern = rf"{re.escape(folder.name)}(-\d+)?"
+    return [path for path in found if re.fullmatch(pattern, path.name) and path.is_dir() and not path.is_symlink()]
+
+
+def _number(path: Path) -> int:
+    number = path.name.rpartition("-")[2]
+    return int(number) if number.isdigit() else 1
 
 
 def package_of(folder: Path) -> str:
@@ -100,7 +101,7 @@ def package_of(folder: Path) -> str:
 
 def has_package(folder: Path) -> bool:
     """Whether a folder contains the package that it is there for."""
-    return _package_in(folder).is_file()
+    return _package_in(folder).is_file() and not (folder / _REMOVED).exists()
 
 
 def _package_in(folder: Path) -> Path:
@@ -139,7 +140,7 @@ def _loaded_torch() -> str | None:
 
 def _is_held(folder: Path) -> bool:
     """Whether any process uses the package in a folder."""
-    if not has_package(folder):
+    if not _package_in(folder).is_file():
         return False
     file = open_shared(_package_in(folder))
     if file is None:
@@ -150,19 +151,11 @@ def _is_held(folder: Path) -> bool:
 
 def switch_to(partial: Path, folder: Path) -> Path:
     """Makes a folder of packages the current installation and returns its new path."""
-    before = installed(folder)
-    numbered = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
-    if not has_package(folder):
-        shutil.rmtree(folder, ignore_errors=True)  # what is there is no package
-    target = next(path for path in itertools.chain([folder], numbered) if not os.path.lexists(path))
+    before = _versions(folder)
+    first = max(map(_number, before), default=0) + 1
+    targets = (folder.with_name(f"{folder.name}-{i}") if i > 1 else folder for i in itertools.count(first))
+    target = next(path for path in targets if not os.path.lexists(path))
     partial.rename(target)
-    pointer = folder.parent / f"{folder.name}{_POINTER}"
-    if target == folder:
-        pointer.unlink(missing_ok=True)
-    else:
-        written = pointer.with_name(f"{pointer.name}.part")
-        written.write_text(target.name, encoding="utf-8")
-        written.replace(pointer)
-    if before is not None:
-        _discard(before, folder)
+    for path in before:
+        _discard(path, folder)
     return target

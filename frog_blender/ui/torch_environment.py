@@ -130,10 +130,7 @@ def _draw_running(layout: bpy.types.UILayout) -> bool:
     if current is None:
         return False
     if current.is_running:
-        progress = current.progress
-        if progress.total:
-            layout.progress(factor=progress.fraction, text=f"{progress.fraction:.0%}")
-        layout.label(text=progress.stage[:100], icon="IMPORT")
+        layout.label(text=current.progress.stage[:100], icon="IMPORT")
         layout.operator("frog.cancel_installation", icon="CANCEL")
     elif current.error:
         layout.label(text=current.error, icon="ERROR")
