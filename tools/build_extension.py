@@ -97,7 +97,6 @@ TRAINING = (
             "presets",
             "preview_image",
             "report_images",
-            "rig_images",
             "rig_overlay",
             "rig_settings",
             "status_bar",

@@ -3,6 +3,7 @@
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
 
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -113,6 +114,11 @@ class FROG_PT_captures(SidebarPanel, bpy.types.Panel):
             row.operator("frog.hide_clips", text="Hide", icon="HIDE_ON")
 
 
+def _file(context: bpy.types.Context) -> Path:
+    """Of the chosen capture."""
+    return playback.file_of(chosen_capture(context))
+
+
 class OfChosen(SidebarPanel):
     """Base of sub-panels about the chosen capture."""
 
@@ -121,8 +127,15 @@ class OfChosen(SidebarPanel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        chosen = chosen_capture(context)
-        return chosen is not None and not open_scenes.problem(playback.file_of(chosen))
+        return chosen_capture(context) is not None and not open_scenes.problem(_file(context))
+
+
+class OfMoving(OfChosen):
+    """The same for one that has several frames."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return super().poll(context) and playback.open_scene(_file(context)).header.frame_count > 1
 
 
 class FROG_PT_display(OfChosen, bpy.types.Panel):
@@ -143,14 +156,10 @@ class FROG_PT_display(OfChosen, bpy.types.Panel):
         layout.prop(chosen.frog, "render_density", text="In Renders", slider=True)
 
 
-class FROG_PT_bake(OfChosen, bpy.types.Panel):
+class FROG_PT_bake(OfMoving, bpy.types.Panel):
     """Playback of large captures: what is kept in memory and on disk."""
 
     bl_label = "Playback"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and is_moving(chosen_capture(context))
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)
@@ -158,11 +167,6 @@ class FROG_PT_bake(OfChosen, bpy.types.Panel):
         row = layout.row(align=True)
         row.label(text=playback_cache.summary(), icon="MEMORY")
         row.operator("frog.clear_cache", text="", icon="TRASH")
-
-
-def is_moving(obj: bpy.types.Object) -> bool:
-    """Whether a capture, whose file can be played, has several frames."""
-    return playback.open_scene(playback.file_of(obj)).header.frame_count > 1
 
 
 def _draw_problem(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.types.Context) -> None:

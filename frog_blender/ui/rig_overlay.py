@@ -14,9 +14,11 @@ from .. import addon_state
 from ..engine.capture.camera import Camera
 from ..engine.capture.capture import Capture
 from ..timeline import playback
-from . import capture_summary, rig_images
+from . import capture_summary
 from .overlay import Overlay
 
+KEPT = 4
+"""Captures whose drawn rigs are kept: windows may show several scenes at a time."""
 DEPTH = 0.1  # of a drawn camera, in diameters of the rig
 _MOST_NAMES = 40
 _MOST_POINTS = 50_000
@@ -32,12 +34,10 @@ class Rig:
     Attributes:
         batches: with a colour each; of the graphics card.
         names: of the cameras, with the points that they stand at.
-        planes: (N, 4, 3) corners of the image planes.
     """
 
     batches: list[tuple[Any, tuple[float, ...]]]
     names: list[tuple[str, np.ndarray]]
-    planes: np.ndarray
 
 
 class RigOverlay(Overlay):
@@ -82,7 +82,7 @@ def _rig_of(capture: Capture) -> Rig:
     if capture not in rigs:
         rigs[capture] = _build(capture)
     rigs.move_to_end(capture)
-    while len(rigs) > rig_images.KEPT:
+    while len(rigs) > KEPT:
         rigs.popitem(last=False)
     return rigs[capture]
 
@@ -94,8 +94,7 @@ def _build(capture: Capture) -> Rig:
 
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     cameras = list(capture.cameras)
-    corners = corners_of(cameras)
-    lines = corners[:, np.array(EDGES)].astype(np.float32)
+    lines = corners_of(cameras)[:, np.array(EDGES)].astype(np.float32)
     held_out = np.array([camera.name in capture.test_cameras for camera in cameras], dtype=bool)
     batches: list[tuple[Any, tuple[float, ...]]] = []
     for chosen, color in ((~held_out, _COLOR), (held_out, _HELD_OUT)):
@@ -108,7 +107,7 @@ def _build(capture: Capture) -> Rig:
         batches.append((batch_for_shader(shader, "POINTS", {"pos": points}), _POINTS))
     few = cameras if len(cameras) <= _MOST_NAMES else []
     names = [(camera.name, camera.center) for camera in few]
-    return Rig(batches, names, corners[:, 1:5])
+    return Rig(batches, names)
 
 
 def _draw_lines() -> None:
@@ -125,7 +124,6 @@ def _draw_lines() -> None:
     for batch, color in rig.batches:
         shader.uniform_float("color", color)
         batch.draw(shader)
-    rig_images.draw(rig_images.images_of(capture), rig.planes)
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
 

@@ -9,7 +9,7 @@ import bpy
 from ..engine.errors import FrogError
 from ..scene_import import capture_sound
 from ..timeline import playback, retiming
-from .captures_panel import OfChosen, chosen_capture, is_moving
+from .captures_panel import OfMoving, chosen_capture
 from .sidebar_panel import split, wrapped_label
 
 _SAME_SPEED = 0.005  # of the speed: nobody sees less
@@ -20,14 +20,10 @@ _OPERATORS: tuple[dict[str, str], ...] = (
 )
 
 
-class FROG_PT_timing(OfChosen, bpy.types.Panel):
+class FROG_PT_timing(OfMoving, bpy.types.Panel):
     """When the chosen capture plays, and how fast."""
 
     bl_label = "Timing"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and is_moving(chosen_capture(context))
 
     def draw(self, context: bpy.types.Context) -> None:
         chosen = chosen_capture(context)
@@ -48,14 +44,10 @@ class FROG_PT_timing(OfChosen, bpy.types.Panel):
                 row.operator(f"frog.{name}", text=text)
 
 
-class FROG_PT_sound(OfChosen, bpy.types.Panel):
+class FROG_PT_sound(OfMoving, bpy.types.Panel):
     """The sound of the chosen capture, and whether it is still in time."""
 
     bl_label = "Sound"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and is_moving(chosen_capture(context))
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, chosen = self.layout, chosen_capture(context)
