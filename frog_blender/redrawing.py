@@ -7,24 +7,21 @@ import bpy
 
 def sidebars() -> None:
     """Redraws the sidebars of all viewports; the viewports themselves are expensive."""
-    for area in _viewports():
-        for region in area.regions:
-            if region.type == "UI":
-                region.tag_redraw()
+    for region in open_regions():
+        if region.type == "UI":
+            region.tag_redraw()
 
 
 def viewports() -> None:
     """Redraws all viewports."""
-    for area in _viewports():
+    for area in viewport_areas():
         area.tag_redraw()
 
 
 def preferences() -> None:
     """Redraws the preferences, where a window shows them."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "PREFERENCES":
-                area.tag_redraw()
+    for area in _areas("PREFERENCES"):
+        area.tag_redraw()
 
 
 def status_bars() -> None:
@@ -34,11 +31,16 @@ def status_bars() -> None:
             window.workspace.status_text_set_internal(None)  # an area of no screen, which has no redraw of its own
 
 
+def viewport_areas() -> list[bpy.types.Area]:
+    """All viewports."""
+    return _areas("VIEW_3D")
+
+
 def open_regions() -> list[bpy.types.Region]:
     """Those of all viewports."""
-    return [region for area in _viewports() for region in area.regions]
+    return [region for area in viewport_areas() for region in area.regions]
 
 
-def _viewports() -> list[bpy.types.Area]:
+def _areas(kind: str) -> list[bpy.types.Area]:
     windows = bpy.context.window_manager.windows
-    return [area for window in windows for area in window.screen.areas if area.type == "VIEW_3D"]
+    return [area for window in windows for area in window.screen.areas if area.type == kind]

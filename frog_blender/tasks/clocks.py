@@ -11,7 +11,7 @@ from ..engine.capture.readers.checks import number, read_json
 from ..engine.errors import FrogError, found_instead
 from ..engine.io.atomic_files import write_atomically
 
-CAMERAS, FOUND = "cameras_opencv.json", "cameras_found.json"
+CAMERAS = "cameras_opencv.json"
 _MAKER = "frog calibrate"
 OFFSETS = 1e6  # seconds; as readers allow
 RATES = 1e-3, 1e3
@@ -34,13 +34,11 @@ class ClockFile:
         path: the calibration that has them.
         clocks: in the file's order.
         is_own: this program wrote the file, so that it may change it.
-        found: the calibration that was found beside one that was given, if there is one.
     """
 
     path: Path
     clocks: tuple[CameraClock, ...]
     is_own: bool
-    found: Path | None = None
 
 
 def read_clocks(folder: Path) -> ClockFile | None:
@@ -53,13 +51,14 @@ def read_clocks(folder: Path) -> ClockFile | None:
     if not path.is_file():
         return None
     content = read_json(path)
-    clocks = tuple(
-        CameraClock(name, _number(entry, "offset", 0.0, path, name), _number(entry, "rate", 1.0, path, name))
-        for name, entry in _entries(content, path)
-    )
-    found = folder / FOUND
-    is_own = content.get("made_by") == _MAKER
-    return ClockFile(path, clocks, is_own, found if found.is_file() else None) if len(clocks) > 1 else None
+    clocks = []
+    for name, entry in _entries(content, path):
+        offset, rate = (
+            number(entry.get(key, default), path, f"{key} of camera {name}")
+            for key, default in (("offset", 0.0), ("rate", 1.0))
+        )
+        clocks.append(CameraClock(name, offset, rate))
+    return ClockFile(path, tuple(clocks), content.get("made_by") == _MAKER) if len(clocks) > 1 else None
 
 
 def write_clock(folder: Path, clock: CameraClock) -> None:
@@ -88,7 +87,3 @@ def _entries(content: dict[str, object], path: Path) -> list[tuple[str, dict[str
     if not isinstance(listed, list) or not all(isinstance(entry, dict) and "name" in entry for entry in listed):
         raise found_instead(path, "no list of named cameras", '"cameras": [{"name": ..., ...}, ...]')
     return [(str(entry["name"]), entry) for entry in listed]
-
-
-def _number(entry: dict[str, object], key: str, default: float, path: Path, name: str) -> float:
-    return number(entry.get(key, default), path, f"{key} of camera {name}")

@@ -245,8 +245,8 @@ class _Wishes:
 
     def __init__(self, process: ChildProcess, control: CancelToken, preview_camera: str | None) -> None:
         self._process, self._control = process, control
-        self._is_paused, self._preview = False, ""
         self._first_preview = preview_camera or ""
+        self._told = {"pause": "resume", "preview": "preview "}
         self._cancelled_at: float | None = None
 
     @property
@@ -263,10 +263,12 @@ class _Wishes:
             self._cancelled_at = time.monotonic()
             process.end_input()
             return
-        if control.paused != self._is_paused:
-            self._is_paused = not self._is_paused
-            process.send("pause" if self._is_paused else "resume")
         preview = self._first_preview if control.preview_camera is None else control.preview_camera
-        if preview != self._preview:
-            self._preview = preview
-            process.send(f"preview {' '.join(preview.split())}")
+        wishes = {
+            "pause": "pause" if control.paused else "resume",
+            "preview": f"preview {' '.join(preview.split())}",
+        }
+        for kind, line in wishes.items():
+            if line != self._told[kind]:
+                process.send(line)
+        self._told = wishes

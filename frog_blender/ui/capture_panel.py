@@ -248,7 +248,7 @@ class FROG_PT_synchronization(_OfCapture, bpy.types.Panel):
         return _summary(context).clocks is not None
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, clocks = self.layout, _summary(context).clocks
+        layout, summary, clocks = self.layout, _summary(context), _summary(context).clocks
         if clocks is None:
             return
         column = layout.column(align=True)
@@ -261,8 +261,8 @@ class FROG_PT_synchronization(_OfCapture, bpy.types.Panel):
                 operator.camera, operator.offset, operator.rate = clock.name, clock.offset, clock.rate
         if not clocks.is_own:
             sentence = f"{clocks.path.name} was given, so it is not changed here."
-            if clocks.found is not None:
-                sentence += f" What was found lies beside it in {clocks.found.name}."
+            if summary.found is not None:
+                sentence += f" What was found lies beside it in {summary.found.name}."
             wrapped_label(layout, sentence, icon="INFO")
         preview_image.draw(layout, report_images.curves_name(clocks.path.parent))
 

@@ -11,7 +11,7 @@ import numpy as np
 from .. import redrawing
 from ..engine.capture.calibration.sequences import still_images
 from ..engine.capture.contact_sheet import first_shots, marked_image
-from ..engine.capture.video import VIDEO_SUFFIXES, composed, decode, find_videos, load_opencv, read_image
+from ..engine.capture.video import VIDEO_SUFFIXES, composed, decode, find_videos, read_image
 from ..engine.errors import FrogError, brief
 from ..engine.io.child_process import Stopped
 from ..tasks.background_task import BackgroundTask
@@ -46,7 +46,12 @@ class ContactSheet(BackgroundTask):
         for name, decoded in self._sources:
             if self.stopped.is_set():
                 raise Stopped
-            self.put((name, _image_or_error(name, decoded)))
+            try:
+                self.put((name, decoded()))
+            except FrogError as error:
+                self.put((name, str(error)))
+            except Exception as error:  # would end all the others
+                self.put((name, f"{name}: could not be decoded ({brief(error)})."))
 
     def take(self, message: tuple[str, np.ndarray | str]) -> None:
         name, image = message
@@ -60,25 +65,11 @@ class ContactSheet(BackgroundTask):
         redrawing.sidebars()
 
 
-def _image_or_error(name: str, decoded: Callable[[], np.ndarray]) -> np.ndarray | str:
-    """An image, or why there is none."""
-    try:
-        return decoded()
-    except FrogError as error:
-        return str(error)
-    except Exception as error:  # would be lost otherwise
-        return f"{name}: could not be decoded ({brief(error)})."
-
-
 def _small_image(path: Path) -> np.ndarray:
     """The first image of raw footage, at most LONGEST_SIDE a side."""
     image = next(iter(decode(path, [0]))) if path.suffix.lower() in VIDEO_SUFFIXES else read_image(path)
-    scale = LONGEST_SIDE / max(image.shape[:2])
-    if scale >= 1:
-        return image
-    cv2 = load_opencv()
-    size = (max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale)))
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    step = -(-max(image.shape[:2]) // LONGEST_SIDE)
+    return np.ascontiguousarray(image[::step, ::step])
 
 
 def shown(folder: str) -> ContactSheet | None:

@@ -73,9 +73,8 @@ class FROG_PT_clean(OfChosen, bpy.types.Panel):
         for tool, name in ((BRUSH, "Brush"), (LASSO, "Lasso"), (BOX, "Box")):
             row.operator("wm.tool_set_by_id", text=name).name = tool
         row = layout.row(align=True)
-        row.operator("frog.select_gaussians_all", text="All").action = "ALL"
-        row.operator("frog.select_gaussians_all", text="None").action = "NONE"
-        row.operator("frog.select_gaussians_all", text="Invert").action = "INVERT"
+        for action in ("All", "None", "Invert"):
+            row.operator("frog.select_gaussians_all", text=action).action = action.upper()
         row.operator("frog.grow_selection", text="", icon="ADD").shrink = False
         row.operator("frog.grow_selection", text="", icon="REMOVE").shrink = True
         row = layout.row(align=True)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
 import bpy
+
+from .. import redrawing
 
 _EVERY = 0.05  # seconds
 _MOST_TRIES = 40  # a sidebar has no tabs until it was drawn, which may take a while in a busy window
@@ -54,9 +55,11 @@ def show_tab(area: bpy.types.Area) -> None:
     bpy.app.timers.register(partial(_choose, area.as_pointer(), [_MOST_TRIES]), first_interval=0.0)
 
 
-def _choose(wanted: int, tries_left: list[int]) -> float | None:
-    region = next(_sidebars(wanted), None)
-    if region is None:
+def _choose(address: int, tries_left: list[int]) -> float | None:
+    """Blender's UI objects cannot be kept: the viewport is looked for by its address, if it still exists."""
+    areas = [area for area in redrawing.viewport_areas() if area.as_pointer() == address]
+    region = next((region for area in areas for region in area.regions if region.type == "UI"), None)
+    if region is None or not areas[0].spaces.active.show_region_ui:
         return None
     try:
         region.active_panel_category = SidebarPanel.bl_category
@@ -65,11 +68,3 @@ def _choose(wanted: int, tries_left: list[int]) -> float | None:
         tries_left[0] -= 1
         return _EVERY if tries_left[0] > 0 else None
     return None
-
-
-def _sidebars(wanted: int) -> Iterator[bpy.types.Region]:
-    """The sidebars of the viewport with that address, if it still exists. Blender's UI objects cannot be kept."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.as_pointer() == wanted and area.type == "VIEW_3D" and area.spaces.active.show_region_ui:
-                yield from (region for region in area.regions if region.type == "UI")

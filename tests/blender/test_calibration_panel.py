@@ -35,36 +35,32 @@ from frog_blender.ui import (
 film = pytest.importorskip("support.synthetic_capture")
 
 
-def write_cameras(folder: Path, **changed) -> None:
+def write_cameras(folder: Path, name: str = "cameras_opencv.json", **changed) -> None:
     """What a calibration writes beside the videos: the true cameras."""
-    cameras = [
-        {
-            "name": camera.name,
-            "width": camera.width,
-            "height": camera.height,
-            "K": camera.intrinsics.tolist(),
-            "dist": [],
-            "R": camera.rotation.tolist(),
-            "t": camera.world_to_camera[:3, 3].tolist(),
-        }
-        for camera in film.rig()
-    ]
+    cameras = []
+    for camera in film.rig():
+        pose = {"R": camera.rotation.tolist(), "t": camera.world_to_camera[:3, 3].tolist()}
+        lens = {"K": camera.intrinsics.tolist(), "dist": [], "width": camera.width, "height": camera.height}
+        cameras.append({"name": camera.name, **lens, **pose})
     cameras[1]["offset"] = 0.02
     content = {"made_by": "frog calibrate", "cameras": cameras, "points": [[0, 0, 1]]} | changed
-    (folder / "cameras_opencv.json").write_text(json.dumps(content))
+    (folder / name).write_text(json.dumps(content))
 
 
-def calibrator_of(folder):
-    """Stands in for the pipeline, in the thread in which that runs."""
+def calibrator_of(folder, gate=None):
+    """Stands in for the pipeline, in the thread in which that runs; what is there already is kept."""
 
     def calibrate(progress, cancelled):
         progress("bundle adjustment", 1, 2)
-        write_cameras(folder)
-        page = folder / "calibration_report.html"
+        if gate is not None:
+            gate.wait(20.0)
+        kept = (folder / "cameras_opencv.json").is_file()
+        cameras = folder / ("cameras_found.json" if kept else "cameras_opencv.json")
+        write_cameras(folder, cameras.name)
+        page, report = folder / "calibration_report.html", folder / "calibration_report.json"
         page.write_text("<p>Four cameras.</p>")
-        cameras, report = folder / "cameras_opencv.json", folder / "calibration_report.json"
         warnings = ("cam03 sees little of what the others see.",)
-        return SimpleNamespace(cameras=cameras, report=report, page=page, given_kept=False, warnings=warnings)
+        return SimpleNamespace(cameras=cameras, report=report, page=page, given_kept=kept, warnings=warnings)
 
     return calibrate
 
@@ -108,17 +104,8 @@ def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, raw):
     before = (raw / "cameras_opencv.json").read_bytes()
     assert "frog.calibrate" not in drawn().split(), "it is not what is to be done next"
     assert "frog.calibrate" in drawn(capture_panel.FROG_PT_cameras).split()
-
     gate = threading.Event()
-
-    def calibrate(progress, cancelled):
-        gate.wait(20.0)
-        (raw / "cameras_found.json").write_text("{}")
-        names = ("cameras_found.json", "calibration_report.json", "calibration_report.html")
-        cameras, report, page = (raw / name for name in names)
-        return SimpleNamespace(cameras=cameras, report=report, page=page, given_kept=True, warnings=())
-
-    task = begin(raw, calibrate)
+    task = begin(raw, calibrator_of(raw, gate))
     assert "frog.calibrate" not in drawn(capture_panel.FROG_PT_cameras).split(), "it runs"
     gate.set()
     assert not finish(task).error and (raw / "cameras_opencv.json").read_bytes() == before

@@ -211,7 +211,7 @@ sys.path[:0] = [{str(ROOT)!r}]
 import frog_blender
 from frog_blender.tasks.training import TrainingTask
 frog_blender.register()
-TrainingTask(events).begin()
+TrainingTask(events).begin().control.pause()
 """
 )
 
@@ -253,7 +253,7 @@ def in_another_blender(code, tmp_path, *arguments, resources=None):
     return result.stdout
 
 
-def test_quitting_while_training_waits_for_what_was_learned(tmp_path):
+def test_quitting_while_a_training_is_paused_waits_for_what_was_learned(tmp_path):
     in_another_blender(QUIT, tmp_path, "frog_blender", "none", tmp_path / "marker")
     assert (tmp_path / "marker").read_text() == "saved"
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -74,28 +72,3 @@ def test_switched_off_while_paused(held):
     with switched_off():
         assert task.join(0.0) and TrainingTask.current() is None
         assert not bpy.app.timers.is_registered(background_task.tick)
-
-
-def test_leaving_while_paused_does_not_hang():
-    if bpy.app.binary_path:
-        pytest.skip("a real Blender runs no second interpreter with bpy")
-    code = f"""
-import atexit, os, sys; sys.path[:0] = [{str(ROOT)!r}]
-atexit.register(os._exit, 0)  # after the add-on's: bpy 4.5 may wait for a thread of its own for ever
-import threading, bpy, frog_blender
-frog_blender.register()
-from frog_blender.tasks import background_task
-from frog_blender.tasks.training import TrainingTask
-waits = threading.Event()
-def source(control):
-    waits.set()
-    while not control():
-        pass
-    print("ended", flush=True)
-    yield from ()
-TrainingTask(source).begin().control.pause()
-assert waits.wait(20)
-bpy.app.handlers.load_pre.clear()
-"""
-    left = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert left.returncode == 0 and left.stdout.splitlines()[-1] == "ended", left.stderr

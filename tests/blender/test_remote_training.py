@@ -151,12 +151,6 @@ def test_a_scene_that_stays_there_is_said(tmp_path):
     assert list(training.events(CancelToken()))[1:] == [events.Cancelled(3, None)]
 
 
-def test_a_command_that_does_not_exist(tmp_path):
-    training = RemoteTraining(RemoteCommand("no-such-program {capture} {output} {options}"), request())
-    with pytest.raises(FrogError, match=r"no-such-program: could not be started \(No such file"):
-        list(training.events(CancelToken()))
-
-
 @pytest.mark.parametrize(
     ("code", "sentence"),
     [
@@ -374,20 +368,3 @@ def test_cancelled_from_the_panel_and_trained_on_until_the_scene_is_imported(cho
     assert state.result == output and state.result_bytes == output.stat().st_size
     assert [playback.file_of(obj) for obj in playback.captures(scene.objects)] == [output]
     assert "Finished in" in drawn()
-
-
-def test_what_outlives_its_patience_dies_with_blender(chosen, tmp_path, monkeypatch, capfd):
-    script = tmp_path / "deaf.py"
-    script.write_text('import time\nprint(\'{"event": "saved", "path": "x"}\', flush=True)\ntime.sleep(100)\n')
-    chosen.remote_command = f"{PYTHON} {shlex.quote(str(script))} {{capture}} {{output}} {{options}}"
-    monkeypatch.setattr(TrainingTask, "patience", 0.01)
-    monkeypatch.setattr(TrainingTask, "quit_seconds", 0.1)
-    assert bpy.ops.frog.train() == {"FINISHED"}
-    task = TrainingTask.current()
-    while not task.pump():
-        pass
-    background_task.stop()
-    assert "That took longer." in capfd.readouterr().err
-    assert task.join(20.0), "it was killed, which ends the worker"
-    task.pump_all()
-    assert task.is_cancelled and not task.error

@@ -121,7 +121,7 @@ def test_opening_another_file_neither_ends_a_training_nor_waits_for_it(endless, 
 @pytest.mark.parametrize("learned", [False, True], ids=["decoding", "training"])
 def test_at_the_end_there_is_so_much_patience(addon, capfd, monkeypatch, learned):
     """What is being saved is waited for; what hangs is not."""
-    gate, taken = threading.Event(), threading.Event()
+    gate, taken, killed = threading.Event(), threading.Event(), threading.Event()
     monkeypatch.setattr(TrainingTask, "patience", 0.01)
     monkeypatch.setattr(TrainingTask, "quit_seconds", 0.05)
 
@@ -130,10 +130,10 @@ def test_at_the_end_there_is_so_much_patience(addon, capfd, monkeypatch, learned
         taken.set()
         gate.wait(20.0)
 
-    task = TrainingTask(source).begin()
+    task = TrainingTask(source, kill=killed.set).begin()
     assert taken.wait(20.0) and task.pump() == 1
     with switched_off():
-        assert not task.join(0.0) and TrainingTask.current() is None
+        assert not task.join(0.0) and TrainingTask.current() is None and killed.is_set()
     said = capfd.readouterr().err
     assert ("Saving what the training has learned" in said) == learned
     assert ("The last checkpoint is kept" in said) == learned
