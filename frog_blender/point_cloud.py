@@ -91,23 +91,6 @@ def _quantiles(values: np.ndarray, shares: tuple[float, float]) -> np.ndarray:
     return np.quantile(np.ascontiguousarray(values.T), shares, axis=1)  # row by row would take ten times as long
 
 
-def _viewport_radius(means: np.ndarray) -> float:
-    """A radius with which (N, 3) points are told apart: they cover the box of most of them about once."""
-    if len(means) == 0:
-        return 0.0
-    low, high = _quantiles(means, _MOST)
-    return float(np.linalg.norm(high - low) / (2.0 * np.sqrt(len(means))))
-
-
-def _viewport_box(means: np.ndarray) -> np.ndarray:
-    """(2, 3) the corners of a box that holds nearly all of (N, 3) points, with room for what moves."""
-    if len(means) == 0:
-        return np.zeros((2, 3))
-    low, high = _quantiles(means, _NEARLY_ALL)
-    room = _ROOM * (high - low)
-    return np.array([low - room, high + room])
-
-
 def middle_of(means: np.ndarray) -> tuple[np.ndarray, float]:
     """(3,) the middle of the box that holds most of (N, 3) points, and half its longest side."""
     if len(means) == 0:
@@ -117,11 +100,21 @@ def middle_of(means: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _limit_in_viewports(modifier: bpy.types.Modifier, means: np.ndarray) -> None:
-    """Sets the points' largest radius in viewports and the box that they lie in, for points (N, 3)."""
-    low, high = _viewport_box(means).tolist()
-    set_input(modifier, splat_nodes.LIMIT, _viewport_radius(means))
-    set_input(modifier, splat_nodes.LOW, low)
-    set_input(modifier, splat_nodes.HIGH, high)
+    """Sets the largest radius of points (N, 3) in viewports, with which they cover the box of most of them about once,
+    and the box that nearly all lie in, with room for what moves.
+    """
+    radius, low, high = 0.0, np.zeros(3), np.zeros(3)
+    if len(means):
+        radius = float(np.linalg.norm(np.ptp(_quantiles(means, _MOST), axis=0)) / (2.0 * np.sqrt(len(means))))
+        low, high = _quantiles(means, _NEARLY_ALL)
+        room = _ROOM * (high - low)
+        low, high = low - room, high + room
+    for name, value in (
+        (splat_nodes.LIMIT, radius),
+        (splat_nodes.LOW, low.tolist()),
+        (splat_nodes.HIGH, high.tolist()),
+    ):
+        set_input(modifier, name, value)
 
 
 def _add_modifier(obj: bpy.types.Object, name: str, group: bpy.types.GeometryNodeTree) -> bpy.types.Modifier:

@@ -10,6 +10,7 @@ import tarfile
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -287,7 +288,6 @@ def test_it_can_be_removed(empty, own_folder, tmp_path, monkeypatch):
     for name in ("torch", "torch-2", "calibration"):
         (own_folder.with_name(name) / "torch").mkdir(parents=True)
         (own_folder.with_name(name) / "torch" / "__init__.py").write_text("")
-    (own_folder.parent / "torch.current").write_text("torch-2")
     calibration = str(own_folder.with_name("calibration"))
     monkeypatch.setattr(sys, "path", [*sys.path, calibration, str(own_folder.with_name("torch-2"))])
     assert bpy.ops.frog.remove_torch() == {"FINISHED"}
