@@ -46,7 +46,7 @@ def test_it_is_whole(tmp_path, index):
     assert done.result is not None and not done.error
     assert (tmp_path / "data" / "torch" / "torch" / "__init__.py").read_text() == "answer = 42\n"
     assert [path.name for path in (tmp_path / "data").iterdir()] == ["torch"], "nothing is left beside it"
-    assert threading.active_count() == before
+    assert threading.active_count() <= before, "others may have ended meanwhile"
 
 
 def test_what_cannot_be_found_is_one_sentence_and_leaves_nothing(tmp_path, index):
