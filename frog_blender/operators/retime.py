@@ -14,7 +14,7 @@ from bpy.props import FloatProperty, IntProperty
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture, root_of, select_capture
 from ..timeline import playback, retiming, timing_curve
-from ..ui.capture_list import chosen_capture
+from ..ui.captures_panel import chosen_capture
 from .bases import UNDOABLE, EditOperator, FrogOperator, scene_of
 
 

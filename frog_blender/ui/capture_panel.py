@@ -180,7 +180,7 @@ def _draw_rendering(layout: bpy.types.UILayout, scene: bpy.types.Scene, cameras:
     elif task.is_cancelled:
         wrapped_label(layout, f"Cancelled at {done}. Render Capture continues there.", icon="CANCEL")
     else:
-        sentence = f"{task.progress.total:,} images are in {task.plan.folder.name}. Train FRoG learns from them."
+        sentence = f"{task.progress.total:,} images are in {task.request.folder.name}. Train FRoG learns from them."
         wrapped_label(layout, sentence, icon="CHECKMARK")
 
 
