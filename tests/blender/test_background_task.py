@@ -22,8 +22,7 @@ from frog_blender.tasks.training import TrainingTask
 
 
 def scene_capture(folder):
-    plan = SimpleNamespace(images=[], missing=[], folder=folder, cameras=[])
-    task = SceneCaptureTask(SimpleNamespace(plan=plan))
+    task = SceneCaptureTask(SimpleNamespace(images=[], missing=[], folder=folder, cameras=[]))
     task.start = lambda: BackgroundTask.start(task)  # without a copy of the open file
     return task
 
