@@ -13,8 +13,6 @@ import bpy
 import numpy as np
 import pytest
 from support.blender_windows import another_blender
-from support.small_scenes import rig_of_three, write_scene
-from support.training_panel import switched_off
 
 from frog_blender import point_cloud
 from frog_blender.engine.options import TrainingOptions
@@ -137,29 +135,6 @@ def test_appended_and_linked_captures_play(empty, static_rig, tmp_path):
             shows(obj, static_rig, 4.0)
         drawn, _ = gather(bpy.context.evaluated_depsgraph_get())
         np.testing.assert_allclose(drawn.means, ScenePlayer.load(static_rig).at_frame(4.0).means, atol=1e-6)
-
-
-def test_a_moved_folder_plays_on_by_a_relative_path(empty, tmp_path):
-    here, there = tmp_path / "here", tmp_path / "there"
-    here.mkdir()
-    obj = imported(write_scene(here / "x.frog", rig_of_three()))
-    bpy.ops.wm.save_as_mainfile(filepath=str(here / "scene.blend"))
-    obj.frog.filepath = bpy.path.relpath(obj.frog.filepath)
-    assert obj.frog.filepath.startswith("//")
-    bpy.ops.wm.save_mainfile()
-    here.rename(there)
-    bpy.ops.wm.open_mainfile(filepath=str(there / "scene.blend"))
-    bpy.context.scene.frame_set(6)
-    shows(next(playback.captures(bpy.data.objects)), there / "x.frog", 5.0)
-
-
-def test_switched_off_and_on_again_in_a_file_with_captures(empty, static_rig):
-    obj = imported(static_rig)
-    name = obj.name
-    with switched_off():
-        bpy.context.scene.frame_set(5)  # nobody plays it
-    bpy.context.scene.frame_set(8)
-    shows(bpy.data.objects[name], static_rig, 7.0)
 
 
 def test_another_file_while_training_loses_nothing(addon, tmp_path, filmed, quick_seeds):
