@@ -332,7 +332,7 @@ def test_cancelled_from_the_panel_and_trained_on_until_the_scene_is_imported(cho
         pass
     state = task.state
     assert not task.error and not task.note and state.step == settings.steps and state.preview is not None
-    assert {events.Stage, events.Evaluated, events.Saved} <= set(seen) and state.psnr and state.capacity
+    assert {events.Started, events.Evaluated, events.Saved} <= set(seen) and state.psnr and state.capacity
     assert state.result == output and state.result_bytes == output.stat().st_size
     assert [playback.file_of(obj) for obj in playback.captures(scene.objects)] == [output]
     assert "Finished in" in drawn()
