@@ -105,22 +105,3 @@ def test_distance_from_a_mesh_is_that_of_the_nearest_triangle():
     torus, most = np.abs(np.hypot(np.hypot(points[:, 0], points[:, 1]) - 2, points[:, 2]) - 0.7), 0.5
     found = MeshDistance(vertices, faces).within(points, most)
     np.testing.assert_allclose(found, np.minimum(torus, most), atol=6e-3)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"shape": "cone"},
-        {"matrix": (1.0,) * 16},
-        {"matrix": (float("nan"),) * 16},
-        {"feather": -1.0},
-        {"feather": float("inf")},
-        {"time": 1.5},
-        {"shape": "mesh"},
-    ],
-)
-def test_crops_that_cannot_be_are_refused(wrong):
-    plain = {"shape": "box", "matrix": tuple(np.eye(4).ravel().tolist())}
-    Crop(**plain)
-    with pytest.raises(ValueError):
-        Crop(**{**plain, **wrong})

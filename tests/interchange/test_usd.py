@@ -13,7 +13,6 @@ from support.foreign_takes import HALF, assert_equal_within, assert_plays_alike,
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.interchange import usd_export
 from frog_blender.engine.interchange.imports import import_scene
 from frog_blender.engine.interchange.take import SceneTake, Sound
 from frog_blender.engine.interchange.usd_export import write_usd
@@ -153,17 +152,6 @@ def test_sound_is_named_beside_the_file(scene: ScenePlayer, tmp_path: Path) -> N
     prim = stage.GetPrimAtPath("/x/Sound")
     assert prim.GetAttribute("filePath").Get().path == "films/cam.mp4"
     assert (prim.GetAttribute("startTime").Get(), prim.GetAttribute("mediaOffset").Get()) == (3, 0.5)
-
-
-def test_long_takes_go_to_the_disk_in_between(
-    scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    at_once = Usd.Stage.Open(str(written(scene, tmp_path / "a.usdc")))
-    monkeypatch.setattr(usd_export, "_FLUSHED", 100)
-    in_pieces = Usd.Stage.Open(str(written(scene, tmp_path / "b.usdc")))
-    whole, pieces = (read(stage.GetPrimAtPath("/my_scene/Dynamic"), 5) for stage in (at_once, in_pieces))
-    for name, array in vars(whole).items():
-        np.testing.assert_array_equal(getattr(pieces, name), array)
 
 
 def test_an_export_that_ends_early_leaves_nothing(scene: ScenePlayer, tmp_path: Path) -> None:

@@ -178,13 +178,6 @@ def test_what_brightens_later_is_as_bright_then(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, brightness, atol=0.02 * np.ptp(brightness))
 
 
-def test_what_is_not_seen_does_not_change() -> None:
-    """A Gaussian that appears has the numbers with which it does from the beginning; what stays by a step, stays."""
-    film = np.array([[[10, 0], [50, 9]], [[90, 0], [51, 9]], [[90, 9], [49, 9]], [[97, 0], [60, 9]]], np.uint8)
-    held = content._held("means", film, film[..., 1] > 1)
-    np.testing.assert_array_equal(held[..., 0], [[90, 50], [90, 50], [90, 50], [90, 60]])
-
-
 def test_fewer_frames_play_as_slowly(scene: ScenePlayer, tmp_path: Path) -> None:
     export(scene, tmp_path / "x.html", FRAMES[::2])
     description, _ = parts(tmp_path / "x.html")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 import tracemalloc
 import warnings
@@ -94,13 +93,6 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     assert "not a NumPy array of numbers (object" in refused(lambda: read_npy(path, "points", 100), path)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes with names")
-def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.npy")
-    refused(lambda: read_npy(tmp_path / "a.npy", "points", 100), tmp_path / "a.npy")
-    refused(lambda: read_npz(tmp_path / "a.npy", "points", all_of_it, 100), tmp_path / "a.npy")
-
-
 def test_what_is_too_much_in_all(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     np.savez_compressed(path, **{f"a{index}": np.zeros(1000) for index in range(20)})
@@ -119,15 +111,6 @@ def test_what_is_not_wanted_is_not_read(tmp_path: Path) -> None:
 
     assert "found b" in refused(lambda: read_npz(path, "points", wanted, 2**30), path)
     assert asked == [("a", (4, 3)), ("b", (2**24,))]
-
-
-@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
-def test_compressions_that_numpy_never_writes(tmp_path: Path, method: int) -> None:
-    np.save(tmp_path / "a.npy", POINTS)
-    with zipfile.ZipFile(tmp_path / "a.npz", "w", method) as archive:
-        archive.write(tmp_path / "a.npy", "a.npy")
-    path = tmp_path / "a.npz"
-    assert "compression" in refused(lambda: read_npz(path, "points", all_of_it, 100), path)
 
 
 def test_a_flipped_bit_is_noticed(tmp_path: Path) -> None:

@@ -72,16 +72,6 @@ def test_a_hole_is_filled_from_its_own_side_across_the_seam():
     np.testing.assert_allclose(result[~kept], np.tile([1, 0, 0], ((~kept).sum(), 1)), atol=0.1)
 
 
-def test_half_a_sphere_is_filled_without_black():
-    random = np.random.default_rng(0)
-    colors, weights = random.uniform(0.2, 1.0, (32, 64, 3)), np.zeros((32, 64))
-    weights[:, 20:44] = 1
-    result = filled(colors, weights)
-    assert result.min() >= 0.2 - 1e-6 and result.max() <= 1 + 1e-6
-    mean = colors[:, 20:44].mean((0, 1))
-    np.testing.assert_allclose(result[8:24, :4].mean((0, 1)), mean, atol=0.15)
-
-
 def test_nothing_to_see_is_said():
     with pytest.raises(FrogError, match="No Gaussian is seen"):
         environment(blobs([[0, 0, 3]], [[1, 1, 1]], opacity=0.0), np.eye(4), 16)

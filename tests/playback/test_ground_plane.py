@@ -71,16 +71,6 @@ def test_one_camera_that_fell_over_changes_little():
     assert degrees(camera_up(rig)[0], np.array([0, 0, 1.0])) < 1.0
 
 
-def test_few_rolled_cameras_around_a_scene_are_right_on_the_whole():
-    rig = cameras(around=2 * np.pi * 3 / 4, count=4, pitch=-0.4)  # one in each direction
-    for i, roll in enumerate((0.3, -0.3, 0.3, -0.3)):
-        turn = np.eye(4)
-        turn[:3, :3] = rotation_of((0, 0, 1), roll)
-        rig[i] = rig[i].with_pose(turn @ rig[i].world_to_camera)
-    up, certain = camera_up(rig)
-    assert not certain and degrees(up, np.array([0, 0, 1.0])) < 1.0
-
-
 def test_cameras_side_by_side_leave_their_pitch_open():
     up, certain = camera_up(cameras(around=0.05, pitch=-0.5))
     assert not certain and degrees(up, np.array([0, 0, 1.0])) == pytest.approx(np.degrees(0.5), abs=1.0)
@@ -106,12 +96,6 @@ def test_the_floor_is_found_below_a_table_in_any_position(turn, noise, around):
 def test_a_large_table_above_a_small_floor_is_a_table():
     points = room(floor=500, table=1500)
     assert find_floor(points, np.ones(len(points)), np.array([0, 0, 1.0])).height == pytest.approx(0.0, abs=0.02)
-
-
-def test_the_same_points_have_the_same_floor():
-    points, up = room(), np.array([0, 0.1, 1.0])
-    first, second = (find_floor(points, np.ones(len(points)), up) for _ in range(2))
-    assert np.array_equal(first.up, second.up) and first.height == second.height
 
 
 def test_a_cloud_has_no_floor_but_stands_on_its_lowest_part():

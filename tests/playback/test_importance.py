@@ -76,16 +76,6 @@ def test_the_first_of_it_are_worth_more_than_their_share(share: float) -> None:
     assert error(most_important(order, count)) < 0.8 * min(others)
 
 
-def test_without_cameras_and_without_motion() -> None:
-    scene = scene_file(60)
-    still = {name: scene.arrays[name] for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh")}
-    header = replace(scene.header, method="static", model={}, cameras=(), camera_shots=(), frame_count=1)
-    order = ranking(ScenePlayer(SceneFile(header, still)))
-    widths = np.sort(np.exp(still["log_scales"]), 1)[:, 1:].prod(1)
-    score = widths / (1 + np.exp(-still["opacity_logits"]))
-    np.testing.assert_array_equal(order, np.argsort(-score, kind="stable"))
-
-
 @pytest.mark.parametrize("moving", [None, 40, 5])
 def test_fewer_of_them_are_as_they_were(moving: int | None) -> None:
     scene = ScenePlayer(scene_file(100, moving=moving, sh_count=9))

@@ -1,15 +1,25 @@
-"""What playback asks of the native deformation: groups, kept products, unit quaternions, constant colours."""
+"""What playback asks of the native deformation: groups, kept products; and what cannot be seen is not deformed."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.builders import pairwise
+from support.builders import pairwise, scene_file
 from support.deformation_fields import field_arrays, in_groups, output_arrays
 
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.native import binding
 from frog_blender.engine.native.deformation import FieldShape, PlaybackField, deform
-from frog_blender.engine.playback.groups import GROUP_SIZE, pack_lanes
+from frog_blender.engine.playback.groups import (
+    GROUP_SIZE,
+    VisibilityMask,
+    mean_deformed_share,
+    pack_group_bits,
+    sort_by_visibility,
+    visible_intervals,
+)
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.scene.scene_file import SceneFile
 
 
 def play(
@@ -18,27 +28,6 @@ def play(
     """In groups, unless ``kept`` is None."""
     own = arrays if kept is None else in_groups(shape, arrays, kept)
     PlaybackField(shape, own, bool(kept)).deform({}, result)
-
-
-@pytest.mark.parametrize("kept", [False, True])
-@pytest.mark.parametrize("count", [1, GROUP_SIZE, 3 * GROUP_SIZE + 5, 200])
-def test_gaussians_lie_in_groups(count: int, kept: bool) -> None:
-    arrays = field_arrays(FieldShape(0, 4, 4, "off", 10.0, 1.0, 0.5), 5, 3, count, sh_count=4)
-    found = pack_lanes(arrays, kept, rows_at_once=4 * GROUP_SIZE)
-    own = arrays["embeddings"] @ arrays["embedding_weight"].T if kept else arrays["embeddings"]
-    attributes = ("means", "opacity_logits", "sh", "log_scales", "quaternions")
-    expected = np.concatenate([*(arrays[name].reshape(count, -1) for name in attributes), own], axis=1)
-    assert found.dtype == np.float32 and found.shape == (-(-count // GROUP_SIZE), expected.shape[1], GROUP_SIZE)
-    for i, values in enumerate(expected):
-        np.testing.assert_allclose(found[i // GROUP_SIZE, :, i % GROUP_SIZE], values, atol=1e-6)
-    assert not found.transpose(0, 2, 1).reshape(-1, expected.shape[1])[count:].any()
-
-
-def test_heads_take_no_groups() -> None:
-    shape = FieldShape(8, 4, 1, "off", 10.0, 1.0, 0.5)
-    arrays = field_arrays(shape, 20, 5, 30, sh_count=4)
-    with pytest.raises(ValueError, match="heads"):
-        PlaybackField(shape, in_groups(shape, arrays, False))
 
 
 @pytest.mark.parametrize(
@@ -85,29 +74,69 @@ def test_the_same_bits_on_any_number_of_threads(kept: bool) -> None:
         binding.set_thread_count(0)
 
 
-@pytest.mark.parametrize("count", [1, 97, 500])
-def test_unit_quaternions(count: int) -> None:
-    shape = FieldShape(0, 4, 1, "off", 10.0, 1.0, 0.5)
+def test_lifetimes_tell_between_which_frames_gaussians_show() -> None:
+    def opacities(time: float) -> np.ndarray:
+        frame = 4 * time
+        return np.array([0.5, 0.0, 0.5 * (frame <= 1), 0.5 * (2.2 < frame < 2.4), 0.003 * (frame == 3)], np.float32)
+
+    expected = [[1, 0, 1, 0, 0], [1, 0, 1, 0, 0], [1, 0, 0, 1, 0], [1, 0, 0, 0, 0]]
+    np.testing.assert_array_equal(visible_intervals(opacities, 5), np.array(expected, bool))
+
+
+def test_those_of_the_same_times_lie_together() -> None:
+    random = np.random.default_rng(0)
+    kinds = random.random((9, 6)) < 0.4
+    lives = kinds[:, random.integers(6, size=40 * GROUP_SIZE)]
+    order = sort_by_visibility(lives)
+    assert sorted(order) == list(range(40 * GROUP_SIZE))
+    shares = [mean_deformed_share(pack_group_bits(each), 40 * GROUP_SIZE) for each in (lives, lives[:, order])]
+    assert shares[0] > 0.9 and lives.mean() <= shares[1] < lives.mean() + 5 / 40
+
+
+@pytest.mark.parametrize("count", [1, GROUP_SIZE, 9 * GROUP_SIZE + 3])
+def test_bits_come_back_at_a_time(count: int) -> None:
+    lives = np.random.default_rng(count).random((6, count)) < 0.05
+    bits = pack_group_bits(lives)
+    assert bits.dtype == np.uint8 and bits.shape == (6, -(-count // GROUP_SIZE // 8))
+    groups = VisibilityMask(bits, count)
+    for time, interval in ((0.0, 0), (0.1, 0), (0.51, 3), (0.99, 5), (1.0, 5)):
+        expected = [lives[interval, g : g + GROUP_SIZE].any() for g in range(0, count, GROUP_SIZE)]
+        np.testing.assert_array_equal(groups.at(time), np.array(expected, np.uint8))
+
+
+@pytest.mark.parametrize(
+    "bits", [np.zeros((6, 2), np.uint8), np.zeros((0, 1), np.uint8), np.zeros(6, np.uint8), np.zeros((6, 1), "f")]
+)
+def test_bits_of_another_scene_are_refused(bits: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="lifetimes"):
+        VisibilityMask(bits, 100)
+    scene = scene_file(100)
+    with pytest.raises(FrogError, match="lifetimes of 7 groups"):
+        ScenePlayer(SceneFile(scene.header, scene.arrays | {"lifetimes": bits}))
+
+
+@pytest.mark.parametrize("kept", [False, True])
+@pytest.mark.parametrize("count", [5, 7 * GROUP_SIZE, 200])
+def test_unseen_groups_are_as_canonical_but_transparent(count: int, kept: bool) -> None:
+    shape = FieldShape(0, 4, 1, "unit", 10.0, 1.0, 0.5)
     arrays = field_arrays(shape, 20, 5, count, sh_count=4)
-    arrays["output_weight"][6:10], arrays["output_bias"][6:10] = 0, 0
-    arrays["quaternions"][0] = 0  # has no direction, and gets none
-    plain, unit = output_arrays(shape, count), output_arrays(shape, count)
-    deform(shape, arrays, plain)
-    play(shape, arrays, unit)
-    lengths = np.linalg.norm(plain["quaternions"].astype(np.float64), axis=1, keepdims=True)
-    np.testing.assert_allclose(unit["quaternions"], plain["quaternions"] / np.maximum(lengths, 1e-12), atol=3e-7)
-    assert not unit["quaternions"][0].any()
-    for name in ("means", "scales", "opacities", "sh"):
-        np.testing.assert_array_equal(unit[name], plain[name])
-
-
-@pytest.mark.parametrize("deformed", [0, 1, 4, 16])
-def test_colours_that_are_not_given_stay_in_the_output(deformed: int) -> None:
-    shape = FieldShape(0, 16, deformed, "unit", 10.0, 1.0, 0.5)
-    arrays = field_arrays(shape, 20, 5, 300)
-    expected, found = output_arrays(shape, 300), output_arrays(shape, 300)
-    deform(shape, arrays, expected)
-    found["sh"][:] = arrays["sh"]
-    deform(shape, arrays | {"sh": np.ascontiguousarray(arrays["sh"][:, :deformed])}, found)
-    np.testing.assert_array_equal(found["sh"], expected["sh"])
-    np.testing.assert_array_equal(found["means"], expected["means"])
+    field = PlaybackField(shape, in_groups(shape, arrays, kept), kept)
+    whole, still = output_arrays(shape, count), output_arrays(shape, count)
+    field.deform({}, whole)
+    deform(shape, arrays | {"embeddings": arrays["embeddings"][:0]}, still)
+    lengths = np.linalg.norm(still["quaternions"], axis=1, keepdims=True)
+    still["quaternions"] /= np.maximum(lengths, 1e-12)
+    still["opacities"][:] = 0
+    groups = -(-count // GROUP_SIZE)
+    masks = [np.arange(groups) % 3 == k for k in (0, 1)] + [np.zeros(groups, bool), np.ones(groups, bool)]
+    again = output_arrays(shape, count) | {"was_visible": np.ones(groups, np.float32)}
+    for mask in masks:
+        fresh = output_arrays(shape, count)
+        field.deform({}, fresh, mask.astype(np.uint8))
+        field.deform({}, again, mask.astype(np.uint8))
+        seen = np.repeat(mask, GROUP_SIZE)[:count]
+        np.testing.assert_array_equal(again["was_visible"] != 0, mask)
+        for name in ("means", "quaternions", "scales", "opacities"):
+            np.testing.assert_array_equal(fresh[name], again[name], err_msg=name)
+            np.testing.assert_array_equal(fresh[name][seen], whole[name][seen], err_msg=name)
+            np.testing.assert_allclose(fresh[name][~seen], still[name][~seen], rtol=1e-6, atol=1e-6, err_msg=name)

@@ -8,7 +8,7 @@ import pytest
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.surfaces.fusion import MOST_VOXELS, Grid, Mesh, surface_depth, surface_nets, without_islands
+from frog_blender.engine.surfaces.fusion import MOST_VOXELS, Grid, surface_depth, surface_nets
 from frog_blender.engine.surfaces.proxy import make_proxy, steps_of
 
 
@@ -81,26 +81,6 @@ def test_surface_nets_of_a_ball_are_closed_and_face_outwards():
     assert area == pytest.approx(4 * np.pi * 49, rel=0.03)
 
 
-def test_the_surface_ends_where_nothing_is_known():
-    field = np.broadcast_to(np.arange(12.0)[:, None, None] - 5.4, (12, 12, 12)).copy()
-    whole = surface_nets(field)
-    field[:, :6] = np.nan
-    half = surface_nets(field)
-    np.testing.assert_allclose(half.vertices[:, 0], 5.4, atol=1e-6)
-    assert 0 < len(half.quads) < len(whole.quads) and half.vertices[:, 1].min() >= 6
-    assert not len(surface_nets(np.full((4, 4, 4), np.nan)).quads) and not len(surface_nets(np.ones((1, 4, 4))).quads)
-
-
-def test_small_islands_are_left_out():
-    points = np.stack(np.meshgrid(*[np.arange(24.0)] * 3, indexing="ij"), axis=-1)
-    large, small = np.linalg.norm(points - 8, axis=-1) - 5.2, np.linalg.norm(points - 20, axis=-1) - 1.2
-    both, one = surface_nets(np.minimum(large, small)), surface_nets(large)
-    assert len(without_islands(both, 100).quads) == len(one.quads) < len(both.quads)
-    assert len(without_islands(both, 2).quads) == len(both.quads)
-    empty = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 4), np.int32))
-    assert without_islands(empty, 3) is empty
-
-
 def test_the_depth_of_a_slanted_floor_has_no_steps():
     normal = np.array([0.0, -0.5, 1.0]) / np.sqrt(1.25)
     steps = np.linspace(-2, 2, 9)
@@ -114,14 +94,6 @@ def test_the_depth_of_a_slanted_floor_has_no_steps():
     points = camera.center + pixels @ np.linalg.inv(camera.intrinsics).T @ camera.rotation * depth[rows, columns, None]
     inside = np.abs(points[:, :2]).max(1) < 1.5
     assert np.abs(points[inside] @ normal).max() < 0.02
-
-
-def test_what_is_seen_through_has_no_depth():
-    scene = discs(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), 0.3)
-    depth = surface_depth(scene, looking_down())
-    assert depth[32, 32] == pytest.approx(4.0, abs=0.01) and np.isnan(depth[0, 0])
-    scene.opacities[:] = 0.3
-    assert np.isnan(surface_depth(scene, looking_down())).all()
 
 
 def test_a_sphere_of_splats_becomes_a_sphere_within_a_voxel():
