@@ -31,9 +31,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from capture.calibration import sightings
 
-from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.synchronization.run import CalibrationRefused
 
 FRAMES, RATE = 12, 12.0
 """Of each film that is in step; the others are twice as long, for they share only a part."""

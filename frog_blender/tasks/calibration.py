@@ -44,7 +44,7 @@ class CalibrationTask(BackgroundTask):
     @property
     def is_refused(self) -> bool:
         """Whether it failed because the footage does not fix its cameras; the error says what to film next time."""
-        from ..engine.capture.calibration.calibration import CalibrationRefused
+        from ..engine.capture.synchronization.run import CalibrationRefused
 
         return isinstance(self.cause, CalibrationRefused)
 

@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..engine.capture.calibration.films import Film
 from ..engine.capture.calibration.points import read_points
+from ..engine.capture.synchronization.films import Film
 from ..engine.io.atomic_files import write_atomically
 
 FILE = "clicked_points.json"

@@ -11,7 +11,7 @@ from ..engine.arrays import ImageArray
 from ..engine.capture.calibration.drawings import frame_from_above
 from ..engine.capture.capture import Capture
 from ..engine.capture.readers.checks import read_json
-from ..engine.capture.synchronization import Synchronization, draw_curves
+from ..engine.capture.synchronization import draw_curves, read_synchronization
 from ..engine.capture.video import load_opencv
 from ..engine.errors import FrogError
 from ..engine.io.plain_values import UnfitValue
@@ -66,7 +66,7 @@ def curves(report: Path, camera: str = "") -> ImageArray | None:
         return None
     try:
         found = read_json(report).get("synchronization")
-        synchronization = None if found is None else Synchronization.from_json(found)
+        synchronization = None if found is None else read_synchronization(found)
     except (FrogError, UnfitValue):
         return None
     if synchronization is None or not camera:

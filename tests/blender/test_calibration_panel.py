@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from support.training_panel import finish, panel_says
 
-from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
 from frog_blender.engine.capture.synchronization import CameraClock as CameraClockFound
 from frog_blender.engine.capture.synchronization import Synchronization
 from frog_blender.engine.capture.synchronization.pairs import Curve
+from frog_blender.engine.capture.synchronization.run import CalibrationRefused
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.io.plain_values import plain
 from frog_blender.operators.calibrate import CaptureOpening
 from frog_blender.tasks.background_task import Progress
 from frog_blender.tasks.calibration import CalibrationTask
@@ -302,7 +303,7 @@ def synchronization(names):
 
 def test_the_curves_of_a_report_are_drawn(empty, raw):
     write_cameras(raw)
-    report_of(raw, synchronization(film.CAMERAS).to_json())
+    report_of(raw, plain(synchronization(film.CAMERAS)))
     empty.frog.capture_folder = str(raw)
     image = report_images.curves(raw / report_images.REPORT)
     icon = preview_image.icons()[report_images.curves_name(raw)]  # a window alone gives it a number

@@ -12,14 +12,14 @@ import bpy
 import pytest
 from support.training_panel import finish
 
-from frog_blender.engine.capture.calibration.calibration import CalibrationRefused, child_task
+from frog_blender.engine.capture.synchronization.run import CHILD, CalibrationRefused
 from frog_blender.engine.errors import FrogError
 from frog_blender.tasks.calibration import CalibrationTask
 
 
 def started(folder, calibrator=None):
     """A calibration by the real process, which reads its request in a folder."""
-    standing = lambda progress, stopped: child_task("placing_task:place_images").run(folder, progress, stopped)  # noqa: E731
+    standing = lambda progress, stopped: CHILD.run(folder, progress, stopped)  # noqa: E731
     return CalibrationTask(folder, calibrator or standing).start()
 
 

@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.films import find_films
 from frog_blender.engine.capture.calibration.points import read_points
+from frog_blender.engine.capture.synchronization.films import find_films
 from frog_blender.engine.errors import FrogError
 from frog_blender.operators import calibrate
 from frog_blender.ui import points_overlay

@@ -11,12 +11,12 @@ from support.clicks import clicks
 from support.films import encode, numbered
 from support.layouts.rigs import opencv_frames
 
-from frog_blender.engine.capture.calibration.board_file import read_board
+from frog_blender.engine.capture.calibration.board_detection import read_board
 from frog_blender.engine.capture.calibration.points import read_points
 from frog_blender.engine.capture.calibration.report import REPORT, report_lines
-from frog_blender.engine.capture.calibration.work_folder import WorkFolder
 from frog_blender.engine.capture.media import read_film_header, read_photograph, read_sound
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.synchronization.run import WorkFolder
 from frog_blender.engine.capture.video import read_facts, read_image
 from frog_blender.engine.errors import FrogError, printable
 from frog_blender.tasks.clocks import CAMERAS, read_clocks, write_clock

@@ -14,13 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from frog_blender.engine.capture.calibration.calibration import child_task
+from frog_blender.engine.capture.synchronization.run import CHILD
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io import child_process
 from frog_blender.engine.io.child_process import ChildProcess, Stopped, bounded_lines
 
-PLACING = child_task("placing_task:place_images")
-CHILD = [sys.executable, "-m", "frog_blender.engine.io.child_process"]
+COMMAND = [sys.executable, "-m", "frog_blender.engine.io.child_process"]
 posix = pytest.mark.skipif(os.name != "posix", reason="starts scripts and sends signals")
 Stand = Callable[[str], None]
 
@@ -39,7 +38,7 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Stand:
 
 
 def run_placing(folder: Path) -> object:
-    return PLACING.run(folder, lambda *_: None, lambda: False)
+    return CHILD.run(folder, lambda *_: None, lambda: False)
 
 
 def is_gone(process: int) -> bool:
@@ -53,7 +52,7 @@ def is_gone(process: int) -> bool:
 
 
 def test_an_error_in_the_child_is_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "request.json").write_text(json.dumps({"views": [{"key": "0"}], "work": str(tmp_path / "nothing")}))
+    (tmp_path / "request.json").write_text(json.dumps({"room": "calibration"}))
     with pytest.raises(FrogError, match=r"ended with status 1 .*nothing was written"):
         run_placing(tmp_path)
 
@@ -83,7 +82,7 @@ def test_a_child_that_is_stopped_has_ended(tmp_path: Path, stand_in: Stand) -> N
     )
     told: list[tuple[str, int, int]] = []
     with pytest.raises(Stopped):
-        PLACING.run(tmp_path, lambda *step: told.append(step), lambda: bool(told))
+        CHILD.run(tmp_path, lambda *step: told.append(step), lambda: bool(told))
     assert told == [("poses", 1, 2)]
     assert is_gone(int((tmp_path / "pid").read_text()))
 
@@ -101,7 +100,7 @@ def test_what_one_of_several_fails_at_ends_the_others(tmp_path: Path, stand_in: 
     for folder in folders:
         folder.mkdir()
     with pytest.raises(FrogError, match="no memory"):
-        PLACING.run_several(folders, 2, lambda *_: None, lambda: False)
+        CHILD.run_several(folders, 2, lambda *_: None, lambda: False)
     assert is_gone(int((folders[0] / "pid").read_text()))
 
 
@@ -109,9 +108,7 @@ def test_what_one_of_several_fails_at_ends_the_others(tmp_path: Path, stand_in: 
 def test_the_child_ends_with_its_parent(tmp_path: Path) -> None:
     """Its standard input closes when the parent is gone, however that ended."""
     os.mkfifo(tmp_path / "request.json")  # reading it waits for ever
-    child = subprocess.Popen(
-        [*CHILD, "capture.calibration.clocks:synchronization", str(tmp_path)], stdin=subprocess.PIPE
-    )
+    child = subprocess.Popen([*COMMAND, CHILD.name, str(tmp_path)], stdin=subprocess.PIPE)
     assert child.stdin is not None
     time.sleep(0.5)
     child.stdin.close()

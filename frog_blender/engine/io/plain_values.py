@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
-from typing import Any, TypeAlias
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -14,6 +17,8 @@ from ..errors import brief, printable
 
 _MOST_LISTS = 2**20  # a hundred bytes each, however few the text takes for them
 _LARGEST = 2**63
+_FARTHEST = 1e300  # of a number that is read back
+_LONGEST = 2**20  # characters of a text that is read back
 
 
 # Any: of what kind a value is shows only when it is checked, one by one.
@@ -103,6 +108,80 @@ def finite_entries(value: object, what: str) -> JsonObject:
         elif isinstance(each, int | float) and not (math.isfinite(each) if isinstance(each, float) else _fits(each)):
             raise UnfitValue(f"{what} with {brief(each)}", "finite numbers")
     return found
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses, tuples, arrays and paths as JSON has them, numbers that are not finite as null; see ``typed``."""
+    if is_dataclass(value):
+        return {part.name: plain(getattr(value, part.name)) for part in fields(value)}
+    if isinstance(value, np.ndarray):
+        if not value.size and value.ndim > 1:
+            return {"shape": list(value.shape)}
+        if np.isfinite(value).all():
+            return value.tolist()
+        known = value.astype(object)
+        known[~np.isfinite(value)] = None
+        return known.tolist()
+    if isinstance(value, Mapping):
+        return {name: plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value
+
+
+def typed(kind: Any, value: Any, what: str) -> Any:
+    """What ``plain`` made plain, by its type, such as ``tuple[Camera, ...]``; null is NaN where a number is expected.
+
+    UnfitValue for anything else. What a number may be beyond its kind is the caller's to check.
+    """
+    origin, parts = get_origin(kind) or kind, get_args(kind)
+    if origin in (Union, UnionType):
+        if value is None and NoneType in parts:
+            return None
+        return typed(next(part for part in parts if part is not NoneType), value, what)
+    if origin in (Any, NoneType):
+        return value
+    if origin is Literal:
+        if value not in parts:
+            raise UnfitValue(f"{what} = {brief(value)}", f"one of {', '.join(parts)}")
+        return value
+    if origin is np.ndarray:
+        return _typed_array(get_args(parts[1])[0], value, what)
+    if is_dataclass(origin) and isinstance(origin, type):
+        given, hints = entries(value, what), get_type_hints(origin)
+        names = [part.name for part in fields(origin)]
+        if missing := set(names) ^ set(given):
+            raise UnfitValue(f"{what} with or without {min(missing)}", f"one with {', '.join(names)}")
+        return origin(**{name: typed(hints[name], given[name], f"{name} of {what}") for name in names})
+    if issubclass(origin, Mapping):
+        return {str(name): typed(parts[1], each, f"{name} of {what}") for name, each in entries(value, what).items()}
+    if issubclass(origin, str | Path):
+        return origin(text(value, what, _LONGEST))
+    if issubclass(origin, tuple) and parts[-1:] != (...,):
+        kinds = parts or tuple(get_type_hints(origin).values())
+        if len(items(value, what, len(kinds))) != len(kinds):
+            raise UnfitValue(f"{what} of {len(value)}", f"{len(kinds)}")
+        each_typed = [typed(part, each, what) for part, each in zip(kinds, value, strict=True)]
+        return tuple(each_typed) if parts else origin(*each_typed)
+    if issubclass(origin, Sequence):
+        found = [typed(parts[0], each, what) for each in items(value, what, _MOST_LISTS)]
+        return tuple(found) if issubclass(origin, tuple) else found
+    if origin is float:
+        return math.nan if value is None else number(value, what, -_FARTHEST, _FARTHEST)
+    if type(value) is not origin:
+        raise UnfitValue(f"{what} = {brief(value)}", f"a value of kind {origin.__name__}")
+    return value
+
+
+def _typed_array(kind: Any, value: Any, what: str) -> Array:
+    try:
+        if isinstance(value, dict):
+            return np.empty([whole(length, what, 0, _MOST_LISTS) for length in value["shape"]], kind)
+        return np.array(items(value, what, _LARGEST), kind)
+    except (KeyError, TypeError, ValueError, OverflowError, MemoryError) as error:
+        raise UnfitValue(f"{what} that is no array ({brief(error)})", "numbers") from error
 
 
 def _fits(value: int) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -105,10 +104,10 @@ def striding(swing: float) -> Float64s:
     )
 
 
-def rig_errors(found: Calibration, truth: Sequence[Camera]) -> tuple[float, float, float, float]:
+def rig_errors(found: Calibration | Sequence[Camera], truth: Sequence[Camera]) -> tuple[float, float, float, float]:
     """The worst centre in % of the rig's diameter, the worst rotation in degrees and focal length in %, all after the
     similarity that fits the centres best, and that similarity's scale."""
-    cameras = [each.camera for each in found.cameras]
+    cameras = [each.camera for each in found.cameras] if isinstance(found, Calibration) else found
     ours = np.stack([camera.center for camera in cameras])
     theirs = np.stack([camera.center for camera in truth])
     scale, turn, shift = similarity(ours, theirs)
@@ -132,10 +131,3 @@ def similarity(source: Float64s, target: Float64s) -> tuple[float, Float64s, Flo
     turn = left @ flip @ right
     scale = float((values * flip.diagonal()).sum() / ((source - from_middle) ** 2).sum())
     return scale, turn, to_middle - scale * turn @ from_middle
-
-
-def off_center(camera: Camera, x: float, y: float) -> Camera:
-    """The camera with its principal point so many pixels off the middle."""
-    intrinsics = camera.intrinsics.copy()
-    intrinsics[:2, 2] += (x, y)
-    return replace(camera, intrinsics=intrinsics)

@@ -9,7 +9,6 @@ from itertools import combinations
 import numpy as np
 
 from frog_blender.engine.arrays import Array, Float64s
-from frog_blender.engine.capture.calibration.calibration import CalibratedCamera, Calibration, CameraSupport
 from frog_blender.engine.capture.calibration.checks import refusal, warnings
 from frog_blender.engine.capture.calibration.colmap import verified
 from frog_blender.engine.capture.calibration.model import Lens, Model
@@ -17,9 +16,8 @@ from frog_blender.engine.capture.calibration.structure import Images, Solution, 
 from frog_blender.engine.capture.calibration.support import Support, support_of
 from frog_blender.engine.capture.camera import Camera
 
-from .rigs import pixels_of, rig_errors
+from .rigs import pixels_of
 
-_NOTHING = CameraSupport(0, 0.0, 0, 0.0, 0.0, 0.0, 0.0)
 _NOISE = 0.3  # pixels
 _FALSE = 0.15  # of the matches of a pair
 _FURTHEST = 40.0  # degrees between two views of a feature that are still alike
@@ -146,12 +144,3 @@ def camera_of(name: str, size: tuple[int, int], focal: float, pose: Array) -> Ca
     assert np.isfinite(pose).all()
     intrinsics = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
     return Camera(name, *size, intrinsics, np.vstack([pose, [[0.0, 0.0, 0.0, 1.0]]]))
-
-
-def errors(found: Sequence[Camera], truth: Sequence[Camera]) -> tuple[float, float, float]:
-    """The worst centre in % of the rig's diameter, rotation in degrees and focal length in %."""
-    calibration = Calibration(
-        tuple(CalibratedCamera(camera, (0.0, 0.0), _NOTHING, np.empty((0, 3))) for camera in found)
-    )
-    centers, rotations, focals, _ = rig_errors(calibration, truth)
-    return centers, rotations, focals

@@ -9,14 +9,23 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
-from frog_blender.engine.capture.calibration.clocks import FoundClocks
-from frog_blender.engine.capture.calibration.films import Film
+from frog_blender.engine.capture.calibration.calibration import Calibration
 from frog_blender.engine.capture.calibration.sources import TIMES, Source, alternated
+from frog_blender.engine.capture.synchronization import CameraClock, Synchronization
+from frog_blender.engine.capture.synchronization.films import Film
+from frog_blender.engine.capture.synchronization.pairs import no_curve
+from frog_blender.engine.capture.synchronization.run import CalibrationRefused
 
-TOGETHER = {"a": (0.0, 1.0), "b": (0.0, 1.0)}
-LATER = {"a": (0.0, 1.0), "b": (0.5, 1.0)}
-CONTRADICTION = FoundClocks(LATER, "The films' lags contradict each other.")
+
+def clocks(offset: float, refusal: str | None = None) -> Synchronization:
+    cameras = [
+        CameraClock(name, late, 1.0, 1.0, ("motion",), None, no_curve()) for name, late in (("a", 0.0), ("b", offset))
+    ]
+    return Synchronization(tuple(cameras), 1 / 30, refusal=refusal)
+
+
+TOGETHER, LATER = clocks(0.0), clocks(0.5)
+CONTRADICTION = clocks(0.5, "The films' lags contradict each other.")
 
 
 def films() -> list[Film]:
@@ -38,28 +47,27 @@ class Solver:
         return Calibration((), source=f"what moves at {offsets}" if count else "the background")
 
 
-def turns(*found: FoundClocks, has_background: bool) -> tuple[Calibration, list[Film], FoundClocks]:
+def turns(*found: Synchronization, has_background: bool) -> tuple[Calibration, list[Film], Synchronization]:
     answers = iter(found)
     source = Source("features", Solver(has_background=has_background), needs_step=False)
     return alternated(source, films(), lambda *_: next(answers))
 
 
 def test_clocks_that_are_confirmed_are_used() -> None:
-    calibration, timed, found = turns(FoundClocks(LATER), FoundClocks(LATER), has_background=True)
+    calibration, timed, found = turns(LATER, LATER, has_background=True)
     assert calibration.source == "what moves at 0, 0.5"
-    assert [film.offset for film in timed] == [0.0, 0.5] and found.clocks == LATER
+    assert [film.offset for film in timed] == [0.0, 0.5] and found.clocks == LATER.clocks
 
 
-@pytest.mark.parametrize("found", [[CONTRADICTION], [FoundClocks(LATER), CONTRADICTION]])
-def test_clocks_that_contradict_each_other_do_not_touch_the_cameras(found: list[FoundClocks]) -> None:
+@pytest.mark.parametrize("found", [[CONTRADICTION], [LATER, CONTRADICTION]])
+def test_clocks_that_contradict_each_other_do_not_touch_the_cameras(found: list[Synchronization]) -> None:
     calibration, timed, kept = turns(*found, has_background=True)
     assert calibration.source == "the background"
-    assert [film.offset for film in timed] == [0.0, 0.0] and kept.clocks == {}
-    assert kept.warnings == (CONTRADICTION.refusal,)
+    assert [film.offset for film in timed] == [0.0, 0.0] and kept.warnings == (CONTRADICTION.refusal,)
 
 
 def test_films_taken_to_be_in_step_need_clocks_that_agree() -> None:
-    calibration, _, _ = turns(FoundClocks(TOGETHER), has_background=False)
+    calibration, _, _ = turns(TOGETHER, has_background=False)
     assert calibration.source == "what moves at 0, 0"
     with pytest.raises(CalibrationRefused) as refused:
         turns(CONTRADICTION, has_background=False)

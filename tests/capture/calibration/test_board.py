@@ -11,14 +11,13 @@ import pytest
 
 from frog_blender.engine.arrays import Float64s, ImageArray
 from frog_blender.engine.capture.calibration.board import calibrate_board
-from frog_blender.engine.capture.calibration.board_detection import Board, find_board, find_corners
-from frog_blender.engine.capture.calibration.board_file import read_board
-from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
+from frog_blender.engine.capture.calibration.board_detection import Board, find_board, find_corners, read_board
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.synchronization.run import CalibrationRefused
 from frog_blender.engine.capture.video import load_opencv
 from frog_blender.engine.errors import FrogError
 
-from .rigs import WIDE, around, board_poses, corners_seen, facts_of, off_center, pixels_of, rig_errors
+from .rigs import WIDE, around, board_poses, corners_seen, facts_of, pixels_of, rig_errors
 
 BOARD = Board(6, 9, square=0.06, marker=0.75, dictionary="DICT_5X5_100")
 
@@ -27,7 +26,7 @@ def rig(count: int = 3, focal: float = 950.0) -> list[Camera]:
     return around([40.0 * number for number in range(count)], WIDE, focal, distance=1.8)
 
 
-@pytest.mark.parametrize("k1", [0.0, -0.3, 0.15])
+@pytest.mark.parametrize("k1", [0.0, -0.3])
 def test_the_rig_its_lenses_and_its_scale_are_found(k1: float) -> None:
     cameras = [camera.resized(*WIDE) for camera in rig()]
     poses = board_poses(24, 1)
@@ -46,18 +45,7 @@ def test_the_rig_its_lenses_and_its_scale_are_found(k1: float) -> None:
     assert all(each.support.residual < 0.5 for each in found.cameras)
 
 
-def test_a_board_of_unknown_size_gives_a_rig_of_any_scale() -> None:
-    cameras, poses = rig(), board_poses(20, 2)
-    corners = [corners_seen(camera, BOARD, poses, 0.1, i) for i, camera in enumerate(cameras)]
-
-    found = calibrate_board(facts_of(cameras), replace(BOARD, square=None), corners)
-
-    assert rig_errors(found, cameras)[0] < 0.3
-    assert not found.is_metric
-    assert "not given" in found.warnings[0]
-
-
-def test_false_corners_do_not_bend_the_rig() -> None:
+def test_false_corners_do_not_bend_the_rig_of_a_board_of_unknown_size() -> None:
     cameras, poses = rig(), board_poses(24, 3)
     corners = [corners_seen(camera, BOARD, poses, 0.2, i) for i, camera in enumerate(cameras)]
     rng = np.random.default_rng(0)
@@ -66,25 +54,11 @@ def test_false_corners_do_not_bend_the_rig() -> None:
             if each is not None:
                 each.pixels[rng.random(len(each.pixels)) < 0.08] += 60.0
 
-    found = calibrate_board(facts_of(cameras), BOARD, corners)
+    found = calibrate_board(facts_of(cameras), replace(BOARD, square=None), corners)
 
     centers, _, focal, _ = rig_errors(found, cameras)
-    assert centers < 0.5
-    assert focal < 1.0
-
-
-def test_the_principal_point_moves_only_where_the_images_say_it() -> None:
-    cameras = [off_center(camera, 22.0, -15.0) for camera in rig()]
-    many, few = board_poses(30, 4), board_poses(8, 5, tilt=0.35)
-    sure = calibrate_board(
-        facts_of(cameras), BOARD, [corners_seen(c, BOARD, many, 0.05, i) for i, c in enumerate(cameras)]
-    )
-    unsure = calibrate_board(
-        facts_of(cameras), BOARD, [corners_seen(c, BOARD, few, 0.6, i) for i, c in enumerate(cameras)]
-    )
-
-    assert np.allclose([c.camera.intrinsics[:2, 2] for c in sure.cameras], cameras[0].intrinsics[:2, 2], atol=2.0)
-    assert all(np.array_equal(c.camera.intrinsics[:2, 2], [640.0, 360.0]) for c in unsure.cameras)
+    assert centers < 0.5 and focal < 1.0
+    assert not found.is_metric and "not given" in found.warnings[0]
 
 
 def test_a_camera_that_hardly_saw_the_board_is_named() -> None:
@@ -206,13 +180,11 @@ def facing(camera: Camera, board: Board, count: int, tilt: float) -> list[Float6
     [
         Board(4, 5, square=0.08, dictionary="DICT_4X4_50", inverted=True),
         Board(5, 8, square=0.06, dictionary="DICT_5X5_50", marker=0.7, legacy=True),
-        Board(7, 5, square=0.07, dictionary="DICT_6X6_50", marker=0.8),
-        Board(5, 4, square=0.08, dictionary="DICT_APRILTAG_36h11"),
     ],
     ids=str,
 )
 def test_a_charuco_board_is_found_by_itself(board: Board) -> None:
-    found = find_board(views_of(board, 8))
+    found = find_board(views_of(board, 4))
 
     assert found is not None
     assert (found.columns, found.rows, found.dictionary) == (board.columns, board.rows, board.dictionary)
@@ -222,7 +194,7 @@ def test_a_charuco_board_is_found_by_itself(board: Board) -> None:
 
 
 def test_a_checkerboard_is_found_by_itself() -> None:
-    found = find_board(views_of(Board(9, 6, square=0.05, marker=0.0), 8, tilt=0.3))
+    found = find_board(views_of(Board(9, 6, square=0.05, marker=0.0), 5, tilt=0.3))
 
     assert found == Board(9, 6, square=None, marker=0.0)
 
@@ -239,15 +211,14 @@ def test_nothing_is_found_where_nothing_is() -> None:
 @pytest.mark.parametrize(
     "board",
     [
-        Board(5, 7, square=0.06, dictionary="DICT_4X4_50"),
         Board(5, 7, square=0.06, dictionary="DICT_4X4_50", inverted=True),
         Board(9, 6, square=0.05, marker=0.0),
     ],
-    ids=["charuco", "inverted", "checkerboard"],
+    ids=["inverted", "checkerboard"],
 )
 def test_corners_lie_where_they_are(board: Board) -> None:
-    camera = around([0.0], (1200, 900), 1300.0, distance=1.2)[0]
-    poses = facing(camera, board, 6, 0.4)
+    camera = around([0.0], (960, 720), 1040.0, distance=1.2)[0]
+    poses = facing(camera, board, 4, 0.4)
     found = list(find_corners(board, [photographed(board, camera, pose) for pose in poses]))
 
     off = []
@@ -255,7 +226,7 @@ def test_corners_lie_where_they_are(board: Board) -> None:
         if corners is not None:
             truth = pixels_of(camera, board.places @ pose[:3, :3].T + pose[:3, 3])[corners.numbers]
             off.append(corners.pixels - truth)
-    assert len(off) >= 4
+    assert len(off) >= 3
     assert np.abs(np.median(np.concatenate(off), axis=0)).max() < 0.1  # half a pixel if a convention were wrong
     assert np.median(np.linalg.norm(np.concatenate(off), axis=1)) < 0.25
 

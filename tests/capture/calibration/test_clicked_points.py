@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from frog_blender.engine.arrays import Float64s
-from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
-from frog_blender.engine.capture.calibration.points import MANY_ENOUGH, calibrate_clicks
+from frog_blender.engine.capture.calibration.limits import MANY_CLICKS
+from frog_blender.engine.capture.calibration.points import calibrate_clicks
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.synchronization.run import CalibrationRefused
 
 from .rigs import TALL, WIDE, around, facts_of, pixels_of, rig_errors
 
@@ -25,12 +28,12 @@ def clicks(cameras: list[Camera], points: Float64s, noise: float, seed: int) -> 
     return {camera.name: pixels_of(camera, points) + rng.normal(0, noise, (len(points), 2)) for camera in cameras}
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_sixteen_points_two_pixels_off_place_cameras_far_apart(seed: int) -> None:
     cameras = around(FAR_APART, TALL, 1680.0)
-    seen = clicks(cameras, room_points(MANY_ENOUGH, seed), 2.0, seed)
+    seen = clicks(cameras, room_points(MANY_CLICKS, seed), 2.0, seed)
 
-    found = calibrate_clicks(facts_of(cameras), [0] * 4, seen)
+    found = calibrate_clicks(facts_of(cameras), seen)
 
     centers, rotation, focal, _ = rig_errors(found, cameras)
     assert centers < 0.6
@@ -43,7 +46,7 @@ def test_sixteen_points_two_pixels_off_place_cameras_far_apart(seed: int) -> Non
 def test_exact_clicks_give_the_exact_rig() -> None:
     cameras = around([0.0, 40.0, 80.0], WIDE, 1000.0)
 
-    found = calibrate_clicks(facts_of(cameras), [0, 0, 0], clicks(cameras, room_points(20, 3), 0.0, 0))
+    found = calibrate_clicks(facts_of(cameras), clicks(cameras, room_points(20, 3), 0.0, 0))
 
     centers, rotation, focal, _ = rig_errors(found, cameras)
     assert centers < 1e-3
@@ -56,8 +59,9 @@ def test_cameras_of_different_kinds_have_focal_lengths_of_their_own() -> None:
     wide, tall = around([0.0, 60.0], WIDE, 900.0), around([120.0, 200.0], TALL, 1900.0)
     cameras = [*wide, *(camera.resized(*TALL) for camera in tall)]
     cameras = [Camera(f"c{i}", c.width, c.height, c.intrinsics, c.world_to_camera) for i, c in enumerate(cameras)]
+    facts = [replace(facts, group=index // 2) for index, facts in enumerate(facts_of(cameras))]
 
-    found = calibrate_clicks(facts_of(cameras), [0, 0, 1, 1], clicks(cameras, room_points(30, 4), 0.5, 4))
+    found = calibrate_clicks(facts, clicks(cameras, room_points(30, 4), 0.5, 4))
 
     centers, _, focal, _ = rig_errors(found, cameras)
     assert centers < 0.5
@@ -68,21 +72,13 @@ def test_a_point_that_is_another_one_is_found_out() -> None:
     cameras = around(FAR_APART, TALL, 1680.0)
     seen = clicks(cameras, room_points(20, 5), 1.0, 5)
     seen["cam01"][7] += 150.0
+    seen["cam03"][10:12] = np.nan  # not seen
 
-    found = calibrate_clicks(facts_of(cameras), [0] * 4, seen)
+    found = calibrate_clicks(facts_of(cameras), seen)
 
     assert rig_errors(found, cameras)[0] < 0.6
     assert found.cameras[1].support.share < 1.0
     assert (found.cameras[1].observations[:, 2] == 0).sum() == 1
-
-
-def test_points_that_a_camera_does_not_see_are_left_out() -> None:
-    cameras = around(FAR_APART, TALL, 1680.0)
-    seen = clicks(cameras, room_points(24, 6), 1.0, 6)
-    seen["cam00"][:6] = np.nan
-    seen["cam03"][10:16] = np.nan
-
-    assert rig_errors(calibrate_clicks(facts_of(cameras), [0] * 4, seen), cameras)[0] < 0.6
 
 
 def test_too_few_points_are_refused_with_the_camera_s_name() -> None:
@@ -91,30 +87,25 @@ def test_too_few_points_are_refused_with_the_camera_s_name() -> None:
     seen["cam02"][5:] = np.nan
 
     with pytest.raises(CalibrationRefused, match="Camera cam02 has 5 points"):
-        calibrate_clicks(facts_of(cameras), [0] * 4, seen)
+        calibrate_clicks(facts_of(cameras), seen)
+    del seen["cam02"]
+    with pytest.raises(CalibrationRefused, match="Camera cam02 has 0 points"):
+        calibrate_clicks(facts_of(cameras), seen)
 
 
-def test_a_camera_without_any_is_refused() -> None:
-    cameras = around(FAR_APART, TALL, 1680.0)
-    seen = clicks(cameras, room_points(16, 7), 1.0, 7)
-    del seen["cam03"]
-
-    with pytest.raises(CalibrationRefused, match="Camera cam03 has 0 points"):
-        calibrate_clicks(facts_of(cameras), [0] * 4, seen)
-
-
-def test_clicks_at_random_are_refused() -> None:
-    cameras = around(FAR_APART, TALL, 1680.0)
-    rng = np.random.default_rng(8)
-    seen = {camera.name: rng.uniform(0, TALL, (20, 2)) for camera in cameras}
+@pytest.mark.slow  # the mapper tries long where nothing fits
+def test_a_camera_that_was_clicked_at_random_is_refused() -> None:
+    cameras = around(FAR_APART[:3], TALL, 1680.0)
+    seen = clicks(cameras, room_points(20, 8), 1.0, 8)
+    seen["cam02"] = np.random.default_rng(8).uniform(0, TALL, (20, 2))
 
     with pytest.raises(CalibrationRefused):
-        calibrate_clicks(facts_of(cameras), [0] * 4, seen)
+        calibrate_clicks(facts_of(cameras), seen)
 
 
 def test_few_points_come_with_a_warning() -> None:
     cameras = around([0.0, 40.0, 80.0, 120.0], WIDE, 1000.0)
 
-    found = calibrate_clicks(facts_of(cameras), [0] * 4, clicks(cameras, room_points(12, 9), 0.3, 9))
+    found = calibrate_clicks(facts_of(cameras), clicks(cameras, room_points(12, 9), 0.3, 9))
 
     assert any("are few" in warning for warning in found.warnings)

@@ -29,6 +29,6 @@ def test_a_rig_without_points_fills_its_frame() -> None:
 
 
 def test_the_drawing_has_the_wall_and_every_camera() -> None:
-    points = [(x, y, 1.0) for x, y in WALL.tolist()]
-    drawn = rig_from_above(["a", "b<", "c"], ROW.tolist(), [(0.0, 1.0)] * 3, points)
+    points = np.column_stack([WALL, np.ones(len(WALL))])
+    drawn = rig_from_above(["a", "b<", "c"], ROW, np.array([(0.0, 1.0)] * 3), points)
     assert drawn.count("fill='#999'") > 90 and drawn.count("r='4'") == 3 and ">b&lt;<" in drawn

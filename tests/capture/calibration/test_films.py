@@ -2,48 +2,48 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from support.films import encode, numbered, photograph
 
-from frog_blender.engine.capture.calibration.films import (
-    Film,
-    common_times,
-    find_films,
-    is_standing,
-    view_film,
-    with_groups,
-)
+from frog_blender.engine.capture.calibration.views import common_times, images_at, is_standing, view_film, views_of
+from frog_blender.engine.capture.synchronization.films import Film, find_films, kind_by, kind_of, kinds_of
+from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.io.child_process import Stopped
 
-from .walls import camera, film, image, rig, view
+from .walls import camera, film, image, rig
 
 
 def with_ball(base: np.ndarray, frame: int) -> np.ndarray:
     return cv2.circle(base.copy(), (40 + 12 * frame, 120), 14, 255, -1)
 
 
-def test_the_plate_is_the_background(tmp_path: Path) -> None:
+def test_the_median_is_the_background(tmp_path: Path) -> None:
     base = image(rig()[0])
     film(tmp_path / "a.mp4", [with_ball(base, frame) for frame in range(20)])
     (found,) = find_films(tmp_path)
-    view = view_film(found, [0.5, 1.0], lambda: None)
+    view = view_film(found, [0.5, 1.0, 2.5], lambda: None)
     assert np.abs(view.background.astype(int) - base).mean() < 4
     assert view.changing[120, 60:240].all() and view.changing[:80].mean() < 0.1
-    assert [each is not None for each in view.images] == [True, True]
-    assert view.nexts == (None, None)
+    assert [each is not None for each in view.images] == [True, True, False]  # the last is after the last frame
 
 
-def test_a_time_between_frames_has_a_neighbour(tmp_path: Path) -> None:
-    film(tmp_path / "a.mp4", [with_ball(image(rig()[0]), frame) for frame in range(20)])
-    view = view_film(find_films(tmp_path)[0], [0.52, 1.98], lambda: None)
-    assert view.shares[0] == pytest.approx(0.2, abs=1e-6)
-    assert view.nexts[0] is not None
-    assert view.images[1] is None  # after the last frame
+def test_images_are_those_nearest_to_the_times_until_it_is_cancelled(tmp_path: Path) -> None:
+    film(tmp_path / "steps.mp4", [np.full((48, 64), 40 * number, np.uint8) for number in range(5)])
+    (steps,) = find_films(tmp_path)
+    found = list(images_at(steps, [-0.2, 0.0, 0.12, 0.14, 0.31, 0.6], lambda: None))
+    assert [None if image is None else round(float(image.mean()) / 40) for image in found] == [None, 0, 1, 1, 3, None]
+
+    def cancel() -> None:
+        raise Stopped
+
+    with pytest.raises(Stopped):
+        list(images_at(steps, [0.0], cancel))
 
 
 def test_a_standing_camera_stands_and_a_moving_one_moves(tmp_path: Path) -> None:
@@ -95,14 +95,36 @@ def test_a_folder_without_videos_says_what_is_expected(tmp_path: Path) -> None:
         find_films(tmp_path)
 
 
-def test_films_of_almost_one_size_are_of_one_kind_where_that_is_asked_for() -> None:
-    sizes = [(1080, 1920), (1088, 1920), (640, 480), (1080, 1920)]
-    views = [replace(view(each), size=size) for each, size in zip(rig(), sizes, strict=False)]
-    assert [each.group for each in with_groups(views)] == [1, 2, 0, 1]
-    assert [each.group for each in with_groups(views, 0.01)] == [1, 1, 0, 1]
+def sized(width: int, height: int, kind: str = "") -> Film:
+    return Film("a", Path("a"), VideoFacts(width, height, 30, 10.0, np.arange(30) / 10.0), kind=kind)
 
 
-def test_two_makes_of_one_size_are_two_kinds() -> None:
-    views = [view(each) for each in rig()[:4]]
-    kinds = ["Apple, iPhone 13", "Google, Pixel 7", "", "Apple, iPhone 13"]
-    assert [each.group for each in with_groups(views, kinds=kinds)] == [1, 2, 0, 1]
+def test_films_of_one_size_and_make_are_of_one_kind() -> None:
+    sizes = [sized(1080, 1920), sized(1088, 1920), sized(640, 480), sized(1080, 1920)]
+    assert kinds_of(sizes) == [1, 2, 0, 1] and kinds_of(sizes, 0.01) == [1, 1, 0, 1]
+    makes = ["Apple, iPhone 13", "Google, Pixel 7", "", "Apple, iPhone 13"]
+    assert kinds_of([sized(64, 48, make) for make in makes]) == [1, 2, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("tags", "kind"),
+    [
+        ({"com.apple.quicktime.make": "Apple", "com.apple.quicktime.model": "iPhone 13"}, "Apple, iPhone 13"),
+        ({"com.android.manufacturer": "Google", "com.android.model": "Pixel 7"}, "Google, Pixel 7"),
+        ({"firmware": "HD9.01.01.60.00"}, "HD9"),
+        ({"major_brand": "isom", "encoder": "Lavf59.27.100"}, ""),
+    ],
+)
+def test_make_and_model_are_read_from_a_films_tags(tags: dict[str, str], kind: str) -> None:
+    assert kind_by(tags) == kind
+
+
+def test_make_and_model_are_read_from_files(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(0).integers(0, 255, (24, 32, 3), np.uint8)
+    for name, make in {"a": "Sony", "b": "Canon", "c": "Sony"}.items():
+        (tmp_path / name).mkdir()
+        for number in range(3):
+            photograph(tmp_path / name / f"{number:04d}.jpg", pixels, make=make, model="X", focal_length=35)
+    films, run = find_films(tmp_path), Run(WorkFolder(tmp_path / "work"), lambda *_: None, lambda: False)
+    assert films[0].kind == "Sony, X, 35" and [view.group for view in views_of(run, films)] == [1, 0, 1]
+    assert kind_of(encode(tmp_path / "a.mkv", numbered(3), tags={"MAKE": "Sony", "MODEL": "A7"})) == "Sony, A7"

@@ -11,9 +11,7 @@ from support.films import encode
 
 from frog_blender.engine.arrays import Float64s
 from frog_blender.engine.capture.calibration import joint_rig
-from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
-from frog_blender.engine.capture.calibration.clocks import FoundClocks
-from frog_blender.engine.capture.calibration.films import Film, View, find_films
+from frog_blender.engine.capture.calibration.calibration import Calibration
 from frog_blender.engine.capture.calibration.joint_rig import (
     calibrate_joints,
     calibrate_unsynchronised,
@@ -21,11 +19,11 @@ from frog_blender.engine.capture.calibration.joint_rig import (
     moving_tracks,
 )
 from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, agreed_sides, steady_sides, with_sides
-from frog_blender.engine.capture.calibration.placing import Run, place_by_joints, place_by_tracks
-from frog_blender.engine.capture.calibration.work_folder import WorkFolder
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.epipolar import fundamental
-from frog_blender.engine.capture.synchronization import NamedTracks, synchronize
+from frog_blender.engine.capture.synchronization import NamedTracks, Synchronization, synchronize
+from frog_blender.engine.capture.synchronization.films import Film, find_films
+from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run, WorkFolder
 from frog_blender.engine.capture.synchronization.tracks import track_lags
 
 from ..synchronization.moving_scene import MovingScene, cards, ring
@@ -81,27 +79,27 @@ def test_a_walk_places_cameras_that_share_no_features(swapped: tuple[int, int], 
     pixels = walks(cameras, noise=8.0)
     pixels[1, slice(*swapped)] = pixels[1, slice(*swapped)][:, OTHER_SIDE]
 
-    found = place_by_joints(facts_of(cameras), [0] * 4, pixels, run)
+    found = run.in_child(calibrate_joints, facts_of(cameras), pixels)
 
     centers, rotation, focal, _ = rig_errors(found, cameras)
     assert centers < 1.0 and rotation < 1.0 and focal < 3.0
     assert not found.is_metric
 
 
-def test_what_joints_leave_open_is_refused(run: Run) -> None:
+def test_what_joints_leave_open_is_refused() -> None:
     cameras = around(SPREAD[:4], TALL, 1680.0, distance=4.0)
     pixels, times = walks(cameras), np.linspace(0, 12, 40)
     another = pixels.copy()
     another[2] = filmed(cameras[2], 37.0, 9, times=times, pace=-2.3).positions
     with pytest.raises(CalibrationRefused, match=r"cam02|join all cameras|two rigs"):
-        calibrate_joints(facts_of(cameras), [0] * 4, another)
+        calibrate_joints(facts_of(cameras), another)
     few = pixels.copy()
     few[1, 5:] = np.nan
     with pytest.raises(CalibrationRefused, match=r"Camera cam01 shares \d+ joints"):
-        place_by_joints(facts_of(cameras), [0] * 4, few, run)
+        calibrate_joints(facts_of(cameras), few)
     far = around([0.0, 8.0, 16.0], TALL, 1680.0, distance=30.0)
     with pytest.raises(CalibrationRefused):
-        calibrate_joints(facts_of(far), [0, 0, 0], walks(far, noise=2.0, pace=0.0))
+        calibrate_joints(facts_of(far), walks(far, noise=2.0, pace=0.0))
 
 
 # --- clocks from joints
@@ -125,9 +123,9 @@ def frames_off(found: Float64s, truth: Sequence[float]) -> float:
 def test_films_that_began_at_different_times(offsets: list[float], swapped: tuple[int, int]) -> None:
     cameras = around(SPREAD[: len(offsets)], TALL, 1680.0, distance=4.0)
     films = [filmed(c, offsets[i], i, swapped=swapped if i == 1 else (0, 0)) for i, c in enumerate(cameras)]
-    tracks, groups = moving_tracks(facts_of(cameras), films), [0] * len(cameras)
+    tracks = moving_tracks(facts_of(cameras), films)
 
-    calibration, found = calibrate_unsynchronised(facts_of(cameras), groups, tracks, starts_of(tracks), FRAME)
+    calibration, found = calibrate_unsynchronised(facts_of(cameras), tracks, starts_of(tracks), FRAME)
 
     centers, rotation, _, _ = rig_errors(calibration, cameras)
     assert frames_off(found, offsets) < 0.3 and found.min() == 0.0
@@ -139,7 +137,7 @@ def test_films_in_step_stay_exactly_in_step(run: Run) -> None:
     tracks = [filmed(camera, 0.0, i) for i, camera in enumerate(cameras)]
     wrong = [np.array([0.0, 0.4, -0.3])]  # that all are in step is tried as well
 
-    calibration, found = place_by_tracks(facts_of(cameras), [0] * 3, tracks, (wrong, FRAME), run)
+    calibration, found = run.in_child(calibrate_unsynchronised, facts_of(cameras), tracks, wrong, FRAME)
 
     assert (found == 0.0).all() and rig_errors(calibration, cameras)[0] < 1.0
 
@@ -161,7 +159,7 @@ def test_nothing_is_made_up_where_the_films_say_too_little() -> None:
     assert track_lags([walk, nobody], TALL[1]) == []
     apart = [np.array([0.0, 99.0])]
     with pytest.raises(CalibrationRefused):
-        calibrate_unsynchronised(facts, [0, 0], [walk, nobody], apart, FRAME)
+        calibrate_unsynchronised(facts, [walk, nobody], apart, FRAME)
 
 
 @pytest.mark.slow
@@ -170,7 +168,7 @@ def test_cameras_in_a_line_are_refused_or_right() -> None:
     offsets = [0.3, 0.0, 0.15]
     tracks = [filmed(camera, offsets[i], i) for i, camera in enumerate(cameras)]
     try:
-        calibration, found = calibrate_unsynchronised(facts_of(cameras), [0] * 3, tracks, starts_of(tracks), FRAME)
+        calibration, found = calibrate_unsynchronised(facts_of(cameras), tracks, starts_of(tracks), FRAME)
     except CalibrationRefused as error:
         assert "film one person who walks about alone" in str(error)
     else:
@@ -189,19 +187,19 @@ def test_sound_times_films_before_any_joint_is_looked_for(
         encode(tmp_path / f"{name}.mp4", images, rate=20, sound=samples, sound_rate=RATE)
     films, steps = find_films(tmp_path), []
 
-    def find(films: Sequence[Film], tracks: Mapping[str, NamedTracks]) -> FoundClocks:
+    def find(run: Run, films: Sequence[Film], tracks: Mapping[str, NamedTracks]) -> Synchronization:
         steps.append("clocks by joints" if tracks else "clocks")
-        found = synchronize({film.name: film.path for film in films}, tracks=tracks)
-        return FoundClocks({c.name: (c.offset, c.rate) for c in found.cameras}, found.refusal, (), found)
+        return synchronize(films, run, tracks=tracks)
 
-    def of_joints(films: Sequence[Film], views: Sequence[View], times: Sequence[float], *_: object) -> Calibration:
+    def of_joints(_run: Run, films: Sequence[Film], _views: object, times: Sequence[float], _file: Path) -> Calibration:
         steps.append("joints")
         assert films[1].offset - films[0].offset == pytest.approx(0.45, abs=0.02)
         assert times[0] >= 0.45 and times[-1] <= 2.0
         return Calibration(())
 
+    monkeypatch.setattr(joint_rig, "find_clocks", find)
     monkeypatch.setattr(joint_rig, "calibrate_joint_films", of_joints)
-    _, clocks = calibrate_unsynchronised_films(films, [], tmp_path, find, run)
+    _, clocks = calibrate_unsynchronised_films(run, films, [], tmp_path)
 
     assert steps == ["clocks", "joints"] and clocks.by_sound
     assert clocks.clocks["cam01"][0] - clocks.clocks["cam00"][0] == pytest.approx(0.45, abs=0.02)

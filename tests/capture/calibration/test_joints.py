@@ -13,11 +13,11 @@ import pytest
 
 from frog_blender.engine.arrays import Float64s, ImageArray
 from frog_blender.engine.capture.calibration import joint_rig, landmark_file, landmarks
-from frog_blender.engine.capture.calibration.films import View, find_films
 from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, find_joints
 from frog_blender.engine.capture.calibration.landmarks import JOINTS, Box, LandmarkNetwork, Person
-from frog_blender.engine.capture.calibration.placing import Run
-from frog_blender.engine.capture.calibration.work_folder import WorkFolder
+from frog_blender.engine.capture.calibration.views import View, ViewFile
+from frog_blender.engine.capture.synchronization.films import find_films
+from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
 from frog_blender.engine.errors import FrogError
 
 from ..conftest import write_video
@@ -79,15 +79,16 @@ def test_films_are_read_at_the_times_that_are_asked_for(tmp_path: Path, monkeypa
     images = film([(20 + 40 * index, 60) for index in range(6)])
     write_video(tmp_path / "one.avi", 6, 320, 240, lambda index: images[index])
     films = find_films(tmp_path)
-    view = View("one", films[0].size, np.full((240, 320), 40, np.uint8), np.ones((240, 320), bool))
     monkeypatch.setattr(joint_rig, "LandmarkNetwork", lambda path: Watcher())
-    monkeypatch.setattr(joint_rig, "place_by_joints", lambda facts, groups, pixels, run: pixels)
+    monkeypatch.setattr(Run, "in_child", lambda run, function, facts, pixels: pixels)
     asked: list[bool] = []
     run = Run(WorkFolder(tmp_path / "work"), lambda *_: None, lambda: bool(asked.append(True)))
+    view = View(np.full((240, 320), 40, np.uint8), np.ones((240, 320), bool))
+    run.work.keep("view", "0", view.arrays)
 
     rate = films[0].facts.frames_per_second
     times = [1 / rate, 4 / rate, 9 / rate]
-    found = joint_rig.calibrate_joint_films(films, [view], times, tmp_path, run)
+    found = joint_rig.calibrate_joint_films(run, films, [ViewFile("one", films[0].size, "0")], times, tmp_path)
 
     assert np.allclose(found[0, :, 0, 0], [69.5, 189.5, np.nan], atol=1.5, equal_nan=True)  # type: ignore[index]
     assert len(asked) == 3

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.calibration import CalibrationRefused
 from frog_blender.engine.capture.calibration.clocks import find_moving_clocks
-from frog_blender.engine.capture.calibration.films import Film
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.calibration.sequences import sampled
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.synchronization.films import Film
+from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run, WorkFolder
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
 
@@ -94,6 +94,6 @@ def test_films_without_sound_or_timecode_are_taken_to_be_in_step_and_that_is_sai
     for name in "ab":
         film(tmp_path / f"{name}.mp4", [image(each) for each in WALK[:4]])
     films = [Film(name, tmp_path / f"{name}.mp4", facts(name, 4).facts) for name in "ab"]
-    found = find_moving_clocks(films, lambda *_: None, lambda: False)
+    found = find_moving_clocks(Run(WorkFolder(tmp_path), lambda *_: None, lambda: False), films)
     assert found.clocks == {"a": (0.0, 1.0), "b": (0.0, 1.0)}
     assert "taken to be in step" in found.warnings[0]

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from frog_blender.cli.info_command import _checked
+from frog_blender.engine.capture.calibration.calibration import MovingCameras
 from frog_blender.engine.capture.calibration.camera_files import write_cameras
-from frog_blender.engine.capture.calibration.clocks import FoundClocks
-from frog_blender.engine.capture.calibration.films import view_film
+from frog_blender.engine.capture.calibration.model import Lens
 from frog_blender.engine.capture.calibration.report import REPORT, report_lines, write_moving_report, write_report
+from frog_blender.engine.capture.calibration.views import view_film
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization import CameraClock, Synchronization
@@ -38,7 +39,7 @@ def capture(tmp_path: Path) -> Capture:
     write_cameras(tmp_path, calibration, films)
     views = [view_film(film, [], lambda: None) for film in films]
     found = synchronization([film.name for film in films])
-    write_report(tmp_path, calibration, films, views, FoundClocks({}, synchronization=found))
+    write_report(tmp_path, calibration, films, views, found)
     return open_capture(tmp_path)
 
 
@@ -75,9 +76,9 @@ def test_a_report_of_other_cameras_says_so(capture: Capture) -> None:
 
 def test_a_moving_cameras_report(capture: Capture) -> None:
     pose = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
-    result = {"lenses": [{"focal": 500.0, "k1": 0.0, "k2": 0.0}], "poses": [pose] * 86, "points": [], "residual": 0.41}
-    result |= {"focal_uncertainty": 0.001, "halves_apart": 0.002, "costs": [0.1]}
-    write_moving_report(capture.path, result, ["One image could not be placed."])
+    lenses, told = (Lens(640, 480, 500.0),), ("One image could not be placed.",)
+    found = MovingCameras(lenses, tuple(range(86)), np.array([pose] * 86), np.empty((0, 3)), 0.41, 0.001, 0.002, told)
+    write_moving_report(capture.path, found)
     assert report_lines(capture) == [
         "one moving camera, 86 images, median residual 0.41 px, two halves of what was seen put the cameras 0.2 % of "
         "their extent apart",

@@ -9,13 +9,13 @@ import numpy as np
 
 from frog_blender.engine.capture.calibration.calibration import CalibratedCamera, Calibration, CameraSupport
 from frog_blender.engine.capture.calibration.camera_files import is_calibrated, write_cameras
-from frog_blender.engine.capture.calibration.films import Film
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.synchronization.films import Film
 from frog_blender.engine.capture.video import read_facts
 
 from .walls import film, image, rig
 
-EVIDENCE = CameraSupport(100, 0.9, 50, 0.2, 0.5, 0.001, 1.0)
+EVIDENCE = CameraSupport(100, 0.9, 50, 0.2, 0.5, 0.001)
 
 
 def calibrated(folder: Path, k1: float = 0.0) -> tuple[Calibration, list[Film]]:

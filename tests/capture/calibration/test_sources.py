@@ -13,25 +13,37 @@ import numpy as np
 import pytest
 
 from frog_blender.cli.main import main
+from frog_blender.engine.arrays import ImageArray
 from frog_blender.engine.capture.calibration import sources
 from frog_blender.engine.capture.calibration.board_detection import Board
-from frog_blender.engine.capture.calibration.calibration import Calibration, CalibrationRefused
-from frog_blender.engine.capture.calibration.films import Film, View, find_films
+from frog_blender.engine.capture.calibration.calibration import Calibration
 from frog_blender.engine.capture.calibration.pipeline import Options, Outcome, calibrate
-from frog_blender.engine.capture.calibration.points import CameraFacts, calibrate_clicks, read_points
-from frog_blender.engine.capture.calibration.work_folder import NAME
+from frog_blender.engine.capture.calibration.points import calibrate_clicks, facts_of, read_points
+from frog_blender.engine.capture.calibration.views import ViewFile
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.synchronization.films import Film, find_films
+from frog_blender.engine.capture.synchronization.run import NAME, CalibrationRefused
+from frog_blender.engine.capture.video import load_opencv
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
 
 from .rigs import around, board_poses, pixels_of
 from .test_board import photographed
-from .test_board_films import written
 from .walls import center_errors, film, image, rig, texture
 
 BOARD = Board(5, 4, square=0.12, marker=0.75, dictionary="DICT_4X4_50")
 BOARD_FILE = "squares = [5, 4]\nsquare_size = 0.12\nmarker_size = 0.09\ndictionary = 'DICT_4X4_50'\n"
 WALL = 110  # of what ``photographed`` shows beside the board
+
+
+def written(path: Path, images: Sequence[ImageArray]) -> None:
+    """A film of ten images a second, hardly compressed."""
+    cv2 = load_opencv()
+    height, width = images[0].shape
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, (width, height))
+    for shot in images:
+        writer.write(cv2.cvtColor(shot, cv2.COLOR_GRAY2BGR))
+    writer.release()
 
 
 @pytest.fixture(autouse=True)
@@ -171,12 +183,14 @@ def test_a_person_is_looked_for_last(
     shutil.copytree(looked_at, tmp_path / NAME)
     network = tmp_path / "network"
 
-    def of_joints(films: Sequence[Film], views: Sequence[View], times: Sequence[float], file: Path, *_) -> Calibration:
-        assert file == network and len(times) > 5 and [view.name for view in views] == ["cam00", "cam01"]
+    def of_joints(
+        _run: object, films: Sequence[Film], views: Sequence[ViewFile], times: object, file: Path
+    ) -> Calibration:
+        assert file == network and [view.name for view in views] == ["cam00", "cam01"]
         seen = np.random.default_rng(2).uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.8), (30, 3))
         cameras = around([0.0, 30.0], (640, 480), 640.0)
         clicks = {each.name: pixels_of(each, seen) for each in cameras}
-        return calibrate_clicks([CameraFacts(film.name, *film.size) for film in films], [0, 0], clicks)
+        return calibrate_clicks(facts_of(films), clicks)
 
     monkeypatch.setattr(sources, "board_in_films", lambda *_: None)
     with pytest.raises(CalibrationRefused, match=r"2 standing cameras.* their joints will do.*--fetch-landmarks"):

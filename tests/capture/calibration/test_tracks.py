@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.model import Lens
+from frog_blender.engine.capture.calibration.model import Lens, Model
 from frog_blender.engine.capture.calibration.tracks import Tracks, cost, join, located, residuals, triangulate
 
 from .walls import FOCAL, HEIGHT, WIDTH, rig
 
-LENSES = [Lens(WIDTH, HEIGHT, FOCAL)] * 5
+LENSES = (Lens(WIDTH, HEIGHT, FOCAL),) * 5
 POSES = np.stack([camera.world_to_camera[:3] for camera in rig()])
 
 
@@ -25,15 +25,15 @@ def seen(count: int = 40, lens: Lens = LENSES[0]) -> tuple[Tracks, np.ndarray]:
 @pytest.mark.parametrize("lens", [LENSES[0], Lens(WIDTH, HEIGHT, FOCAL, -0.2, 0.05)])
 def test_points_are_where_their_rays_meet(lens: Lens) -> None:
     tracks, points = seen(lens=lens)
-    found = triangulate(tracks, POSES, [lens] * 5)
+    found = triangulate(tracks, Model(POSES, (lens,) * 5))
     assert np.allclose(found, points, atol=1e-6)
-    assert residuals(tracks, found, POSES, [lens] * 5).max() < 1e-4
+    assert residuals(tracks, found, Model(POSES, (lens,) * 5)).max() < 1e-4
 
 
 def test_a_false_observation_does_not_move_its_point() -> None:
     tracks, points = seen()
     tracks.pixels[7] += 30
-    found, distances = located(tracks, POSES, LENSES, np.ones(5))
+    found, distances = located(tracks, Model(POSES, LENSES))
     assert np.allclose(found, points, atol=1e-6)
     assert np.flatnonzero(distances > 1).tolist() == [7]
 
@@ -42,14 +42,14 @@ def test_a_point_behind_a_camera_does_not_agree() -> None:
     tracks, points = seen()
     behind = points.copy()
     behind[0] = [0, 0, -20]
-    assert np.isinf(residuals(tracks, behind, POSES, LENSES)[:5]).all()
+    assert np.isinf(residuals(tracks, behind, Model(POSES, LENSES))[:5]).all()
 
 
 def test_a_camera_without_a_pose_has_no_residual_and_costs_all() -> None:
     tracks, _ = seen()
     poses = POSES.copy()
     poses[2] = np.nan
-    _, distances = located(tracks, poses, LENSES, np.ones(5))
+    _, distances = located(tracks, Model(poses, LENSES))
     assert np.isinf(distances[tracks.cameras == 2]).all() and distances[tracks.cameras != 2].max() < 1e-4
     assert cost(distances, np.ones_like(distances)) == pytest.approx(0.2)
 

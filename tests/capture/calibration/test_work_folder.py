@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.films import arrays_of, view_of
-from frog_blender.engine.capture.calibration.work_folder import WorkFolder
+from frog_blender.engine.capture.calibration.views import view_of
+from frog_blender.engine.capture.synchronization.run import WorkFolder
 
 from .walls import rig, view
 
 
 def test_what_was_kept_is_loaded(tmp_path: Path) -> None:
     work, seen = WorkFolder(tmp_path), view(rig()[0])
-    work.keep("view", "0", arrays_of(seen))
+    work.keep("view", "0", seen.arrays)
     arrays = work.load("view", "0")
     assert arrays is not None
-    again = view_of({"name": seen.name, "size": seen.size, "group": 0}, arrays)
+    again = view_of(arrays)
     assert np.array_equal(again.background, seen.background) and again.images == ()
 
 

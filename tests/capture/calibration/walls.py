@@ -9,8 +9,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from frog_blender.engine.capture.calibration.films import View
+from frog_blender.engine.capture.calibration.views import View, ViewFile
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.capture.synchronization.run import Run, key_of
+
+from .rigs import similarity
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 _TEXELS = 640
@@ -76,7 +79,7 @@ def image(seen_by: Camera, seed: int = 1) -> np.ndarray:
 def view(seen_by: Camera, seed: int = 1) -> View:
     """What calibration looks at, in which nothing moves."""
     plate = image(seen_by, seed)
-    return View(seen_by.name, (seen_by.width, seen_by.height), plate, np.zeros(plate.shape, bool))
+    return View(plate, np.zeros(plate.shape, bool))
 
 
 def distorted_view(seen_by: Camera, k1: float) -> View:
@@ -89,7 +92,7 @@ def distorted_view(seen_by: Camera, k1: float) -> View:
     straight = cv2.undistortPoints(pixels, seen_by.intrinsics, np.array([k1, 0, 0, 0]), P=wide.intrinsics)
     columns, rows = np.float32(straight.reshape(HEIGHT, WIDTH, 2) - 0.5).transpose(2, 0, 1)
     plate = cv2.remap(image(wide), columns, rows, cv2.INTER_LINEAR)
-    return View(seen_by.name, (WIDTH, HEIGHT), plate, np.zeros(plate.shape, bool))
+    return View(plate, np.zeros(plate.shape, bool))
 
 
 def film(path: Path, images: list[np.ndarray]) -> None:
@@ -103,10 +106,17 @@ def film(path: Path, images: list[np.ndarray]) -> None:
 
 def center_errors(found: list[Camera], true: list[Camera]) -> np.ndarray:
     """Distances of the centres after similarity alignment, over the rig's diameter."""
-    a, b = (np.array([each.center for each in cameras]) for cameras in (found, true))
-    diameter = np.linalg.norm(b[:, None] - b, axis=2).max()
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    left, values, right = np.linalg.svd(b.T @ a)
-    signs = np.array([1, 1, np.linalg.det(left @ right)])
-    scale = (values * signs).sum() / (a**2).sum()
-    return np.linalg.norm(scale * a @ (left * signs @ right).T - b, axis=1) / diameter
+    ours, theirs = (np.array([each.center for each in cameras]) for cameras in (found, true))
+    scale, turn, shift = similarity(ours, theirs)
+    diameter = np.linalg.norm(theirs[:, None] - theirs, axis=2).max()
+    return np.linalg.norm(scale * ours @ turn.T + shift - theirs, axis=1) / diameter
+
+
+def kept(run: Run, cameras: list[Camera], views: list[View]) -> list[ViewFile]:
+    """The views in the work folder."""
+    files = []
+    for seen_by, view in zip(cameras, views, strict=True):
+        key = key_of(seen_by.name, *view.arrays.values())
+        run.work.keep("view", key, view.arrays)
+        files.append(ViewFile(seen_by.name, (seen_by.width, seen_by.height), key))
+    return files

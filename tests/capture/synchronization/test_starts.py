@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from support.films import copied, encode
 
+from frog_blender.engine.capture.readers.footage import film_facts
+from frog_blender.engine.capture.synchronization.films import Film
 from frog_blender.engine.capture.synchronization.pairs import PairLag
-from frog_blender.engine.capture.synchronization.recordings import Signal, energy_signal, open_recording
 from frog_blender.engine.capture.synchronization.starts import (
     RATE,
+    Signal,
     audio_lag,
     energy_lag,
+    energy_signal,
     preferred,
     read_audio,
     read_timecode,
@@ -73,20 +76,24 @@ def test_different_sounds_have_no_lag() -> None:
     assert audio_lag((0, 1), (speech(8, 1), speech(8, 2))) is None
 
 
+def opened(path: Path) -> Film:
+    return Film("a", path, film_facts(path))
+
+
 def test_sound_is_read_from_the_films_own_zero(tmp_path: Path) -> None:
     images, sound = [np.full((48, 64, 3), 5 * frame, np.uint8) for frame in range(40)], speech(3)
-    assert read_audio(open_recording("a", encode(tmp_path / "a.mp4", images, rate=10))) is None
+    assert read_audio(opened(encode(tmp_path / "a.mp4", images, rate=10))) is None
     samples = (32_767 * sound).astype(np.int16)[:, None]
     film = encode(tmp_path / "b.mp4", images, rate=10, sound=samples, sound_rate=RATE)
     late = copied(film, tmp_path / "c.mp4", sound_delay=0.5)
     for path, delay in ((film, 0.0), (late, 0.5)):
-        heard = read_audio(open_recording("a", path))
+        heard = read_audio(opened(path))
         assert heard is not None
         found = audio_lag((0, 1), (heard, sound))
         assert found is not None
         assert abs(found.lag - delay) < 0.03  # the encoder's own delay
     muted = encode(tmp_path / "d.mp4", images, rate=10, sound=0 * samples, sound_rate=RATE)
-    assert read_audio(open_recording("a", muted)) is None
+    assert read_audio(opened(muted)) is None
 
 
 # --- motion energy

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from frog_blender.engine.capture.calibration.clocks import find_clocks
-from frog_blender.engine.capture.calibration.films import find_films
-from frog_blender.engine.capture.calibration.work_folder import WorkFolder
+from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Distortion
-from frog_blender.engine.capture.synchronization import Synchronization, synchronize
+from frog_blender.engine.capture.synchronization import Synchronization, draw_curves, synchronize
+from frog_blender.engine.capture.synchronization.films import find_films
+from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
 from frog_blender.engine.io.child_process import Stopped
 
 from .moving_scene import MovingScene, Start, cards, ring, write_film, write_films
 from .test_tracks import seen
 
 SIZE = (200, 150)
+
+
+def run_in(folder: Path, told: list[tuple[str, int, int]] | None = None) -> Run:
+    return Run(WorkFolder(folder), lambda *step: None if told is None else told.append(step), lambda: False)
+
+
+def known(cameras: dict[str, Camera]) -> dict[str, tuple[Camera, Distortion | None]]:
+    return {name: (camera, Distortion(np.zeros(5)) if name == "cam00" else None) for name, camera in cameras.items()}
 
 
 def errors(found: Synchronization, starts: dict[str, Start]) -> np.ndarray:
@@ -29,14 +39,14 @@ def errors(found: Synchronization, starts: dict[str, Start]) -> np.ndarray:
 def test_offsets_are_right_to_a_few_hundredths_of_a_frame(tmp_path: Path) -> None:
     cameras = ring(4, *SIZE)
     starts = {name: Start(o, 20.0) for name, o in zip(cameras, (0.0, 0.317, -0.208, 0.111), strict=True)}
-    films = write_films(tmp_path, MovingScene(cards()), cameras, starts, 2.0)
-    reports: list[float] = []
-    found = synchronize(films, cameras, progress=lambda what, share: reports.append(share))
+    write_films(tmp_path, MovingScene(cards()), cameras, starts, 2.0)
+    told: list[tuple[str, int, int]] = []
+    found = synchronize(find_films(tmp_path), run_in(tmp_path / "work", told), known(cameras))
     assert errors(found, starts).max() < 0.05
     assert found.refusal is None and found.warnings == ()
     assert all(camera.confidence > 0.8 and camera.sources == ("motion",) for camera in found.cameras)
     assert min(offset for offset, _ in found.clocks.values()) == 0
-    assert reports == sorted(reports) and reports[-1] == 1.0
+    assert told[0] == ("sound", 1, 4) and told[-1][0] == "offsets" and told[-1][1] == told[-1][2]
     # The curve's maximum lies at the answer.
     for camera in found.cameras:
         best = camera.curve.lags[int(np.nanargmax(camera.curve.scores))]
@@ -48,13 +58,13 @@ def test_films_of_different_rates_by_cameras_that_are_not_quite_right(tmp_path: 
     starts = {
         name: Start(o, rate) for name, o, rate in zip(cameras, (0.0, 0.217, -0.108), (24.0, 30.0, 24.0), strict=True)
     }
-    films = write_films(tmp_path, MovingScene(cards()), cameras, starts, 2.0)
+    write_films(tmp_path, MovingScene(cards()), cameras, starts, 2.0)
     random = np.random.default_rng(2)
     rough = {
         name: camera.moved(np.radians(random.normal(0, 0.2, 3)), random.normal(0, 0.02, 3))
         for name, camera in cameras.items()
     }
-    found = synchronize(films, rough, distortions={"cam00": Distortion(np.zeros(5))})
+    found = synchronize(find_films(tmp_path), run_in(tmp_path / "work"), known(rough))
     assert errors(found, starts).max() < 0.1
     assert found.refusal is None
 
@@ -62,69 +72,55 @@ def test_films_of_different_rates_by_cameras_that_are_not_quite_right(tmp_path: 
 def test_a_fast_clock_is_measured(tmp_path: Path) -> None:
     cameras = ring(2, *SIZE)
     starts = {"cam00": Start(0.0, 10.0), "cam01": Start(0.13, 10.0, 1.001)}
-    films = write_films(tmp_path, MovingScene(cards()), cameras, starts, 26.0)
-    found = synchronize(films, cameras)
+    write_films(tmp_path, MovingScene(cards()), cameras, starts, 26.0)
+    found = synchronize(find_films(tmp_path), run_in(tmp_path / "work"), known(cameras))
     assert abs(found.clocks["cam01"][1] / found.clocks["cam00"][1] - 1.001) < 1e-4
     assert errors(found, starts).max() < 0.1
 
 
 def test_what_was_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    cameras = ring(2, *SIZE)
+    """And a child finds what this process does."""
+    cameras = known(ring(2, *SIZE))
     starts = {"cam00": Start(0.0, 20.0), "cam01": Start(0.15, 20.0)}
-    films = write_films(tmp_path, MovingScene(cards()), cameras, starts, 1.5)
-    kept = WorkFolder(tmp_path / "kept")
+    write_films(tmp_path, MovingScene(cards()), ring(2, *SIZE), starts, 1.5)
+    films, run, told = find_films(tmp_path), run_in(tmp_path / "kept"), []
     with pytest.raises(Stopped):
-        synchronize(films, cameras, cancelled=lambda: True, kept=kept)
-    first = synchronize(films, cameras, kept=kept)
+        synchronize(films, replace(run, cancelled=lambda: True), cameras)
+    first = synchronize(films, run, cameras)
 
     def decoded(*_: object) -> None:
         raise AssertionError("a film was decoded again")
 
-    monkeypatch.setattr("frog_blender.engine.capture.synchronization.recordings.decode_film", decoded)
-    again = synchronize(films, cameras, kept=kept)
-    assert again.clocks == first.clocks
+    monkeypatch.setattr("frog_blender.engine.capture.synchronization.films.decode_film", decoded)
+    assert synchronize(films, run, cameras).clocks == first.clocks
     monkeypatch.undo()
-    films["cam01"] = write_film(tmp_path / "cam01.mp4", lambda frame: np.full((150, 200, 3), 90, np.uint8), 20, 20.0)
-    assert synchronize(films, cameras, kept=kept).refusal is not None  # another film of the same name
-
-
-def test_the_clocks_of_a_child_are_those_of_this_process(tmp_path: Path) -> None:
-    cameras = ring(2, *SIZE)
-    starts = {"cam00": Start(0.0, 20.0), "cam01": Start(0.15, 20.0)}
-    write_films(tmp_path, MovingScene(cards()), cameras, starts, 1.5)
-    films, told = find_films(tmp_path), []
-    lens = Distortion(np.zeros(5))
-    known = {name: (camera, lens) for name, camera in cameras.items()}
-    found = find_clocks(
-        films, known, None, WorkFolder(tmp_path / "work"), lambda *step: told.append(step), lambda: False
-    )
-    here = synchronize({film.name: film.path for film in films}, cameras)
-    for name, clock in here.clocks.items():
+    found = find_clocks(run_in(tmp_path / "kept", told), films, cameras)
+    for name, clock in first.clocks.items():
         assert found.clocks[name] == pytest.approx(clock, abs=1e-6)
-    assert found.curves is not None and told[-1] == ("synchronisation", 1000, 1000)
+    assert draw_curves(found).ndim == 3 and told[-1][0] == "offsets"
+    write_film(tmp_path / "cam01.mp4", lambda frame: np.full((150, 200, 3), 90, np.uint8), 20, 20.0)
+    assert synchronize(find_films(tmp_path), run, cameras).refusal is not None  # another film of the same name
 
 
 def test_sound_alone_and_named_points_are_asked_in_the_child(tmp_path: Path) -> None:
     cameras = ring(2, *SIZE)
     write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20.0) for name in cameras}, 0.5)
-    films, work = find_films(tmp_path), WorkFolder(tmp_path / "work")
-    silent = find_clocks(films, {}, {}, work, lambda *_: None, lambda: False)
+    films, run = find_films(tmp_path), run_in(tmp_path / "work")
+    silent = synchronize(films, run, tracks={})
     assert silent.refusal is not None and not silent.by_sound  # though their motion is alike
-    tracks = {"cam00": seen(0, 1.0, 60, 1.5), "cam01": seen(2, 1.287, 60, 1.5)}
-    found = find_clocks(films, {}, tracks, work, lambda *_: None, lambda: False)
+    found = find_clocks(run, films, tracks={"cam00": seen(0, 1.0, 60, 1.5), "cam01": seen(2, 1.287, 60, 1.5)})
     assert found.clocks["cam01"][0] - found.clocks["cam00"][0] == pytest.approx(0.287, abs=0.34 / 30)
     assert found.refusal is None and not found.by_sound
     first, *moved = found.likely_offsets(3)
     assert first.tolist() == [offset for offset, _ in found.clocks.values()] and len(moved) <= 2
-    closer = found.with_offsets({"cam00": 0.0, "cam01": 0.29})
-    assert closer.clocks == {"cam00": (0.0, 1.0), "cam01": (0.29, 1.0)}
-    assert closer.facts is not None and "0.29" in str(closer.facts)
+    closer = {"cam00": (0.0, 1.0), "cam01": (0.29, 1.0)}
+    assert found.with_clocks(closer).clocks == closer
 
 
 def test_a_film_that_shares_nothing_is_refused(tmp_path: Path) -> None:
     cameras = ring(2, *SIZE)
-    films = write_films(tmp_path, MovingScene(cards()), cameras, {n: Start(0.0, 20.0) for n in cameras}, 1.0)
-    films["still"] = write_film(tmp_path / "still.mp4", lambda frame: np.full((150, 200, 3), 90, np.uint8), 20, 20.0)
-    found = synchronize(films)
+    write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20.0) for name in cameras}, 1.0)
+    write_film(tmp_path / "still.mp4", lambda frame: np.full((150, 200, 3), 90, np.uint8), 20, 20.0)
+    found = synchronize(find_films(tmp_path), run_in(tmp_path / "work"))
     assert found.refusal is not None and "still" in found.refusal
     assert all(camera.confidence < 0.75 for camera in found.cameras)  # motion energy alone proves little

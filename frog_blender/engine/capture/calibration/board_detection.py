@@ -1,14 +1,19 @@
-"""Finding a ChArUco board or a checkerboard in images, its layout included where nobody gave it."""
+"""ChArUco boards and checkerboards: described in a small TOML or JSON file, or found in images, layout included."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...arrays import Bools, Float64s, ImageArray, Ints
+from ...errors import brief, found_instead
+from ...io.plain_values import JsonObject, UnfitValue, entries, number, plain_json, text, whole
+from ...io.regular_file import regular_file
 from ..video import load_opencv
 
 FAMILIES = ("4X4", "5X5", "6X6", "7X7")
@@ -32,6 +37,9 @@ _LAYOUT_RESIDUAL = 0.12  # of a square, the median marker's distance from where 
 _TRIALS = 200  # of a homography: nearly all markers must fit it
 _SKEW = 0.15  # of a marker's side
 _LEAST_CORNERS = 6
+_MOST_BYTES = 2**16
+_LARGEST = 10.0  # metres of a square
+_INCH = 0.0254
 _REACH = (2, 8)  # pixels about a ChArUco board's corner in which its place is refined
 
 
@@ -321,3 +329,99 @@ def _find_checkerboard(first: list[ImageArray], second: list[ImageArray]) -> Boa
         if sum(find(gray) is not None for gray in second) >= _LEAST_AGREEING:
             return board
     return None
+
+
+# --- boards described in files
+
+
+def read_board(path: Path) -> Board:
+    """The board of a TOML or JSON file.
+
+    Either ``squares = [4, 5]`` (columns, rows), ``square_size`` and ``marker_size`` in metres (no marker: a
+    checkerboard), ``dictionary = "DICT_4X4_50"``, and, where they are so, ``inverted = true`` and ``legacy = true``; or
+    Caliscope's ``charuco.toml``: ``columns``, ``rows``, ``aruco_scale``, ``square_size_override_cm``, ``dictionary``,
+    ``inverted``.
+
+    Raises:
+        FrogError: if the file cannot be read, or describes no board.
+    """
+    regular_file(path, "a board's description")
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise found_instead(path, f"a file of {path.stat().st_size} bytes", "a board's description")
+        content = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise found_instead(path, f"a file that cannot be read ({brief(error)})", "a board's description") from error
+    try:
+        if path.suffix.lower() == ".json":
+            values = entries(plain_json(content, "a text"), "a board")
+        else:
+            values = tomllib.loads(content)
+        return _caliscope(values) if "columns" in values else _own_board(values)
+    except UnfitValue as error:
+        raise found_instead(path, error.found, error.expected) from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise found_instead(
+            path, f"no TOML ({brief(error)})", "a board: squares = [4, 5], square_size = 0.05"
+        ) from error
+
+
+def _own_board(values: JsonObject) -> Board:
+    squares = values.get("squares")
+    if not isinstance(squares, list) or len(squares) != 2:
+        raise UnfitValue(f"squares = {brief(squares)}", "the numbers of columns and rows, as in squares = [4, 5]")
+    columns, rows = (whole(count, "a number of squares", 2, MOST_SQUARES) for count in squares)
+    square = number(values.get("square_size"), "square_size", 1e-4, _LARGEST)
+    if "marker_size" not in values and "dictionary" not in values:
+        return _checked(Board(columns, rows, square, 0.0), values)
+    marker = number(values.get("marker_size"), "marker_size", 0.2 * square, 0.99 * square) / square
+    return _checked(Board(columns, rows, square, marker, _named_dictionary(values)), values)
+
+
+def _caliscope(values: JsonObject) -> Board:
+    columns, rows = (whole(values.get(key), key, 2, MOST_SQUARES) for key in ("columns", "rows"))
+    marker = number(values.get("aruco_scale"), "aruco_scale", 0.2, 0.99)
+    if "square_size_override_cm" in values:
+        square = number(values["square_size_override_cm"], "square_size_override_cm", 0.01, 100 * _LARGEST) / 100
+    else:
+        unit = {"inch": _INCH, "cm": 0.01}.get(str(values.get("units")))
+        if unit is None:
+            raise UnfitValue(f"units = {brief(values.get('units'))}", "inch or cm, or square_size_override_cm")
+        sides = (number(values.get(f"board_{side}"), f"board_{side}", 0.1, 1000) for side in ("width", "height"))
+        square = unit * min(side / count for side, count in zip(sides, (columns, rows), strict=True))
+    return _checked(Board(columns, rows, square, marker, _named_dictionary(values)), values)
+
+
+def _checked(board: Board, values: JsonObject) -> Board:
+    board = replace(board, inverted=_flag(values, "inverted"), legacy=_flag(values, "legacy"))
+    if not board.dictionary and (board.columns + board.rows) % 2 == 0:
+        raise UnfitValue(
+            f"a checkerboard of {board.columns} x {board.rows} squares, which looks the same upside down",
+            "an odd and an even number of squares",
+        )
+    if (board.columns - 1) * (board.rows - 1) < 4:
+        raise UnfitValue(f"a board of {board.columns} x {board.rows} squares", "four inner corners or more")
+    if board.dictionary and _markers_of(board.dictionary) < board.columns * board.rows // 2:
+        raise UnfitValue(f"{board.dictionary} for {board.columns} x {board.rows} squares", "a larger dictionary")
+    return board
+
+
+def _markers_of(dictionary: str) -> int:
+    """How many markers a dictionary has, as far as its name says."""
+    size = dictionary.rsplit("_", 1)[-1]
+    return int(size) if size.isdecimal() else MOST_SQUARES**2
+
+
+def _named_dictionary(values: JsonObject) -> str:
+    name = text(values.get("dictionary"), "dictionary", 64)
+    known = {dictionary.lower(): dictionary for dictionary in DICTIONARIES}
+    if name.lower() not in known:
+        raise UnfitValue(f"dictionary = {brief(name)}", "one of OpenCV's, such as DICT_4X4_50")
+    return known[name.lower()]
+
+
+def _flag(values: JsonObject, key: str) -> bool:
+    value = values.get(key, False)
+    if type(value) is not bool:
+        raise UnfitValue(f"{key} = {brief(value)}", "true or false")
+    return value

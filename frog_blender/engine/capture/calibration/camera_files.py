@@ -15,13 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Float64s
-from ...errors import FrogError, brief
+from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ..readers import layout_of
 from ..readers.frame_times import frame_times
-from .calibration import Calibration
-from .films import Film
+from ..synchronization.films import Film
+from .calibration import Calibration, MovingCameras
+from .model import Lens
 from .sequences import ImageSequence
 
 _CAMERAS, _FOUND = "cameras_opencv.json", "cameras_found"
@@ -48,22 +49,19 @@ def write_cameras(folder: Path, calibration: Calibration, films: Sequence[Film])
 
 
 def write_transforms(
-    folder: Path, sequences: Sequence[ImageSequence], times: Sequence[float], result: JsonObject, *, timed: bool
+    folder: Path, sequences: Sequence[ImageSequence], times: Sequence[float], found: MovingCameras, *, timed: bool
 ) -> Path:
     """Writes the list of posed images that every reader of captures knows, and returns the file.
 
     Args:
         times: of each image of each sequence, in seconds where they are ``timed``.
-        result: the child's (``placing_task.place_images``).
+        found: the cameras.
 
     Raises:
-        FrogError: if it cannot be written, or the result is damaged.
+        FrogError: if it cannot be written.
     """
     rate = _rate(times, folder / _TRANSFORMS) if timed else _FRAMES_PER_SECOND
-    try:
-        listed = _transforms(folder, sequences, times, result) | {"fps": rate}
-    except (KeyError, TypeError, ValueError) as error:
-        raise FrogError(f"{folder}: found a damaged result ({brief(error)}), expected a whole one.") from error
+    listed = _transforms(folder, sequences, times, found) | {"fps": rate}
     return _written(folder, _TRANSFORMS, _TRANSFORMS_FOUND, listed)
 
 
@@ -229,17 +227,17 @@ def _rate(times: Sequence[float], path: Path) -> float:
 
 
 def _transforms(
-    out: Path, sequences: Sequence[ImageSequence], times: Sequence[float], result: JsonObject
+    out: Path, sequences: Sequence[ImageSequence], times: Sequence[float], found: MovingCameras
 ) -> JsonObject:
     """nerfstudio's list: camera to world in OpenGL's axes, and a time for each image.
 
     The lens of one camera is everyone's; of several each image has its own.
     """
-    lenses = [_lens(lens) for lens in result["lenses"]]
+    lenses = [_lens(lens) for lens in found.lenses]
     images = [(path, index) for index, sequence in enumerate(sequences) for path in sequence.images]
     frames = []
-    for image, pose in zip(result["placed"], result["poses"], strict=True):
-        matrix: Float64s = np.vstack([np.asarray(pose, np.float64).reshape(3, 4), [[0.0, 0.0, 0.0, 1.0]]])
+    for image, pose in zip(found.placed, found.poses, strict=True):
+        matrix: Float64s = np.vstack([pose, [[0.0, 0.0, 0.0, 1.0]]])
         path, sequence = images[image]
         frame = {
             "file_path": path.resolve().relative_to(out.resolve()).as_posix(),
@@ -250,18 +248,7 @@ def _transforms(
     return (lenses[0] if len(sequences) == 1 else {}) | {"frames": frames}
 
 
-def _lens(lens: JsonObject) -> JsonObject:
-    width, height, focal = int(lens["width"]), int(lens["height"]), float(lens["focal"])
-    return {
-        "camera_model": "OPENCV",
-        "w": width,
-        "h": height,
-        "fl_x": focal,
-        "fl_y": focal,
-        "cx": width / 2,
-        "cy": height / 2,
-        "k1": float(lens["k1"]),
-        "k2": float(lens["k2"]),
-        "p1": 0.0,
-        "p2": 0.0,
-    }
+def _lens(lens: Lens) -> JsonObject:
+    size = {"camera_model": "OPENCV", "w": lens.width, "h": lens.height, "fl_x": lens.focal, "fl_y": lens.focal}
+    middle = {"cx": lens.width / 2, "cy": lens.height / 2}
+    return {**size, **middle, "k1": lens.k1, "k2": lens.k2, "p1": 0.0, "p2": 0.0}

@@ -1,10 +1,7 @@
 """Whether a solution is to be used: what is not gets a sentence that names cameras, and says what to film.
 
 A low residual proves nothing, so none of these checks looks at it. What they ask is whether independent parts of the
-data agree: three cameras about a point, three rotations around a triangle, two starts, two halves.
-
-All limits stand in one table, each with the rig that needs it: of docs/experiments/calibration.md where nothing else is
-said.
+data agree: three cameras about a point, two halves. Limits stand in the table of ``limits``.
 """
 
 from __future__ import annotations
@@ -14,31 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..epipolar import fundamental, sampson_distances
-from .calibration import CameraSupport, PairSupport
-from .colmap import LEAST_MATCHES, undistorted_pixels, verified
+from . import limits
+from .calibration import PairSupport
+from .colmap import undistorted_pixels, verified
 from .model import Model
 from .structure import Images, Solution
-from .support import CLOSES, Support
+from .support import Support
 from .tracks import Pairs
-
-# The table of limits. Refused beyond:
-LEAST_SHARED = 15  # points seen with two other images at once: "arc of 5, 40 degrees apart", "tele", "back to back"
-MOST_UNSURE = (
-    0.05  # standard deviation of a focal length, over it: "row of 6, parallel", "before a flat wall, parallel"
-)
-MOST_APART = 0.03  # of the rig or path, between two halves of the points: "studio, box that sways" (3.1 %)
-LEAST_CLOSING = 0.3  # share of a camera's triangles: equal tiles, where all tracks agree
-LEAST_PLACED = 0.8  # of a moving camera's images: "studio, box that goes along, 28 %" (9 of 24)
-BOARD_RESIDUAL = 0.004  # of the longer side, median of a camera's corners: films out of step, another board
-# A warning from:
-FEW_SHARED = 60  # points: "3 cameras, little texture" (focal length 1 % off), "dark", "ring of 8"
-DOUBTFUL_UNSURE = 0.02  # focal length: "3 cameras, little texture"
-DOUBTFUL_APART = 0.005  # what is asked of centres: the wrong paths of "attic, box that sways" lay 1 to 3 % apart
-LEAST_AGREEING = 0.5  # of a camera's observations: "arc of 5 in a workshop, not in step" (16 % wrong)
-MOST_MOVING = 0.08  # of near matches: "studio, box that goes along, 50 %" has 13 %, the real ``hand_mono`` 4 %
-DOUBTFUL_BOARD_RESIDUAL = 0.0015  # films of a board a little out of step
-# What a sentence says:
-PARALLEL = 5.0  # degrees between the directions of all cameras: so little fixes no focal length; "row of 6, parallel"
 
 _NAMED = 6  # pairs in a sentence
 _GAPS = (1, 2)  # images between two that are compared: farther ones share too little to tell motion from false matches
@@ -71,14 +50,9 @@ def refusal(solution: Solution, support: Support) -> str | None:
         )
     placed = solution.adjusted.model.placed if solution.adjusted is not None else []
     lost = [name for index, name in enumerate(names) if index not in placed]
-    weak = [name for name, camera in zip(names, cameras, strict=False) if camera.shared_by_three < LEAST_SHARED]
+    weak = [name for name, camera in zip(names, cameras, strict=False) if camera.shared_by_three < limits.LEAST_SHARED]
     if lost or weak:
-        return (_unseen if support.connected else _unconnected)(solution, support, lost or weak)
-    if contradicted := [name for name, camera in zip(names, cameras, strict=True) if is_contradicted(camera)]:
-        return (
-            f"The views of {listed(contradicted)} contradict the others: the rotations of most triangles of cameras do "
-            f"not close within {CLOSES:g} degrees. {remedy}."
-        )
+        return _unseen(solution, support, lost or weak) if support.connected else _unconnected(support, lost or weak)
     return _open(solution, max(camera.focal_uncertainty for camera in cameras), "the cameras", "the rig's size", remedy)
 
 
@@ -87,7 +61,7 @@ def moving_refusal(solution: Solution, sequences: Sequence[tuple[str, int]]) -> 
     if solution.adjusted is None:
         return f"No two images of the moving camera could be placed. {_MOVING_REMEDY}."
     for sentence, lost, count in _unplaced(solution, sequences):
-        if lost > (1 - LEAST_PLACED) * count:
+        if lost > (1 - limits.LEAST_PLACED) * count:
             beside = " beside those of the other cameras: film past the same things" if len(sequences) > 1 else ""
             return f"{sentence}{beside}. {_MOVING_REMEDY}."
     return _open(solution, _path_uncertainty(solution), "the camera", "its path", _MOVING_REMEDY)
@@ -96,14 +70,13 @@ def moving_refusal(solution: Solution, sequences: Sequence[tuple[str, int]]) -> 
 def warnings(solution: Solution, support: Support) -> list[str]:
     """Sentences about what is in doubt though nothing speaks against it."""
     names, cameras, found = support.names, support.cameras, []
-    if weak := [name for name, camera in zip(names, cameras, strict=True) if camera.shared_by_three < FEW_SHARED]:
+    if weak := [
+        name for name, camera in zip(names, cameras, strict=True) if camera.shared_by_three < limits.FEW_SHARED
+    ]:
         others = "the walk-through" if support.connected else "two other cameras at once"
         found.append(f"Few points are seen by {listed(weak)} and {others}: look at the result.")
-    alone = [name for name, camera in zip(names, cameras, strict=True) if np.isnan(camera.closing)]
-    if alone and not support.connected:
-        found.append(f"No triangle of matching pairs tests {listed(alone)}: look at the result.")
     found += _doubts(solution, max(camera.focal_uncertainty for camera in cameras), "the rig's size")
-    if doubted := [name for name, camera in zip(names, cameras, strict=True) if camera.share < LEAST_AGREEING]:
+    if doubted := [name for name, camera in zip(names, cameras, strict=True) if camera.share < limits.LEAST_AGREEING]:
         found.append(f"Most matches of {listed(doubted)} disagree with the solution: look at the result.")
     return found
 
@@ -112,22 +85,13 @@ def moving_warnings(solution: Solution, sequences: Sequence[tuple[str, int]], mo
     """The same for moving cameras; ``moving`` is the share of matches that ``moving_share`` tells."""
     found = [f"{sentence}." for sentence, lost, _ in _unplaced(solution, sequences) if lost]
     found += _doubts(solution, _path_uncertainty(solution), "the path's size")
-    if moving > MOST_MOVING:
+    if moving > limits.MOST_MOVING:
         found.append(
             f"{100 * moving:.0f} % of the matches between neighbouring images move otherwise than the rest: something "
             "large moves, and the camera's path may be wrong, or relative to it. Look at the result; next time let "
             "more of what rests be seen around it."
         )
     return found
-
-
-def is_contradicted(camera: CameraSupport) -> bool:
-    """Whether triangles of pairs speak against a camera, and too few points about which three cameras agree for it.
-
-    Rotations of pairs that few matches determine are off by degrees, so that they alone prove nothing either.
-    """
-    is_supported = camera.shared_by_three >= FEW_SHARED and camera.share >= LEAST_AGREEING
-    return camera.closing < LEAST_CLOSING and not is_supported
 
 
 def listed(names: Sequence[str], most: int = _NAMED) -> str:
@@ -139,16 +103,10 @@ def listed(names: Sequence[str], most: int = _NAMED) -> str:
 
 
 def _open(solution: Solution, unsure: float, what: str, size: str, remedy: str) -> str | None:
-    """Why the data leave a solution open: its focal length, another solution, or its places."""
-    if not unsure <= MOST_UNSURE:
+    """Why the data leave a solution open: its focal length, or its places."""
+    if not unsure <= limits.MOST_UNSURE:
         return f"The images do not fix the focal length (within {_percent(unsure)}). {_fixing(solution, remedy)}."
-    if solution.rivals:
-        factor = max(solution.rivals, key=lambda ratio: abs(np.log(ratio)))
-        return (
-            f"Two solutions fit the images equally well, with focal lengths a factor {factor:.2f} apart. "
-            f"{_fixing(solution, remedy)}."
-        )
-    if not solution.halves_apart <= MOST_APART:
+    if not solution.halves_apart <= limits.MOST_APART:
         return (
             f"Two halves of the points put {what} {_percent(solution.halves_apart)} of {size} apart: there are too "
             f"few. {remedy}."
@@ -158,9 +116,9 @@ def _open(solution: Solution, unsure: float, what: str, size: str, remedy: str) 
 
 def _doubts(solution: Solution, unsure: float, size: str) -> list[str]:
     found = []
-    if unsure > DOUBTFUL_UNSURE:
+    if unsure > limits.DOUBTFUL_UNSURE:
         found.append(f"The focal length is known within {_percent(unsure)} only.")
-    if solution.halves_apart > DOUBTFUL_APART:
+    if solution.halves_apart > limits.DOUBTFUL_APART:
         found.append(f"Camera positions are known within about {_percent(solution.halves_apart)} of {size} only.")
     return found
 
@@ -174,23 +132,23 @@ def _fixing(solution: Solution, remedy: str) -> str:
         return remedy
     model = solution.adjusted.model
     ahead = model.poses[model.placed][:, 2, :3]
-    if np.degrees(np.arccos(np.clip((ahead @ ahead.T).min(), -1, 1))) < PARALLEL:
+    if np.degrees(np.arccos(np.clip((ahead @ ahead.T).min(), -1, 1))) < limits.PARALLEL:
         return "Turn the cameras towards one place: they look in the same direction; or hold a ChArUco board"
     return "Next time fill more of the images with textured things at different depths, or hold a ChArUco board"
 
 
-def _unconnected(_solution: Solution, support: Support, lost: Sequence[str]) -> str:
+def _unconnected(support: Support, lost: Sequence[str]) -> str:
     """The refusal for cameras that share no points with two others, with the pairs that do match."""
     names, pairs = support.names, support.pairs
 
     def named(pair: PairSupport) -> str:
         return f"{names[pair.one]}-{names[pair.other]}"
 
-    good = sorted((pair for pair in pairs if pair.agreeing >= LEAST_SHARED), key=lambda pair: -pair.agreeing)
+    good = sorted((pair for pair in pairs if pair.agreeing >= limits.LEAST_SHARED), key=lambda pair: -pair.agreeing)
     apart = [
         named(pair)
         for pair in pairs
-        if pair.agreeing < LEAST_SHARED and not {names[pair.one], names[pair.other]}.isdisjoint(lost)
+        if pair.agreeing < limits.LEAST_SHARED and not {names[pair.one], names[pair.other]}.isdisjoint(lost)
     ]
     matching = [f"{named(pair)} ({pair.agreeing} points)" for pair in good]
     only = f"only {listed(matching)} match" + ("es" if len(matching) == 1 else "") if matching else "no pair matches"
@@ -251,7 +209,7 @@ def moving_share(images: Images, model: Model, matches: Pairs, lengths: Sequence
     shares = []
     for pair in near[:: max(1, -(-len(near) // _MOST_PAIRS))]:
         found = matches[pair]
-        if len(found) < LEAST_MATCHES:
+        if len(found) < limits.LEAST_MATCHES:
             continue
         lenses = [model.lenses[index] for index in pair]
         matrix = fundamental(*(lens.camera("", model.poses[index]) for lens, index in zip(lenses, pair, strict=True)))

@@ -18,16 +18,16 @@ from ...arrays import Bools, Float64s, Ints
 from ...errors import FrogError
 from ...optional_imports import is_missing, not_loaded
 from ..video import load_opencv
+from .limits import LEAST_MATCHES
 from .model import Lens, Model
 from .tracks import Pairs, Tracks, located
 
-LEAST_MATCHES = 15
-"""Matches that a pair of cameras must have after the check."""
 _UNCALIBRATED = 3  # pycolmap.TwoViewGeometryConfiguration
 MODELS = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _TOLERANCES = (1e-5, 1e-7)
 """Of the cost, in each round: the first only tells which observations are false."""
-_SOFT = 0.5  # of a false observation's residual: from there on the loss grows slowly
+SOFT = 0.5
+"""Of a false observation's residual: from there on the loss grows slowly."""
 
 
 def load_pycolmap() -> Any:  # pycolmap's own types do not pass mypy's strict checks
@@ -47,53 +47,27 @@ def load_pycolmap() -> Any:  # pycolmap's own types do not pass mypy's strict ch
     return pycolmap
 
 
-def _two_view_options(limit: float, *, with_pose: bool = False) -> Any:  # pycolmap.TwoViewGeometryOptions
-    """The options of every two-view check: equal seeds give equal results.
-
-    Args:
-        limit: pixels by which a true match may miss its epipolar line.
-    """
-    found = load_pycolmap().TwoViewGeometryOptions()
-    found.min_num_inliers = LEAST_MATCHES
-    found.ransac.max_error = limit
-    found.ransac.random_seed = 0
-    found.ransac.confidence = 0.9999
-    found.detect_watermark = False  # which asks whether matches lie at the edge and do not move
-    found.compute_relative_pose = with_pose
-    return found
-
-
 def verified(one: Lens, pixels: Float64s, other: Lens, other_pixels: Float64s, matches: Ints) -> Ints:
     """Those of the matches (M, 2) that agree with one geometry; the lenses' sizes count, their focal lengths do not."""
     if len(matches) < LEAST_MATCHES:
         return np.empty((0, 2), np.int64)
-    geometry = load_pycolmap().estimate_two_view_geometry(
+    pycolmap = load_pycolmap()
+    options = pycolmap.TwoViewGeometryOptions()
+    options.min_num_inliers = LEAST_MATCHES
+    options.ransac.max_error = max(one.limit, other.limit)  # pixels by which a true match may miss its epipolar line
+    options.ransac.random_seed = 0
+    options.ransac.confidence = 0.9999
+    options.detect_watermark = False  # which asks whether matches lie at the edge and do not move
+    geometry = pycolmap.estimate_two_view_geometry(
         colmap_camera(one, 1, "SIMPLE_PINHOLE"),
         pixels,
         colmap_camera(other, 2, "SIMPLE_PINHOLE"),
         other_pixels,
         matches.astype(np.uint32),
-        _two_view_options(max(one.limit, other.limit)),
+        options,
     )
     inliers = np.asarray(geometry.inlier_matches, np.int64).reshape(-1, 2)
     return inliers if len(inliers) >= LEAST_MATCHES else np.empty((0, 2), np.int64)
-
-
-def relative_rotation(
-    one: Lens, pixels: Float64s, other: Lens, other_pixels: Float64s, matches: Ints
-) -> Float64s | None:
-    """(3, 3) rotation from one camera's axes to the other's, by the lenses' focal lengths; None where none is found."""
-    pycolmap = load_pycolmap()
-    geometry = pycolmap.estimate_calibrated_two_view_geometry(
-        colmap_camera(one, 1, "SIMPLE_PINHOLE"),
-        undistorted_pixels(one, pixels),
-        colmap_camera(other, 2, "SIMPLE_PINHOLE"),
-        undistorted_pixels(other, other_pixels),
-        matches.astype(np.uint32),
-        _two_view_options(max(one.limit, other.limit), with_pose=True),
-    )
-    pose = geometry.cam2_from_cam1
-    return None if pose is None else np.asarray(pose.rotation.matrix(), np.float64)
 
 
 def colmap_camera(lens: Lens, number: int, model: str) -> Any:  # pycolmap.Camera
@@ -255,17 +229,16 @@ def adjust(model: Model, tracks: Tracks, groups: Sequence[int], coefficients: Se
         groups: cameras of one group share their lens.
         coefficients: for each camera how many of k1 and k2 are free: 0, 1 or 2. The others are taken as zero.
     """
-    limits = np.array([lens.limit for lens in model.lenses])
     uncertainty = np.full(len(model.lenses), np.inf)
     for tolerance in _TOLERANCES:
-        points, distances = located(tracks, model.poses, model.lenses, limits)
-        used = (distances <= limits[tracks.cameras]) & np.isfinite(points).all(axis=1)[tracks.points]
+        points, distances = located(tracks, model)
+        used = (distances <= model.limits[tracks.cameras]) & np.isfinite(points).all(axis=1)[tracks.points]
         lengths = np.bincount(tracks.points[used], minlength=tracks.count)
         used &= lengths[tracks.points] >= 2
         if not used.any():
             break
         model, uncertainty = _solve(model, (tracks, used, points, distances), groups, coefficients, tolerance)
-    points, distances = located(tracks, model.poses, model.lenses, limits)
+    points, distances = located(tracks, model)
     return Adjusted(model, points, distances, uncertainty)
 
 
@@ -284,7 +257,7 @@ def _solve(
     options.ceres.solver_options.function_tolerance = tolerance
     options.ceres.solver_options.max_num_iterations = 60
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = _SOFT * min(lens.limit for lens in model.lenses)
+    options.ceres.loss_function_scale = SOFT * min(lens.limit for lens in model.lenses)
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
     adjuster.solve()
     covariance = pycolmap.estimate_ba_covariance(_intrinsics_only(), reconstruction, adjuster)

@@ -10,7 +10,6 @@ import numpy as np
 
 from ...arrays import Float64s, ImageArray
 from ..video import load_opencv
-from .calibration import PairSupport
 
 _SIDE, _MARGIN = 560, 40
 _DOTS = 1500  # points in the drawing of a rig
@@ -18,21 +17,16 @@ _FARTHEST = 8.0  # in halves of the rig's extent, from its middle: farther point
 _WIDE = 480  # pixels of a camera's image
 _GREEN, _RED = (60, 170, 40), (40, 40, 220)  # blue, green, red
 
-Place = tuple[float, float]
 
-
-def rig_from_above(
-    names: Sequence[str], places: Sequence[Place], ahead: Sequence[Place], points: Sequence[Sequence[float]]
-) -> str:
+def rig_from_above(names: Sequence[str], cameras: Float64s, directions: Float64s, points: Float64s) -> str:
     """The cameras and points as an SVG, y up.
 
     Args:
-        places: x and y of each camera.
-        ahead: x and y of its viewing direction.
-        points: x, y and z each.
+        cameras: (C, 2), x and y of each.
+        directions: (C, 2), x and y of its viewing direction.
+        points: (P, 3).
     """
-    cameras, directions = np.array(places).reshape(-1, 2), np.array(ahead).reshape(-1, 2)
-    dots = np.array([point[:2] for point in points]).reshape(-1, 2)[:: max(1, len(points) // _DOTS)]
+    dots = points[:: max(1, len(points) // _DOTS), :2]
     middle, reach = frame_from_above(cameras, dots)
     near = dots[np.abs(dots - middle).max(axis=1, initial=0.0) <= reach]
     scale = (_SIDE / 2 - _MARGIN) / reach
@@ -69,44 +63,29 @@ def frame_from_above(cameras: Float64s, points: Float64s) -> tuple[Float64s, flo
     return (low + high) / 2, max(float((high - low).max()) / 2, 1e-9)
 
 
-def matches_table(names: Sequence[str], pairs: Sequence[PairSupport]) -> str:
-    """A square table of the points that agree for each pair; the more, the darker."""
-    counts = {(pair.one, pair.other): pair for pair in pairs}
-    most = max((pair.agreeing for pair in pairs), default=1) or 1
-    rows = ["<tr><th></th>" + "".join(f"<th>{escape(name)}</th>" for name in names) + "</tr>"]
-    for i, name in enumerate(names):
-        cells = []
-        for j in range(len(names)):
-            pair = counts.get((min(i, j), max(i, j)))
-            if pair is None:
-                cells.append("<td></td>")
-                continue
-            title = f"{pair.matches} matches, {pair.verified} pass the two-view check, {pair.agreeing} agree"
-            shade = 0.5 * (pair.agreeing / most) ** 0.5
-            cells.append(f"<td title='{title}' style='background:rgba(40,120,200,{shade:.2f})'>{pair.agreeing}</td>")
-        rows.append(f"<tr><th>{escape(name)}</th>{''.join(cells)}</tr>")
-    return f"<table>{''.join(rows)}</table>"
-
-
-def camera_image(background: ImageArray, size: tuple[int, int], observations: Float64s) -> str:
+def camera_image(background: ImageArray, width: int, observations: Float64s) -> str:
     """A camera's background with observations in it, as an ``img`` element.
 
     Args:
-        size: width and height of the film, in whose pixels the observations are.
+        width: of the film, in whose pixels the observations are.
         observations: (N, 3) x, y, and 1 for those that agree.
     """
     cv2 = load_opencv()
-    scale = _WIDE / size[0]
-    small = cv2.resize(background, (_WIDE, max(1, round(size[1] * scale))), interpolation=cv2.INTER_AREA)
+    scale = _WIDE / width
+    height = max(1, round(background.shape[0] * _WIDE / background.shape[1]))
+    small = cv2.resize(background, (_WIDE, height), interpolation=cv2.INTER_AREA)
     image = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
     for x, y, agrees in observations.tolist():
         cv2.circle(image, (int(x * scale), int(y * scale)), 2, _GREEN if agrees else _RED, -1, cv2.LINE_AA)
-    _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 80])
-    return f"<img alt='' src='data:image/jpeg;base64,{base64.b64encode(content.tobytes()).decode()}'>"
+    return _element(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 80])
 
 
 def wide_image(image: ImageArray) -> str:
     """An image (H, W, 3) RGB as an ``img`` element, without loss."""
-    cv2 = load_opencv()
-    _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    return f"<img alt='' src='data:image/png;base64,{base64.b64encode(content.tobytes()).decode()}'>"
+    return _element(".png", image[..., ::-1])
+
+
+def _element(ending: str, image: ImageArray, options: Sequence[int] = ()) -> str:
+    _, content = load_opencv().imencode(ending, np.ascontiguousarray(image), options)
+    kind = {".jpg": "jpeg", ".png": "png"}[ending]
+    return f"<img alt='' src='data:image/{kind};base64,{base64.b64encode(content.tobytes()).decode()}'>"

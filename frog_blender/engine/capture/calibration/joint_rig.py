@@ -8,7 +8,7 @@ leaves open, and refines them to a part of a frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -18,11 +18,12 @@ import numpy as np
 
 from ...arrays import Float64s
 from ..epipolar import fundamental
-from ..synchronization import NamedTracks
-from .board import images_at
-from .calibration import Calibration, CalibrationRefused
-from .clocks import FoundClocks, with_clocks
-from .films import Film, View, common_times
+from ..synchronization import NamedTracks, Synchronization
+from ..synchronization.films import Film, with_clocks
+from ..synchronization.run import CalibrationRefused, Run
+from . import limits
+from .calibration import Calibration
+from .clocks import find_clocks
 from .joints import (
     agreed_sides,
     find_joints,
@@ -34,43 +35,25 @@ from .joints import (
 )
 from .landmarks import JOINTS, LandmarkNetwork
 from .model import Model
-from .placing import Run, place_by_joints, place_by_tracks
 from .points import CameraFacts, PointRig, PointViews, solve_points
+from .views import ViewFile, common_times, images_at
 
 TIMES = 40
 """Common times at which joints are looked for: 30 are enough, and each costs a quarter of a second a camera."""
 REMEDY = "film one person who walks about alone for ten seconds or more, near and far, where all cameras see them whole"
-_LIMIT = 0.016  # of the longer side: a joint that is farther off is another one (left for right), or guessed
-_LEAST_JOINTS = 120  # of each camera, seen by another at the same time
-_APART, _DOUBTFUL_APART = 0.05, 0.01  # of the rig's diameter: where two halves of the times put a camera
-_LEAST_SHARE = 0.5  # of a camera's joints that must fit
 _SIDE_ROUNDS = 2  # of asking the other cameras which side is left
 # Clocks from joints alone.
 _MOST_IMAGES = 80  # of each film
 _INTERVALS = (1 / 30, 0.1)  # seconds between them: a walking person's joints are known between them
 _LONGEST_GAP = 0.25  # seconds between two images across which a joint is interpolated
-_LEAST_IMAGES, _LEAST_MOVING = 10, 6  # of a joint, and joints that must move: else noise is taken for motion
-_LEAST_RANGE = 0.02  # of the person's height, how far a joint that moves goes, as a median
 _MOST_STARTS = 4
-_ROUNDS = 5  # of reading joints at corrected times
+_ROUNDS = 6  # of reading joints at corrected times
 _SETTLED = 0.02  # of the interval
 _FIRST_TIMES = 30  # at which joints are compared in the first round
-_AS_GOOD = 1.1  # times the least cost, which another answer may have: chance does as much
-_AS_LONG = 0.9  # of the longest time that answers as good explain: less is easier to fit
-_CORRELATED = 4.0  # times the standard deviation: joints of successive images err together
-_LEAST_SHIFT = 0.2  # frames by which films in step may differ
-_UNSURE = 0.5  # frames of standard deviation of an offset
-
-Find = Callable[[Sequence[Film], Mapping[str, NamedTracks]], FoundClocks]
-"""The films' clocks by sound, else by points known by name."""
 
 
 def calibrate_joint_films(
-    films: Sequence[Film],
-    views: Sequence[View],
-    times: Sequence[float],
-    network: Path,
-    run: Run,
+    run: Run, films: Sequence[Film], views: Sequence[ViewFile], times: Sequence[float], network: Path
 ) -> Calibration:
     """The cameras of films in which one person walks about, from their joints at common capture times in seconds.
 
@@ -82,18 +65,13 @@ def calibrate_joint_films(
         CalibrationRefused: see ``calibrate_joints``.
         FrogError: for a film that cannot be decoded, or another file than the network's.
     """
-    joints = _joints_of_films(films, views, [times] * len(films), network, run)
-    facts = [CameraFacts(film.name, *film.size) for film in films]
-    return place_by_joints(facts, [view.group for view in views], np.stack(joints), run)
+    joints = _joints_of_films(run, films, views, [times] * len(films), network)
+    return run.in_child(calibrate_joints, _facts(views), np.stack(joints))
 
 
 def calibrate_unsynchronised_films(
-    films: Sequence[Film],
-    views: Sequence[View],
-    network: Path,
-    find: Find,
-    run: Run,
-) -> tuple[Calibration, FoundClocks]:
+    run: Run, films: Sequence[Film], views: Sequence[ViewFile], network: Path
+) -> tuple[Calibration, Synchronization]:
     """The cameras and the clocks of films in which one person walks about, whenever each film began.
 
     Sound is asked first. Where it does not tell, the joints of a few seconds about the middle of the shortest film are
@@ -103,12 +81,11 @@ def calibrate_unsynchronised_films(
         CalibrationRefused: if neither sound nor joints tell the clocks, or the joints fit no rig, or several.
         FrogError: as of ``calibrate_joint_films``.
     """
-    heard = find(films, {})
+    heard = find_clocks(run, films, tracks={})
     if heard.by_sound:
         timed = with_clocks(films, heard.clocks)
-        common = common_times(timed, TIMES)
-        return calibrate_joint_films(timed, views, common, network, run), heard
-    shortest = min(float(film.stamps[-1] - film.stamps[0]) for film in films)
+        return calibrate_joint_films(run, timed, views, common_times(timed, TIMES), network), heard
+    shortest = min(film.duration for film in films)
     interval = float(np.clip(shortest / _MOST_IMAGES, *_INTERVALS))
     window = min(shortest, _MOST_IMAGES * interval)
     spread = np.arange(0.0, window + 1e-6, interval) + (shortest - window) / 2
@@ -117,53 +94,52 @@ def calibrate_unsynchronised_films(
         after = np.searchsorted(film.stamps, film.stamps[0] + spread - 1e-6)
         times.append(film.stamps[np.unique(np.minimum(after, len(film.stamps) - 1))])
     unplaced = [replace(film, offset=0.0, rate=1.0) for film in films]
-    joints = _joints_of_films(unplaced, views, [stamps.tolist() for stamps in times], network, run)
-    facts = [CameraFacts(film.name, *film.size) for film in films]
+    joints = _joints_of_films(run, unplaced, views, [stamps.tolist() for stamps in times], network)
+    facts = _facts(views)
     tracks = moving_tracks(facts, [NamedTracks(*film) for film in zip(times, joints, strict=True)])
-    found = find(films, {film.name: track for film, track in zip(films, tracks, strict=True)})
+    found = find_clocks(run, films, tracks={film.name: track for film, track in zip(films, tracks, strict=True)})
     if found.refusal is not None:
         raise CalibrationRefused(f"The joints do not tell when the films began: {REMEDY}. {found.refusal}")
     frame = 1 / min(film.facts.frames_per_second for film in films)
-    groups = [view.group for view in views]
     starts = found.likely_offsets(_MOST_STARTS)
-    calibration, offsets = place_by_tracks(facts, groups, tracks, (starts, frame), run)
-    return calibration, found.with_offsets(dict(zip(found.clocks, offsets.tolist(), strict=True)))
+    calibration, offsets = run.in_child(calibrate_unsynchronised, facts, tracks, starts, frame)
+    clocks = {film.name: (offset, 1.0) for film, offset in zip(films, offsets.tolist(), strict=True)}
+    return calibration, replace(found.with_clocks(clocks), warnings=())
+
+
+def _facts(views: Sequence[ViewFile]) -> list[CameraFacts]:
+    return [CameraFacts(view.name, *view.size, view.group) for view in views]
 
 
 def _joints_of_films(
-    films: Sequence[Film],
-    views: Sequence[View],
-    times: Sequence[Sequence[float]],
-    network: Path,
-    run: Run,
+    run: Run, films: Sequence[Film], views: Sequence[ViewFile], times: Sequence[Sequence[float]], network: Path
 ) -> list[Float64s]:
     """(T, 16, 2) joints of whoever moves in each film, at ascending capture times in seconds."""
     loaded = LandmarkNetwork(network)
     joints = []
-    for index, (film, view, film_times) in enumerate(zip(films, views, times, strict=True)):
+    for index, (film, file, film_times) in enumerate(zip(films, views, times, strict=True)):
         run.progress("joints", index, len(films))
+        view = file.load(run.work)
         joints.append(find_joints(loaded, images_at(film, film_times, run.check), view.background, view.changing))
     return joints
 
 
-def calibrate_joints(facts: Sequence[CameraFacts], groups: Sequence[int], pixels: Float64s) -> Calibration:
+def calibrate_joints(facts: Sequence[CameraFacts], pixels: Float64s) -> Calibration:
     """The rig that saw a person's joints, at an arbitrary scale.
 
     Args:
         facts: of the cameras.
-        groups: cameras of one number share their focal length.
         pixels: (C, T, 16, 2) joints at the same times; NaN where none is surely seen.
 
     Raises:
         CalibrationRefused: if too few joints are shared, do not fit, or leave a focal length open, or if two halves of
             the times disagree.
     """
-    return _judged(facts, _rig_of(facts, groups, pixels, halves=True))
+    return _judged(facts, _rig_of(facts, pixels, halves=True))
 
 
 def _rig_of(
     facts: Sequence[CameraFacts],
-    groups: Sequence[int],
     pixels: Float64s,
     moving: Float64s | None = None,
     *,
@@ -179,11 +155,11 @@ def _rig_of(
     """
     pixels = np.where(np.isfinite(pixels[..., :1]).sum(0) < 2, np.nan, pixels)  # of no use, and no fault
     sides = np.array([camera.side for camera in facts])
-    views = PointViews(facts, np.array(groups), pixels.reshape(len(facts), -1, 2), _LIMIT, REMEDY)
+    views = PointViews(facts, pixels.reshape(len(facts), -1, 2), limits.JOINT_FALSE, REMEDY)
     for camera, count in zip(facts, views.seen.sum(1).tolist(), strict=True):
-        if count < _LEAST_JOINTS:
+        if count < limits.JOINTS:
             raise CalibrationRefused(
-                f"Camera {camera.name} shares {count} joints of a person with the others, expected {_LEAST_JOINTS} or "
+                f"Camera {camera.name} shares {count} joints of a person with the others, expected {limits.JOINTS} or "
                 f"more: {REMEDY}."
             )
     times = np.repeat(np.arange(pixels.shape[1]), len(JOINTS))
@@ -199,7 +175,7 @@ def _rig_of(
         cameras = [calibrated.camera for calibrated in fitted.calibration.cameras]
         pairs = combinations(range(len(cameras)), 2)
         matrices = {(one, other): fundamental(cameras[one], cameras[other]) for one, other in pairs}
-        swapped = agreed_sides(pixels, matrices, float(_LIMIT * sides.max()))
+        swapped = agreed_sides(pixels, matrices, float(limits.JOINT_FALSE * sides.max()))
         if not swapped.any():
             break
         pixels = with_sides(pixels, swapped)
@@ -211,7 +187,7 @@ def _rig_of(
 def _judged(facts: Sequence[CameraFacts], found: PointRig) -> Calibration:
     """A rig's calibration, with a warning where two halves of the times disagree a little, refused where by a lot."""
     for camera, share in zip(facts, found.shares.tolist(), strict=True):
-        if share < _LEAST_SHARE:
+        if share < limits.JOINTS_AGREEING:
             raise CalibrationRefused(
                 f"Only {100 * share:.0f} % of the joints that camera {camera.name} sees fit the other cameras: the "
                 f"films are not in step, or it sees another person; {REMEDY}."
@@ -219,12 +195,12 @@ def _judged(facts: Sequence[CameraFacts], found: PointRig) -> Calibration:
     calibration, apart = found.calibration, found.calibration.halves_apart
     if len(facts) == 2:
         warning = "Nothing but each other tests two cameras' positions: look at the result."
-    elif apart > _APART:
+    elif apart > limits.JOINTS_APART:
         raise CalibrationRefused(
             f"The film's two halves put the cameras {100 * apart:.0f} % of the rig's size apart: "
             f"{REMEDY}, or hold a board into the views."
         )
-    elif apart > _DOUBTFUL_APART:
+    elif apart > limits.DOUBTFUL_JOINTS_APART:
         warning = f"Camera positions are known within about {100 * apart:.1f} % of the rig's size only."
     else:
         return calibration
@@ -248,16 +224,16 @@ def moving_tracks(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks]) -
                 f"{REMEDY}."
             )
         pixels = without_strays(with_sides(track.positions, steady_sides(track.positions)))
-        seen = np.isfinite(pixels[:, :, 0]).sum(0) >= _LEAST_IMAGES
+        seen = np.isfinite(pixels[:, :, 0]).sum(0) >= limits.JOINT_IMAGES
         if not seen.any():
             raise CalibrationRefused(f"The film of camera {camera.name} shows no person: {REMEDY}.")
         shown = pixels[:, seen]
         ranges = np.nanmedian(np.abs(shown - np.nanmedian(shown, axis=0)), axis=0).max(1)
-        moving = int((ranges > _LEAST_RANGE * float(np.median(heights(shown)))).sum())
-        if moving < _LEAST_MOVING:
+        moving = int((ranges > limits.JOINT_RANGE * float(np.median(heights(shown)))).sum())
+        if moving < limits.JOINTS_MOVING:
             raise CalibrationRefused(
-                f"Only {moving} joints move in the film of camera {camera.name}, expected {_LEAST_MOVING} or more, so "
-                f"that nothing tells when it began: {REMEDY}."
+                f"Only {moving} joints move in the film of camera {camera.name}, expected {limits.JOINTS_MOVING} or "
+                f"more, so that nothing tells when it began: {REMEDY}."
             )
         clean.append(replace(track, positions=pixels))
     return clean
@@ -272,17 +248,12 @@ class _Timed(NamedTuple):
 
 
 def calibrate_unsynchronised(
-    facts: Sequence[CameraFacts],
-    groups: Sequence[int],
-    tracks: Sequence[NamedTracks],
-    starts: Sequence[Float64s],
-    frame: float,
+    facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks], starts: Sequence[Float64s], frame: float
 ) -> tuple[Calibration, Float64s]:
     """The rig, and the offsets (C,) in seconds that explain a person's joints best, the least of them 0.
 
     Args:
         facts: of the cameras.
-        groups: cameras of one number share their focal length.
         tracks: each film's joints (``moving_tracks``).
         starts: offsets (C,) in seconds that may be right to a frame or two; that all are 0 is tried as well.
         frame: seconds between frames of the slowest film.
@@ -295,43 +266,43 @@ def calibrate_unsynchronised(
     in_step = np.zeros(len(tracks))
     for start in (*starts, in_step) if all(np.ptp(start) >= frame for start in starts) else starts:
         try:
-            answers.append(_timed(facts, groups, tracks, start))
+            answers.append(_timed(facts, tracks, start))
         except CalibrationRefused as error:
             refused = refused or error
     if not answers:
         raise refused or CalibrationRefused(f"The films share too few joints of a person: {REMEDY}.")
     least = min(answer.rig.cost for answer in answers)
-    good = sorted((answer for answer in answers if answer.rig.cost <= _AS_GOOD * least), key=lambda one: one.rig.cost)
+    good = sorted(
+        (answer for answer in answers if answer.rig.cost <= limits.JOINTS_AS_GOOD * least), key=lambda one: one.rig.cost
+    )
     # A person who walks repeats themselves: for a second or so, cameras about them fit as well at a stride's distance
     # in time and elsewhere in space. Of answers as good, those that explain a short time have been tested less.
     longest = max(answer.shared for answer in good)
-    best, *rivals = [answer for answer in good if answer.shared >= _AS_LONG * longest]
+    best, *rivals = [answer for answer in good if answer.shared >= limits.JOINTS_AS_LONG * longest]
     for rival in rivals:
         if np.ptp(rival.offsets - best.offsets) >= frame:
             raise CalibrationRefused(f"The joints fit at several offsets of the films equally well: {REMEDY}.")
-    sigmas = _CORRELATED * best.rig.delay_sigmas
+    sigmas = limits.JOINT_CORRELATED * best.rig.delay_sigmas
     worst = int(np.argmax(sigmas))
-    if not sigmas[worst] <= _UNSURE * frame:
+    if not sigmas[worst] <= limits.JOINT_UNSURE * frame:
         raise CalibrationRefused(
             f"The joints leave open when the film of camera {facts[worst].name} began, within "
             f"{1000 * sigmas[worst]:.0f} ms: {REMEDY}."
         )
-    is_in_step = np.ptp(best.offsets) <= max(_LEAST_SHIFT * frame, 2 * float(sigmas.max()))
+    is_in_step = np.ptp(best.offsets) <= max(limits.JOINT_SHIFT * frame, 2 * float(sigmas.max()))
     offsets = in_step if is_in_step else best.offsets - best.offsets.min()
     pixels, _ = _read(tracks, offsets, _MOST_IMAGES)
-    return _judged(facts, _rig_of(facts, groups, pixels, start=best.rig.model, halves=True)), offsets
+    return _judged(facts, _rig_of(facts, pixels, start=best.rig.model, halves=True)), offsets
 
 
-def _timed(
-    facts: Sequence[CameraFacts], groups: Sequence[int], tracks: Sequence[NamedTracks], start: Float64s
-) -> _Timed:
+def _timed(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks], start: Float64s) -> _Timed:
     """Bundle adjustments of cameras and clocks, each from joints read at the offsets that the one before corrected."""
-    offsets, rig = start, None
+    offsets, rig, interval = start, None, max(track.interval for track in tracks)
     for turn in range(_ROUNDS):
         pixels, moving = _read(tracks, offsets, _MOST_IMAGES if turn else _FIRST_TIMES)
-        rig = _rig_of(facts, groups, pixels, moving, start=None if rig is None else rig.model)
-        offsets = offsets - rig.delays
-        if turn and np.ptp(rig.delays) < _SETTLED * max(track.interval for track in tracks):
+        rig = _rig_of(facts, pixels, moving, start=None if rig is None else rig.model)
+        offsets = offsets - rig.delays.clip(-interval, interval)
+        if turn and np.ptp(rig.delays) < _SETTLED * interval:
             break
     assert rig is not None  # there is at least one round
     first, last = _common(tracks, offsets)

@@ -11,13 +11,13 @@ import numpy as np
 
 from ...arrays import Float32s, Float64s, ImageArray, Ints
 from ...io.child_process import Progress
+from ..synchronization.moving_points import mutual
 from .colmap import undistorted_pixels, verified
 from .features import Features
 from .model import Lens
 from .tracks import Pairs
 
 _RATIO = 0.8
-_ROWS = 2048  # of the distance matrix at once
 _EXHAUSTIVE = 60
 """Images of one sequence up to which every pair is matched."""
 _OVERLAP = 10  # neighbours in time that an image is matched with, besides those 16, 32, ... images away
@@ -42,7 +42,7 @@ def pairs_to_match(lengths: Sequence[int]) -> list[tuple[int, int]]:
             np.unique(np.linspace(0, lengths[index] - 1, max(1, round(share * lengths[index]))).round().astype(int))
             for index in (one, other)
         ]
-        pairs += [(starts[one] + i, starts[other] + j) for i, j in product(*(places.tolist() for places in spread))]
+        pairs += [(starts[one] + i, starts[other] + j) for i, j in product(*(images.tolist() for images in spread))]
     return sorted(pairs)
 
 
@@ -75,38 +75,14 @@ def verified_again(matches: Pairs, pixels: Sequence[Float64s], lenses: Sequence[
 
 def match(one: Features, other: Features) -> Ints:
     """(M, 2) int64 indices of matching features; only features of one moment are compared."""
-    found = []
+    found = [np.empty((0, 2), np.int64)]
     for moment in np.intersect1d(one.moments, other.moments):
         here, there = np.flatnonzero(one.moments == moment), np.flatnonzero(other.moments == moment)
-        pairs = _mutual_nearest(one.descriptors[here], other.descriptors[there])
-        found.append(np.stack([here[pairs[:, 0]], there[pairs[:, 1]]], axis=1))
-    return np.concatenate(found) if found else np.empty((0, 2), np.int64)
-
-
-def _mutual_nearest(one: ImageArray, other: ImageArray) -> Ints:
-    """(M, 2) int64 pairs of descriptors (N, 128) uint8 that are each other's nearest, by Lowe's ratio test (2004)."""
-    if len(one) < 2 or len(other) < 2:
-        return np.empty((0, 2), np.int64)
-    left, right = _unit(one), _unit(other)
-    nearest = np.empty(len(left), np.int64)
-    clear = np.empty(len(left), bool)
-    best_back = np.full(len(right), -2.0, np.float32)
-    back = np.zeros(len(right), np.int64)
-    for top in range(0, len(left), _ROWS):
-        likeness = left[top : top + _ROWS] @ right.T
-        rows = np.arange(len(likeness))
-        best = likeness.argmax(axis=1)
-        first = likeness[rows, best]
-        columns = likeness.argmax(axis=0)
-        values = likeness[columns, np.arange(len(right))]
-        better = values > best_back
-        best_back[better], back[better] = values[better], columns[better] + top
-        likeness[rows, best] = -2.0
-        second = likeness.max(axis=1)
-        nearest[top : top + _ROWS] = best
-        clear[top : top + _ROWS] = 1 - first < _RATIO**2 * (1 - second)  # squared distances of unit vectors, halved
-    chosen = np.flatnonzero(clear & (back[nearest] == np.arange(len(left))))
-    return np.stack([chosen, nearest[chosen]], axis=1)
+        if min(len(here), len(there)) > 1:
+            likeness = _unit(one.descriptors[here]) @ _unit(other.descriptors[there]).T
+            nearest, farther = mutual(likeness, _RATIO)
+            found.append(np.stack([here[nearest], there[farther]], axis=1))
+    return np.concatenate(found)
 
 
 def _unit(descriptors: ImageArray) -> Float32s:

@@ -91,6 +91,11 @@ class Model:
     lenses: tuple[Lens, ...]
 
     @property
+    def limits(self) -> Float64s:
+        """(cameras,) pixels beyond which an observation is false."""
+        return np.array([lens.limit for lens in self.lenses])
+
+    @property
     def placed(self) -> list[int]:
         """The cameras that have a pose."""
         found: list[int] = np.flatnonzero(np.isfinite(self.poses).all(axis=(1, 2))).tolist()

@@ -10,17 +10,20 @@ import numpy as np
 
 from ...errors import FrogError
 from ...io.child_process import Progress
-from .calibration import Calibration, CalibrationRefused
+from ..synchronization import Synchronization
+from ..synchronization.films import Film, find_films, with_clocks
+from ..synchronization.run import NAME, CalibrationRefused, Run, WorkFolder
+from .calibration import Calibration
 from .camera_files import write_cameras, write_transforms
-from .clocks import FoundClocks, Synchronize, find_clocks, find_moving_clocks, with_clocks
-from .films import Film, find_films, is_standing
+from .clocks import find_moving_clocks
 from .landmark_file import landmark_file
-from .placing import Run, place_images
+from .placing import place_moving
 from .report import write_moving_report, write_report
 from .sequences import film_images, image_files, still_images, walk_throughs
-from .sources import AUTO, Options, Source, calibrate_by, in_threads, sources, views_of
-from .work_folder import NAME, WorkFolder, key_of, key_of_file
+from .sources import AUTO, Options, Source, calibrate_by, sources
+from .views import is_standing, views_of
 
+_MOST_DECODED = 4  # films at once
 __all__ = ["AUTO", "Options", "Outcome", "calibrate"]
 
 
@@ -43,19 +46,12 @@ class Outcome:
     warnings: tuple[str, ...]
 
 
-def calibrate(
-    folder: Path,
-    options: Options,
-    progress: Progress,
-    cancelled: Callable[[], bool],
-    synchronize: Synchronize | None = find_clocks,
-) -> Outcome:
+def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Callable[[], bool]) -> Outcome:
     """Finds the cameras of a folder of films and writes them.
 
     Args:
         progress: told a stage's name, and how much of how much is done.
         cancelled: asked several times a second.
-        synchronize: finds the films' clocks; with None films are taken to be in step.
 
     Raises:
         CalibrationRefused: if the footage does not fix its cameras: why, and what to film next time.
@@ -69,25 +65,26 @@ def calibrate(
     run = Run(WorkFolder(out / NAME), progress, cancelled)
     images = still_images(folder)
     if images:
-        return _of_moving(images, FoundClocks({}), out, run)
+        return _of_moving(images, Synchronization(), out, run)
     films = with_clocks(find_films(folder), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
-    standing = in_threads(run, lambda film: _is_standing(film, run), films, "films")
+    standing = run.in_threads("films", lambda film: _is_standing(film, run), films, _MOST_DECODED)
     if not any(standing):
-        clocks = FoundClocks({})
-        if len(films) > 1 and not (options.in_step or options.clocks) and synchronize is not None:
-            clocks = find_moving_clocks(films, progress, cancelled)
+        clocks = Synchronization()
+        if len(films) > 1 and not (options.in_step or options.clocks):
+            clocks = find_moving_clocks(run, films)
         return _of_moving(with_clocks(films, clocks.clocks), clocks, out, run)
     connecting, told = walk_throughs(folder, films, standing)
     films = [film for film in films if film not in connecting]
     tried = sources(folder, films, connecting, options, run)
-    calibration, films, clocks = _of_standing(tried, films, options, run, synchronize)
+    calibration, films, clocks = _of_standing(tried, films, options, run)
     warnings = tuple(dict.fromkeys([*told, *calibration.warnings, *clocks.warnings]))
     progress("report", 0, 1)
     calibration = replace(calibration, warnings=warnings)
     cameras = write_cameras(out, calibration, films)
-    views = views_of(replace(run, progress=lambda *_: None, cancelled=lambda: False), films)
+    quiet = replace(run, progress=lambda *_: None, cancelled=lambda: False)
+    views = [view.load(run.work) for view in views_of(quiet, films)]
     report, page = write_report(out, calibration, films, views, clocks)
     return Outcome(cameras, report, page, "found" in cameras.stem, warnings)
 
@@ -95,36 +92,31 @@ def calibrate(
 def _is_standing(film: Film, run: Run) -> bool:
     """Whether a camera stands that took a film, of an earlier run or new."""
     run.check()
-    key = key_of(key_of_file(film.path))
-    kept = run.work.load("standing", key)
-    if kept is None:
-        kept = {"standing": np.array(is_standing(film))}
-        run.work.keep("standing", key, kept)
-    return bool(kept["standing"])
+    return bool(run.work.kept("standing", film.key, lambda: {"standing": np.array(is_standing(film))})["standing"])
 
 
-def _of_moving(footage: Sequence[Path] | Sequence[Film], clocks: FoundClocks, out: Path, run: Run) -> Outcome:
+def _of_moving(footage: Sequence[Path] | Sequence[Film], clocks: Synchronization, out: Path, run: Run) -> Outcome:
     """The result for moving cameras: images of one, in order, or films of one or several, with their clocks."""
     films = [film for film in footage if isinstance(film, Film)]
     if films:
-        sequences, times, warnings = film_images(films, out, run.progress, run.cancelled)
+        sequences, times, warnings = film_images(run, films, out)
     else:
         sequences, times, warnings = image_files([path for path in footage if isinstance(path, Path)], out)
-    result = place_images([], sequences, run)
-    path = write_transforms(out, sequences, times, result, timed=bool(films))
-    warnings = [*clocks.warnings, *warnings, *result["warnings"]]
-    report, page = write_moving_report(out, result, warnings)
-    return Outcome(path, report, page, "found" in path.stem, tuple(warnings))
+    found = run.in_child(place_moving, sequences, run.work)
+    path = write_transforms(out, sequences, times, found, timed=bool(films))
+    found = replace(found, warnings=(*clocks.warnings, *warnings, *found.warnings))
+    report, page = write_moving_report(out, found)
+    return Outcome(path, report, page, "found" in path.stem, found.warnings)
 
 
 def _of_standing(
-    tried: Iterable[Source], films: list[Film], options: Options, run: Run, synchronize: Synchronize | None
-) -> tuple[Calibration, list[Film], FoundClocks]:
+    tried: Iterable[Source], films: list[Film], options: Options, run: Run
+) -> tuple[Calibration, list[Film], Synchronization]:
     """The rig and the films with their clocks, by the first source that leads there."""
     refusals: list[tuple[str, FrogError]] = []
     for source in tried:
         try:
-            calibration, timed, clocks = calibrate_by(source, films, options, run, synchronize)
+            calibration, timed, clocks = calibrate_by(source, films, options, run)
         except FrogError as error:
             refusals.append((source.name, error))
             continue

@@ -16,22 +16,19 @@ from ...arrays import Array, Bools, Float64s, Ints
 from ...errors import brief, found_instead
 from ...io.plain_values import JsonList, UnfitValue, entries, items, number, plain_json
 from ...io.regular_file import regular_file
-from .calibration import Calibration, CalibrationRefused
-from .checks import MOST_UNSURE
-from .clocked_points import adjust_clocks
+from ..synchronization.films import Film, kinds_of
+from ..synchronization.run import CalibrationRefused
+from . import limits
+from .calibration import Calibration
+from .clocked_points import clock_steps
 from .colmap import Adjusted, adjust, verified
 from .model import Lens, Model, disagreement
-from .structure import Images, agreeing, propose, rivals
+from .structure import Images, agreeing, propose
 from .support import calibration_of, camera_support
 from .tracks import Tracks, join
 
-MANY_ENOUGH = 16
-"""Points that are asked for: as many as leave little open where each lies 2 pixels off."""
 _LEAST_PAIR = 8  # points that two cameras share, before they are asked how they stand
 _MANY = 60  # points of a pair, of which some may be false
-_LEAST_CLICKS = 8  # points of each camera, which other cameras have as well
-_CLICK = 0.008  # of the longer side: a click that is farther off is another point
-_LEAST_SHARE = 0.75  # of a camera's clicks that must fit
 _CLICK_REMEDY = "click more points, nearer and farther than these"
 _MOST_BYTES = 2**22
 _MOST_POINTS = 10_000
@@ -39,16 +36,32 @@ _MOST_POINTS = 10_000
 
 @dataclass(frozen=True)
 class CameraFacts:
-    """What is known of a camera before its calibration: its name, and its size in pixels."""
+    """What is known of a camera before its calibration: its name, its size in pixels, and its group.
+
+    Cameras of one group are of one kind and share their focal length.
+    """
 
     name: str
     width: int
     height: int
+    group: int = 0
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.width, self.height
 
     @property
     def side(self) -> int:
         """Pixels of the longer side."""
-        return max(self.width, self.height)
+        return max(self.size)
+
+
+def facts_of(films: Sequence[Film], alike: float = 0.0) -> list[CameraFacts]:
+    """What films say of their cameras; ``alike`` is as of ``kinds_of``."""
+    return [
+        CameraFacts(film.name, *film.size, group) for film, group in zip(films, kinds_of(films, alike), strict=True)
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +70,6 @@ class PointViews:
 
     Attributes:
         facts: of the cameras.
-        groups: (C,) cameras of one number share their focal length.
         pixels: (C, P, 2), NaN where a camera did not see a point; pixel centres at +0.5.
         limit: pixels over the longer side beyond which a sighting is taken for false.
         remedy: what a person should do where the points leave something open.
@@ -65,7 +77,6 @@ class PointViews:
     """
 
     facts: Sequence[CameraFacts]
-    groups: Ints
     pixels: Float64s
     limit: float
     remedy: str
@@ -79,12 +90,12 @@ class PointViews:
     @property
     def images(self) -> Images:
         """As structure from motion takes them."""
-        lenses = [
-            Lens(camera.width, camera.height, 1.2 * camera.side, tolerance=self.limit * camera.side / camera.width)
+        lenses = tuple(
+            Lens(*camera.size, 1.2 * camera.side, tolerance=self.limit * camera.side / camera.width)
             for camera in self.facts
-        ]
-        groups = np.unique(self.groups, return_inverse=True)[1].reshape(-1).tolist()
-        return Images(tuple(lenses), tuple(groups), tuple(np.nan_to_num(self.pixels)), 0)
+        )
+        groups = np.unique([camera.group for camera in self.facts], return_inverse=True)[1].reshape(-1).tolist()
+        return Images(lenses, tuple(groups), tuple(np.nan_to_num(self.pixels)), 0)
 
     @property
     def pairs(self) -> dict[tuple[int, int], Ints]:
@@ -126,78 +137,68 @@ def solve_points(views: PointViews, *, halves: Bools | None = None, start: Model
         start: a model near the answer: no other one is looked for.
 
     Raises:
-        CalibrationRefused: if the points do not join all cameras, leave a focal length open, or fit two rigs.
+        CalibrationRefused: if the points do not join all cameras, or leave a focal length open.
     """
-    images, pairs = views.images, views.pairs
+    images, pairs, straight = views.images, views.pairs, [0] * len(views.facts)
     tracks = join(pairs, images.pixels)
     if start is None:
         adjusted = _found(views, images, pairs, tracks)
     else:
-        adjusted = adjust(start, tracks, images.groups, [0] * len(images.lenses))
-    delays = sigmas = np.zeros(len(views.facts))
-    if views.velocities is not None:
-        moving, loss = (
-            views.velocities[tracks.cameras, tracks.features],
-            0.5 * min(lens.limit for lens in images.lenses),
-        )
-        adjusted, delays, sigmas = adjust_clocks(adjusted, tracks, moving, images.groups, loss)
+        adjusted = adjust(start, tracks, images.groups, straight)
     worst = int(np.argmax(adjusted.uncertainty))
-    if not adjusted.uncertainty[worst] < MOST_UNSURE:
+    if not adjusted.uncertainty[worst] < limits.MOST_UNSURE:
         raise CalibrationRefused(
             f"The focal length of camera {views.facts[worst].name} stays uncertain by "
             f"{100 * adjusted.uncertainty[worst]:.0f} %: {views.remedy}."
         )
-    limits = np.array([lens.limit for lens in images.lenses])
-    agree = agreeing(adjusted, tracks)
-    shares = np.bincount(tracks.cameras[agree], minlength=len(limits)) / np.maximum(views.seen.sum(1), 1)
-    squares = np.minimum(adjusted.distances / limits[tracks.cameras], 1.0) ** 2
+    delays = sigmas = np.zeros(len(straight))
+    if views.velocities is not None:
+        delays, sigmas = clock_steps(adjusted, tracks, views.velocities[tracks.cameras, tracks.features], images.groups)
+    agree, most = agreeing(adjusted, tracks), adjusted.model.limits
+    shares = np.bincount(tracks.cameras[agree], minlength=len(most)) / np.maximum(views.seen.sum(1), 1)
+    squares = np.minimum(adjusted.distances / most[tracks.cameras], 1.0) ** 2
     cost = float(squares.sum() + views.seen.sum() - len(squares)) / max(int(views.seen.sum()), 1)
-    supports = camera_support(adjusted, tracks, np.full(len(limits), np.nan))
+    supports = camera_support(adjusted, tracks, len(most))
     found = calibration_of([camera.name for camera in views.facts], adjusted, tracks, supports)
     if halves is not None:
         parts = [tracks.chosen(half[tracks.features]) for half in (halves, ~halves)]
-        one, other = (adjust(adjusted.model, part, images.groups, [0] * len(limits)).model for part in parts)
+        one, other = (adjust(adjusted.model, part, images.groups, straight).model for part in parts)
         found = replace(found, halves_apart=disagreement(one, other))
     return PointRig(found, adjusted.model, shares, cost, delays, sigmas)
 
 
-def calibrate_clicks(facts: Sequence[CameraFacts], groups: Sequence[int], clicks: Mapping[str, Array]) -> Calibration:
+def calibrate_clicks(facts: Sequence[CameraFacts], clicks: Mapping[str, Float64s]) -> Calibration:
     """The rig that a person's clicks fit, at an arbitrary scale.
 
     Args:
         facts: of the cameras.
-        groups: cameras of one number share their focal length.
         clicks: for each camera's name (N, 2) pixels of the same N points, NaN where it does not see one; pixel
             centres at +0.5.
 
     Raises:
         CalibrationRefused: if a camera has too few points, or they leave the rig open.
-        ValueError: for clicks of other shapes.
     """
     count = max((len(points) for points in clicks.values()), default=0)
-    missing = np.full((count, 2), np.nan)
-    pixels = np.stack([np.asarray(clicks.get(camera.name, missing), np.float64) for camera in facts])
-    if pixels.shape != (len(facts), count, 2):
-        raise ValueError(f"clicks of shape {pixels.shape}")
-    views = PointViews(facts, np.array(groups), pixels, _CLICK, _CLICK_REMEDY)
+    pixels = np.stack([clicks.get(camera.name, np.full((count, 2), np.nan)) for camera in facts])
+    views = PointViews(facts, pixels, limits.CLICK_FALSE, _CLICK_REMEDY)
     useful = (views.seen & (views.seen.sum(0) >= 2)).sum(1)
     for camera, count in zip(facts, useful.tolist(), strict=True):
-        if count < _LEAST_CLICKS:
+        if count < limits.CLICKS:
             raise CalibrationRefused(
-                f"Camera {camera.name} has {count} points that another camera has as well, expected {_LEAST_CLICKS} or "
-                f"more ({MANY_ENOUGH} are good): click corners that lie near and far, not all on one plane."
+                f"Camera {camera.name} has {count} points that another camera has as well, expected {limits.CLICKS} or "
+                f"more ({limits.MANY_CLICKS} are good): click corners that lie near and far, not all on one plane."
             )
     found = solve_points(views)
     for camera, share, count in zip(facts, found.shares.tolist(), useful.tolist(), strict=True):
-        if share < _LEAST_SHARE:
+        if share < limits.CLICKS_AGREEING:
             raise CalibrationRefused(
                 f"{round((1 - share) * count)} of the {count} points of camera {camera.name} do not fit the others: "
                 "look at whether each is the same point in every image."
             )
-    warnings = []
-    if useful.min() < MANY_ENOUGH:
-        warnings.append(f"{useful.min()} points in a camera are few: with {MANY_ENOUGH} the rig is more certain.")
-    return replace(found.calibration, warnings=tuple(warnings))
+    if useful.min() >= limits.MANY_CLICKS:
+        return found.calibration
+    few = f"{useful.min()} points in a camera are few: with {limits.MANY_CLICKS} the rig is more certain."
+    return replace(found.calibration, warnings=(few,))
 
 
 def read_points(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, Array]:
@@ -246,7 +247,7 @@ def _clicked(listed: JsonList, name: str, size: tuple[int, int]) -> Array:
 
 
 def _found(views: PointViews, images: Images, pairs: Mapping[tuple[int, int], Ints], tracks: Tracks) -> Adjusted:
-    """The best of all starts; CalibrationRefused where none joins all cameras, or another one fits as well."""
+    """The best of all starts; CalibrationRefused where none joins all cameras."""
     enough = {pair: points for pair, points in pairs.items() if len(points) >= _LEAST_PAIR}
     for (one, other), points in enough.items():
         if len(points) >= _MANY:  # a camera may have seen another person
@@ -255,18 +256,12 @@ def _found(views: PointViews, images: Images, pairs: Mapping[tuple[int, int], In
     hypotheses = propose(images, tracks, enough, lambda *_: None)
     whole = [hypothesis for hypothesis in hypotheses if hypothesis.placed == len(views.facts)]
     best = min(whole, key=lambda hypothesis: hypothesis.cost, default=None)
-    if best is None or best.adjusted is None:
-        raise CalibrationRefused(_unjoined(views, pairs))
-    if factors := rivals(whole, best):
-        raise CalibrationRefused(
-            f"The points fit two rigs equally well, with focal lengths a factor {factors[0]:.2f} apart: {views.remedy}."
-        )
-    return best.adjusted
-
-
-def _unjoined(views: PointViews, pairs: Mapping[tuple[int, int], Ints]) -> str:
+    if best is not None and best.adjusted is not None:
+        return best.adjusted
     fewest = sorted(pairs, key=lambda pair: len(pairs[pair]))[:6]
     poor = ", ".join(
         f"{views.facts[one].name} and {views.facts[other].name} ({len(pairs[one, other])})" for one, other in fewest
     )
-    return f"The points do not join all cameras to one rig, the fewest are shared by {poor}: {views.remedy}."
+    raise CalibrationRefused(
+        f"The points do not join all cameras to one rig, the fewest are shared by {poor}: {views.remedy}."
+    )

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from math import ceil
 from pathlib import Path
 
 import numpy as np
 
-from ...arrays import ImageArray
+from ...arrays import Array, ImageArray
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
-from ...io.child_process import Progress, Stopped
-from ...io.plain_values import JsonObject
+from ..synchronization.films import Film, kinds_of
+from ..synchronization.run import Run
 from ..video import decode, find_images, find_videos, image_size, load_opencv
-from .camera_kinds import numbered
-from .films import Film
-from .work_folder import WorkFolder, key_of, key_of_file
 
 _LEAST_IMAGES = 8  # of a camera, below which it is not taken for a moving one
 _MOST_IMAGES = 300  # of all cameras together
@@ -46,17 +44,6 @@ class ImageSequence:
     images: tuple[Path, ...]
     size: tuple[int, int]
     group: int = 0
-
-    def plain(self) -> JsonObject:
-        """As a request to the child holds it; ``of_plain`` reads it back."""
-        images = [str(path) for path in self.images]
-        return {"name": self.name, "images": images, "size": list(self.size), "group": self.group}
-
-    @classmethod
-    def of_plain(cls, entry: JsonObject) -> ImageSequence:
-        """The sequence that a request holds."""
-        size = (int(entry["size"][0]), int(entry["size"][1]))
-        return cls(str(entry["name"]), tuple(Path(name) for name in entry["images"]), size, int(entry["group"]))
 
 
 def still_images(folder: Path) -> list[Path]:
@@ -93,43 +80,34 @@ def walk_throughs(folder: Path, films: Sequence[Film], standing: Sequence[bool])
     return moving, told
 
 
-def sharp_images(
-    films: Sequence[Film], work: WorkFolder, progress: Progress, cancelled: Callable[[], bool]
-) -> list[ImageSequence]:
+def sharp_images(run: Run, films: Sequence[Film]) -> list[ImageSequence]:
     """The sharp images of walk-throughs, in the work folder, of an earlier run or new.
 
     Raises:
-        Stopped: if ``cancelled`` said so.
+        Stopped: if the run was cancelled.
         FrogError: if a film cannot be decoded.
     """
     sequences = []
-    for index, (film, group) in enumerate(zip(films, _groups(films), strict=True)):
-        progress("images", index, len(films))
-        key = key_of(key_of_file(film.path))
-        kept = work.load("sharp", key)
-        if kept is None:
-            kept = {"frames": np.array(_sharpest(film, cancelled), np.int64)}
-            work.keep("sharp", key, kept)
-        paths = _written(film, kept["frames"].tolist(), work.path / f"scan-{key}", progress, cancelled)
+    for film, group in zip(films, kinds_of(films), strict=True):
+        kept = run.work.kept("sharp", film.key, partial(_sharpest, run, film))
+        paths = _written(run, film, kept["frames"].tolist(), run.work.path / f"sharp-{film.key}")
         sequences.append(ImageSequence(film.name, tuple(paths), film.size, group))
     return sequences
 
 
-def film_images(
-    films: Sequence[Film], out: Path, progress: Progress, cancelled: Callable[[], bool]
-) -> tuple[list[ImageSequence], list[float], list[str]]:
+def film_images(run: Run, films: Sequence[Film], out: Path) -> tuple[list[ImageSequence], list[float], list[str]]:
     """The images of moving cameras' films below ``out``, when each was taken in seconds, and warnings.
 
     Raises:
-        Stopped: if ``cancelled`` said so.
+        Stopped: if the run was cancelled.
         FrogError: for a film of too few frames, or one that cannot be decoded.
     """
     frames, step = sampled(films)
     names = ", ".join(film.path.name for film in films)
     warnings = [f"{names}: every {step}. frame is used."] if step > 1 else []
     sequences, times = [], []
-    for film, own, group in zip(films, frames, _groups(films), strict=True):
-        paths = _written(film, own, out / f"{film.name}_images", progress, cancelled)
+    for film, own, group in zip(films, frames, kinds_of(films), strict=True):
+        paths = _written(run, film, own, out / f"{film.name}_images")
         sequences.append(ImageSequence(film.name, tuple(paths), film.size, group))
         times += [film.time_of(frame) for frame in own]
     first = min(times)
@@ -184,11 +162,7 @@ def sampled(films: Sequence[Film]) -> tuple[list[list[int]], int]:
     ], step
 
 
-def _groups(films: Sequence[Film]) -> list[int]:
-    return numbered([(film.size, film.kind) for film in films])
-
-
-def _sharpest(film: Film, cancelled: Callable[[], bool]) -> list[int]:
+def _sharpest(run: Run, film: Film) -> dict[str, Array]:
     """Sharp frames of a walk-through, ascending, evenly spread: the sharpest of a few around each place."""
     count = film.facts.frame_count
     images = int(np.clip(_SHARP_RATE * count / film.facts.frames_per_second, _FEWEST_SHARP, _MOST_SHARP))
@@ -197,10 +171,9 @@ def _sharpest(film: Film, cancelled: Callable[[], bool]) -> list[int]:
     frames = [frame for window in windows for frame in window]
     sharpness = {}
     for frame, image in zip(frames, decode(film.path, frames), strict=True):
-        if cancelled():
-            raise Stopped
+        run.check()
         sharpness[frame] = _sharpness(image)
-    return [max(window, key=lambda frame: sharpness[frame]) for window in windows]
+    return {"frames": np.array([max(window, key=lambda frame: sharpness[frame]) for window in windows], np.int64)}
 
 
 def _sharpness(image: ImageArray) -> float:
@@ -212,17 +185,14 @@ def _sharpness(image: ImageArray) -> float:
     return float(cv2.Laplacian(small, cv2.CV_64F).var())
 
 
-def _written(
-    film: Film, frames: Sequence[int], target: Path, progress: Progress, cancelled: Callable[[], bool]
-) -> list[Path]:
+def _written(run: Run, film: Film, frames: Sequence[int], target: Path) -> list[Path]:
     """The frames as images without loss in a folder; those that are there already stay."""
     cv2 = load_opencv()
     paths = {frame: target / f"{frame:06d}.png" for frame in frames}
     missing = [frame for frame in frames if not paths[frame].is_file()]
     for index, (frame, image) in enumerate(zip(missing, decode(film.path, missing), strict=True)):
-        progress("images", index, len(missing))
-        if cancelled():
-            raise Stopped
+        run.progress("images", index, len(missing))
+        run.check()
         _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
         write_atomically(paths[frame], content.tobytes())
     return [paths[frame] for frame in frames]

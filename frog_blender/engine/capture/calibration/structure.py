@@ -15,6 +15,7 @@ import numpy as np
 
 from ...arrays import Bools, Float64s
 from ...io.child_process import Progress
+from . import limits
 from .colmap import Adjusted, adjust, incremental
 from .matching import verified_again
 from .model import Lens, Model, disagreement
@@ -27,11 +28,6 @@ _MANY_IMAGES = 40  # from which on the mapper is asked less often
 _PER_IMAGE = 500  # observations that a comparison needs; more of them take longer and change nothing
 _PER_PAIR = 40
 _SAME_FOCAL, _SAME_PLACES = 0.01, 0.01  # of the focal length and of the images' diameter
-_OWN_GAINS = 0.02  # of the cost, that focal lengths of their own must save: together they drift
-_DISTORTION_GAINS = 0.002  # of the held-out cost, before a coefficient is believed
-_SURE = 0.02  # standard deviation of the focal length with it, over the focal length
-_CHANCE = 3.0  # standard errors that a gain must exceed: a rig asks up to five such questions, and most must be no
-_AS_GOOD, _ELSEWHERE = 1.05, 0.03  # of the cost, and of the logarithm of the focal length: two answers
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +58,11 @@ class Hypothesis:
     """One start and what became of it.
 
     Attributes:
-        start: focal length over the width.
         own: every standing camera has a focal length of its own.
         adjusted: the model; None where the mapper found none.
         cost: of the observations of all images, 1 for those of an image without a pose.
     """
 
-    start: float
     own: bool
     adjusted: Adjusted | None
     cost: float
@@ -77,15 +71,6 @@ class Hypothesis:
     def placed(self) -> int:
         """How many images have a pose."""
         return 0 if self.adjusted is None else len(self.adjusted.model.placed)
-
-    @property
-    def focals(self) -> Float64s:
-        """(images,) pixels; NaN for those without a pose."""
-        if self.adjusted is None:
-            return np.empty(0)
-        model = self.adjusted.model
-        placed = np.isfinite(model.poses).all(axis=(1, 2))
-        return np.where(placed, [lens.focal for lens in model.lenses], np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +81,7 @@ class Solution:
         adjusted: the model; None where there is none.
         tracks: its observations.
         verified: the matches that they join.
-        hypotheses: all starts.
-        chosen: the start that it came from.
-        rivals: by what factor other focal lengths fit as well.
+        own: every standing camera has a focal length of its own.
         coefficients: for each image how many of k1 and k2 were freed.
         halves_apart: how far images lie apart when half of the tracks are used each, over the rig's or path's size.
     """
@@ -106,16 +89,9 @@ class Solution:
     adjusted: Adjusted | None
     tracks: Tracks
     verified: Pairs
-    hypotheses: tuple[Hypothesis, ...] = ()
-    chosen: Hypothesis | None = None
-    rivals: tuple[float, ...] = ()
+    own: bool = False
     coefficients: tuple[int, ...] = ()
     halves_apart: float = np.inf
-
-    @property
-    def costs(self) -> list[float]:
-        """Of all starts that found a model."""
-        return [hypothesis.cost for hypothesis in self.hypotheses if hypothesis.adjusted is not None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,25 +120,21 @@ def solve(images: Images, matches: Pairs, verified: Pairs, tell: Progress) -> So
     hypotheses = propose(images, tracks, few, tell)
     starts = _candidates(hypotheses)
     if not starts:
-        return Solution(None, tracks, verified, tuple(hypotheses))
-    tell("bundle adjustment", 0, 3)
+        return Solution(None, tracks, verified)
+    tell("bundle adjustment", 0, 2)
     fitted = [(start, _with_distortion(start, tracks, images)) for start in starts]
     chosen, best = fitted[0]
     for rival, other in fitted[1:]:
-        if gains(best.costs, other.costs, _OWN_GAINS):
+        if gains(best.costs, other.costs, limits.OWN_GAINS):
             chosen, best = rival, other
-    tell("bundle adjustment", 1, 3)
+    tell("bundle adjustment", 1, 2)
     model = best.fits[0].model
     apart = disagreement(model, best.fits[1].model, images.standing or None)
     if any(best.coefficients):
         verified = verified_again(matches, images.pixels, model.lenses)
     everything = join(verified, images.pixels)
     adjusted = adjust(model, everything, images.sharing(own=chosen.own), best.coefficients)
-    tell("bundle adjustment", 2, 3)
-    final = _settled(hypotheses, tracks, images, best.coefficients)
-    factors = rivals(final, final[hypotheses.index(chosen)])
-    coefficients = tuple(best.coefficients)
-    return Solution(adjusted, everything, verified, tuple(hypotheses), chosen, tuple(factors), coefficients, apart)
+    return Solution(adjusted, everything, verified, chosen.own, tuple(best.coefficients), apart)
 
 
 def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> list[Hypothesis]:
@@ -182,23 +154,11 @@ def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> lis
 
     found: list[Hypothesis] = []
     with ThreadPoolExecutor(os.cpu_count()) as threads:  # the mapper works outside Python's lock, on one processor
-        for index, ((start, own), model) in enumerate(zip(starts, threads.map(mapped, starts), strict=True)):
+        for index, ((_, own), model) in enumerate(zip(starts, threads.map(mapped, starts), strict=True)):
             tell("poses", index, len(starts))
-            found.append(_weighed(Hypothesis(start, own, None, 1.0), model, tracks, images, found))
+            found.append(_weighed(Hypothesis(own, None, 1.0), model, tracks, images, found))
     for own in kinds if len(kinds) > 1 else []:
         found += _of_the_other_kind(found, own, images, tracks)
-    return found
-
-
-def rivals(hypotheses: Sequence[Hypothesis], chosen: Hypothesis) -> list[float]:
-    """By what factor the focal lengths of hypotheses differ that fit the images as well."""
-    found = []
-    for other in hypotheses:
-        if other is chosen or other.adjusted is None or other.cost > _AS_GOOD * chosen.cost:
-            continue
-        ratio = np.nanmedian(other.focals / chosen.focals) if len(other.focals) else np.nan
-        if np.isfinite(ratio) and abs(np.log(ratio)) > _ELSEWHERE:
-            found.append(float(ratio))
     return found
 
 
@@ -208,7 +168,7 @@ def gains(before: Float64s, after: Float64s, least: float) -> bool:
     A paired test: with few tracks one false match that happens to fit would decide otherwise.
     """
     fell = before - after
-    chance = _CHANCE * np.sqrt(len(fell)) * fell.std() if len(fell) else 0.0
+    chance = limits.CHANCE * np.sqrt(len(fell)) * fell.std() if len(fell) else 0.0
     return bool(fell.sum() > max(least * before.sum(), chance))
 
 
@@ -255,7 +215,7 @@ def _of_the_other_kind(found: Sequence[Hypothesis], own: bool, images: Images, t
     for lens, group in zip(model.lenses, groups.tolist(), strict=True):
         alike = placed & (groups == group)
         lenses.append(replace(lens, focal=float(np.median(focals[alike]))) if alike.any() else lens)
-    return [_weighed(Hypothesis(best.start, own, None, 1.0), Model(model.poses, tuple(lenses)), tracks, images, found)]
+    return [_weighed(Hypothesis(own, None, 1.0), Model(model.poses, tuple(lenses)), tracks, images, found)]
 
 
 def _weighed(
@@ -266,7 +226,7 @@ def _weighed(
         return empty
     for other in others:
         if other.own == empty.own and other.adjusted is not None and _same(model, other.adjusted.model):
-            return replace(other, start=empty.start)
+            return other
     adjusted = adjust(model, tracks, images.sharing(own=empty.own), [0] * len(images.lenses))
     if not _is_possible(adjusted.model):
         return empty
@@ -290,8 +250,7 @@ def _same(one: Model, other: Model) -> bool:
 
 def _whole_cost(adjusted: Adjusted, tracks: Tracks) -> float:
     """Truncated squared residuals of all observations, in units of each image's limit."""
-    limits = np.array([lens.limit for lens in adjusted.model.lenses])
-    return cost(adjusted.distances, limits[tracks.cameras])
+    return cost(adjusted.distances, adjusted.model.limits[tracks.cameras])
 
 
 def _candidates(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -306,7 +265,7 @@ def _candidates(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
         min((model for model in models if model.own == kind), key=lambda model: model.cost, default=None)
         for kind in (False, True)
     )
-    if shared is not None and own is not None and own.cost * (1 + _OWN_GAINS) > shared.cost:
+    if shared is not None and own is not None and own.cost * (1 + limits.OWN_GAINS) > shared.cost:
         own = None
     return [model for model in (shared, own) if model is not None]
 
@@ -330,8 +289,8 @@ def _with_distortion(start: Hypothesis, tracks: Tracks, images: Images) -> _Dist
             ]
             new = fitted((best.fits[0].model, best.fits[1].model), tried)
             own = [image for image in best.fits[0].model.placed if images.groups[image] == kind]
-            is_sure = all(float(np.max(fit.uncertainty[own], initial=0.0)) < _SURE for fit in new.fits)
-            if not (is_sure and gains(best.costs, new.costs, _DISTORTION_GAINS)):
+            is_sure = all(float(np.max(fit.uncertainty[own], initial=0.0)) < limits.DISTORTION_SURE for fit in new.fits)
+            if not (is_sure and gains(best.costs, new.costs, limits.DISTORTION_GAINS)):
                 break
             best = new
     return best
@@ -340,32 +299,11 @@ def _with_distortion(start: Hypothesis, tracks: Tracks, images: Images) -> _Dist
 def _held_out(adjusted: Adjusted, tracks: Tracks) -> Float64s:
     """(count,) the cost of each track that the model was not adjusted to: only its point is fitted."""
     model = adjusted.model
-    limits = np.array([lens.limit for lens in model.lenses])
-    _, distances = located(tracks, model.poses, model.lenses, limits)
-    return summed(np.minimum(distances / limits[tracks.cameras], 1.0) ** 2, tracks)
-
-
-def _settled(
-    hypotheses: Sequence[Hypothesis], tracks: Tracks, images: Images, coefficients: Sequence[int]
-) -> list[Hypothesis]:
-    """The hypotheses with those of k1 and k2 free: without, wrong focal lengths imitate them."""
-    if not any(coefficients):
-        return list(hypotheses)
-    found: list[Hypothesis] = []
-    for hypothesis in hypotheses:
-        if hypothesis.adjusted is None:
-            found.append(hypothesis)
-            continue
-        same = [index for index in range(len(found)) if hypotheses[index].adjusted is hypothesis.adjusted]
-        if same:  # two starts that led to one place
-            found.append(replace(found[same[0]], start=hypothesis.start))
-            continue
-        again = adjust(hypothesis.adjusted.model, tracks, images.sharing(own=hypothesis.own), coefficients)
-        found.append(replace(hypothesis, adjusted=again, cost=_whole_cost(again, tracks)))
-    return found
+    _, distances = located(tracks, model)
+    squares = np.minimum(distances / model.limits[tracks.cameras], 1.0) ** 2
+    return summed(np.asarray(squares, np.float64), tracks)
 
 
 def agreeing(adjusted: Adjusted, tracks: Tracks) -> Bools:
     """(N,) which observations lie within the limit of a point that is located."""
-    limits = np.array([lens.limit for lens in adjusted.model.lenses])
-    return np.asarray(adjusted.distances <= limits[tracks.cameras])
+    return np.asarray(adjusted.distances <= adjusted.model.limits[tracks.cameras])

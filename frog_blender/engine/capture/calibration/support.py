@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
 from ...arrays import Bools, Float64s
 from .calibration import CalibratedCamera, Calibration, CameraSupport, PairSupport
-from .colmap import Adjusted, relative_rotation
-from .model import Lens, Model, oriented
+from .colmap import Adjusted
+from .model import Model, oriented
 from .structure import Images, Solution, agreeing
 from .tracks import Pairs, Tracks
 
-CLOSES = 3.0
-"""Degrees within which the rotations around a triangle of cameras must close."""
 _CELLS = np.array([8, 6])  # of an image, in which observations are counted
 _SHOWN = 400  # observations of a camera, for the report
 _MOST_POINTS = 8000
@@ -47,20 +42,16 @@ def support_of(solution: Solution, images: Images, matches: Pairs, names: Sequen
     connected = len(images.lenses) > standing
     cameras: Sequence[CameraSupport] = ()
     if solution.adjusted is not None:
-        lenses = solution.adjusted.model.lenses
-        closing = (
-            np.full(standing, np.nan) if connected else closing_triangles(lenses, images.pixels, solution.verified)
-        )
-        cameras = camera_support(solution.adjusted, solution.tracks, closing)
+        cameras = camera_support(solution.adjusted, solution.tracks, standing)
     return Support(names, cameras, _pair_support(matches, solution, standing), connected)
 
 
-def camera_support(adjusted: Adjusted, tracks: Tracks, closing: Float64s) -> list[CameraSupport]:
-    """What supports each of the first cameras; ``closing`` is as of ``closing_triangles``, one for each of them."""
+def camera_support(adjusted: Adjusted, tracks: Tracks, count: int) -> list[CameraSupport]:
+    """What supports each of the first ``count`` cameras."""
     agree = agreeing(adjusted, tracks)
     lengths = np.bincount(tracks.points[agree], minlength=tracks.count)
     found = []
-    for camera, share_closing in enumerate(closing.tolist()):
+    for camera in range(count):
         lens = adjusted.model.lenses[camera]
         own = tracks.cameras == camera
         good = own & agree
@@ -73,7 +64,6 @@ def camera_support(adjusted: Adjusted, tracks: Tracks, closing: Float64s) -> lis
                 residual=float(np.median(adjusted.distances[good])) if good.any() else float("inf"),
                 coverage=len(np.unique(cells, axis=0)) / float(_CELLS.prod()),
                 focal_uncertainty=float(adjusted.uncertainty[camera]),
-                closing=share_closing,
             )
         )
     return found
@@ -93,32 +83,6 @@ def _pair_support(matches: Pairs, solution: Solution, cameras: int) -> list[Pair
         for (one, other), found in sorted(matches.items())
         if other < cameras
     ]
-
-
-def closing_triangles(lenses: Sequence[Lens], pixels: Sequence[Float64s], pairs: Pairs) -> Float64s:
-    """(cameras,) share of the triangles of each camera whose rotations, found pair by pair, close within CLOSES.
-
-    NaN for a camera in no triangle of pairs that match.
-    """
-    matched = [pair for pair, matches in pairs.items() if len(matches)]
-
-    def of_pair(pair: tuple[int, int]) -> Float64s | None:
-        one, other = pair
-        return relative_rotation(lenses[one], pixels[one], lenses[other], pixels[other], pairs[pair])
-
-    with ThreadPoolExecutor(os.cpu_count()) as threads:  # pycolmap estimates outside Python's lock
-        turns = {
-            pair: turn for pair, turn in zip(matched, threads.map(of_pair, matched), strict=True) if turn is not None
-        }
-    closed, all_ = np.zeros(len(lenses)), np.zeros(len(lenses))
-    for a, b, c in combinations(range(len(lenses)), 3):
-        if (a, b) in turns and (b, c) in turns and (a, c) in turns:
-            turn = turns[b, c] @ turns[a, b] @ turns[a, c].T
-            all_[[a, b, c]] += 1
-            closed[[a, b, c]] += np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))) <= CLOSES
-    with np.errstate(invalid="ignore"):
-        shares: Float64s = closed / all_
-    return shares
 
 
 def calibration_of(
@@ -145,7 +109,7 @@ def calibration_of(
     for index, (name, lens, pose) in enumerate(zip(names, model.lenses, model.poses, strict=True)):
         own = np.flatnonzero(tracks.cameras == index)
         own = own[:: max(1, len(own) // _SHOWN)]
-        observations = np.column_stack([tracks.pixels[own], agree[own]]).astype(np.float64)
+        observations = np.column_stack([tracks.pixels[own].round(1), agree[own]]).astype(np.float64)
         cameras.append(CalibratedCamera(lens.camera(name, pose), (lens.k1, lens.k2), supports[index], observations))
     return Calibration(tuple(cameras), sure_points(points, tracks, agree, least), is_metric=is_metric)
 
@@ -159,4 +123,4 @@ def sure_points(points: Float64s, tracks: Tracks, agree: Bools, least: int) -> F
     lengths = np.bincount(tracks.points[agree], minlength=tracks.count)
     sure = np.flatnonzero((lengths >= least) & np.isfinite(points).all(axis=1))
     best: Float64s = points[sure[np.argsort(-lengths[sure], kind="stable")][:_MOST_POINTS]]
-    return best
+    return best.round(5)

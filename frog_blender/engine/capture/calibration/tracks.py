@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array, Bools, Float64s, Ints
-from .model import Lens
+from .model import Lens, Model
 
 Pairs = Mapping[tuple[int, int], Ints]
 """Indices of matching features (M, 2) by the indices of two cameras."""
@@ -80,15 +80,14 @@ def _components(edges: Ints, nodes: int) -> Ints:
             return np.asarray(label, np.int64)
 
 
-def triangulate(tracks: Tracks, poses: Float64s, lenses: Sequence[Lens], used: Bools | None = None) -> Float64s:
+def triangulate(tracks: Tracks, model: Model, used: Bools | None = None) -> Float64s:
     """(count, 3) points in the world, NaN where fewer than two cameras see one or its rays are parallel.
 
     Args:
-        poses: (cameras, 3, 4) world to camera; NaN for a camera that has none.
         used: (N,) which observations count; all by default.
     """
-    rays = undistorted(tracks, lenses)
-    pose = poses[tracks.cameras]
+    rays = undistorted(tracks, model.lenses)
+    pose = model.poses[tracks.cameras]
     use = np.isfinite(pose).all(axis=(1, 2)) & (True if used is None else used)
     weight = use.astype(np.float64)
     points = _solve(tracks, rays, np.nan_to_num(pose), weight)
@@ -131,37 +130,31 @@ def undistorted(tracks: Tracks, lenses: Sequence[Lens]) -> Float64s:
     return rays
 
 
-def residuals(tracks: Tracks, points: Float64s, poses: Float64s, lenses: Sequence[Lens]) -> Float64s:
+def residuals(tracks: Tracks, points: Float64s, model: Model) -> Float64s:
     """(N,) distances in pixels of observations from their points; infinite where no point lies before the camera."""
-    pose = poses[tracks.cameras]
+    pose = model.poses[tracks.cameras]
     local = np.einsum("nij,nj->ni", pose[:, :, :3], points[tracks.points]) + pose[:, :, 3]
     distances = np.full(len(local), np.inf)
     before = np.isfinite(local).all(axis=1)
     before[before] = local[before, 2] > 1e-9
-    for camera, lens in enumerate(lenses):
+    for camera, lens in enumerate(model.lenses):
         own = before & (tracks.cameras == camera)
         distances[own] = np.linalg.norm(lens.pixels(local[own]) - tracks.pixels[own], axis=1)
     return distances
 
 
-def located(
-    tracks: Tracks, poses: Float64s, lenses: Sequence[Lens], limits: Float64s, rounds: int = 2
-) -> tuple[Float64s, Float64s]:
-    """Points (count, 3) without their worst observations, and the residuals (N,) of all observations.
-
-    Args:
-        limits: (cameras,) pixels beyond which an observation is false.
-    """
-    limit = limits[tracks.cameras]
-    points = triangulate(tracks, poses, lenses)
-    for _ in range(rounds):
-        distances = residuals(tracks, points, poses, lenses)
+def located(tracks: Tracks, model: Model) -> tuple[Float64s, Float64s]:
+    """Points (count, 3) without their worst observations, and the residuals (N,) of all observations."""
+    limit = model.limits[tracks.cameras]
+    points = triangulate(tracks, model)
+    for _ in range(2):
+        distances = residuals(tracks, points, model)
         worst = np.zeros(tracks.count)
         np.maximum.at(worst, tracks.points, np.where(np.isfinite(distances), distances, 0.0))
         lengths = np.bincount(tracks.points[distances <= limit], minlength=tracks.count)
         false = (distances > limit) & ((distances >= worst[tracks.points]) | (lengths[tracks.points] >= 2))
-        points = triangulate(tracks, poses, lenses, ~false)
-    return points, residuals(tracks, points, poses, lenses)
+        points = triangulate(tracks, model, ~false)
+    return points, residuals(tracks, points, model)
 
 
 def cost(distances: Array, limits: Array) -> float:

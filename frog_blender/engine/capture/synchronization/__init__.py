@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .report import draw_curves
-from .synchronization import CameraClock, RunnerUp, Synchronization
+from .synchronization import CameraClock, RunnerUp, Synchronization, read_synchronization
 from .synchronize import synchronize
 from .tracks import NamedTracks
 
@@ -13,5 +13,6 @@ __all__ = [
     "RunnerUp",
     "Synchronization",
     "draw_curves",
+    "read_synchronization",
     "synchronize",
 ]

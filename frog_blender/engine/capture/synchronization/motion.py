@@ -8,20 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from hashlib import blake2b
 
 import numpy as np
 
-from ...arrays import Bools, Float64s, Ints
+from ...arrays import Array, Bools, Float64s, Ints
 from ..camera import Camera
 from ..capture import Distortion
 from ..epipolar import fundamental, sampson_distances, sampson_table
 from ..video import load_opencv
 from . import limits
+from .films import Film
 from .moving_points import REACH, Matches, MovingPoints, Search, keyframes_of, match, points_in
 from .pairs import Clocks, Curve, PairLag, maxima
-from .recordings import Motion, Recording
-from .work import Kept, Work, in_threads
+from .run import Run, key_of
+from .starts import Motion
 
 _ROUNDS = 8  # of reweighting
 
@@ -36,7 +36,7 @@ class Rig:
         points: without lens distortion.
     """
 
-    films: Sequence[Recording]
+    films: Sequence[Film]
     cameras: Mapping[int, Camera]
     points: Mapping[int, MovingPoints]
 
@@ -82,86 +82,63 @@ class Rig:
         return allowed
 
 
-def find_points(
-    film: Recording, motion: Motion, clocks: Clocks, index: int, work: Work, kept: Kept | None = None
-) -> MovingPoints:
+def find_points(film: Film, motion: Motion, clocks: Clocks, index: int, run: Run) -> MovingPoints:
     """The moving points of a film, at every third frame; of a long one near times that all films share.
 
     Args:
         clocks: of all films, as far as known.
         index: the film's among them.
-        kept: where they may be found, and are kept.
     """
     keyframes = _keyframes(film, clocks, index)
-    key = f"{film.key}{blake2b(np.array(keyframes, np.int64).tobytes(), digest_size=8).hexdigest()}"
-    if kept is not None and (arrays := kept.load("moving_points", key)) is not None:
-        return MovingPoints(**arrays)
-    points = points_in(film, motion.region, keyframes, work)
-    if kept is not None:
-        kept.keep("moving_points", key, {part.name: getattr(points, part.name) for part in fields(points)})
-    return points
+
+    def found() -> dict[str, Array]:
+        points = points_in(film, motion.region, keyframes, run)
+        return {part.name: getattr(points, part.name) for part in fields(points)}
+
+    return MovingPoints(**run.work.kept("moving_points", key_of(film.state, keyframes), found))
 
 
-def is_short(film: Recording) -> bool:
+def is_short(film: Film) -> bool:
     """Every third frame of it can be looked at."""
-    return len(film.timestamps) <= limits.KEYFRAME_EVERY * limits.MOST_KEYFRAMES
+    return film.facts.frame_count <= limits.KEYFRAME_EVERY * limits.MOST_KEYFRAMES
 
 
-def _keyframes(film: Recording, clocks: Clocks, index: int) -> list[int]:
-    count, every, most = len(film.timestamps), limits.KEYFRAME_EVERY, limits.MOST_KEYFRAMES
+def _keyframes(film: Film, clocks: Clocks, index: int) -> list[int]:
+    count, every, most = film.facts.frame_count, limits.KEYFRAME_EVERY, limits.MOST_KEYFRAMES
     if is_short(film):
         step = max(1, min(every, count // limits.FEWEST_KEYFRAMES), count // most)
         return keyframes_of(range(REACH, count - REACH, step), count)
     # Frames of other films are compared only where they were taken at nearly the same time.
     apart = every * film.interval * max(1.0, count / (every * most))
     apart = 2.0 ** np.ceil(np.log2(apart))  # the same grid for all films, though they differ in length
-    start, end = (clocks.capture_time(index, float(time)) for time in film.timestamps[[0, -1]])
+    start, end = (clocks.capture_time(index, float(time)) for time in film.stamps[[0, -1]])
     times = np.arange(np.ceil(start / apart), np.floor(end / apart) + 1) * apart
     at = [clocks.film_time(index, float(time)) for time in times]
-    return keyframes_of([int(np.abs(film.timestamps - time).argmin()) for time in at], count)
+    return keyframes_of([int(np.abs(film.stamps - time).argmin()) for time in at], count)
 
 
-def coarse_lags(rig: Rig, start: Clocks, is_sure: bool, work: Work) -> list[PairLag]:
+def coarse_lags(rig: Rig, start: Clocks, is_sure: bool, run: Run) -> list[PairLag]:
     """Lags right to a fraction of a frame: near a start that is sure, else over all of two short films."""
-    pairs = rig.pairs()
 
-    def of_pair(index: int) -> PairLag | None:
-        work.step("Comparing moving points", index, len(pairs))
-        pair = pairs[index]
+    def of_pair(pair: tuple[int, int]) -> PairLag | None:
+        run.check()
         lags = _range(rig, pair, start, is_sure)
         views = rig.geometry(pair, Search(lags, REACH * rig.frame(pair), limits.COARSE_KEYFRAMES))
         return epipolar_lag(pair, views, lags, limits.COARSE_STEP)
 
-    return [lag for lag in in_threads(of_pair, range(len(pairs))) if lag is not None]
+    return [lag for lag in run.in_threads("coarse offsets", of_pair, rig.pairs()) if lag is not None]
 
 
-def fine_lags(rig: Rig, start: Clocks, work: Work) -> list[PairLag]:
+def fine_lags(rig: Rig, start: Clocks, run: Run) -> list[PairLag]:
     """Lags to a few hundredths of a frame, near clocks that are right to a frame or two."""
-    pairs = rig.pairs()
 
-    def of_pair(index: int) -> PairLag | None:
-        work.step("Measuring offsets", index, len(pairs))
-        pair = pairs[index]
+    def of_pair(pair: tuple[int, int]) -> PairLag | None:
+        run.check()
         lags = _near(rig, pair, start, limits.FINE_FRAMES)
         search = Search(lags, REACH * rig.frame(pair), allowed=rig.along_lines(pair, start))
         return epipolar_lag(pair, rig.geometry(pair, search), lags)
 
-    return [lag for lag in in_threads(of_pair, range(len(pairs))) if lag is not None]
-
-
-def score_at(rig: Rig, film: int, offset: float, clocks: Clocks) -> float:
-    """How well a film's moving points agree with the others' if its offset were that, seconds; NaN if nothing tells."""
-    offsets = clocks.offsets.copy()
-    offsets[film] = offset
-    moved, scores = replace(clocks, offsets=offsets), []
-    for pair in rig.pairs():
-        if film in pair:
-            lags = _near(rig, pair, moved, 1.0)
-            search = Search(lags, REACH * rig.frame(pair), limits.COARSE_KEYFRAMES, rig.along_lines(pair, moved))
-            curve = score_curve(rig.geometry(pair, search), lags, limits.COARSE_STEP * rig.frame(pair))
-            if np.isfinite(curve.scores).any():
-                scores.append(float(np.nanmax(curve.scores)))
-    return float(np.mean(scores)) if scores else float("nan")
+    return [lag for lag in run.in_threads("offsets", of_pair, rig.pairs()) if lag is not None]
 
 
 def _range(rig: Rig, pair: tuple[int, int], start: Clocks, is_sure: bool) -> tuple[float, float]:
@@ -174,7 +151,7 @@ def _range(rig: Rig, pair: tuple[int, int], start: Clocks, is_sure: bool) -> tup
 
 def _near(rig: Rig, pair: tuple[int, int], start: Clocks, frames: float) -> tuple[float, float]:
     second = rig.films[pair[1]]
-    ends = [start.lag(*pair, at) for at in (float(second.timestamps[0]), float(second.timestamps[-1]))]
+    ends = [start.lag(*pair, at) for at in (float(second.stamps[0]), float(second.stamps[-1]))]
     reach = frames * rig.frame(pair)
     return min(ends) - reach, max(ends) + reach
 
@@ -258,34 +235,18 @@ def epipolar_lag(
         step: frames between the lags that are tried first.
     """
     curve = score_curve(views, lags, step * views.frame)
-    best: tuple[float, _Fit, Curve] | None = None
+    fits = []
     for start, _ in maxima(curve, views.frame, most=limits.REFINED_PEAKS):
-        fit = _refined(views, start)
-        if fit is None:
-            continue
-        adjusted = score_curve(replace(views, bias=fit.bias), (fit.lag, fit.lag), step * views.frame)
-        score = float(np.nanmax(adjusted.scores)) if np.isfinite(adjusted.scores).any() else 0.0
-        if score > 0 and (best is None or score > best[0]):
-            best = score, fit, adjusted
-    if best is None:
+        if (fit := _refined(pair, views, start)) is not None:
+            lag, unbiased = fit
+            scores = score_curve(unbiased, (lag.lag, lag.lag), step * views.frame).scores
+            fits.append((float(np.nanmax(scores)) if np.isfinite(scores).any() else 0.0, lag, unbiased))
+    score, best, unbiased = max(fits, key=lambda fit: fit[0], default=(0.0, None, views))
+    if best is None or score <= 0:
         return None
-    score, fit, _ = best
-    if np.any(fit.bias):
-        curve = score_curve(replace(views, bias=fit.bias), lags, step * views.frame)
-    others = [other for other in maxima(curve, views.frame) if abs(other[0] - fit.lag) >= views.frame]
-    return PairLag(
-        first=pair[0],
-        second=pair[1],
-        lag=fit.lag,
-        at=fit.at,
-        sigma=fit.sigma,
-        score=score,
-        source="motion",
-        rate=fit.rate,
-        rate_sigma=fit.rate_sigma,
-        others=tuple(others),
-        curve=curve,
-    )
+    curve = score_curve(unbiased, lags, step * views.frame)
+    others = tuple(other for other in maxima(curve, views.frame) if abs(other[0] - best.lag) >= views.frame)
+    return replace(best, score=score, others=others, curve=curve)
 
 
 def score_curve(views: Geometry, lags: tuple[float, float], step: float) -> Curve:
@@ -303,20 +264,8 @@ def score_curve(views: Geometry, lags: tuple[float, float], step: float) -> Curv
     return Curve(grid, scores)
 
 
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """A lag as PairLag has it, and the bias that was found with it."""
-
-    lag: float
-    at: float
-    sigma: float
-    rate: float
-    rate_sigma: float
-    bias: Float64s
-
-
-def _refined(views: Geometry, lag: float) -> _Fit | None:
-    """The lag near one that is right to a frame or so; None where too few matches move.
+def _refined(pair: tuple[int, int], views: Geometry, lag: float) -> tuple[PairLag, Geometry] | None:
+    """The lag near one that is right to a frame or so, and the views with their bias; None where too few matches move.
 
     Reweighted least squares on residuals that are linear in the lag, in a rate where the films are long, and in where
     a point lies: cameras that were calibrated from little leave residuals that no lag can explain.
@@ -355,4 +304,5 @@ def _refined(views: Geometry, lag: float) -> _Fit | None:
         sigmas = (float(np.sqrt(inverse[0, 0])), float(np.sqrt(inverse[1, 1])) if drifts else np.inf)
     if abs(lag - start) > 2 * views.frame and abs(rate) < limits.SLOWEST:
         return None
-    return _Fit(lag, at, max(sigmas[0], 1e-3 * views.frame), 1 + rate, sigmas[1], bias)
+    sigma = max(sigmas[0], 1e-3 * views.frame)
+    return PairLag(*pair, lag, at, sigma, 0.0, "motion", 1 + rate, sigmas[1]), replace(views, bias=bias)

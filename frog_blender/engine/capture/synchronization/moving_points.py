@@ -15,8 +15,8 @@ import numpy as np
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray, Ints
 from ..video import load_opencv
 from . import limits
-from .recordings import Recording
-from .work import Work
+from .films import Film
+from .run import Run
 
 REACH = 2
 """Frames to either side of its own in which a point is tracked."""
@@ -89,7 +89,7 @@ def keyframes_of(indices: Iterable[int], frame_count: int) -> list[int]:
     return sorted({index for index in indices if REACH <= index < frame_count - REACH})
 
 
-def points_in(film: Recording, region: ImageArray, keyframes: Sequence[int], work: Work) -> MovingPoints:
+def points_in(film: Film, region: ImageArray, keyframes: Sequence[int], run: Run) -> MovingPoints:
     """The moving points of a film.
 
     Args:
@@ -99,9 +99,8 @@ def points_in(film: Recording, region: ImageArray, keyframes: Sequence[int], wor
     needed = sorted({key + shift for key in keyframes for shift in range(-REACH, REACH + 1)})
     recent: dict[int, ImageArray] = {}
     parts = [(np.zeros(0, np.int64), np.zeros((0, _NODES, 2)), np.zeros((0, 128), np.float32))]
-    for step, (index, gray) in enumerate(zip(needed, film.gray(needed), strict=True)):
-        if step % 5 == 0:
-            work.step(f"Finding moving points in {film.name}", step, len(needed))
+    for index, gray in zip(needed, film.gray(needed, limits.LONGEST_SIDE), strict=True):
+        run.check()
         recent[index] = gray
         key = index - REACH
         if key in keyframes and region.any():
@@ -110,8 +109,8 @@ def points_in(film: Recording, region: ImageArray, keyframes: Sequence[int], wor
         recent.pop(index - 2 * REACH, None)
     rows, tracks, descriptors = (np.concatenate(part) for part in zip(*parts, strict=True))
     frames = np.array(keyframes, np.int64)
-    times = film.timestamps[frames[rows][:, None] + np.arange(-REACH, REACH + 1)]
-    return MovingPoints(rows, film.timestamps[frames], times, tracks / film.scale, descriptors)
+    times = film.stamps[frames[rows][:, None] + np.arange(-REACH, REACH + 1)]
+    return MovingPoints(rows, film.stamps[frames], times, tracks / film.scale(limits.LONGEST_SIDE), descriptors)
 
 
 def _tracked(images: Sequence[ImageArray], region: ImageArray) -> tuple[Float64s, Float32s]:
@@ -233,7 +232,7 @@ def match(first: MovingPoints, second: MovingPoints, search: Search) -> Matches:
             similarity = first.descriptors[in_a] @ second.descriptors[in_b].T
             if search.allowed is not None:
                 similarity[~search.allowed(in_a, in_b)] = -1.0
-            a, b = _mutual(similarity)
+            a, b = mutual(similarity, limits.MATCH_RATIO, limits.MATCH_FARTHEST)
             rows_a.append(in_a[a])
             rows_b.append(in_b[b])
     a, b = np.concatenate(rows_a), np.concatenate(rows_b)
@@ -241,13 +240,18 @@ def match(first: MovingPoints, second: MovingPoints, search: Search) -> Matches:
     return Matches(a, b, apart)
 
 
-def _mutual(similarity: Float32s) -> tuple[Ints, Ints]:
-    """Rows and columns of the mutual best that are clearly better than the second best in their row."""
-    best = similarity.argmax(axis=1)
+def mutual(similarity: Float32s, ratio: float, farthest: float = np.inf) -> tuple[Ints, Ints]:
+    """Rows and columns of the mutual best of unit descriptors' products (N, K) that are clearly better than the second
+    best in their row, by Lowe's ratio test (2004).
+
+    Args:
+        ratio: of their distances, at most.
+        farthest: distance of the best.
+    """
+    best, columns = similarity.argmax(axis=1), similarity.argmax(axis=0)
     rows = np.arange(len(best))
     score = similarity[rows, best]
-    second = np.partition(similarity, -2, axis=1)[:, -2]
-    distance = np.sqrt(np.maximum(2 - 2 * score, 0))
-    keep = distance < limits.MATCH_RATIO * np.sqrt(np.maximum(2 - 2 * second, 0))
-    keep &= (distance < limits.MATCH_FARTHEST) & (similarity.argmax(axis=0)[best] == rows)
+    similarity[rows, best] = -2.0
+    distance, second = (np.sqrt(np.maximum(2 - 2 * values, 0)) for values in (score, similarity.max(axis=1)))
+    keep = (distance < ratio * second) & (distance < farthest) & (columns[best] == rows)
     return rows[keep].astype(np.int64), best[keep].astype(np.int64)

@@ -2,52 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ...arrays import ImageArray
 from ..video import load_opencv
 from . import limits
+from .films import Film
 from .pairs import Clocks, Curve, PairLag, Solution, maxima, no_curve
-from .recordings import Recording
 from .synchronization import CameraClock, RunnerUp, Synchronization
 
 _ROW, _LEFT = 96, 130  # pixels of a drawn curve's height and of its caption
 _INK, _LINE, _CHOSEN, _OTHER = (40, 40, 40), (60, 110, 190), (30, 150, 70), (200, 120, 40)
 
 
-def reported(
-    films: Sequence[Recording],
-    solution: Solution,
-    pairs: Sequence[PairLag],
-    rivals: Mapping[int, RunnerUp] | None = None,
-) -> Synchronization:
-    """The clocks as the user sees them.
-
-    Args:
-        films: all of them.
-        solution: their clocks.
-        pairs: the lags that it was solved from.
-        rivals: of films, offsets that lie beyond the curves.
-    """
-    rivals = rivals or {}
+def reported(films: Sequence[Film], solution: Solution, pairs: Sequence[PairLag]) -> Synchronization:
+    """The clocks of films as the user sees them; ``pairs`` are the lags that they were solved from."""
     frame = max(film.interval for film in films) if films else 1.0
     clocks, cameras = solution.clocks, []
     for index, film in enumerate(films):
-        curve = camera_curve(index, pairs, clocks, frame)
-        offset = float(clocks.offsets[index])
-        cameras.append(
-            CameraClock(
-                name=film.name,
-                offset=offset,
-                rate=float(clocks.rates[index]),
-                confidence=1.0 if len(films) == 1 else _confidence(index, solution, pairs),
-                sources=tuple(sorted({pair.source for pair in pairs if index in (pair.first, pair.second)})),
-                runner_up=_better(runner_up(curve, offset, frame), rivals.get(index)),
-                curve=curve,
-            )
-        )
+        curve, offset = camera_curve(index, pairs, clocks, frame), float(clocks.offsets[index])
+        own = [number for number, pair in enumerate(pairs) if index in (pair.first, pair.second)]
+        sources = tuple(sorted({pairs[number].source for number in own}))
+        confidence = 1.0 if len(films) == 1 else _confidence(index, solution, [pairs[number] for number in own])
+        runner = runner_up(curve, offset, frame)
+        cameras.append(CameraClock(film.name, offset, float(clocks.rates[index]), confidence, sources, runner, curve))
     warnings = [sentence for camera in cameras for sentence in _doubts(camera, frame)]
     warnings += _coarse_sentence(cameras)
     residual = float(np.median(np.abs(solution.misses))) if len(solution.misses) else 0.0
@@ -55,25 +35,16 @@ def reported(
     return Synchronization(tuple(cameras), frame, residual, tuple(warnings), refusal)
 
 
-def _better(first: RunnerUp | None, second: RunnerUp | None) -> RunnerUp | None:
-    return max((one for one in (first, second) if one is not None), key=lambda one: one.share, default=None)
-
-
 def _confidence(film: int, solution: Solution, pairs: Sequence[PairLag]) -> float:
     """0 to 1: the share of a film's pairs that agree, times how well they do, less where no triangle checks them."""
-    scores = [
-        pair.score
-        for pair, miss in zip(pairs, solution.misses, strict=True)
-        if film in (pair.first, pair.second) and np.isfinite(miss)
-    ]
-    if not scores:
+    if not pairs:
         return 0.0
     is_open = solution.open_triangles[film]
     checked = 1.0 if len(solution.support) == 2 else 0.5 if np.isnan(is_open) else 1 - float(is_open)
-    if {pair.source for pair in pairs if film in (pair.first, pair.second)} <= {"energy"}:
+    if {pair.source for pair in pairs} == {"energy"}:
         checked *= limits.ENERGY_TRUST  # views that see motion unlike each other may agree on a wrong lag
     # A third of the moving matches on their epipolar lines is as good as it gets where things hide each other.
-    agreement = min(1.0, 2.5 * float(np.median(scores)))
+    agreement = min(1.0, 2.5 * float(np.median([pair.score for pair in pairs])))
     return float(np.clip(solution.support[film] * np.sqrt(checked) * agreement, 0, 1))
 
 
@@ -102,7 +73,7 @@ def _coarse_sentence(cameras: Sequence[CameraClock]) -> list[str]:
     return [f"The offsets of {which} come from the amount of motion alone and may be a frame wrong."]
 
 
-def _refusal(films: Sequence[Recording], solution: Solution, cameras: Sequence[CameraClock]) -> str | None:
+def _refusal(films: Sequence[Film], solution: Solution, cameras: Sequence[CameraClock]) -> str | None:
     """Why the offsets must not be used, and what to do; None if they may."""
     if len(films) < 2:
         return None

@@ -8,28 +8,33 @@ is a window to look for lags in, and an answer only where nothing else is.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Bools, Float32s, Float64s
+from ...arrays import Array, Bools, Float32s, Float64s, ImageArray
 from ...errors import FrogError
 from ..media import read_sound
+from ..video import load_opencv
 from . import limits
+from .films import Film
 from .pairs import Curve, PairLag, maxima
-from .recordings import Recording, Signal
+from .run import Run
 
 RATE = 16_000
 """Samples of sound a second."""
 _TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)[:;.](\d\d)")
 _DAY = 86_400.0
 
+Signal = tuple[Float64s, Float64s]
+"""Film times in seconds, and values there."""
+
 
 # --- sound
 
 
-def read_audio(film: Recording) -> Float32s | None:
+def read_audio(film: Film) -> Float32s | None:
     """(S,) mono samples at RATE from the film's time 0, in [-1, 1]; None without a track that can be read, or any
     sound."""
     if film.path.is_dir():
@@ -145,6 +150,72 @@ def _shown(curve: Curve, lag: float) -> Curve:
 
 
 # --- motion energy
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What moves in a film, by one pass over all of it.
+
+    Attributes:
+        energy: how much changes by second, between each two frames.
+        region: (H, W) uint8 of the gray images, 255 where something moves, and nothing of the background.
+    """
+
+    energy: Signal
+    region: ImageArray
+
+
+def motion_of(film: Film, run: Run) -> Motion:
+    """Decodes a film once, unless what came of it was kept; FrogError if it cannot be decoded."""
+
+    def seen() -> dict[str, Array]:
+        count = film.facts.frame_count
+        sampled = {round(index) for index in np.linspace(0, count - 1, min(limits.BACKGROUND_SAMPLES, count))}
+        small: ImageArray | None = None
+        changes, samples = [], []
+        for index, gray in enumerate(film.gray(range(count), limits.LONGEST_SIDE)):
+            run.check()
+            before, small = small, _reduced(gray)
+            if before is not None:
+                changes.append(float(np.maximum(np.abs(small - before) - limits.ENERGY_NOISE, 0).mean()))
+            if index in sampled:
+                samples.append(gray)
+        times, energies = energy_signal(film.stamps, changes)
+        return {"times": times, "energies": energies, "region": changing_region(samples)}
+
+    arrays = run.work.kept("motion", film.key, seen)
+    return Motion((arrays["times"], arrays["energies"]), arrays["region"])
+
+
+def energy_signal(timestamps: Float64s, changes: Sequence[float]) -> Signal:
+    """Times (N - 1,) between each two of the frames, and the change (N - 1,) there by second."""
+    times = timestamps[: len(changes) + 1]
+    gaps = np.maximum(np.diff(times), 1e-6)
+    return (times[1:] + times[:-1]) / 2, np.array(changes[: len(gaps)]) / gaps
+
+
+def _reduced(gray: ImageArray) -> ImageArray:
+    """A small image without details: of them, only noise would be left between two frames."""
+    cv2 = load_opencv()
+    height = max(2, round(gray.shape[0] * limits.ENERGY_WIDTH / gray.shape[1]))
+    small = cv2.resize(gray, (limits.ENERGY_WIDTH, height), interpolation=cv2.INTER_AREA)
+    blurred: ImageArray = cv2.GaussianBlur(small.astype(np.float32), (0, 0), limits.ENERGY_BLUR)
+    return blurred
+
+
+def changing_region(images: Sequence[ImageArray]) -> ImageArray:
+    """(H, W) uint8 mask, 255 where gray images (each (H, W) uint8) of one view deviate from their median."""
+    cv2 = load_opencv()
+    stack = np.stack([cv2.GaussianBlur(image, (0, 0), 1.0) for image in images])
+    median = np.median(stack, axis=0).astype(np.float32)
+    # A high percentile, not the mean: a hand that passes once changes a pixel in few of the images.
+    deviation = np.percentile(np.abs(stack.astype(np.float32) - median), 90, axis=0)
+    mask = (deviation > limits.CHANGE).astype(np.uint8) * 255
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    radius = max(2, round(limits.REGION_MARGIN * mask.shape[1]))
+    shape = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    grown: ImageArray = cv2.dilate(mask, shape)
+    return grown
 
 
 def energy_lag(pair: tuple[int, int], signals: tuple[Signal, Signal], step: float) -> PairLag | None:

@@ -1,25 +1,22 @@
-"""The answer: each camera's offset and rate, how sure they are, and what a person should know; in JSON and back."""
+"""The answer: each camera's offset and rate, how sure they are, and what a person should know."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import get_args
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...arrays import Float64s
-from ...io.plain_values import UnfitValue, entries, items, number, numbers, text
+from ...io.plain_values import UnfitValue, number, typed
 from . import limits
+from .films import Clocks, Film
 from .pairs import Curve, Source
 
 _LONGEST = 1e7  # seconds: no offset lies beyond
-_VERSION = 1
-_MOST_CAMERAS = 1000
-_MOST_WARNINGS = 10_000
-_MOST_LAGS = 100_000
-_NAME, _SENTENCE = 1024, 10_000  # characters
 _RATES = (0.5, 2.0)
-_SOURCES: tuple[str, ...] = get_args(Source)
+_IN_STEP = 0.1  # of a frame: films that begin within it began together
+_SAME_RATE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -53,54 +50,14 @@ class CameraClock:
     offset: float
     rate: float
     confidence: float
-    sources: tuple[str, ...]
+    sources: tuple[Source, ...]
     runner_up: RunnerUp | None
     curve: Curve
-
-    def to_json(self) -> dict[str, object]:
-        """A plain dictionary; ``from_json`` reads it back."""
-        runner_up = self.runner_up
-        scores = [None if not np.isfinite(score) else score for score in self.curve.scores.tolist()]
-        return {
-            "name": self.name,
-            "offset": self.offset,
-            "rate": self.rate,
-            "confidence": self.confidence,
-            "sources": list(self.sources),
-            "runner_up": None if runner_up is None else {"offset": runner_up.offset, "share": runner_up.share},
-            "curve": {"offsets": self.curve.lags.tolist(), "scores": scores},
-        }
-
-    @classmethod
-    def from_json(cls, data: object) -> CameraClock:
-        """The clock of ``to_json``; UnfitValue for anything else."""
-        data = dict.fromkeys(("name", "sources", "runner_up", "curve")) | entries(data, "a camera's clock")
-        name = text(data["name"], "a camera's name", _NAME)
-        of = f"of camera {name}"
-        sources = tuple(text(source, f"a source {of}", 20) for source in items(data["sources"], f"sources {of}", 10))
-        if unknown := set(sources) - set(_SOURCES):
-            raise UnfitValue(f"the source {sorted(unknown)[0]} {of}", f"one of {', '.join(_SOURCES)}")
-        runner_up = data["runner_up"]
-        if runner_up is not None:
-            given = dict.fromkeys(("offset", "share")) | entries(runner_up, f"the runner-up {of}")
-            runner_up = RunnerUp(
-                number(given["offset"], f"the runner-up's offset {of}", -_LONGEST, _LONGEST),
-                number(given["share"], f"the runner-up's share {of}", 0, 1e6),
-            )
-        return cls(
-            name,
-            number(data.get("offset"), f"the offset {of}", -_LONGEST, _LONGEST),
-            number(data.get("rate", 1.0), f"the rate {of}", *_RATES),
-            number(data.get("confidence"), f"the confidence {of}", 0, 1),
-            sources,
-            runner_up,
-            _curve(data["curve"], f"the curve {of}"),
-        )
 
 
 @dataclass(frozen=True, eq=False)
 class Synchronization:
-    """The clocks of a capture's cameras.
+    """The clocks of a capture's cameras; none where they were given or assumed.
 
     Attributes:
         cameras: in the order of the films.
@@ -110,53 +67,70 @@ class Synchronization:
         refusal: a sentence, where the offsets must not be used; else None.
     """
 
-    cameras: tuple[CameraClock, ...]
-    frame: float
-    residual: float
+    cameras: tuple[CameraClock, ...] = ()
+    frame: float = 1.0
+    residual: float = 0.0
     warnings: tuple[str, ...] = ()
     refusal: str | None = None
 
     @property
-    def clocks(self) -> dict[str, tuple[float, float]]:
+    def clocks(self) -> Clocks:
         """Offset in seconds, and seconds of capture time for each second of film, by camera."""
         return {camera.name: (camera.offset, camera.rate) for camera in self.cameras}
 
-    def to_json(self) -> dict[str, object]:
-        """A plain dictionary for a file; ``from_json`` reads it back."""
-        return {
-            "version": _VERSION,
-            "frame": self.frame,
-            "residual": self.residual,
-            "warnings": list(self.warnings),
-            "refusal": self.refusal,
-            "cameras": [camera.to_json() for camera in self.cameras],
-        }
+    @property
+    def by_sound(self) -> bool:
+        """Whether sound alone told the clocks of all films."""
+        return self.refusal is None and all(camera.sources == ("audio",) for camera in self.cameras)
 
-    @classmethod
-    def from_json(cls, data: object) -> Synchronization:
-        """The synchronisation of ``to_json``; UnfitValue for anything else."""
-        data = dict.fromkeys(("cameras", "warnings", "refusal")) | entries(data, "a synchronisation")
-        if data.get("version") != _VERSION:
-            raise UnfitValue(f"version {data.get('version')!r} of a synchronisation", f"version {_VERSION}")
-        cameras = tuple(CameraClock.from_json(one) for one in items(data["cameras"], "cameras", _MOST_CAMERAS))
-        names = [camera.name for camera in cameras]
-        if len(set(names)) != len(names):
-            raise UnfitValue(f"several clocks of camera {max(names, key=names.count)}", "one of each camera")
-        warnings = items(data["warnings"], "warnings", _MOST_WARNINGS)
-        refusal = data["refusal"]
-        return cls(
-            cameras,
-            number(data.get("frame"), "the frame interval", 1e-6, 1e4),
-            number(data.get("residual"), "the residual", 0, _LONGEST),
-            tuple(text(warning, "a warning", _SENTENCE) for warning in warnings),
-            None if refusal is None else text(refusal, "the refusal", _SENTENCE),
+    def with_clocks(self, clocks: Clocks) -> Synchronization:
+        """The same with other clocks for all cameras, such as offsets that were measured closer."""
+        cameras = (
+            replace(camera, offset=clocks[camera.name][0], rate=clocks[camera.name][1]) for camera in self.cameras
         )
+        return replace(self, cameras=tuple(cameras))
+
+    def likely_offsets(self, most: int) -> list[Float64s]:
+        """At most so many (C,) offsets in seconds: the clocks', then with one film where it fits nearly as well."""
+        offsets = np.array([camera.offset for camera in self.cameras])
+        rivals = [(c.runner_up, i) for i, c in enumerate(self.cameras) if c.runner_up and c.runner_up.is_as_likely]
+        moved = []
+        for runner_up, film in sorted(rivals, key=lambda rival: -rival[0].share):
+            moved.append(offsets.copy())
+            moved[-1][film] = runner_up.offset
+        return [offsets, *moved][:most]
 
 
-def _curve(value: object, what: str) -> Curve:
-    given = dict.fromkeys(("offsets", "scores")) | entries(value, what)
-    scores = items(given["scores"], f"scores in {what}", _MOST_LAGS)
-    offsets = numbers(given["offsets"], f"offsets in {what}", (len(scores),), _LONGEST)
-    held = [float("nan") if one is None else number(one, f"a score in {what}", -1e6, 1e6) for one in scores]
-    result: Float64s = np.array(held, dtype=np.float64)
-    return Curve(np.asarray(offsets, dtype=np.float64), result)
+def read_synchronization(value: object) -> Synchronization:
+    """What a report says of a synchronisation; UnfitValue for anything else."""
+    found: Synchronization = typed(Synchronization, value, "a synchronisation")
+    number(found.frame, "the frame interval", 1e-6, 1e4)
+    for camera in found.cameras:
+        what = f"of camera {camera.name}"
+        number(camera.offset, f"the offset {what}", -_LONGEST, _LONGEST)
+        number(camera.rate, f"the rate {what}", *_RATES)
+        number(camera.confidence, f"the confidence {what}", 0, 1)
+        if camera.runner_up is not None:
+            number(camera.runner_up.offset, f"the runner-up's offset {what}", -_LONGEST, _LONGEST)
+        offsets, scores = camera.curve.lags, camera.curve.scores
+        if offsets.shape != scores.shape or offsets.ndim != 1 or not np.isfinite(offsets).all():
+            raise UnfitValue(f"the curve {what} of {offsets.shape} offsets and {scores.shape} scores", "one of each")
+    return found
+
+
+def in_step(found: Synchronization, films: Sequence[Film]) -> Synchronization:
+    """The same with equal clocks where all began together and ran alike: what is left is the error of finding it."""
+    offsets, rates = zip(*found.clocks.values(), strict=True)
+    frame = 1 / max(film.facts.frames_per_second for film in films)
+    if max(offsets) - min(offsets) < 2 * _IN_STEP * frame and all(abs(rate - 1) < _SAME_RATE for rate in rates):
+        return found.with_clocks(dict.fromkeys(found.clocks, (0.0, 1.0)))
+    return found
+
+
+def differ(one: Clocks, other: Clocks, films: Sequence[Film]) -> bool:
+    """Whether any film's clock differs by more than a tenth of a frame at its start."""
+    return any(
+        abs(one[film.name][0] - other[film.name][0]) * film.facts.frames_per_second > _IN_STEP
+        for film in films
+        if film.name in one and film.name in other
+    )

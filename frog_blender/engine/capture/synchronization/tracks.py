@@ -7,7 +7,9 @@ close around every triangle have much, is far surer.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations, product
 
@@ -18,7 +20,6 @@ from ..epipolar import sampson_distances
 from ..video import load_opencv
 from . import limits
 from .pairs import Curve, PairLag, maxima
-from .work import in_threads
 
 _CONFIDENCE, _ROUNDS, _SEED = 0.999, 2000, 7  # of the fundamental matrix
 _CLIMBS = 30
@@ -62,7 +63,8 @@ def track_lags(tracks: Sequence[NamedTracks], width: int) -> list[PairLag]:
     """
     frame = max(track.interval for track in tracks)
     pairs = list(combinations(range(len(tracks)), 2))
-    compared = in_threads(lambda pair: _curve(tracks[pair[0]], tracks[pair[1]], frame, width), pairs)
+    with ThreadPoolExecutor(os.cpu_count()) as threads:  # OpenCV computes outside Python's lock
+        compared = list(threads.map(lambda pair: _curve(tracks[pair[0]], tracks[pair[1]], frame, width), pairs))
     curves = {pair: curve for pair, curve in zip(pairs, compared, strict=True) if np.isfinite(curve.scores).any()}
     if not curves:
         return []

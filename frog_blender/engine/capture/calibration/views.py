@@ -1,0 +1,178 @@
+"""What calibration looks at in a standing camera's film: its background, where something moves, and some images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Array, Bools, Float32s, ImageArray
+from ...errors import FrogError, found_instead
+from ..readers.footage import decode_film
+from ..synchronization.films import Film, kinds_of
+from ..synchronization.run import Run, WorkFolder, key_of
+from ..video import load_opencv
+
+LONGEST_SIDE = 1600
+"""Pixels of the images that features are sought in: more of them cost time and win nothing."""
+_BACKGROUND_IMAGES = 30
+_BACKGROUND_FRAMES = 1200  # frames from the start among which they are spread: all before the last one are decoded
+_CHANGES = 6.0  # of 255: standard deviation over time of what moves
+_STILL = 0.5  # pixels that the background of a standing camera moves by, at 500 pixels of width
+_STILL_SHARE = 0.15  # of the corners: people may cover the rest, and of a moving camera none stays
+_CORNERS = 400
+_MOST_DECODED = 4  # films at once: of each some dozens of images are held
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One standing camera's film as calibration sees it.
+
+    Attributes:
+        background: (h, w) uint8 brightness of the background: the median over time, at most LONGEST_SIDE a side.
+        changing: (h, w) bool, where something moves.
+        images: brightness like ``background``, those nearest to common times; None where the film has none then.
+    """
+
+    background: ImageArray
+    changing: Bools
+    images: tuple[ImageArray | None, ...] = ()
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """For the work folder; ``view_of`` reads them back."""
+        images = {f"image{index}": image for index, image in enumerate(self.images) if image is not None}
+        return {"background": self.background, "changing": self.changing, "count": np.array(len(self.images)), **images}
+
+
+def view_of(arrays: Mapping[str, Array]) -> View:
+    """The view of ``View.arrays``."""
+    images = tuple(arrays.get(f"image{index}") for index in range(int(arrays["count"])))
+    return View(arrays["background"], arrays["changing"], images)
+
+
+@dataclass(frozen=True)
+class ViewFile:
+    """A standing camera, whose view the work folder holds.
+
+    Attributes:
+        name, size: of the camera; width and height in pixels of its film.
+        key: of the stage "view".
+        group: cameras of one group are of one kind and share their focal length.
+    """
+
+    name: str
+    size: tuple[int, int]
+    key: str
+    group: int = 0
+
+    def load(self, work: WorkFolder) -> View:
+        """The view; FrogError where it is not there, or not as it was."""
+        arrays = work.load("view", self.key)
+        if arrays is None:
+            raise found_instead(work.file("view", self.key), "a damaged view, or none", "what calibration kept there")
+        return view_of(arrays)
+
+
+def views_of(run: Run, films: Sequence[Film], times: Sequence[float] = (), alike: float = 0.0) -> list[ViewFile]:
+    """The films' backgrounds and what moves at common times, in the work folder, of an earlier run or new.
+
+    Films whose sizes differ by less than ``alike`` share a focal length, which few points leave open otherwise. For
+    features, which are exact, the middles of such images lie too far apart.
+    """
+
+    def of_film(film: Film) -> str:
+        key = key_of(film.state, [round(film.frame_at(time)) for time in times])
+        run.work.kept("view", key, lambda: view_film(film, times, run.check).arrays)
+        return key
+
+    keys = run.in_threads("images", of_film, films, _MOST_DECODED)
+    groups = kinds_of(films, alike)
+    return [ViewFile(film.name, film.size, key, group) for film, key, group in zip(films, keys, groups, strict=True)]
+
+
+def is_standing(film: Film) -> bool:
+    """Whether the background rests between the film's first, middle and last image."""
+    cv2 = load_opencv()
+    last = min(film.facts.frame_count, _BACKGROUND_FRAMES) - 1
+    frames = sorted({0, last // 2, last})
+    first, *others = film.gray(frames, LONGEST_SIDE)
+    corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.01, max(4, first.shape[1] / 60))
+    if corners is None or not others:
+        return True
+    still = max(_STILL, _STILL * first.shape[1] / 500)
+    for other in others:
+        ends, found, _ = cv2.calcOpticalFlowPyrLK(first, other, corners, None)
+        rests = (np.linalg.norm(ends - corners, axis=-1)[:, 0] < still) & (found[:, 0] > 0)
+        if np.mean(rests) < _STILL_SHARE:
+            return False
+    return True
+
+
+def common_times(films: Sequence[Film], count: int) -> list[float]:
+    """At most ``count`` capture times in seconds, evenly spread over what all films saw, off its ends.
+
+    Raises:
+        FrogError: if the films share no time.
+    """
+    start = max(film.time_of(0) for film in films)
+    end = min(film.time_of(min(film.facts.frame_count, _BACKGROUND_FRAMES) - 1) for film in films)
+    if end < start:
+        raise FrogError("The films have no time in common: each starts when another has ended.")
+    first = films[0]  # at the times of its frames: where films are in step nothing has to be carried
+    spread = [start + (end - start) * (index + 0.5) / count for index in range(count)]
+    return sorted({min(max(first.time_of(round(first.frame_at(time))), start), end) for time in spread})
+
+
+def view_film(film: Film, times: Sequence[float], check: Callable[[], None]) -> View:
+    """A standing camera's view: its background, and its images nearest to capture times in seconds.
+
+    Args:
+        check: called before each image; it raises what ends the work.
+    """
+    count = film.facts.frame_count
+    spread = np.unique(
+        np.linspace(0, min(count, _BACKGROUND_FRAMES) - 1, _BACKGROUND_IMAGES).round().astype(int)
+    ).tolist()
+    nearest = [round(film.frame_at(time)) for time in times]
+    needed = sorted({frame for frame in (*spread, *nearest) if 0 <= frame < count})
+    images: dict[int, ImageArray] = {}
+    for frame, image in zip(needed, film.gray(needed, LONGEST_SIDE), strict=True):
+        check()
+        images[frame] = image
+    stack = np.stack([images[frame] for frame in spread])
+    return View(_median(stack), _changing(stack), tuple(images.get(frame) for frame in nearest))
+
+
+def images_at(film: Film, times: Sequence[float], check: Callable[[], None]) -> Iterator[ImageArray | None]:
+    """The images nearest to ascending capture times; None where the film has none."""
+    frames = [round(film.frame_at(time)) for time in times]
+    needed = sorted({frame for frame in frames if 0 <= frame < film.facts.frame_count})
+    decoded = decode_film(film.path, needed)
+    last, image = -1, None
+    for frame in frames:
+        check()
+        if not 0 <= frame < film.facts.frame_count:
+            yield None
+            continue
+        if frame != last:
+            last, image = frame, next(decoded)
+        yield image
+
+
+def _median(stack: Array) -> ImageArray:
+    """(H, W) uint8 median over the images (N, H, W), in strips: numpy's copies are large."""
+    rows = [np.median(stack[:, top : top + 64], axis=0) for top in range(0, stack.shape[1], 64)]
+    return np.asarray(np.concatenate(rows).round(), np.uint8)
+
+
+def _changing(stack: Array) -> Bools:
+    """(H, W) bool: where the brightness varies, widened by what a feature sees of its surroundings."""
+    cv2 = load_opencv()
+    deviation: Float32s = np.concatenate(
+        [stack[:, top : top + 64].std(axis=0, dtype=np.float32) for top in range(0, stack.shape[1], 64)]
+    )
+    side = 2 * max(1, round(stack.shape[2] / 160)) + 1
+    wide = cv2.dilate((deviation > _CHANGES).astype(np.uint8), np.ones((side, side), np.uint8))
+    return np.asarray(wide > 0)
