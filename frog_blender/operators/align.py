@@ -4,11 +4,11 @@
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, FloatProperty
 from mathutils import Matrix
 
 from ..engine.errors import FrogError
 from ..engine.playback.ground_plane import Floor, camera_up, find_floor, min_height, placement, static_points
+from ..properties import number, switch
 from ..scene_import.capture_objects import active_capture, cameras_of, root_of
 from ..timeline import playback
 from .bases import UNDOABLE, FrogOperator
@@ -22,30 +22,18 @@ class FROG_OT_align_to_floor(FrogOperator, bpy.types.Operator):
     bl_options = UNDOABLE
     needs_capture = True
 
-    use_floor: BoolProperty(
-        name="Find Floor",
-        description="Look for the floor among the Gaussians. Otherwise the cameras alone determine the up direction",
-        default=True,
+    use_floor: switch(
+        "Find Floor",
+        "Look for the floor among the Gaussians. Otherwise the cameras alone determine the up direction",
+        True,
     )
-    flip: BoolProperty(
-        name="Flip",
-        description="Turn the capture upside down, for cameras that were mounted that way",
-        default=False,
-    )
-    use_length: BoolProperty(
-        name="Set Size",
-        description="Scale the capture to a known distance: between the two selected objects, such as two of its "
+    flip: switch("Flip", "Turn the capture upside down, for cameras that were mounted that way")
+    use_length: switch(
+        "Set Size",
+        "Scale the capture to a known distance: between the two selected objects, such as two of its "
         "cameras, or otherwise between its two cameras that are farthest apart",
-        default=False,
     )
-    length: FloatProperty(
-        name="Distance",
-        description="The real length of that distance",
-        default=1.0,
-        min=1e-4,
-        soft_max=100.0,
-        subtype="DISTANCE",
-    )
+    length: number("Distance", "The real length of that distance", 1.0, min=1e-4, soft_max=100.0, subtype="DISTANCE")
 
     def act(self, context: bpy.types.Context) -> str:
         obj = active_capture(context)

@@ -10,15 +10,15 @@ from contextlib import closing
 from pathlib import Path
 
 import bpy
-from bpy.props import StringProperty
 
 from .. import point_cloud
 from ..engine.errors import FrogError
+from ..properties import text
 from ..scene_import.capture_objects import named_or_active_capture
 from ..timeline import open_scenes, playback, playback_cache
 from ..timeline.frame_timing import evaluated_frames
 from ..timeline.retiming import needs_evaluated_time, stretched
-from .bases import FrogOperator
+from .bases import ConfirmedOperator, FrogOperator
 from .modal_operator import ModalOperator, Steps
 
 
@@ -62,10 +62,8 @@ def _times(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> set[float
 class _OfCapture:
     """Base of operators on one capture."""
 
-    object_name: StringProperty(
-        name="Capture",
-        description="The object that plays the capture. Empty for the active object",
-        options={"SKIP_SAVE"},
+    object_name: text(
+        "Capture", "The object that plays the capture. Empty for the active object", options={"SKIP_SAVE"}
     )
 
     def capture(self, context: bpy.types.Context) -> bpy.types.Object:
@@ -102,14 +100,11 @@ has nothing to compute. Press Esc or the right mouse button to stop"""
         return "Baking was stopped. Nothing was written."
 
 
-class FROG_OT_clear_bake(_OfCapture, FrogOperator, bpy.types.Operator):
+class FROG_OT_clear_bake(_OfCapture, ConfirmedOperator, bpy.types.Operator):
     """Delete the baked playback of this capture from disk. Frames are computed again when they are shown"""
 
     bl_idname = "frog.clear_bake"
     bl_label = "Clear Bake"
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        return context.window_manager.invoke_confirm(self, event)
 
     def act(self, context: bpy.types.Context) -> None:
         path = playback.bake_path(self.capture(context))

@@ -64,6 +64,19 @@ class FrogOperator:
         return {"CANCELLED"}
 
 
+class ConfirmedOperator(FrogOperator):
+    """Base of those that ask before they do it."""
+
+    question = ""
+    """What is asked besides what it is called."""
+
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        asked: set[str] = context.window_manager.invoke_confirm(
+            self, event, title=self.bl_label, message=self.question, confirm_text=self.bl_label.split()[0]
+        )
+        return asked
+
+
 class CancelOperator(FrogOperator):
     """Base of those that cancel what runs in the background."""
 

@@ -5,10 +5,11 @@
 from pathlib import Path
 
 import bpy
-from bpy.props import FloatProperty, StringProperty
+from bpy.props import StringProperty
 
 from ..engine.capture.calibration.camera_files import found_beside, given_beside, use_found, use_given
 from ..engine.errors import FrogError
+from ..properties import number
 from ..tasks.calibration import CalibrationTask
 from ..tasks.clocks import OFFSETS, RATES, CameraClock, write_clock
 from ..ui import capture_reading, capture_summary, contact_sheet, preview_image, report_images, torch_environment
@@ -43,19 +44,19 @@ class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
     bl_label = "Correct Clock"
 
     camera: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
-    offset: FloatProperty(
-        name="Offset",
-        description="Seconds after the capture's beginning at which this camera's film begins",
+    offset: number(
+        "Offset",
+        "Seconds after the capture's beginning at which this camera's film begins",
         min=-OFFSETS,
         max=OFFSETS,
         precision=4,
         step=1,
         options={"SKIP_SAVE"},
     )
-    rate: FloatProperty(
-        name="Rate",
-        description="Seconds of the capture for each second of this camera's film; 1 for a clock that runs right",
-        default=1.0,
+    rate: number(
+        "Rate",
+        "Seconds of the capture for each second of this camera's film; 1 for a clock that runs right",
+        1.0,
         min=RATES[0],
         max=RATES[1],
         precision=6,

@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty
 
+from ..properties import switch
 from ..scene_capture import placing
 from ..scene_capture.request import request_of
 from ..scene_import.capture_objects import finder
@@ -23,9 +23,9 @@ class FROG_OT_place_rig(FrogOperator, bpy.types.Operator):
     bl_label = "Place Cameras"
     bl_options = UNDOABLE
 
-    fit: BoolProperty(
-        name="Fit to Selection",
-        description="Move the box around the selected objects first, wherever they are over the scene's frames",
+    fit: switch(
+        "Fit to Selection",
+        "Move the box around the selected objects first, wherever they are over the scene's frames",
         options={"SKIP_SAVE"},
     )
 

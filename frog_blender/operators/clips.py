@@ -5,10 +5,11 @@
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty, FloatProperty, StringProperty
+from bpy.props import BoolProperty
 
 from ..engine.errors import FrogError
 from ..engine.source_media.undistorted_clips import Undistortion
+from ..properties import number, switch, text
 from ..scene_import.camera_clips import OPACITY, add_clips, begin_undistortion, hide_clip, refresh_drivers
 from ..scene_import.capture_objects import active_capture, cameras_of, find_by_uid
 from ..viewport import drawing
@@ -24,32 +25,21 @@ undistorted copies are first written next to the scene file"""
     bl_label = "Show Clips"
     bl_options = UNDOABLE
 
-    directory: StringProperty(
-        name="Capture Folder",
-        description="The folder with the videos or images that the capture was trained from",
+    directory: text(
+        "Capture Folder",
+        "The folder with the videos or images that the capture was trained from",
         subtype="DIR_PATH",
         options={"SKIP_SAVE"},
     )
     filter_folder: BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
-    opacity: FloatProperty(
-        name="Opacity",
-        description="Opacity of the clips",
-        default=OPACITY,
-        min=0.0,
-        max=1.0,
-        subtype="FACTOR",
-    )
-    in_front: BoolProperty(
-        name="In Front",
-        description="Show the clips in front of the scene, for comparison, instead of behind it",
-        default=False,
-    )
+    opacity: number("Opacity", "Opacity of the clips", OPACITY, min=0.0, max=1.0, subtype="FACTOR")
+    in_front: switch("In Front", "Show the clips in front of the scene, for comparison, instead of behind it")
 
-    straighten: BoolProperty(
-        name="Undistort",
-        description="Where a lens has distortion, or Blender cannot read the images as a clip, write undistorted "
+    straighten: switch(
+        "Undistort",
+        "Where a lens has distortion, or Blender cannot read the images as a clip, write undistorted "
         "copies next to the scene file and show those",
-        default=True,
+        True,
     )
 
     doing = "Undistorting {done:,} of {total:,} images"

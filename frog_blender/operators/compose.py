@@ -8,11 +8,11 @@ first; Blender renders both when the first is rendered.
 # mypy: disable-error-code="valid-type"
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty
 
 from ..engine.errors import FrogError
 from ..lighting import world
 from ..lighting.captured_light import light_by
+from ..properties import choice, switch
 from ..render.compositing import compositor, scenes
 from ..scene_import.capture_objects import active_capture
 from ..scene_import.scene_setup import has_world_of_its_own
@@ -28,20 +28,19 @@ Later changes of camera, frame range, render region, resolution, collections and
     bl_label = "Render With My Objects"
     bl_options = UNDOABLE
 
-    engine: EnumProperty(
-        name="Objects",
-        description="Render engine for all objects that are not captures",
-        items=(
+    engine: choice(
+        "Objects",
+        "Render engine for all objects that are not captures",
+        (
             ("CYCLES", "Cycles", "Path tracing: soft light and shadows, slow"),
             ("EEVEE", "EEVEE", "Rasterization: fast, needs a graphics card"),
         ),
-        default="CYCLES",
     )
-    light: BoolProperty(
-        name="Light by Capture",
-        description="Light the objects with what the capture shows at the current frame, unless the scene has a world "
+    light: switch(
+        "Light by Capture",
+        "Light the objects with what the capture shows at the current frame, unless the scene has a world "
         "that you made. Cameras see the world as before",
-        default=True,
+        True,
     )
 
     @classmethod
@@ -54,8 +53,7 @@ Later changes of camera, frame range, render region, resolution, collections and
 
     def act(self, context: bpy.types.Context) -> str:
         scene = context.scene
-        if scene.render.engine != (engine := _engine_name(self.engine)):
-            scene.render.engine = engine
+        scene.render.engine = _engine_name(self.engine)
         splats = scenes.overlay_of(scene)
         if splats is None:
             splats = _splat_scene(scene)
@@ -79,7 +77,7 @@ def _engine_name(engine: str) -> str:
     if engine != "EEVEE":
         return engine
     known = bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items.keys()
-    return next((name for name in ("BLENDER_EEVEE_NEXT", "BLENDER_EEVEE") if name in known), "BLENDER_EEVEE")
+    return "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in known else "BLENDER_EEVEE"
 
 
 def _is_splats(scene: bpy.types.Scene) -> bool:
@@ -88,15 +86,6 @@ def _is_splats(scene: bpy.types.Scene) -> bool:
 
 
 def _splat_scene(scene: bpy.types.Scene) -> bpy.types.Scene:
-    """The captures' scene: one that the compositor shows already, a known one, or a new one."""
-    name = f"{scene.name} FRoG"
-    nodes = getattr(compositor.tree_of(scene), "nodes", ())
-    read = [node.scene for node in nodes if node.type == "R_LAYERS" and node.scene is not None]
-    followers = [found for found in scenes.followers() if found.frog.composed_with == scene]
-    of_before = [found for found in (*read, bpy.data.scenes.get(name)) if found is not None and _follows_none(found)]
-    return next(iter((*followers, *of_before)), None) or bpy.data.scenes.new(name)
-
-
-def _follows_none(scene: bpy.types.Scene) -> bool:
-    """Whether a scene is a captures' scene from a .blend that did not store the scene it belongs to yet."""
-    return _is_splats(scene) and scene.frog.composed_with is None
+    """The captures' scene that follows a scene already, or a new one."""
+    followers = (follower for follower in scenes.followers() if follower.frog.composed_with == scene)
+    return next(followers, None) or bpy.data.scenes.new(f"{scene.name} FRoG")

@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
+from bpy.props import EnumProperty
 
 from .. import addon_state
 from ..engine.errors import FrogError
+from ..properties import choice, number, switch, whole
 from ..timeline import playback
 from ..timeline.edited_scenes import EditedScenes
 from .bases import EditOperator, chosen_in, mark, scene_of, select
@@ -41,19 +44,13 @@ class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
     bl_idname = "frog.select_gaussians"
     bl_label = "Select Gaussians"
 
-    by: EnumProperty(name="By", description="Which to select", items=CRITERIA, default="CLUSTER")
-    mode: EnumProperty(name="Mode", description="What to do with those selected before", items=MODES, default="SET")
-    opacity: FloatProperty(
-        name="Opacity", description="The largest opacity", default=0.1, min=0.0, max=1.0, subtype="FACTOR"
-    )
-    size: FloatProperty(
-        name="Size", description="The least standard deviation, in the capture's units", default=0.5, min=0.0
-    )
-    distance: FloatProperty(
-        name="Distance", description="The least distance, in the capture's units", default=5.0, min=0.0
-    )
-    cameras: IntProperty(name="Fewer Than", description="Cameras that see one", default=2, min=1, soft_max=20)
-    members: IntProperty(name="Fewer Than", description="Gaussians in a cluster", default=50, min=2, soft_max=1000)
+    by: choice("By", "Which to select", CRITERIA, "CLUSTER")
+    mode: choice("Mode", "What to do with those selected before", MODES, "SET")
+    opacity: number("Opacity", "The largest opacity", 0.1, min=0.0, max=1.0, subtype="FACTOR")
+    size: number("Size", "The least standard deviation, in the capture's units", 0.5, min=0.0)
+    distance: number("Distance", "The least distance, in the capture's units", 5.0, min=0.0)
+    cameras: whole("Fewer Than", "Cameras that see one", 2, min=1, soft_max=20)
+    members: whole("Fewer Than", "Gaussians in a cluster", 50, min=2, soft_max=1000)
 
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
@@ -72,27 +69,19 @@ class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
     def _found(self, context: bpy.types.Context, obj: bpy.types.Object) -> np.ndarray:
         from ..engine.editing import selections
 
-        scene = scene_of(obj)
-        match self.by:
-            case "OPACITY":
-                return selections.by_opacity(scene, self.opacity)
-            case "SIZE":
-                return selections.by_size(scene, self.size)
-            case "DISTANCE":
-                center = obj.matrix_world.inverted_safe() @ context.scene.cursor.location
-                return selections.by_distance(scene, np.array(center), self.distance, _time(context, obj))
-            case "CAMERAS":
-                return selections.by_cameras(_weights(obj), self.cameras)
-            case "CLUSTER":
-                return selections.by_cluster(scene, self.members)
-            case "DYNAMIC":
-                return selections.dynamic(scene)
-            case "STATIC":
-                return ~selections.dynamic(scene)
-            case "HIDDEN":
-                return chosen_in(obj.frog_edits.hidden, scene)
-            case _:
-                return _selected_points(context, obj)
+        scene, center = scene_of(obj), np.array(obj.matrix_world.inverted_safe() @ context.scene.cursor.location)
+        found: dict[str, Callable[[], np.ndarray]] = {
+            "OPACITY": lambda: selections.by_opacity(scene, self.opacity),
+            "SIZE": lambda: selections.by_size(scene, self.size),
+            "DISTANCE": lambda: selections.by_distance(scene, center, self.distance, _time(context, obj)),
+            "CAMERAS": lambda: selections.by_cameras(_weights(obj), self.cameras),
+            "CLUSTER": lambda: selections.by_cluster(scene, self.members),
+            "DYNAMIC": lambda: selections.dynamic(scene),
+            "STATIC": lambda: ~selections.dynamic(scene),
+            "HIDDEN": lambda: chosen_in(obj.frog_edits.hidden, scene),
+            "POINTS": lambda: _selected_points(context, obj),
+        }
+        return found[self.by]()
 
 
 class FROG_OT_select_gaussians_all(EditOperator, bpy.types.Operator):
@@ -127,10 +116,8 @@ class FROG_OT_grow_selection(EditOperator, bpy.types.Operator):
     bl_label = "Grow Selection"
     needs = "selection"
 
-    shrink: BoolProperty(name="Shrink", description="Deselect those near others", default=False)
-    distance: FloatProperty(
-        name="Distance", description="How near, in the capture's units", default=0.05, min=0.0, soft_max=1.0
-    )
+    shrink: switch("Shrink", "Deselect those near others")
+    distance: number("Distance", "How near, in the capture's units", 0.05, min=0.0, soft_max=1.0)
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
         from ..engine.editing.selections import grown, shrunk
@@ -147,7 +134,7 @@ class FROG_OT_hide_gaussians(EditOperator, bpy.types.Operator):
     bl_label = "Hide Gaussians"
     needs = "selection"
 
-    unselected: BoolProperty(name="Unselected", description="Hide those that are not selected", default=False)
+    unselected: switch("Unselected", "Hide those that are not selected")
 
     def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> str:
         scene, settings = scene_of(obj), obj.frog_edits
@@ -182,13 +169,8 @@ class FROG_OT_clean_up(EditOperator, bpy.types.Operator):
     bl_idname = "frog.clean_up"
     bl_label = "Clean Up"
 
-    strength: FloatProperty(
-        name="Strength",
-        description="How much may be hidden. At 1 images may lose 0.02 dB",
-        default=0.5,
-        min=0.0,
-        max=1.0,
-        subtype="FACTOR",
+    strength: number(
+        "Strength", "How much may be hidden. At 1 images may lose 0.02 dB", 0.5, min=0.0, max=1.0, subtype="FACTOR"
     )
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:

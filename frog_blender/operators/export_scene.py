@@ -9,16 +9,17 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
+from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..capture_files import file_of, named_file
 from ..engine.errors import FrogError
 from ..engine.playback.transform import Y_DOWN
+from ..properties import choice, switch, whole
 from ..scene_import.capture_objects import active_capture, stored_path
 from ..scene_import.capture_sound import has_sound
 from ..timeline import playback
@@ -61,21 +62,16 @@ class _ExportsCapture(FrogOperator, ExportHelper):
         return Path(bpy.path.abspath(self.filepath))
 
 
-def _frames(default: str) -> Any:  # Any: a property of Blender's
-    return EnumProperty(name="Frames", description="Frames of the timeline to write", items=RANGES, default=default)
-
-
 class _ExportsTimeline(_ExportsCapture, ModalOperator):
     """Base of those that write frames of the timeline; classes say how."""
 
-    frames: _frames("SCENE")
-    first: IntProperty(name="First", description="First frame of the timeline to write", default=1)
-    last: IntProperty(name="Last", description="Last frame of the timeline to write", default=250)
-    apply_transform: BoolProperty(
-        name="Apply Transform",
-        description="Write where the capture's empty stands. Otherwise the Gaussians are written in the capture's own "
-        "coordinates",
-        default=True,
+    frames: choice("Frames", "Frames of the timeline to write", RANGES, "SCENE")
+    first: whole("First", "First frame of the timeline to write", 1)
+    last: whole("Last", "Last frame of the timeline to write", 250)
+    apply_transform: switch(
+        "Apply Transform",
+        "Write where the capture's empty stands. Otherwise the Gaussians are written in the capture's own coordinates",
+        True,
     )
 
     bl_options = {"REGISTER"}
@@ -130,22 +126,21 @@ Esc or the right mouse button to stop"""
 
     filename_ext = ".ply"
     filter_glob: StringProperty(default="*.ply;*.spz;*.glb", options={"HIDDEN"})
-    frames: _frames("CURRENT")
-    file_format: EnumProperty(name="Format", description="Kind of files to write", items=FORMATS, default=".ply")
-    y_down: BoolProperty(
-        name="Y Down",
-        description="Convert Blender's axes (z up) to those of most 3DGS files (y down), so that the Gaussians are "
+    frames: choice("Frames", "Frames of the timeline to write", RANGES)
+    file_format: choice("Format", "Kind of files to write", FORMATS, ".ply")
+    y_down: switch(
+        "Y Down",
+        "Convert Blender's axes (z up) to those of most 3DGS files (y down), so that the Gaussians are "
         "upright in other programs and return to their place when they are imported here again",
-        default=True,
+        True,
     )
-    spz_version: EnumProperty(
-        name="Version",
-        description="Version of .spz files",
-        items=(
+    spz_version: choice(
+        "Version",
+        "Version of .spz files",
+        (
             ("3", "3", "Every program that knows the format reads it"),
             ("4", "4", "Smaller. Blender reads and writes it from 5.3 on"),
         ),
-        default="3",
     )
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -214,11 +209,7 @@ class FROG_OT_export_scene(_ExportsCapture, bpy.types.Operator):
 
     filename_ext = ".frog"
     filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
-    use_copy: BoolProperty(
-        name="Play the Copy",
-        description="Make the capture play the copy instead of its current file",
-        default=False,
-    )
+    use_copy: switch("Play the Copy", "Make the capture play the copy instead of its current file")
 
     def act(self, context: bpy.types.Context) -> str:
         from ..engine.io.atomic_files import write_atomically
@@ -241,10 +232,8 @@ class FROG_OT_export_scene(_ExportsCapture, bpy.types.Operator):
 class _ExportsTake(_ExportsTimeline):
     """Base of those that write the frames to one file that plays."""
 
-    use_sound: BoolProperty(
-        name="Sound",
-        description="Write the sound of the capture's videos, if one of them can be found that has any",
-        default=True,
+    use_sound: switch(
+        "Sound", "Write the sound of the capture's videos, if one of them can be found that has any", True
     )
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -286,10 +275,9 @@ the right mouse button to stop"""
 
     filename_ext = ".usdc"
     filter_glob: StringProperty(default="*.usdc;*.usda;*.usd", options={"HIDDEN"})
-    full_precision: BoolProperty(
-        name="Single Precision",
-        description="Write single precision. Half precision, but for locations, makes the file almost half as large",
-        default=False,
+    full_precision: switch(
+        "Single Precision",
+        "Write single precision. Half precision, but for locations, makes the file almost half as large",
     )
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -8,10 +8,11 @@ from types import MappingProxyType
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, FloatProperty, StringProperty
+from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..engine.errors import FrogError
+from ..properties import number, switch
 from ..scene_import.camera_clips import clip_of
 from ..scene_import.capture_objects import cameras_of, select_capture
 from ..scene_import.create_objects import import_scene
@@ -32,18 +33,18 @@ class ImportsFiles(FrogOperator, ImportHelper):
     # Blender fills them with what was dropped or chosen; its ``invoke_popup`` asks for ``files``.
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
-    set_up_scene: BoolProperty(
-        name="Set Up Scene",
-        description="Use the capture's frame range, frame rate, image size, camera and background, and show its "
+    set_up_scene: switch(
+        "Set Up Scene",
+        "Use the capture's frame range, frame rate, image size, camera and background, and show its "
         "colors unchanged (Standard view transform, no dithering). Enabled by default in a new file only",
-        default=True,
+        True,
         options={"SKIP_SAVE"},
     )
-    use_frog_engine: BoolProperty(
-        name="Render with FRoG",
-        description="Make FRoG the scene's render engine, which draws the captures as they were trained, and show "
+    use_frog_engine: switch(
+        "Render with FRoG",
+        "Make FRoG the scene's render engine, which draws the captures as they were trained, and show "
         "rendered viewports. Enabled by default in a new file only",
-        default=True,
+        True,
         options={"SKIP_SAVE"},
     )
 
@@ -105,16 +106,12 @@ class FROG_OT_import_scene(ImportsFiles, bpy.types.Operator):
 
     filename_ext = ".frog"
     filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
-    start_frame: FloatProperty(
-        name="Start Frame",
-        description="Frame of the timeline at which the capture's first frame is shown",
-        default=1.0,
-    )
-    show_clips: BoolProperty(
-        name="Clips",
-        description="Show each camera's video as its background, if the videos can be found. For lenses with "
+    start_frame: number("Start Frame", "Frame of the timeline at which the capture's first frame is shown", 1.0)
+    show_clips: switch(
+        "Clips",
+        "Show each camera's video as its background, if the videos can be found. For lenses with "
         "distortion, use Show Clips in the FRoG tab",
-        default=True,
+        True,
     )
 
     def act(self, context: bpy.types.Context) -> str:

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy.props import BoolProperty, StringProperty
+from bpy.props import StringProperty
 from mathutils import Matrix
 
 from .. import addon_state, unsaved_changes
 from ..engine.errors import FrogError
 from ..engine.interchange.imports import SUFFIXES, says_what_is_up
 from ..engine.playback.transform import Y_DOWN
+from ..properties import switch, text
 from ..scene_import.capture_objects import finder, root_of, select_capture
 from ..scene_import.create_objects import import_scene
 from ..tasks.foreign_import import Converter, ForeignImport, Importing
@@ -42,29 +43,24 @@ to a .frog file"""
 
     filename_ext = ".ply"
     filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
-    turn_upright: BoolProperty(
-        name="Y Down to Z Up",
-        description="Rotate the capture's empty: in most 3DGS files y points down, in Blender z points up. USD files "
+    turn_upright: switch(
+        "Y Down to Z Up",
+        "Rotate the capture's empty: in most 3DGS files y points down, in Blender z points up. USD files "
         "say themselves what is up",
-        default=True,
+        True,
     )
-    scene_file: StringProperty(
-        name="Scene File",
-        description="The .frog file to write. If empty, or if several files are imported, it is written next to "
+    scene_file: text(
+        "Scene File",
+        "The .frog file to write. If empty, or if several files are imported, it is written next to "
         "each file under the same name, with a number if that name is taken",
         subtype="FILE_PATH",
     )
-    sequence: BoolProperty(
-        name="Sequence",
-        description="Import all .ply files of the folder as frames, in the order of the numbers in their names, at the "
+    sequence: switch(
+        "Sequence",
+        "Import all .ply files of the folder as frames, in the order of the numbers in their names, at the "
         "scene's frame rate",
-        default=False,
     )
-    compact: BoolProperty(
-        name="Pack",
-        description="Make the .frog file several times smaller. The changes are too small to see",
-        default=False,
-    )
+    compact: switch("Pack", "Make the .frog file several times smaller. The changes are too small to see")
 
     stop_keys = ("ESC",)  # one goes on working
     at_once = 0.5

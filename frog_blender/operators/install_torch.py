@@ -5,11 +5,11 @@
 import textwrap
 
 import bpy
-from bpy.props import EnumProperty, StringProperty
 
 from ..engine.capture.calibration.landmark_file import LICENSE, landmark_file
 from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
+from ..properties import choice, text
 from ..tasks import installation
 from ..tasks.installation import LandmarkDownload, PipTask
 from ..tasks.package_folders import installed, remove
@@ -27,13 +27,13 @@ from ..tasks.packages import (
 )
 from ..tasks.training import TrainingTask
 from ..ui import torch_environment
-from .bases import CancelOperator, FrogOperator
+from .bases import CancelOperator, ConfirmedOperator
 
 BUILDS = {CPU: "CPU only", CUDA: "NVIDIA GPU (CUDA)"}
 """Builds of torch, in words."""
 
 
-class _Downloads(FrogOperator):
+class _Downloads(ConfirmedOperator):
     """Base of operators that download, where the user allows it."""
 
     @classmethod
@@ -49,20 +49,18 @@ class FROG_OT_install_torch(_Downloads, bpy.types.Operator):
     bl_idname = "frog.install_torch"
     bl_label = "Install torch"
 
-    build: EnumProperty(
-        name="Build",
-        description="Which torch is downloaded",
-        items=(
+    build: choice(
+        "Build",
+        "Which torch is downloaded",
+        (
             (CPU, "CPU Only", f"Trains on the processor: {SIZES[CPU]}"),
             (CUDA, "NVIDIA GPU (CUDA)", f"Trains on an NVIDIA graphics card as well: {SIZES[CUDA]}"),
         ),
-        default=served_build(),
+        served_build(),
         options={"SKIP_SAVE"},
     )
-    index: StringProperty(
-        name="Package Index",
-        description="Address of PyTorch's own index. Empty for that in the preferences",
-        options={"SKIP_SAVE"},
+    index: text(
+        "Package Index", "Address of PyTorch's own index. Empty for that in the preferences", options={"SKIP_SAVE"}
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
@@ -95,7 +93,7 @@ class FROG_OT_install_torch(_Downloads, bpy.types.Operator):
         installation.begin(arguments, torch_environment.use_installation, build=self.build if is_chosen else CPU)
 
 
-class FROG_OT_remove_torch(FrogOperator, bpy.types.Operator):
+class FROG_OT_remove_torch(ConfirmedOperator, bpy.types.Operator):
     """Remove what Install torch downloaded. Training needs it again; playing and rendering do not"""
 
     bl_idname = "frog.remove_torch"
@@ -108,9 +106,6 @@ class FROG_OT_remove_torch(FrogOperator, bpy.types.Operator):
         is_busy = PipTask.is_any_running() or TrainingTask.is_any_running()
         return "Wait until the training or the installation has ended." if is_busy else ""
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        return context.window_manager.invoke_confirm(self, event, title="Remove torch", confirm_text="Remove")
-
     def act(self, _context: bpy.types.Context) -> str:
         is_gone = remove(installation.folder())
         torch_environment.forget_installation()
@@ -122,14 +117,11 @@ class FROG_OT_install_calibration(_Downloads, bpy.types.Operator):
 
     bl_idname = "frog.install_calibration"
     bl_label = "Install pycolmap"
+    question = f"This downloads pycolmap {PYCOLMAP} and OpenCV, {CALIBRATION_SIZES}."
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
         return super().problem(context) if has_pycolmap_wheel() else "There is no pycolmap for this kind of computer."
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        text = f"This downloads pycolmap {PYCOLMAP} and OpenCV, {CALIBRATION_SIZES}."
-        return context.window_manager.invoke_confirm(self, event, title="Install pycolmap", message=text)
 
     def act(self, _context: bpy.types.Context) -> None:
         # From pip's own index: PyTorch's has no pycolmap.
@@ -141,14 +133,11 @@ class FROG_OT_fetch_landmarks(_Downloads, bpy.types.Operator):
 
     bl_idname = "frog.fetch_landmarks"
     bl_label = "Fetch Landmark File"
+    question = f"This downloads {LICENSE}: {LANDMARK_SIZES}."
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
         return super().problem(context) if landmark_file() is None else "The landmark file is there."
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        text = f"This downloads {LICENSE}: {LANDMARK_SIZES}."
-        return context.window_manager.invoke_confirm(self, event, title="Fetch Landmark File", message=text)
 
     def act(self, _context: bpy.types.Context) -> None:
         LandmarkDownload().begin()

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty
 
 from ..lighting import world
 from ..lighting.captured_light import WIDTH, light_by
+from ..properties import choice
 from ..scene_import.capture_objects import active_capture
 from .bases import UNDOABLE, FrogOperator
 
@@ -25,20 +25,19 @@ before. Press again after changes to take the light anew"""
     bl_options = UNDOABLE
     needs_capture = True
 
-    place: EnumProperty(
-        name="Taken From",
-        description="Where the light is taken",
-        items=(
+    place: choice(
+        "Taken From",
+        "Where the light is taken",
+        (
             ("MIDDLE", "Capture's Middle", "The place nearest the middle of the capture that nothing stands close to"),
             ("CURSOR", "3D Cursor", "The place of the 3D cursor"),
         ),
-        default="MIDDLE",
     )
-    width: EnumProperty(
-        name="Width",
-        description="Pixels of the environment image. More of them make sharper reflections and a larger .blend",
-        items=tuple((width, width, f"{width} x {int(width) // 2} pixels") for width in _WIDTHS),
-        default=str(WIDTH),
+    width: choice(
+        "Width",
+        "Pixels of the environment image. More of them make sharper reflections and a larger .blend",
+        tuple((width, width, f"{width} x {int(width) // 2} pixels") for width in _WIDTHS),
+        str(WIDTH),
     )
 
     def act(self, context: bpy.types.Context) -> str:

@@ -8,10 +8,10 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy.props import EnumProperty, IntProperty
 
 from ..engine.errors import FrogError
 from ..lighting import proxy
+from ..properties import choice, whole
 from ..render.compositing import scenes
 from ..scene_import.capture_objects import active_capture
 from ..timeline import playback, retiming
@@ -31,10 +31,10 @@ other edits count; after another edit or another timing, make it again. Press Es
     bl_label = "Make Proxy Mesh"
     bl_options = {"UNDO"}  # not REGISTER: each change in the redo panel would fuse everything again
 
-    use: EnumProperty(
-        name="For",
-        description="What the mesh is for",
-        items=(
+    use: choice(
+        "For",
+        "What the mesh is for",
+        (
             (
                 proxy.SHADOWS,
                 "Shadows",
@@ -43,25 +43,23 @@ other edits count; after another edit or another timing, make it again. Press Es
             (proxy.HOLDOUT, "Holdout", "Cuts holes where the capture hides your objects"),
             (proxy.PLAIN, "Mesh", "An ordinary mesh, for collisions and other programs"),
         ),
-        default=proxy.SHADOWS,
     )
-    resolution: IntProperty(
-        name="Resolution",
-        description="Voxels along the longest side of what the cameras see: twice as many take eight times as long",
-        default=128,
+    resolution: whole(
+        "Resolution",
+        "Voxels along the longest side of what the cameras see: twice as many take eight times as long",
+        128,
         min=8,
         soft_min=32,
         soft_max=256,
         max=256,
     )
-    frames: EnumProperty(
-        name="Frames",
-        description="Frames of the timeline in which to follow what moves",
-        items=(
+    frames: choice(
+        "Frames",
+        "Frames of the timeline in which to follow what moves",
+        (
             ("SCENE", "Scene Range", "A mesh of what moves for each frame of the scene's frame range"),
             ("CURRENT", "Current Frame", "One mesh of everything, at the current frame"),
         ),
-        default="SCENE",
     )
 
     doing = "Making the proxy mesh: step {done:,} of {total:,}"

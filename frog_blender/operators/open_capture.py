@@ -9,6 +9,7 @@ from bpy.props import BoolProperty, CollectionProperty, StringProperty
 
 from ..engine.capture.video import VIDEO_SUFFIXES
 from ..engine.errors import FrogError
+from ..properties import text
 from ..scene_import.capture_objects import find_by_uid
 from ..ui import capture_reading
 from ..ui.sidebar_panel import show_tab
@@ -98,9 +99,9 @@ class FROG_OT_import_capture(OpensCapture, bpy.types.Operator):
     import_menu = "FRoG Capture (folder)"
     bl_options = UNDOABLE
 
-    directory: StringProperty(
-        name="Capture",
-        description="Folder with the videos or images and their camera calibration",
+    directory: text(
+        "Capture",
+        "Folder with the videos or images and their camera calibration",
         subtype="DIR_PATH",
         options={"SKIP_SAVE"},
     )

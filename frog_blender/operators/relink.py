@@ -7,10 +7,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty, StringProperty
+from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..engine.errors import FrogError
+from ..properties import switch, text
 from ..relative_paths import library_of
 from ..scene_import.capture_objects import named_or_active_capture, stored_path
 from ..timeline import playback
@@ -58,15 +59,13 @@ class FROG_OT_relink(FrogOperator, ImportHelper, bpy.types.Operator):
 
     filename_ext = ".frog"
     filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})
-    object_name: StringProperty(
-        name="Capture",
-        description="The object whose file is missing. Empty for the active object",
-        options={"HIDDEN", "SKIP_SAVE"},
+    object_name: text(
+        "Capture", "The object whose file is missing. Empty for the active object", options={"HIDDEN", "SKIP_SAVE"}
     )
-    all_missing: BoolProperty(
-        name="All Missing Captures",
-        description="Also search this folder for the files of all other missing captures, by file name",
-        default=True,
+    all_missing: switch(
+        "All Missing Captures",
+        "Also search this folder for the files of all other missing captures, by file name",
+        True,
     )
 
     def act(self, context: bpy.types.Context) -> str:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import bpy
-from bpy.props import FloatProperty, IntProperty
 
 from ..engine.errors import FrogError
+from ..properties import number, whole
 from ..scene_import.capture_objects import active_capture, root_of, select_capture
 from ..timeline import playback, retiming, timing_curve
 from ..ui.captures_panel import chosen_capture
@@ -110,7 +110,7 @@ class FROG_OT_freeze_frame(_EditsCurve, bpy.types.Operator):
     bl_idname = "frog.freeze_frame"
     bl_label = "Freeze Frame"
 
-    length: IntProperty(name="Frames", description="How long to hold it", default=24, min=1, soft_max=1000)
+    length: whole("Frames", "How long to hold it", 24, min=1, soft_max=1000)
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         settings, frame = obj.frog, context.scene.frame_current_final
@@ -127,14 +127,14 @@ curve"""
     bl_idname = "frog.ramp_speed"
     bl_label = "Ramp Speed"
 
-    speed: FloatProperty(
-        name="Speed",
-        description="Frames of the capture for each frame of the timeline, after the ramp",
-        default=0.25,
+    speed: number(
+        "Speed",
+        "Frames of the capture for each frame of the timeline, after the ramp",
+        0.25,
         soft_min=-4.0,
         soft_max=4.0,
     )
-    length: IntProperty(name="Frames", description="Length of the ramp", default=12, min=1, soft_max=1000)
+    length: whole("Frames", "Length of the ramp", 12, min=1, soft_max=1000)
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         curve, frame = _curve(context, obj), context.scene.frame_current_final

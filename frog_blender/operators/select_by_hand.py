@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty
+from bpy.props import CollectionProperty
 
 from ..cameras import view_camera
 from ..engine.errors import FrogError
+from ..properties import choice, number, switch, whole
 from ..render.collect_instances import check_placement
 from ..render.viewport import focal_ratio
 from ..scene_import.capture_objects import active_capture
@@ -83,20 +84,10 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
     bl_idname = HAND
     bl_label = "Select Gaussians by Hand"
 
-    shape: EnumProperty(name="Shape", description="What is drawn with the mouse", items=SHAPES, default="BRUSH")
-    mode: EnumProperty(name="Mode", description="What to do with those selected before", items=MODES, default="SET")
-    radius: IntProperty(
-        name="Radius",
-        description="The brush's radius in pixels",
-        default=25,
-        min=1,
-        max=LARGEST_BRUSH,
-        soft_max=200,
-        subtype="PIXEL",
-    )
-    only_visible: BoolProperty(
-        name="Only Visible", description="Leave out what lies behind other Gaussians of the capture", default=False
-    )
+    shape: choice("Shape", "What is drawn with the mouse", SHAPES, "BRUSH")
+    mode: choice("Mode", "What to do with those selected before", MODES, "SET")
+    radius: whole("Radius", "The brush's radius in pixels", 25, min=1, max=LARGEST_BRUSH, soft_max=200, subtype="PIXEL")
+    only_visible: switch("Only Visible", "Leave out what lies behind other Gaussians of the capture")
     path: CollectionProperty(
         type=bpy.types.OperatorMousePath,
         description="Where the mouse went, in pixels from the viewport's lower left corner",
@@ -194,7 +185,7 @@ class FROG_OT_resize_selection_brush(FrogOperator, bpy.types.Operator):
     bl_label = "Resize Selection Brush"
     bl_options = {"INTERNAL"}
 
-    factor: FloatProperty(name="Factor", description="Of the brush's radius", default=1.25, min=0.1, max=10.0)
+    factor: number("Factor", "Of the brush's radius", 1.25, min=0.1, max=10.0)
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:

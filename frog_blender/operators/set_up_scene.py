@@ -3,19 +3,19 @@
 # mypy: disable-error-code="valid-type"
 
 import bpy
-from bpy.props import BoolProperty
 
 from ..engine.errors import FrogError
+from ..properties import switch
 from ..scene_import.capture_objects import active_capture, cameras_of
 from ..scene_import.scene_setup import (
     PARTS,
+    all_or_nothing,
     are_colors_unchanged,
     frame_range,
     look_through,
     set_up,
     show_colors_unchanged,
 )
-from ..scene_import.transaction import all_or_nothing
 from ..timeline import playback
 from .bases import UNDOABLE, FrogOperator
 
@@ -23,21 +23,17 @@ from .bases import UNDOABLE, FrogOperator
 class ChoosesParts:
     """Base of an operator: which parts of the scene are matched to a capture, see ``scene_setup.PARTS``."""
 
-    use_frames: BoolProperty(name="Frame Range", description="Begin and end with the capture", default=True)
-    use_rate: BoolProperty(name="Frame Rate", description="Play as fast as it was filmed", default=True)
-    use_size: BoolProperty(name="Image Size", description="Render at the size of the capture's images", default=True)
-    use_camera: BoolProperty(name="Camera", description="Render through the capture's first camera", default=True)
-    use_colors: BoolProperty(
-        name="Colors as Filmed",
-        description="Show the colors of the videos unchanged: Standard view transform, no look and no dithering",
-        default=True,
+    use_frames: switch("Frame Range", "Begin and end with the capture", True)
+    use_rate: switch("Frame Rate", "Play as fast as it was filmed", True)
+    use_size: switch("Image Size", "Render at the size of the capture's images", True)
+    use_camera: switch("Camera", "Render through the capture's first camera", True)
+    use_colors: switch(
+        "Colors as Filmed",
+        "Show the colors of the videos unchanged: Standard view transform, no look and no dithering",
+        True,
     )
-    use_background: BoolProperty(
-        name="Background", description="A world of the color behind the capture. The present one is kept", default=True
-    )
-    use_engine: BoolProperty(
-        name="Render with FRoG", description="Make FRoG the render engine, and show rendered viewports", default=True
-    )
+    use_background: switch("Background", "A world of the color behind the capture. The present one is kept", True)
+    use_engine: switch("Render with FRoG", "Make FRoG the render engine, and show rendered viewports", True)
 
     @property
     def parts(self) -> list[str]:

@@ -7,10 +7,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-from bpy.props import StringProperty
 
 from .. import point_cloud
 from ..engine.errors import FrogError
+from ..properties import text
 from ..scene_import.capture_objects import cameras_of, root_of, select_capture, that_plays
 from ..scene_import.scene_setup import has_camera_of_its_own, start_cube
 from .bases import UNDOABLE, FrogOperator
@@ -25,7 +25,7 @@ class FROG_OT_show_result(FrogOperator, bpy.types.Operator):
     bl_label = "Show"
     bl_options = UNDOABLE
 
-    filepath: StringProperty(name="Scene", description="The .frog file that is shown", options={"SKIP_SAVE"})
+    filepath: text("Scene", "The .frog file that is shown", options={"SKIP_SAVE"})
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:

@@ -9,10 +9,10 @@ from typing import Any
 
 import bpy
 from bpy.app.handlers import persistent
-from bpy.props import BoolProperty, IntProperty
 
 from .. import app_handlers, point_cloud, redrawing
 from ..engine.errors import FrogError
+from ..properties import switch, whole
 from ..scene_import.capture_objects import finder, of_same_capture, plays, stored_path
 from ..scene_import.create_objects import import_scene
 from ..tasks.remote_training import RemoteTraining
@@ -120,11 +120,9 @@ class FROG_OT_train(StartsTraining, bpy.types.Operator):
     bl_idname = "frog.train"
     bl_label = "Train FRoG"
 
-    resume: BoolProperty(
-        name="Resume",
-        description="Continue a training that was cancelled or interrupted, with the recipe and settings that it "
-        "was started with",
-        default=False,
+    resume: switch(
+        "Resume",
+        "Continue a training that was cancelled or interrupted, with the recipe and settings that it was started with",
         options={"SKIP_SAVE"},
     )
 
@@ -144,9 +142,9 @@ class FROG_OT_train_longer(StartsTraining, bpy.types.Operator):
     bl_idname = "frog.train_longer"
     bl_label = "Train Longer"
 
-    steps: IntProperty(
-        name="Steps in All",
-        description="Steps that the training has had in the end, with those that it had before",
+    steps: whole(
+        "Steps in All",
+        "Steps that the training has had in the end, with those that it had before",
         min=1,
         options={"SKIP_SAVE"},
     )

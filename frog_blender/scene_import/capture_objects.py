@@ -90,17 +90,12 @@ def root_of(obj: bpy.types.Object) -> bpy.types.Object:
 
 def cameras_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """The camera objects of a capture."""
-    if obj.parent is None:
-        return []
-    held = (child for holder in holders_of(obj) for child in holder.children)
-    return [child for child in (*root_of(obj).children, *held) if child.type == "CAMERA"]
+    return [child for holder in holders_of(obj) for child in holder.children if child.type == "CAMERA"]
 
 
 def holders_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """What stands between a capture's root and its cameras."""
-    if obj.parent is None:
-        return []
-    return [child for child in root_of(obj).children if HOLDS_CAMERAS in child]
+    return [child for child in obj.parent.children if HOLDS_CAMERAS in child] if obj.parent is not None else []
 
 
 def plays(scene: bpy.types.Scene, path: Path) -> bool:

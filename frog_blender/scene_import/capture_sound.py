@@ -34,7 +34,6 @@ _TIMING = (
     *("start_frame", "speed", "repeat", "use_remap"),
     *("use_trim", "first_frame", "last_frame", "use_range", "range_start", "range_end"),
 )
-_OF_KEYS = {"co": 2, "handle_left": 2, "handle_right": 2}
 _STRIP_SETTINGS = ("name", "volume", "pan", "mute", "show_waveform")
 
 
@@ -147,15 +146,13 @@ def place(
         sound.filepath = f"//{path.name}"
         sound[_MARK], sound[_STAMP] = obj.name, _stamp(obj, scene)
         obj.frog.sound = sound
-        for old_strip in strips:
-            _replace_strip(scene, old_strip, sound, path, made)
-        if strip and not strips:
-            _add_strip(scene, sound, path, made, name)
+        for replaced in strips or ([None] if strip else []):
+            _put_strip(scene, sound, path, made, replaced)
     for old_speaker in speakers:
         old_speaker.data.sound = sound
         _play_from(context, old_speaker, made)
     if speaker and not speakers:
-        _add_speaker(context, obj, sound, made, name)
+        _add_speaker(context, obj, sound, made)
     if unplayed is not None and not unplayed.users:
         bpy.data.sounds.remove(unplayed)
     return made
@@ -193,8 +190,8 @@ def _stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
         values.append(settings.shown_frame)
     elif curve is not None:
         points = curve.keyframe_points
-        for name, width in _OF_KEYS.items():
-            numbers = np.empty(len(points) * width, np.float32)
+        for name in ("co", "handle_left", "handle_right"):
+            numbers = np.empty(len(points) * 2, np.float32)
             points.foreach_get(name, numbers)
             digest.update(numbers.tobytes())
         values += [curve.extrapolation, [(point.interpolation, point.easing) for point in points]]
@@ -235,40 +232,31 @@ def _read(film: FilmSound, seconds: float) -> Samples:
         raise FrogError(f"{film.path}: its sound could not be read ({brief(error)}).") from error
 
 
-def _add_strip(
-    scene: bpy.types.Scene, sound: bpy.types.Sound, path: Path, made: MadeSound, name: str, channel: int = 0
-) -> bpy.types.SoundStrip:
+def _put_strip(
+    scene: bpy.types.Scene, sound: bpy.types.Sound, path: Path, made: MadeSound, replaced: bpy.types.SoundStrip | None
+) -> None:
+    """Adds a strip; in the place of another one, which keeps the length with which it was made, with its settings."""
     editor = scene.sequence_editor or scene.sequence_editor_create()
-    if not channel:
-        channel = max((strip.channel for strip in editor.strips), default=0) + 1
-    strip = editor.strips.new_sound(name, str(path), channel, made.start)
+    settings, channel = {"name": sound.name}, max((strip.channel for strip in editor.strips), default=0) + 1
+    if replaced is not None:
+        settings, channel = {name: getattr(replaced, name) for name in _STRIP_SETTINGS}, replaced.channel
+        editor.strips.remove(replaced)
+    strip = editor.strips.new_sound(settings["name"], str(path), channel, made.start)
     loaded = strip.sound
     strip.sound = sound
     if loaded != sound and not loaded.users:
         bpy.data.sounds.remove(loaded)
-    return strip
-
-
-def _replace_strip(
-    scene: bpy.types.Scene, old: bpy.types.SoundStrip, sound: bpy.types.Sound, path: Path, made: MadeSound
-) -> None:
-    """A strip keeps the length with which it was made, so another one takes its place, with its settings."""
-    settings = {name: getattr(old, name) for name in _STRIP_SETTINGS}
-    channel = old.channel
-    scene.sequence_editor.strips.remove(old)
-    strip = _add_strip(scene, sound, path, made, settings["name"], channel)
     for name, value in settings.items():
         setattr(strip, name, value)
 
 
-def _add_speaker(
-    context: bpy.types.Context, obj: bpy.types.Object, sound: bpy.types.Sound, made: MadeSound, name: str
-) -> None:
+def _add_speaker(context: bpy.types.Context, obj: bpy.types.Object, sound: bpy.types.Sound, made: MadeSound) -> None:
     """By Blender's operator: the strips of sound in the NLA cannot be made otherwise."""
-    root, selected, active = root_of(obj), list(context.selected_objects), context.view_layer.objects.active
+    root, selected, layer = root_of(obj), list(context.selected_objects), context.view_layer
+    active = layer.objects.active
     bpy.ops.object.speaker_add(align="WORLD", location=root.matrix_world.translation)
-    speaker = context.view_layer.objects.active
-    speaker.name, speaker.data.name = name, name
+    speaker = layer.objects.active
+    speaker.name = speaker.data.name = sound.name
     speaker.data.sound = sound
     if root.type == "EMPTY":  # whose axes are a quarter of the capture's reach
         speaker.data.distance_reference = max(4 * root.empty_display_size, 0.1)
@@ -277,7 +265,7 @@ def _add_speaker(
     speaker.select_set(False)
     for selected_object in selected:
         selected_object.select_set(True)
-    context.view_layer.objects.active = active
+    layer.objects.active = active
 
 
 def _play_from(context: bpy.types.Context, speaker: bpy.types.Object, made: MadeSound) -> None:

@@ -16,8 +16,7 @@ from ..engine.source_media.clips import camera_path
 from ..timeline import playback
 from .camera_clips import add_clips
 from .capture_objects import HOLDS_CAMERAS, stored_path
-from .scene_setup import SETTINGS, is_untouched, set_up
-from .transaction import all_or_nothing
+from .scene_setup import SETTINGS, all_or_nothing, is_untouched, set_up
 
 if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
@@ -79,7 +78,8 @@ def _add(path: Path, scene: bpy.types.Scene, start_frame: float) -> tuple[bpy.ty
     obj = point_cloud.create(f"{path.stem} Gaussians", gaussians)
     point_cloud.holds(obj, playable, time)
     _adopt(obj, root, collection)
-    _move_with_root(obj)
+    # Moved alone they would leave their cameras.
+    obj.lock_location = obj.lock_rotation = obj.lock_scale = (True, True, True)
     cameras = []
     if header.cameras:
         of_cameras = bpy.data.collections.new(f"{path.stem} Cameras")
@@ -123,11 +123,6 @@ def _adopt(obj: bpy.types.Object, parent: bpy.types.Object, collection: bpy.type
     collection.objects.link(obj)
 
 
-def _move_with_root(obj: bpy.types.Object) -> None:
-    """Locks the Gaussians' own place: moved alone they would leave their cameras."""
-    obj.lock_location = obj.lock_rotation = obj.lock_scale = (True, True, True)
-
-
 def _add_cameras(
     header: SceneHeader, start_frame: float, holder: bpy.types.Object, collection: bpy.types.Collection
 ) -> list[bpy.types.Object]:
@@ -157,10 +152,8 @@ def _add_camera(
 
 def _animate(obj: bpy.types.Object, path: list[tuple[int, Camera]], start_frame: float) -> None:
     """Keyframe the pose at every image, and the lens where it changes; straight lines between them."""
-    lenses = np.array([list(lens_of(camera).values())[:3] for _, camera in path])
-    changing = [
-        name for name, spread in zip(("lens", "shift_x", "shift_y"), np.ptp(lenses, axis=0), strict=True) if spread
-    ]
+    lenses = [lens_of(camera) for _, camera in path]
+    changing = [name for name in ("lens", "shift_x", "shift_y") if len({lens[name] for lens in lenses}) > 1]
     edit = bpy.context.preferences.edit
     usual = edit.keyframe_new_interpolation_type
     edit.keyframe_new_interpolation_type = "LINEAR"

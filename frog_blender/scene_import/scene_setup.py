@@ -1,9 +1,10 @@
-"""Sets a scene up for a capture, and detects whether anything in it is the user's."""
+"""Sets a scene up for a capture, detects whether anything in it is the user's, and reverts what fails half way."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -11,7 +12,6 @@ import numpy as np
 from ..color_spaces import into_working_space, to_linear
 from ..timeline import playback
 from .capture_objects import cameras_of, holders_of, root_of
-from .transaction import values
 
 if TYPE_CHECKING:
     from ..engine.scene.header import SceneHeader
@@ -23,10 +23,9 @@ filmed, the world's colour; and that FROG renders, which rendered viewports then
 """
 _BACKGROUND_WORLD = "FRoG Background"
 _LAYERS = 1024  # transparent bounces of Cycles: its maximum
-_EEVEE = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT")  # 4.5 has the longer name
+_ENGINES = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "FROG")  # 4.5 has the longer name
 
-# What Blender starts with: the settings that set_up changes, the objects and their places, the grey of the world.
-_START = {
+_CHANGED = {
     "frame_start": 1,
     "frame_end": 250,
     "render.fps": 24,
@@ -38,7 +37,13 @@ _START = {
     "render.pixel_aspect_y": 1.0,
     "view_settings.view_transform": "AgX",
     "view_settings.look": "None",
+    **dict.fromkeys(("camera", "world", "render.engine", "render.dither_intensity", "render.use_lock_interface")),
+    "cycles.transparent_max_bounces": None,
 }
+"""Paths of all scene settings that ``set_up`` changes, with what Blender starts with where that tells a new file. The
+start of the frame range comes before its end, as neither can pass the other.
+"""
+# The objects of a new file and their places, and the grey of its world.
 _START_OBJECTS = {
     "Cube": ("MESH", (0.0, 0.0, 0.0)),
     "Light": ("LIGHT", (4.0762, 1.0055, 5.9039)),
@@ -54,13 +59,14 @@ def is_untouched(scene: bpy.types.Scene) -> bool:
     ours = _of_captures(scene)
     if any(obj not in ours and not _is_of_start(obj) for obj in scene.objects):
         return False
-    if not _is_plain(scene.world) or scene.timeline_markers or _has_strips(scene):
+    has_strips = scene.sequence_editor is not None and len(scene.sequence_editor.strips) > 0
+    if not _is_plain(scene.world) or scene.timeline_markers or has_strips:
         return False
     if scene.frog.set_up_as and scene.frog.set_up_as == _fingerprint(scene):
         return True
     found = values(scene)
-    settings = all(found[path] == value for path, value in _START.items())
-    return settings and found["render.engine"] in (*_EEVEE, "FROG") and _is_of_start_world(scene.world)
+    settings = all(found[path] == value for path, value in _CHANGED.items() if value is not None)
+    return settings and found["render.engine"] in _ENGINES and _is_of_start_world(scene.world)
 
 
 def is_set_up(scene: bpy.types.Scene) -> bool:
@@ -109,11 +115,6 @@ def _is_of_start(obj: bpy.types.Object) -> bool:
     return bool(np.allclose(obj.location, place, atol=1e-3) and np.allclose(obj.scale, 1.0))
 
 
-def _has_strips(scene: bpy.types.Scene) -> bool:
-    editor = scene.sequence_editor
-    return editor is not None and len(editor.strips if hasattr(editor, "strips") else editor.sequences) > 0
-
-
 def _is_plain(world: bpy.types.World) -> bool:
     """Whether a world is a plain color or missing; anything else was made by the user."""
     if world is None:
@@ -126,11 +127,15 @@ def _is_plain(world: bpy.types.World) -> bool:
 def _is_of_start_world(world: bpy.types.World) -> bool:
     if world is None:
         return True
+    colors = [node.inputs["Color"].default_value[:3] for node in _backgrounds(world)]
+    is_grey = all(np.allclose(color, _START_GREY, atol=1e-3) for color in [world.color, *colors])
+    is_dimmed = any(node.inputs["Strength"].default_value != 1.0 for node in _backgrounds(world))
+    return world.name == "World" and is_grey and not is_dimmed
+
+
+def _backgrounds(world: bpy.types.World) -> list[bpy.types.ShaderNode]:
     nodes = world.node_tree.nodes if world.node_tree is not None else ()
-    colors = [node.inputs["Color"].default_value[:3] for node in nodes if node.type == "BACKGROUND"]
-    strengths = [node.inputs["Strength"].default_value for node in nodes if node.type == "BACKGROUND"]
-    grey = all(np.allclose(color, _START_GREY, atol=1e-3) for color in [world.color, *colors])
-    return world.name == "World" and grey and all(strength == 1.0 for strength in strengths)
+    return [node for node in nodes if node.type == "BACKGROUND"]
 
 
 def _fingerprint(scene: bpy.types.Scene) -> str:
@@ -156,7 +161,9 @@ def set_up(
     if "frames" in parts:
         scene.frame_start, scene.frame_end = frame_range(header, start_frame)
     if "rate" in parts:
-        _set_rate(scene, header)
+        # Blender keeps a whole number of frames and a divisor: 29.97 is 30 over 1.001.
+        whole = max(round(header.frames_per_second), 1)
+        scene.render.fps, scene.render.fps_base = whole, whole / max(header.frames_per_second, 0.01)
     if cameras and "camera" in parts:
         scene.camera = cameras[0]
     if cameras and "size" in parts:
@@ -181,12 +188,6 @@ def frame_range(header: SceneHeader, start_frame: float) -> tuple[int, int]:
     """The frames of the timeline that show a capture."""
     first = round(start_frame)
     return first, max(first + header.frame_count - 1, first)
-
-
-def _set_rate(scene: bpy.types.Scene, header: SceneHeader) -> None:
-    # Blender keeps a whole number of frames and a divisor: 29.97 is 30 over 1.001.
-    whole = max(round(header.frames_per_second), 1)
-    scene.render.fps, scene.render.fps_base = whole, whole / max(header.frames_per_second, 0.01)
 
 
 def are_colors_unchanged(scene: bpy.types.Scene) -> bool:
@@ -217,11 +218,9 @@ def set_background(scene: bpy.types.Scene, color: np.ndarray) -> None:
         if before is not None and before.library is None:
             before.use_fake_user = True  # otherwise Blender drops unused data when saving
     world.color = color
-    if world.node_tree is not None:
-        for node in world.node_tree.nodes:
-            if node.type == "BACKGROUND":
-                node.inputs["Color"].default_value = (*color.tolist(), 1.0)
-                node.inputs["Strength"].default_value = 1.0
+    for node in _backgrounds(world):
+        node.inputs["Color"].default_value = (*color.tolist(), 1.0)
+        node.inputs["Strength"].default_value = 1.0
     scene.world = world
 
 
@@ -250,3 +249,37 @@ def render_at_size_of(scene: bpy.types.Scene, camera: bpy.types.Object) -> None:
         scene.render.resolution_x, scene.render.resolution_y = width, height
         scene.render.resolution_percentage = 100
         scene.render.pixel_aspect_x = scene.render.pixel_aspect_y = 1.0
+
+
+@contextmanager
+def all_or_nothing(scene: bpy.types.Scene) -> Iterator[None]:
+    """Runs code that adds data-blocks and changes settings of ``scene``. Any exception reverts both and is raised
+    again.
+
+    Nothing else may add data-blocks meanwhile, which on Blender's main thread nothing does.
+    """
+    settings = values(scene)
+    text = bpy.data.texts.new("FRoG")
+    newest = text.session_uid  # each new data-block of a session gets a larger one
+    bpy.data.texts.remove(text)
+    try:
+        yield
+    except BaseException:
+        for path, value in settings.items():
+            owner, _, name = path.rpartition(".")
+            setattr(scene.path_resolve(owner) if owner else scene, name, value)
+        kinds = [kind.identifier for kind in bpy.data.bl_rna.properties if kind.type == "COLLECTION"]
+        blocks = [block for kind in kinds for block in getattr(bpy.data, kind) if block.session_uid > newest]
+        bpy.data.batch_remove(blocks)
+        raise
+
+
+def values(scene: bpy.types.Scene) -> dict[str, Any]:
+    """The settings of a scene that ``set_up`` changes by path, those that this Blender has."""
+    found = {}
+    for path in _CHANGED:
+        try:
+            found[path] = scene.path_resolve(path)
+        except ValueError:  # Cycles is an add-on, which may be off
+            continue
+    return found

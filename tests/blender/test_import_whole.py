@@ -11,8 +11,7 @@ from frog_blender import point_cloud
 from frog_blender.engine.errors import FrogError
 from frog_blender.scene_import import create_objects as importing
 from frog_blender.scene_import import scene_setup
-from frog_blender.scene_import.scene_setup import is_untouched
-from frog_blender.scene_import.transaction import values
+from frog_blender.scene_import.scene_setup import is_untouched, values
 
 
 def everything():

@@ -17,8 +17,7 @@ from frog_blender.engine.training.session.output_paths import unused_output
 from frog_blender.operators import set_up_scene
 from frog_blender.operators.train import ResultImporter
 from frog_blender.scene_import.capture_objects import plays
-from frog_blender.scene_import.scene_setup import PARTS, start_cube
-from frog_blender.scene_import.transaction import values
+from frog_blender.scene_import.scene_setup import PARTS, start_cube, values
 from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import open_scenes, playback
