@@ -61,6 +61,21 @@ def static_rig(tmp_path):
 
 
 @pytest.fixture
+def path(static_rig):
+    """The file that ``capture`` plays; a file of tests may name another one."""
+    return static_rig
+
+
+@pytest.fixture
+def capture(empty, path):
+    """The capture of an imported file."""
+    from frog_blender.scene_import.capture_objects import active_capture
+
+    bpy.ops.import_scene.frog(filepath=str(path))
+    return active_capture(bpy.context)
+
+
+@pytest.fixture
 def moving_rig(tmp_path):
     """A .frog file of one camera that moves and zooms through six images."""
     from support.small_scenes import moving_camera, write_scene

@@ -82,13 +82,6 @@ def test_no_number_is_a_sentence_in_a_render(empty, captures, capfd, rendered, h
         rendered(empty)
 
 
-@pytest.mark.parametrize("value", [math.nan, 0.0])
-def test_a_focal_ratio_that_is_none(empty, captures, rendered, value):
-    raw(empty.camera.data.frog, "focal_ratio", value)
-    with pytest.raises(RuntimeError, match=empty.camera.name):
-        rendered(empty)
-
-
 def test_a_handler_that_fails_is_said_once_and_called_again(addon, empty, capfd):
     calls = []
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.blender_windows import event, in_window
 from support.observed_players import observed
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, shows, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.errors import FrogError
@@ -23,18 +23,11 @@ from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback, playback_cache
 
 
-@pytest.fixture
-def capture(empty, static_rig):
-    """Ten frames, shown at 1 to 10."""
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    yield next(playback.captures(bpy.context.scene.objects))
+@pytest.fixture(autouse=True)
+def forgotten():
+    """No bake stays open."""
+    yield
     open_scenes.forget()
-
-
-def shows(obj, path, frame):
-    expected = ScenePlayer.load(path).at_frame(frame)
-    np.testing.assert_array_equal(point_cloud.read(obj)["position"], expected.means)
-    np.testing.assert_array_equal(point_cloud.read(obj)["radiance:base"][:, 3], expected.opacities)
 
 
 def leftovers(folder):
@@ -200,13 +193,6 @@ def test_too_large_a_bake_is_refused_before_it_begins(empty, tmp_path):
     with pytest.raises(RuntimeError, match=r"many.frogbake: 10 frames need 2 MB, the limit is 1 MB"):
         bpy.ops.frog.bake()
     assert not path.with_suffix(".frogbake").exists()
-
-
-def test_without_a_capture_baking_says_so(empty):
-    with pytest.raises(RuntimeError, match="found no such capture"):
-        bpy.ops.frog.bake()
-    with pytest.raises(RuntimeError, match="found no such capture"):
-        bpy.ops.frog.clear_bake(object_name="nobody")
 
 
 @pytest.fixture

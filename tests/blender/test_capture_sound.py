@@ -188,17 +188,6 @@ def test_sound_is_in_the_blend(empty, capture, tmp_path):
         bpy.ops.frog.update_sound()
 
 
-def test_sound_is_undone(empty, capture):
-    bpy.ops.ed.undo_push(message="before")
-    bpy.ops.frog.add_sound_strip()
-    bpy.ops.ed.undo_push(message="after")
-    bpy.ops.ed.undo()
-    editor = bpy.context.scene.sequence_editor
-    assert not bpy.data.sounds and not (editor and len(editor.strips))
-    bpy.ops.ed.redo()
-    assert len(bpy.data.sounds) == 1 and len(bpy.context.scene.sequence_editor.strips) == 1
-
-
 def test_blenders_own_library_reads_films(empty, capture, tmp_path, monkeypatch):
     monkeypatch.setattr(capture_sound, "_has_pyav", lambda: False)
     slowly(capture)

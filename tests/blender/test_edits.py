@@ -24,12 +24,6 @@ def path(tmp_path):
     return write_scene(tmp_path / "scene.frog", rig_of_three(), count=200)
 
 
-@pytest.fixture
-def capture(empty, path):
-    bpy.ops.import_scene.frog(filepath=str(path))
-    return active_capture(bpy.context)
-
-
 def shown(obj):
     """What the object's points are."""
     return {name: values.copy() for name, values in point_cloud.read(obj).items()}

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from support.blender_windows import drop_operators, event, in_window
+from support.blender_windows import event, in_window
 
 from frog_blender import unsaved_changes
 from frog_blender.engine.interchange import imports
@@ -107,15 +107,6 @@ def test_esc_stops_it_and_nothing_is_written(importing):
     thread.join(PATIENCE)
     assert not thread.is_alive() and not captures() and not list(running.path.parent.glob("a*.frog"))
     assert running.said == [("INFO", "The import was stopped.")]
-
-
-def test_another_file_ends_it(importing):
-    running = importing()
-    thread = worker()
-    drop_operators()
-    running.gate.set()
-    thread.join(PATIENCE)
-    assert not thread.is_alive() and running.steps.gi_frame is None and not list(running.path.parent.glob("a*.frog"))
 
 
 def waiting_for_object_mode(running):

@@ -293,19 +293,3 @@ def test_it_can_be_removed(empty, own_folder, tmp_path, monkeypatch):
     assert bpy.ops.frog.remove_torch() == {"FINISHED"}
     assert [path.name for path in own_folder.parent.iterdir()] == ["calibration"]
     assert calibration in sys.path and str(own_folder.with_name("torch-2")) not in sys.path
-
-
-def test_the_preferences_tell_what_there_is_and_what_it_takes(empty, own_folder, online, monkeypatch):
-    from support.training_panel import Written
-
-    from frog_blender.ui import torch_environment
-
-    def said():
-        layout = Written()
-        torch_environment.draw_torch_installation(layout)
-        return " ".join(layout.said)
-
-    monkeypatch.setattr(torch_environment, "suitable_build", lambda: "CPU")
-    assert "frog.install_torch" in said() and "about 0.4 GB" in said()
-    bpy.context.preferences.system.use_online_access = False
-    assert "Allow Online Access first" in said()

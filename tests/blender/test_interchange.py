@@ -19,12 +19,6 @@ from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback
 
 
-@pytest.fixture
-def capture(empty, static_rig):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    return active_capture(bpy.context)
-
-
 def assert_same(path, gaussians):
     """A .ply holds these Gaussians, to 1e-6."""
     from frog_blender.engine.playback.frame_delta import canonical_gaussians

@@ -31,12 +31,6 @@ def path(tmp_path):
 
 
 @pytest.fixture
-def capture(empty, path):
-    bpy.ops.import_scene.frog(filepath=str(path))
-    return active_capture(bpy.context)
-
-
-@pytest.fixture
 def floor(empty, tmp_path):
     """A square of flat splats in the plane z = 0."""
     steps = np.linspace(-1.5, 1.5, 21)
@@ -145,23 +139,6 @@ def test_it_never_hides_the_splats_that_it_is_made_of(empty, floor, rendered):
     for use in ("SHADOWS", "HOLDOUT", "PLAIN"):
         make(use=use)
         np.testing.assert_array_equal(rendered(empty), before)
-
-
-def test_a_limited_capture_has_meshes_in_its_range_alone(empty, capture, path):
-    capture.frog.use_range, capture.frog.range_start, capture.frog.range_end = True, 2.0, 4.0
-    empty.frame_start, empty.frame_end = -2, 9
-    made, engine = make(), expected(path, [1, 2])
-    assert len(engine.moving) == 2
-    for frame, index in ((1, None), (2, 0), (3, 1), (4, None)):
-        empty.frame_set(frame)
-        if index is not None:
-            moving = sorted_rows(vertices_of(made[-1]))
-            np.testing.assert_allclose(moving, sorted_rows(engine.moving[index].vertices), atol=1e-5)
-        else:
-            assert not any(len(vertices_of(obj)) for obj in made)
-    empty.frame_start = 4
-    with pytest.raises(RuntimeError, match="Limit"):
-        make()
 
 
 def test_the_settings_are_those_of_the_engine():

@@ -49,12 +49,6 @@ def said(empty):
     return draw
 
 
-@pytest.fixture
-def capture(empty, static_rig):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    return next(playback.captures(empty.objects))
-
-
 def test_a_scene_file_that_is_there_again(empty, capture, static_rig, said, tmp_path):
     content = static_rig.read_bytes()
     for damage in (b"nonsense", None):

@@ -125,17 +125,6 @@ def test_another_scene_is_shown_then_the_first_is_deleted(empty, export, static_
     assert "its scene was deleted during the export" in running.said[0][1]
 
 
-def test_renaming_and_undo_do_not_lose_it(empty, export):
-    running = export()
-    next(playback.captures(empty.objects)).name = "Renamed"
-    bpy.ops.ed.undo_push(message="renamed")
-    send(running, times=2)
-    bpy.context.scene.render.resolution_x = 33
-    bpy.ops.ed.undo_push(message="resolution")
-    bpy.ops.ed.undo()
-    assert send(running) == {"PASS_THROUGH"} and len(written(running)) == 3
-
-
 def test_one_frame_and_a_repetition_are_written_at_once(empty, export, tmp_path, monkeypatch):
     assert bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "now.ply"), frames="CURRENT") == {"FINISHED"}
     running = export()

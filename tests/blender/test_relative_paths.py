@@ -5,15 +5,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, shows, write_scene
 
-from frog_blender import capture_files, point_cloud
-from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender import capture_files
 from frog_blender.timeline import open_scenes, playback
-
-
-def shows(obj, path, frame):
-    np.testing.assert_array_equal(point_cloud.read(obj)["position"], ScenePlayer.load(path).at_frame(frame).means)
 
 
 def the_capture():

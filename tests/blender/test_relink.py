@@ -5,15 +5,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, shows, write_scene
 
-from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import open_scenes, playback
-
-
-def shows(obj, path, frame):
-    np.testing.assert_array_equal(point_cloud.read(obj)["position"], ScenePlayer.load(path).at_frame(frame).means)
 
 
 @pytest.fixture
@@ -41,13 +36,6 @@ def test_one_choice_mends_all(empty, lost):
     for obj, name in ((first, "a"), (second, "b"), (twin, "a")):
         assert open_scenes.problem(playback.file_of(obj)) == ""
         shows(obj, there / f"{name}.frog", 2.0)
-
-
-def test_or_only_the_one(empty, lost):
-    first, second, twin, there = lost
-    bpy.ops.frog.relink(object_name=second.name, filepath=str(there / "b.frog"), all_missing=False)
-    assert second.frog.filepath == str(there / "b.frog")
-    assert open_scenes.is_missing(playback.file_of(first)) and open_scenes.is_missing(playback.file_of(twin))
 
 
 def test_a_renamed_file_is_found_for_all_captures_of_it(empty, lost):
@@ -120,19 +108,6 @@ def test_saving_elsewhere_loses_nothing(beside, tmp_path):
         bpy.context.scene.frame_set(5)
         shows(capture, beside, 4.0)
         bpy.ops.wm.open_mainfile(filepath=str(other / "y.blend"))
-
-
-def test_a_copy_saved_elsewhere_plays_and_so_does_the_open_one(beside, tmp_path):
-    other = tmp_path / "copies"
-    other.mkdir()
-    bpy.ops.wm.save_as_mainfile(filepath=str(other / "y.blend"), copy=True)
-    capture = next(playback.captures(bpy.context.scene.objects))
-    assert capture.frog.filepath == "//a.frog" and bpy.context.scene.frog.output_path == "//b.frog"
-    shows(capture, beside, 2.0)
-    bpy.ops.wm.open_mainfile(filepath=str(other / "y.blend"))
-    capture = next(playback.captures(bpy.context.scene.objects))
-    bpy.context.scene.frame_set(5)
-    shows(capture, beside, 4.0)
 
 
 @pytest.mark.parametrize("saved", [False, True], ids=["unsaved", "saved"])

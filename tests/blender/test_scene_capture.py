@@ -4,7 +4,6 @@ scene changes, and it can be trained."""
 from __future__ import annotations
 
 import json
-import math
 import sys
 import time
 from pathlib import Path
@@ -13,14 +12,12 @@ import bpy
 import numpy as np
 import pytest
 from support.small_scenes import read_png
-from support.training_panel import panel_says
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.scene_capture import rig
 from frog_blender.scene_capture.request import request_of
 from frog_blender.tasks import background_task
 from frog_blender.tasks.scene_capture import SceneCaptureTask
-from frog_blender.ui import capture_panel
 
 SIZE = 40
 
@@ -65,15 +62,6 @@ def on_screen(camera, points):
     local = points @ camera.rotation.T + camera.world_to_camera[:3, 3]
     pixels = local @ camera.intrinsics.T
     return pixels[:, :2] / pixels[:, 2:]
-
-
-@pytest.mark.parametrize(("shape", "count"), [("RINGS", 50), ("DOME", 9), ("ARC", 1), ("ARC", 24)])
-def test_directions_are_as_many_and_apart(shape, count):
-    found = rig.directions(shape, count, math.radians(120))
-    assert found.shape == (count, 3)
-    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0)
-    cosines = found @ found.T - 2 * np.eye(count)
-    assert count == 1 or cosines.max() < math.cos(math.radians(2.0))
 
 
 @pytest.mark.parametrize("shape", rig.SHAPES)
@@ -225,23 +213,3 @@ def test_a_renderer_that_fails_is_told(cube, monkeypatch, script, said):
     error = rendered_capture().error
     assert said in error and "done are kept" in error
     assert bpy.context.scene.frog.capture_folder == ""
-
-
-def test_the_panel_leads_through_it(cube, monkeypatch):
-    scene = bpy.context.scene
-
-    def said():
-        return panel_says(capture_panel.FROG_PT_scene_capture)
-
-    assert "frog.place_rig" in said() and "frog.capture_scene" not in said()
-    assert "arc" not in said().split()
-    scene.frog.rig.shape = "ARC"
-    assert "arc" in said().split()
-    bpy.ops.frog.place_rig()
-    assert "6 images: 2 frames of 3 cameras" in said() and "frog.capture_scene" in said()
-    monkeypatch.setattr("frog_blender.tasks.scene_capture.command", lambda *_, **__: [sys.executable, "-c", "input()"])
-    bpy.ops.frog.capture_scene()
-    assert "0 of 6 images" in said() and "frog.cancel_scene_capture" in said()
-    SceneCaptureTask.current().cancel()
-    finished()
-    assert "Cancelled at 0 of 6" in said()

@@ -29,12 +29,6 @@ draws_them = pytest.mark.skipif(not point_cloud.draws_splats(), reason="this Ble
 SCRIPT = Path(__file__).resolve().parents[1] / "support" / "stock_usd_import.py"
 
 
-@pytest.fixture
-def capture(empty, static_rig):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    return active_capture(bpy.context)
-
-
 def test_out_and_in_again_plays_the_same(empty, capture, static_rig, tmp_path):
     """Where the root stands, in the frames of the timeline, with z up as it was."""
     turn = mathutils.Euler((0.2, -0.5, 1.1)).to_matrix().to_4x4()

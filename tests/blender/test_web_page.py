@@ -8,14 +8,6 @@ import re
 import bpy
 import pytest
 
-from frog_blender.scene_import.capture_objects import active_capture
-
-
-@pytest.fixture
-def capture(empty, static_rig):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    return active_capture(bpy.context)
-
 
 def described(path):
     (found,) = re.findall(r'id="description">(.*?)</script>', path.read_text(encoding="utf-8"))

@@ -7,7 +7,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from frog_blender import point_cloud
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile
 from frog_blender.engine.scene.scene_file import write_scene as write_file
@@ -139,6 +141,13 @@ def read_png(path: Path) -> np.ndarray:
     image.pixels.foreach_get(values)
     bpy.data.images.remove(image)
     return np.round(values.reshape(height, width, -1)[::-1] * 255.0).astype(np.uint8)
+
+
+def shows(obj: bpy.types.Object, path: Path, frame: float) -> None:
+    """Asserts that an object's points are those of a file's frame, to the bit."""
+    expected, points = ScenePlayer.load(path).at_frame(frame), point_cloud.read(obj)
+    np.testing.assert_array_equal(points["position"], expected.means)
+    np.testing.assert_array_equal(points["radiance:base"][:, 3], expected.opacities)
 
 
 def expected_png(path: Path, camera: Camera, frame: float) -> np.ndarray:
