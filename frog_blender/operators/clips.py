@@ -17,6 +17,10 @@ from .bases import UNDOABLE, FrogOperator
 from .modal_operator import ModalOperator, Steps
 
 
+class _NoClipsError(FrogError):
+    """There is nothing to show."""
+
+
 class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
     """Show each camera's video as its background, synchronized with the capture. For lenses with distortion, \
 undistorted copies are first written next to the scene file"""
@@ -46,56 +50,48 @@ undistorted copies are first written next to the scene file"""
     slice_seconds = 0.03
     _folder: Path | None = None
     _shown = 0
-    _problem = ""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
         return _no_cameras(context)
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         """In a window: writes the clips in short slices, and asks for the capture's folder if it was not found."""
         self.is_interactive = True
         if not self.properties.is_property_set("in_front"):
             self.in_front = _is_covered(context)
-        ended = self._show(context, None)
-        if ended is None:
+        try:
+            return self._show(context, None)
+        except _NoClipsError:
             context.window_manager.fileselect_add(self)
             return {"RUNNING_MODAL"}
-        return ended
+        except FrogError as error:
+            return self.failed(error)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """For scripts, in which case it returns when everything is done, and for the folder that the user chose."""
-        obj = active_capture(context)
-        folder = Path(bpy.path.abspath(self.directory)) if self.directory else None
-        ended = self._show(context, folder)
-        if ended is None:
-            where = folder or "The capture's folder"
-            names = ", ".join(camera.name for camera in cameras_of(obj)[:3])
-            nothing = f"{where}: found no clips of {obj.name}, expected videos or images of {names}, ..."
-            self.report({"ERROR"}, self._problem if folder and self._problem else nothing)
-            return {"CANCELLED"}
-        return ended
+        try:
+            return self._show(context, Path(bpy.path.abspath(self.directory)) if self.directory else None)
+        except FrogError as error:
+            return self.failed(error)
 
-    def _show(self, context: bpy.types.Context, folder: Path | None) -> set[str] | None:
-        """Write missing clips and show all; None if there is nothing to show."""
-        obj = active_capture(context)
+    def _show(self, context: bpy.types.Context, folder: Path | None) -> set[str]:
+        """Writes missing clips and shows all; FrogError if there is nothing to show."""
+        obj, self._folder = active_capture(context), folder
         films, problem = None, ""
         try:
             films = begin_undistortion(obj, folder) if self.straighten else None
         except FrogError as error:  # the original clips can still be shown
             problem = str(error)
-        self._folder = folder
         if films is not None:
             self._show_now(obj, straight=False)  # until the undistorted clips are written
             steps = self._write(films, obj.session_uid)
             return self.run_steps(context, steps, films.total, in_steps=self.is_interactive)
-        try:
-            self._show_now(obj, straight=self.straighten)
-        except FrogError as error:
-            return self.failed(error)
+        self._show_now(obj, straight=self.straighten)
         if not self._shown:
-            self._problem = problem
-            return None
+            where, names = folder or "The capture's folder", ", ".join(camera.name for camera in cameras_of(obj)[:3])
+            nothing = f"{where}: found no clips of {obj.name}, expected videos or images of {names}, ..."
+            raise _NoClipsError(problem if folder and problem else nothing)
         if problem:
             self.report({"WARNING"}, f"The original clips are shown: {problem}")
         else:
@@ -132,9 +128,8 @@ def _no_cameras(context: bpy.types.Context) -> str:
 def _is_covered(context: bpy.types.Context) -> bool:
     """Whether splats cover what is behind the scene in the viewport of a context."""
     space = context.space_data
-    if space is None or space.type != "VIEW_3D":
-        return False
-    return space.shading.type == "RENDERED" or drawing.is_wanted(context.scene)
+    is_viewport = space is not None and space.type == "VIEW_3D"
+    return is_viewport and (space.shading.type == "RENDERED" or drawing.is_wanted(context.scene))
 
 
 class FROG_OT_hide_clips(FrogOperator, bpy.types.Operator):

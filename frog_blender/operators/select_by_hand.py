@@ -171,8 +171,8 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
         if not len(self.path):
             raise FrogError("Found no path of the mouse, expected the places it went through.")
         self._seen = seen_in(context, obj, self.only_visible)
-        way = [(place.loc[0], self._seen.height - place.loc[1]) for place in self.path]
-        self._gesture = drawn(self.shape, self._seen.screen, way, self.radius)
+        stroke = [(place.loc[0], self._seen.height - place.loc[1]) for place in self.path]
+        self._gesture = drawn(self.shape, self._seen.screen, stroke, self.radius)
 
     def _move(self, event: bpy.types.Event) -> None:
         self._gesture.move((event.mouse_region_x + 0.5, self._seen.height - event.mouse_region_y - 0.5))
