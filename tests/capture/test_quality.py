@@ -18,7 +18,7 @@ from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.capture.quality_check import Quality, check_capture
 from frog_blender.engine.capture.quality_samples import blur_of
 
-FRAMES, WIDTH, HEIGHT = 6, 320, 240
+FRAMES, WIDTH, HEIGHT = 5, 320, 240
 _WALL, _BOARD = 6.0, 4.5
 Change = Callable[[str, np.ndarray], np.ndarray]
 
@@ -59,13 +59,19 @@ def drawn(view: Camera, frame: float) -> np.ndarray:
     return np.repeat(np.where(inside, board, wall)[..., None], 3, axis=2).astype(np.uint8)
 
 
+@lru_cache
+def seen_by(index: int, frame: float) -> np.ndarray:
+    """The image of a camera; it is not to be changed."""
+    return drawn(camera(index, "c"), frame)
+
+
 def filmed(folder: Path, *, late: float = 0.0, change: Change = lambda name, image: image) -> Capture:
     """Three cameras of which the second shows what happened ``late`` frames before."""
     cameras = [camera(index, f"cam{index}") for index in range(3)]
     shots = []
     for index, view in enumerate(cameras):
         for frame in range(FRAMES):
-            image = change(view.name, drawn(view, frame - late if index == 1 else frame))
+            image = change(view.name, seen_by(index, frame - late if index == 1 else frame))
             path = write_image(folder / view.name / f"{frame}.png", image)
             shots.append(Shot(index, frame, path, 0))
     return Capture(folder, "calibrated_videos", tuple(cameras), (None,) * 3, tuple(shots), FRAMES)

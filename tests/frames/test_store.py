@@ -2,8 +2,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
-import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +10,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from support.builders import REPOSITORY
 from support.small_captures import write_video
 from support.system_faults import file_size_limit
 
@@ -57,15 +54,6 @@ def test_a_store_is_reused_and_rebuilt_when_a_video_changes(n3dv: Path) -> None:
     assert store.image(1).mean() > 240
     assert len(stores(n3dv)) == 1  # the outdated store is gone
     assert stores(n3dv) != first
-
-
-def test_a_scaled_capture_has_its_own_store(n3dv: Path) -> None:
-    capture = open_capture(n3dv)
-    whole = FrameStore.open(capture, cache_folder=n3dv.parent / "cache")
-    half = FrameStore.open(capture.scaled(0.5), cache_folder=n3dv.parent / "cache")
-    assert half.image(0).shape == (24, 32, 3)
-    assert whole.image(0).shape == (48, 64, 3)
-    assert len(stores(n3dv)) == 2
 
 
 def test_the_store_of_some_cameras_does_not_take_the_place_of_all(n3dv: Path) -> None:
@@ -161,13 +149,6 @@ def test_where_a_video_lacks_its_last_frame_the_one_before_stays(n3dv: Path, tmp
     np.testing.assert_array_equal(before, last)
 
 
-def test_a_video_that_vanished_is_named(n3dv: Path) -> None:
-    capture = open_capture(n3dv)
-    (n3dv / "cam03.mp4").unlink()
-    with pytest.raises(FrogError, match=r"cam03\.mp4"):
-        FrameStore.open(capture, cache_folder=n3dv.parent / "cache")
-
-
 def test_the_cache_folder_can_be_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FROG_CACHE", str(tmp_path / "here"))
     assert default_cache_folder() == tmp_path / "here"
@@ -204,14 +185,6 @@ def test_distortion_is_removed(tmp_path: Path) -> None:
     np.testing.assert_allclose(rows, line_y / 2, atol=0.4)
 
 
-def test_images_of_other_proportions_are_refused(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((50, 50, 3), np.uint8))
-    camera = Camera("a", 64, 48, np.eye(3), np.eye(4))
-    capture = Capture(tmp_path, "transforms", (camera,), (None,), (Shot(0, 0, tmp_path / "a.png", 0),), 1)
-    with pytest.raises(FrogError, match="50 x 50 pixels, expected the proportions"):
-        FrameStore.open(capture, cache_folder=tmp_path / "cache")
-
-
 def test_frames_are_given_up_to_make_room(n3dv: Path) -> None:
     store = open_store(n3dv)
     image = store.image(3).copy()
@@ -220,30 +193,6 @@ def test_frames_are_given_up_to_make_room(n3dv: Path) -> None:
     assert stores(n3dv) == []
     assert store.give_up() == 0
     np.testing.assert_array_equal(open_store(n3dv).image(3), image)
-
-
-def test_frames_that_another_training_reads_stay(n3dv: Path) -> None:
-    code = """
-import sys
-from pathlib import Path
-from frog_blender.engine.frames.store import FrameStore
-from frog_blender.engine.capture.readers import open_capture
-capture = open_capture(Path(sys.argv[1]))
-store = FrameStore.open(capture, cache_folder=Path(sys.argv[2]))
-print("open", flush=True)
-sys.stdin.read()
-print(int(store.image(3).sum()))
-"""
-    store, cache = open_store(n3dv), n3dv.parent / "cache"
-    total = int(store.image(3).sum())
-    command = [sys.executable, "-c", code, str(n3dv), str(cache)]
-    with subprocess.Popen(command, cwd=REPOSITORY, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout is not None and other.stdout.readline() == "open\n"
-        for _ in range(2):
-            assert store.give_up() == 0
-        assert int(store.image(3).sum()) == total and len(stores(n3dv)) == 1
-        assert other.communicate()[0] == f"{total}\n"
-    assert store.give_up() > 0
 
 
 def test_of_two_that_share_frames_neither_deletes_them(n3dv: Path) -> None:
@@ -255,11 +204,3 @@ def test_of_two_that_share_frames_neither_deletes_them(n3dv: Path) -> None:
     np.testing.assert_array_equal(one.image(3), image)
     del one
     assert other.give_up() > 0 and stores(n3dv) == []
-
-
-def test_an_image_outlives_the_frames_that_were_given_up(n3dv: Path) -> None:
-    store = open_store(n3dv)
-    image = store.image(3)
-    before = image.copy()
-    assert store.give_up() > 0 and stores(n3dv) == []
-    np.testing.assert_array_equal(image, before)

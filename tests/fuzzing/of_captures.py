@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from support.filmed_scene import HEIGHT, WIDTH, moving, rig, still
+from support.filmed_scene import moving, rig, still
 from support.layouts import phones, rigs
 from support.layouts.colmap import write_model
 from support.layouts.files import write_film, write_frames, write_image
@@ -78,31 +78,6 @@ def qualisys(folder: Path) -> list[Camera]:
     return rig()[:1]
 
 
-def birthday(folder: Path) -> list[Camera]:
-    """Technicolor's rows."""
-    from capture.test_technicolor import write
-
-    write(folder)
-    return []
-
-
-def hypernerf(folder: Path) -> list[Camera]:
-    names = [f"{index:06d}" for index in range(4)]
-    lens = {"orientation": np.eye(3).tolist(), "focal_length": 60.0, "principal_point": [32, 24], "skew": 0.0}
-    lens |= {"pixel_aspect_ratio": 1.0, "radial_distortion": [-0.1, 0.01, 0.0], "tangential_distortion": [0.0, 0.0]}
-    (folder / "camera").mkdir(parents=True)
-    for index, name in enumerate(names):
-        view = {**lens, "position": [0.1 * index, 0, 0], "image_size": [WIDTH, HEIGHT]}
-        (folder / "camera" / f"{name}.json").write_text(json.dumps(view))
-        write_image(folder / "rgb" / "1x" / f"{name}.png", still("cam00", 0))
-    listed = {"count": 4, "num_exemplars": 2, "ids": names, "train_ids": names[::2], "val_ids": names[1::2]}
-    (folder / "dataset.json").write_text(json.dumps(listed))
-    metadata = {name: {"warp_id": index, "camera_id": 0, "time_id": index} for index, name in enumerate(names)}
-    (folder / "metadata.json").write_text(json.dumps(metadata))
-    (folder / "scene.json").write_text(json.dumps({"scale": 0.1, "center": [0, 0, 0], "near": 0.1, "far": 2.0}))
-    return []
-
-
 LAYOUTS: dict[str, tuple[Callable[[Path], list[Camera]], tuple[str, ...]]] = {
     "colmap_binary": (colmap(False), tuple(f"sparse/0/{n}.bin" for n in ("cameras", "images", "points3D", "frames"))),
     "colmap_text": (colmap(True), tuple(f"sparse/0/{name}.txt" for name in ("cameras", "images", "points3D"))),
@@ -123,8 +98,8 @@ LAYOUTS: dict[str, tuple[Callable[[Path], list[Camera]], tuple[str, ...]]] = {
     "qualisys": (qualisys, ("Calib.qca.txt",)),
     "anipose": (rigs.anipose, ("rec_camera_calibration.toml",)),
     "pose2sim": (rigs.pose2sim, ("calibration/Calib_scene.toml",)),
-    "technicolor": (birthday, ("cameras_parameters.txt",)),
-    "hypernerf": (hypernerf, ("dataset.json", "metadata.json", "scene.json", "camera/000002.json")),
+    "technicolor": (rigs.technicolor, ("cameras_parameters.txt",)),
+    "hypernerf": (phones.hypernerf, ("dataset.json", "metadata.json", "scene.json", "camera/000002_left.json")),
     "nerfstudio_fisheye": (phones.nerfstudio_fisheye, ("transforms.json",)),
 }
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from support.builders import plain_camera, scene_file
+from support.layouts import phones
 from support.synthetic_capture import FRAMES, HEIGHT, WIDTH, seeds, write_capture
 
 from frog_blender.engine.capture.readers import open_capture
@@ -16,7 +17,6 @@ from frog_blender.engine.playback.bake import Bake, write_bake
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import write_scene
-from fuzzing.of_captures import hypernerf
 from fuzzing.worker import Kind
 
 
@@ -69,8 +69,8 @@ class Points(Kind):
     """``points.npy`` of a HyperNeRF folder."""
 
     def __init__(self, folder: Path) -> None:
-        hypernerf(folder)
-        path = folder / "points.npy"
+        phones.hypernerf(folder / "capture")
+        path = folder / "capture" / "points.npy"
         np.save(path, np.random.default_rng(0).uniform([-1, -1, 3], [1, 1, 5], (80, 3)).astype(np.float32))
         self.keep(path)
 

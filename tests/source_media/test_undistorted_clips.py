@@ -11,7 +11,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.synthetic_capture import write_capture
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.decoding import decode_shots
@@ -100,7 +99,7 @@ def test_films_of_other_lenses_are_not_taken(bent: Path, tmp_path: Path) -> None
     list(again.steps)
     facts = read_facts(clips_folder(scene) / "right.mp4")
     assert (facts.width, facts.height) == (48, 36), "videos have even sides"
-    for damaged in ("{", "[]", '{"scene": 1}'):
+    for damaged in ("{", "[]", '{"scene": 1}', "[" * 100_000):
         (clips_folder(scene) / "clips.json").write_text(damaged)
         assert undistorted_clips(header, scene) == {}
 
@@ -142,7 +141,7 @@ def test_nobody_s_own_files_are_touched(bent: Path, tmp_path: Path) -> None:
     assert not writing and [path.name for path in footage.parent.iterdir()] == ["notes.txt"]
 
 
-@pytest.mark.parametrize("rate", [23.976, 66.6667, 239.8461, 0.2])
+@pytest.mark.parametrize("rate", [23.976, 239.8461])
 def test_any_frame_rate_has_films(bent: Path, tmp_path: Path, rate: float) -> None:
     header = replace(header_of(open_capture(bent)), frames_per_second=rate)
     list(undistortion(header, tmp_path / "x.frog", bent).steps)
@@ -154,12 +153,9 @@ def test_a_part_of_a_capture_is_not_the_whole(bent: Path, tmp_path: Path) -> Non
     header = header_of(open_capture(bent).segment(1, 3))
     with pytest.raises(FrogError, match="found 5 frames, expected 3"):
         undistortion(header, tmp_path / "x.frog", bent)
-
-
-def test_straight_lenses_need_no_films(tmp_path: Path) -> None:
-    folder = write_capture(tmp_path / "n3dv")
-    header = header_of(open_capture(folder))
-    assert undistortion(header, tmp_path / "x.frog", folder) is None
+    renamed = replace(header, cameras=tuple(replace(c, name=f"other {c.name}") for c in header.cameras), frame_count=5)
+    with pytest.raises(FrogError, match="not all images of other left"):
+        undistortion(renamed, tmp_path / "x.frog", bent)
     assert undistortion(header, tmp_path / "x.frog", tmp_path / "nowhere") is None
 
 
@@ -220,13 +216,6 @@ def test_a_single_frame_is_an_image_and_any_name_a_file(tmp_path: Path) -> None:
     assert [clip.kind for clip in clips.values()] == ["IMAGE"] * 6
     assert {clip.path.parent for clip in clips.values()} == {clips_folder(tmp_path / "s.frog")}
     assert [read_image(clip.path).mean() for clip in clips.values()] == [20, 50, 80, 110, 140, 170]
-
-
-def test_another_capture_is_told_apart(bent: Path, tmp_path: Path) -> None:
-    header = header_of(open_capture(bent))
-    renamed = replace(header, cameras=tuple(replace(c, name=f"other {c.name}") for c in header.cameras))
-    with pytest.raises(FrogError, match="not all images of other left"):
-        undistortion(renamed, tmp_path / "x.frog", bent)
 
 
 def test_stopped_or_failed_nothing_is_left(bent: Path, tmp_path: Path) -> None:
@@ -314,10 +303,3 @@ def test_what_a_killed_process_left_goes_with_time(bent: Path, tmp_path: Path) -
         os.utime(partial, (time.time() - age,) * 2)
     list(undistortion(header, scene, bent).steps)
     assert [path.name for path in clips_folder(scene).glob(".partial-*")] == [".partial-young"]
-
-
-def test_an_index_that_nests_without_end_is_none(bent: Path, tmp_path: Path) -> None:
-    header, scene = header_of(open_capture(bent)), tmp_path / "x.frog"
-    clips_folder(scene).mkdir()
-    (clips_folder(scene) / "clips.json").write_text("[" * 100_000)
-    assert undistorted_clips(header, scene) == {}

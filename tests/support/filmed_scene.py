@@ -6,9 +6,10 @@ colour: through a pinhole, a distorting lens or a fisheye.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from support.builders import rotation_of
 
@@ -57,6 +58,18 @@ def image(camera: Camera, frame: int, rays: Rays | None = None) -> np.ndarray:
         flat = rays(pixels)
     directions = np.concatenate([flat, np.ones((len(flat), 1))], axis=1) @ camera.rotation
     return _colors(camera.center, directions, frame).reshape(camera.height, camera.width, 3)
+
+
+def bent_rays(camera: Camera, coefficients: Sequence[float], skew: float = 0.0) -> Rays:
+    """The rays of an image that OpenCV's distortion bends, and skew of so many pixels shears."""
+
+    def rays(pixels: np.ndarray) -> np.ndarray:
+        flat = (pixels - camera.intrinsics[:2, 2]) / camera.intrinsics.diagonal()[:2]
+        flat[:, 0] -= skew / camera.intrinsics[0, 0] * flat[:, 1]
+        exact, known = (3, 100, 1e-12), (np.eye(3), np.array(coefficients), None, None)
+        return cv2.undistortPointsIter(flat[:, None], *known, exact)[:, 0]
+
+    return rays
 
 
 @lru_cache(maxsize=64)

@@ -7,10 +7,9 @@ import struct
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from support.filmed_scene import FRAMES, NAMES, image, moving, rig, still
+from support.filmed_scene import FRAMES, NAMES, bent_rays, image, moving, rig, still
 from support.films import photograph
 from support.layouts.colmap import POINTS, write_model
 from support.layouts.files import write_films, write_frames, write_image
@@ -162,11 +161,7 @@ def test_lenses_are_undistorted(tmp_path: Path, model: str) -> None:
     focal = (values[0], values[0] if len(values) in (3, 4, 5) else values[1])
     camera = large(rig(focal, (32.5, 23.0))[1])
 
-    def rays(pixels: np.ndarray) -> np.ndarray:
-        exact, known = (3, 100, 1e-12), (camera.intrinsics, np.array(coefficients), None, None)
-        return cv2.undistortPointsIter(pixels[:, None], *known, exact)[:, 0]
-
-    write_image(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, rays))
+    write_image(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, bent_rays(camera, coefficients)))
     write_model(tmp_path / "c" / "sparse" / "0", ["cam01.png"], [camera], [(model, enlarged(model, values))])
     capture = opened(tmp_path / "c", "colmap")
     assert (capture.distortions[0] is None) == (not any(coefficients))

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.filmed_scene import FRAMES, image, rig
+from support.filmed_scene import FRAMES, image
 from support.layouts import phones, rigs
 from support.layouts.colmap import POINTS
 
@@ -31,6 +30,7 @@ STANDING: dict[str, tuple[str, Writer]] = {
     "anipose, freemocap": ("calibration_toml", rigs.anipose),
     "Pose2Sim": ("calibration_toml", rigs.pose2sim),
     "frames of cameras_opencv.json": ("calibrated_videos", rigs.opencv_frames),
+    "Technicolor": ("technicolor", rigs.technicolor),
 }
 FISHEYES: dict[str, tuple[str, Writer]] = {
     "anipose's fisheyes": ("calibration_toml", rigs.fisheye_toml),
@@ -133,16 +133,3 @@ def test_cameras_without_footage_are_left_out_and_named(tmp_path: Path) -> None:
     assert [camera.name for camera in capture.cameras] == [f"cam{i:02d}" for i in (1, 3, 4)]
     assert any("int_cam02_img" in warning for warning in capture.warnings)
     assert any("cam09" in warning for warning in capture.warnings)
-
-
-def test_images_of_other_proportions_are_refused(tmp_path: Path) -> None:
-    from support.layouts.files import write_image
-
-    from frog_blender.engine.errors import FrogError
-
-    rigs.easyvolcap(tmp_path)
-    turned = replace(rig()[0], width=48, height=64)
-    for frame in range(FRAMES):
-        write_image(tmp_path / "images" / "00" / f"{frame:06d}.png", image(turned, frame))
-    with pytest.raises(FrogError, match=r"48 x 64 pixels \(were they turned by 90 degrees"):
-        open_capture(tmp_path)

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from support.filmed_scene import FRAMES, HEIGHT, WIDTH, image, rig, still
-from support.layouts.colmap import POINTS, write_model
+from support.filmed_scene import FRAMES, HEIGHT, WIDTH, bent_rays, image, rig, still
+from support.layouts.colmap import POINTS, quaternion, write_model
 from support.layouts.files import write_film, write_films, write_frames, write_image
 
 from frog_blender.engine.capture.camera import Camera
@@ -259,3 +259,22 @@ def opencv_frames(folder: Path) -> list[Camera]:
     (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": entries}))
     write_frames(folder, cameras, "{name}/{name}_{frame:08d}.png")
     return cameras
+
+
+def technicolor(folder: Path, skew: float = 0.0, scene: str = "Birthday") -> list[Camera]:
+    """Four cameras of the sixteen, 8 to 11, of images of a thirty-second of the published size; frames from 151 on."""
+    size = (64, 34)
+    cameras = [replace(camera, name=f"cam{index:02d}", height=size[1]) for index, camera in enumerate(rig() * 3)]
+    rows = ["focal cx cy aspect skew qw qx qy qz tx ty tz"]
+    for camera in cameras:
+        (focal_x, _, center_x), (_, focal_y, center_y), _ = (32 * camera.intrinsics).tolist()
+        pose = [*quaternion(camera.rotation), *camera.world_to_camera[:3, 3]]
+        values = (focal_x, center_x, center_y, focal_y / focal_x, 32 * skew, *pose)
+        rows.append(" ".join(f"{value:.12g}" for value in values) + "  ")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "cameras_parameters.txt").write_text("\n".join(rows) + "\n\n")
+    for index, camera in enumerate(cameras[8:], start=8):
+        for frame in range(FRAMES):
+            stored = image(camera, frame, bent_rays(camera, [0.0] * 5, skew))
+            write_image(folder / f"{scene}_undist_{151 + frame:05d}_{index:02d}.png", stored)
+    return cameras[8:]
