@@ -22,7 +22,7 @@ from frog_blender.engine.capture.contact_sheet import (
 )
 from frog_blender.engine.capture.frame_keys import decoding_key
 from frog_blender.engine.capture.hull import VisualHull
-from frog_blender.engine.capture.masking import ChromaKey, MaskSettings, chroma_key, over, recolored
+from frog_blender.engine.capture.masking import ChromaKey, MaskSettings, chroma_key, recolored
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.errors import FrogError
@@ -44,7 +44,7 @@ def difference(first: np.ndarray, second: np.ndarray) -> float:
     return float(np.abs(first.astype(float) - second).mean())
 
 
-@pytest.mark.parametrize("layout", ["numbered", "numbered from one", "film"])
+@pytest.mark.parametrize("layout", ["numbered from one", "film"])
 def test_masks_of_a_film_are_read_in_every_layout(folder: Path, tmp_path: Path, layout: str) -> None:
     write_masks(folder / "masks", layout)
     capture = open_capture(folder)
@@ -148,12 +148,6 @@ def test_what_is_black_in_a_mask_that_transforms_json_names_is_ignored(tmp_path:
 def test_masks_that_transforms_json_names_are_checked(tmp_path: Path, name: str) -> None:
     with pytest.raises(FrogError, match="mask"):
         open_capture(listed_masks(tmp_path / "listed", name))
-
-
-def test_an_alpha_channel_that_is_all_opaque_is_no_mask(tmp_path: Path) -> None:
-    opaque = posed_images(tmp_path / "opaque", lambda _: np.full((48, 64), 255, np.uint8))
-    store = stored(open_capture(opaque), tmp_path)
-    assert store.alpha(0) is None and stored(open_capture(opaque), tmp_path).folder == store.folder
 
 
 @pytest.mark.parametrize("name", ["images/view_{}.png", "view_{}.png", "images/view_{}.png.png"])
@@ -261,14 +255,6 @@ def test_a_key_is_a_mask_of_every_image(folder: Path, tmp_path: Path) -> None:
     alpha = store.alpha(0)
     assert alpha is not None and alpha.min() < 160 and (alpha == 255).mean() > 0.5
     assert mask_lines(capture) == ["only this: what is not #ffb000,0.3"]
-
-
-def test_colors_under_a_mask() -> None:
-    image, alpha = np.full((2, 2, 3), 200, np.uint8), np.array([[255, 0], [128, 64]], np.uint8)
-    shown = over(image, alpha, (0.0, 0.0, 1.0))
-    assert shown[0, 0].tolist() == [200, 200, 200] and shown[0, 1].tolist() == [0, 0, 255]
-    moved = recolored(shown, alpha, (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
-    assert np.abs(moved.astype(int) - over(image, alpha, (1.0, 0.0, 0.0))).max() <= 1
 
 
 def test_the_hull_of_a_subject_holds_it_and_nothing_else(folder: Path, tmp_path: Path) -> None:

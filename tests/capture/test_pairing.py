@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -72,14 +71,6 @@ def test_a_slower_rate_keeps_its_times() -> None:
     assert any("rates differ (29.97 to 30 a second)" in warning for warning in pairing.warnings)
 
 
-def test_24_beside_30_lose_no_time() -> None:
-    pairing = paired(facts(np.arange(48) / 24, 24), facts(np.arange(60) / 30))
-    assert pairing.frames_per_second == 24
-    taken = times_of(pairing, 1)
-    assert np.abs(taken * 30 - np.round(taken * 30)).max() < 1e-3
-    assert any("more images than 24 a second" in warning for warning in pairing.warnings)
-
-
 def test_a_rate_that_varies_keeps_every_time() -> None:
     random = np.random.default_rng(3)
     times = np.sort(np.arange(120) / 30 + random.uniform(-0.008, 0.008, 120))
@@ -111,13 +102,6 @@ def test_clocks_shift_and_stretch_films() -> None:
     assert not any("as their files say" in warning for warning in pairing.warnings)
 
 
-def test_whole_frames_of_offset_leave_no_fraction() -> None:
-    pairing = paired(facts(np.arange(30) / 30), facts(np.arange(30) / 30), clocks=[Clock(), Clock(0.1)])
-    assert {(shot.index - shot.frame, shot.offset) for shot in pairing.shots if shot.camera == 0} == {(3, 0.0)}
-    assert {(shot.index - shot.frame, shot.offset) for shot in pairing.shots if shot.camera == 1} == {(0, 0.0)}
-    assert pairing.frame_count == 27
-
-
 def test_no_image_lies_beside_the_time_that_the_capture_has() -> None:
     """What was filmed a part of a frame before the first or after the last one would be learned at another time."""
     clocks = [Clock(), Clock(-0.4 / 30), Clock(0.3 / 30), Clock(2.45 / 30)]
@@ -145,11 +129,6 @@ def test_a_time_that_half_of_the_films_show_is_used() -> None:
     seen = {camera: [shot.frame for shot in pairing.shots if shot.camera == camera] for camera in range(4)}
     assert seen == {0: [*range(60)], 1: [*range(60)], 2: [*range(30, 60)], 3: [*range(45)]}
     assert "the 60 frames that at least 2 of them show are used" in pairing.warnings[0]
-
-
-def test_two_pairs_of_films_of_different_times_are_refused() -> None:
-    with pytest.raises(FrogError, match="expected films of the same time"):
-        paired(*[facts(np.arange(30) / 30)] * 4, clocks=[Clock(), Clock(), Clock(9), Clock(9)])
 
 
 def test_frames_at_one_time_do_no_harm() -> None:
@@ -222,11 +201,8 @@ def test_a_calibration_may_name_films_and_their_clocks(film: Path, tmp_path: Pat
     ("changes", "found"),
     [
         ({"video": "nowhere.mp4"}, r"nowhere.mp4: found no file, expected the video of camera a"),
-        ({"video": 3}, "3 as the video of camera a"),
         ({"video": "//server/film.mp4"}, "as the video of camera a"),
         ({"offset": "soon"}, "offset of camera a that is not made of numbers"),
-        ({"offset": 1e9}, "offset of camera a with the number 1e"),
-        ({"rate": 0}, "rate of camera a = 0"),
         ({"rate": 1e5}, "rate of camera a = 100000"),
     ],
 )
@@ -265,9 +241,7 @@ def test_a_film_turned_after_its_calibration_turns_its_camera(film: Path, tmp_pa
     ("size", "sentence"),
     [
         ((48, 64), r"64 x 48 pixels, calibrated at 48 x 64, expected the same way up: .* turned by 90 degrees"),
-        ((96, 128), "expected the same way up"),
         ((60, 48), "expected the calibrated image, that image resized, or a part of it"),
-        ((80, 40), "is the film turned"),
     ],
 )
 def test_a_film_larger_than_its_calibration_is_no_crop(
@@ -278,22 +252,19 @@ def test_a_film_larger_than_its_calibration_is_no_crop(
         open_capture(calibrated(tmp_path, plain("a", width=size[0], height=size[1])))
 
 
-def test_a_film_upside_down_is_said(film: Path, tmp_path: Path) -> None:
-    copied(film, tmp_path / "a.mp4", turn=180)
-    capture = open_capture(calibrated(tmp_path, plain("a")))
-    assert "turned by 180 degrees, as its rotation flag says" in capture.warnings[0]
-
-
-def test_high_dynamic_range_is_said(tmp_path: Path) -> None:
-    encode(tmp_path / "a.mp4", numbered(3), transfer="hlg")
-    capture = open_capture(calibrated(tmp_path, plain("a")))
-    assert re.search(r"a\.mp4 is of high dynamic range \(HLG\) and is tone-mapped", capture.warnings[0])
-
-
-def test_interlaced_films_are_told(tmp_path: Path) -> None:
-    encode(tmp_path / "a.mp4", numbered(3), **INTERLACED)
-    capture = open_capture(calibrated(tmp_path, plain("a")))
-    assert re.search(r"a\.mp4 is interlaced: each image shows two times", capture.warnings[0])
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({}, "turned by 180 degrees, as its rotation flag says"),
+        ({"transfer": "hlg"}, "a.mp4 is of high dynamic range (HLG) and is tone-mapped"),
+        (INTERLACED, "a.mp4 is interlaced: each image shows two times"),
+    ],
+)
+def test_what_is_unusual_about_a_film_is_said(tmp_path: Path, options: dict[str, Any], said: str) -> None:
+    (tmp_path / "made").mkdir()
+    made = encode(tmp_path / "made" / "film.mp4", numbered(3), **options)
+    copied(made, tmp_path / "a.mp4", turn=0 if options else 180)
+    assert said in open_capture(calibrated(tmp_path, plain("a"))).warnings[0]
 
 
 def test_skew_is_removed_like_distortion(film: Path, tmp_path: Path) -> None:

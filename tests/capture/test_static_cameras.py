@@ -75,16 +75,6 @@ def test_images_whose_poses_are_not_known_stay_apart(tmp_path: Path) -> None:
     assert len(found) == 6 and all(len(images) == 1 for images in found.values())
 
 
-def test_cameras_whose_names_tell_nothing_have_their_first_images(tmp_path: Path) -> None:
-    write_standing(tmp_path)
-    data = json.loads((tmp_path / "transforms.json").read_text())
-    for index, frame in enumerate(data["frames"]):
-        (tmp_path / f"{frame['file_path']}.png").rename(tmp_path / f"{index}.png")
-        frame["file_path"] = str(index)
-    rewrite(tmp_path, data)
-    assert [camera.name for camera in open_capture(tmp_path).cameras] == ["0", "3"]
-
-
 def test_an_image_of_another_size_is_brought_to_its_cameras(tmp_path: Path, cache_folder: Path) -> None:
     write_standing(tmp_path)
     other = tmp_path / "transforms_b_0001.png"

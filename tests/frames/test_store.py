@@ -56,20 +56,6 @@ def test_a_store_is_reused_and_rebuilt_when_a_video_changes(n3dv: Path) -> None:
     assert stores(n3dv) != first
 
 
-def test_the_store_of_some_cameras_does_not_take_the_place_of_all(n3dv: Path) -> None:
-    """Or trainings of a capture with and without them would decode it again and again."""
-    capture, cache = open_capture(n3dv), n3dv.parent / "cache"
-    left_out = capture.cameras[-1].name
-    some = capture.without_cameras([left_out])
-    FrameStore.open(capture, cache_folder=cache)
-    FrameStore.open(some, cache_folder=cache)
-    assert len(stores(n3dv)) == 2
-    os.utime(n3dv / f"{left_out}.mp4", ns=(1, 1))  # of the whole store alone
-    FrameStore.open(some, cache_folder=cache, progress=lambda done, total: pytest.fail("decoded again"))
-    FrameStore.open(capture, cache_folder=cache)
-    assert len(stores(n3dv)) == 2  # the outdated one is gone, the other still good
-
-
 def test_cancelling_leaves_nothing(n3dv: Path) -> None:
     asked = iter([False] * 7 + [True])
     with pytest.raises(DecodingCancelled):

@@ -16,10 +16,10 @@ from ..arrays import Bools, Float64s, Ints
 from .capture import Capture
 from .epipolar import fundamental, line_distances
 from .quality_samples import Sample, choose_pairs, take_samples
+from .seeding.matching import mutual_matches
 from .seeding.views import parallax, scene_depth
 from .video import load_opencv
 
-_RATIO = 0.8  # best to second best descriptor distance
 _RANSAC_PIXELS = 1.5
 _ENOUGH = 20  # matches on which a fundamental matrix agrees
 _ENOUGH_MOVING = 10
@@ -51,7 +51,9 @@ class PairCheck:
 
 def check_pair(first: Sample, second: Sample) -> PairCheck:
     """What matching features say about two views."""
-    a, b = _match(first, second)
+    a, b = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    if min(len(first.positions), len(second.positions)) >= 2:
+        a, b = mutual_matches(first.descriptors @ second.descriptors.T)
     matrix = fundamental(first.camera, second.camera)
     agreeing = _agreeing(first.positions[a], second.positions[b])
     if agreeing.sum() < _ENOUGH or agreeing.mean() < _SHARE:
@@ -65,21 +67,6 @@ def check_pair(first: Sample, second: Sample) -> PairCheck:
     apart = float(np.median((np.abs(to_b) * second.scale + np.abs(to_a) * first.scale) / 2))
     offset = _offset(first, second, matched, matrix, apart / second.scale)
     return PairCheck(len(a), apart, offset, _gain(first.colors[a], second.colors[b]))
-
-
-def _match(first: Sample, second: Sample) -> tuple[Ints, Ints]:
-    """Indices of features that are each other's best, and better than the second best by far."""
-    empty = np.zeros(0, dtype=np.int64)
-    if min(len(first.positions), len(second.positions)) < 2:
-        return empty, empty
-    similarity = first.descriptors @ second.descriptors.T
-    rows, best = np.arange(len(similarity)), similarity.argmax(axis=1)
-    back = similarity.argmax(axis=0)
-    score = similarity[rows, best]
-    similarity[rows, best] = -1.0
-    apart, next_apart = (np.sqrt(np.maximum(2 - 2 * each, 0)) for each in (score, similarity.max(axis=1)))
-    keep = (back[best] == rows) & (apart < _RATIO * next_apart)
-    return rows[keep], best[keep]
 
 
 def _agreeing(a: Float64s, b: Float64s) -> Bools:

@@ -12,7 +12,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,9 +38,6 @@ if TYPE_CHECKING:
 _INDEX = "clips.json"
 _PARTIAL = ".partial-"
 _ABANDONED_AFTER = 86_400.0  # seconds after which no process writes its films any more
-_ROUNDING = 0.001  # seconds by which stamps may waver
-# Formats that know no distortion, of which many captures are: their plain films are not even opened.
-_NEVER_DISTORTED = frozenset({"n3dv"})
 
 
 @dataclass(frozen=True)
@@ -88,9 +85,6 @@ def undistortion(
     if not os.path.isdir(capture_folder):
         return None
     shown = find_clips(header, capture_folder)
-    files = (clip.path for clip in shown.values())
-    if shown and header.capture_format in _NEVER_DISTORTED and _are_plain_films(files):
-        return None
     capture = open_capture(capture_folder, pixel_offsets=header.pixel_offsets or None)
     if shown and not any(capture.distortions) and _is_shown_as_filmed(capture):
         return None
@@ -119,19 +113,6 @@ def _is_shown_as_filmed(capture: Capture) -> bool:
         return False
     photographs = map(read_photograph, {shot.path for shot in capture.shots} - films)
     return all(photograph is None or photograph.orientation == UPRIGHT for photograph in photographs)
-
-
-def _are_plain_films(files: Iterable[Path]) -> bool:
-    """True for films of one constant rate that start together and are of ordinary range. Images are none."""
-    starts = []
-    for film in filter(_is_video, files):
-        header = read_film_header(film, with_times=True)
-        if header.times is None or header.transfer:
-            return False
-        if len(header.times) > 2 and np.ptp(np.diff(header.times)) > _ROUNDING:
-            return False
-        starts.append(header.times[0])
-    return not starts or float(np.ptp(starts)) <= _ROUNDING
 
 
 def _is_video(path: Path) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.filmed_scene import FRAMES, NAMES, bent_rays, image, moving, rig, still
+from support.filmed_scene import FRAMES, NAMES, Rays, bent_rays, image, moving, rig, still
 from support.films import photograph
 from support.layouts.colmap import POINTS, write_model
 from support.layouts.files import write_films, write_frames, write_image
@@ -172,14 +172,8 @@ def test_lenses_are_undistorted(tmp_path: Path, model: str) -> None:
 @pytest.mark.parametrize("model", FISHEYE)
 def test_fisheyes_become_pinholes_of_at_most_110_degrees(tmp_path: Path, model: str) -> None:
     """The image is drawn through COLMAP's own lens; undistorted it must be what the pinhole camera sees."""
-    pycolmap = pytest.importorskip("pycolmap")
     values, camera = enlarged(model, FISHEYE[model]), large(rig()[1])
-    lens = pycolmap.Camera(model=model, width=camera.width, height=camera.height, params=list(values))
-
-    def rays(pixels: np.ndarray) -> np.ndarray:
-        return np.array([lens.cam_from_img(pixel)[:2] for pixel in pixels])
-
-    write_image(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, rays))
+    write_image(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, colmap_rays(camera, model, values)))
     write_model(tmp_path / "c" / "sparse" / "0", ["cam01.png"], [camera], [(model, values)])
     capture = opened(tmp_path / "c", "colmap")
     found = capture.cameras[0]
@@ -189,25 +183,26 @@ def test_fisheyes_become_pinholes_of_at_most_110_degrees(tmp_path: Path, model: 
 
 
 @pytest.mark.parametrize("orientation", [6, 8])
-@pytest.mark.parametrize("model", ["PINHOLE", "OPENCV", "OPENCV_FISHEYE"])
+@pytest.mark.parametrize("model", ["OPENCV", "OPENCV_FISHEYE"])
 def test_photographs_that_exif_turns_keep_their_poses(tmp_path: Path, model: str, orientation: int) -> None:
     """COLMAP sees images as they are stored; the camera of what is shown is turned with them."""
-    pycolmap = pytest.importorskip("pycolmap")
-    values = {"PINHOLE": (52.0, 54.0, 33.5, 22.25), "OPENCV": PERSPECTIVE["OPENCV"][0], **FISHEYE}[model]
-    camera = rig()[1]
-    lens = pycolmap.Camera(model=model, width=camera.width, height=camera.height, params=list(values))
-
-    def rays(pixels: np.ndarray) -> np.ndarray:
-        return np.array([lens.cam_from_img(pixel)[:2] for pixel in pixels])
-
+    values, camera = {"OPENCV": PERSPECTIVE["OPENCV"][0], **FISHEYE}[model], rig()[1]
+    shown = image(camera, 2, colmap_rays(camera, model, values))
     (tmp_path / "c" / "images").mkdir(parents=True)
-    photograph(tmp_path / "c" / "images" / "cam01.png", image(camera, 2, rays), turned=orientation)
+    photograph(tmp_path / "c" / "images" / "cam01.png", shown, turned=orientation)
     write_model(tmp_path / "c" / "sparse" / "0", ["cam01.png"], [camera], [(model, values)])
     capture = opened(tmp_path / "c", "colmap")
     assert (capture.cameras[0].width, capture.cameras[0].height) == (48, 64)
     np.testing.assert_allclose(capture.cameras[0].center, camera.center, atol=1e-9)
-    off = {"PINHOLE": 0.0, "OPENCV": 3.0, "OPENCV_FISHEYE": 4.0}[model]
+    off = 4.0 if model in FISHEYE else 3.0
     assert_same_images(capture, tmp_path / "cache", lambda camera, frame: image(camera, 2), off=off)
+
+
+def colmap_rays(camera: Camera, model: str, values: tuple[float, ...]) -> Rays:
+    """The rays of an image through COLMAP's own lens."""
+    pycolmap = pytest.importorskip("pycolmap")
+    lens = pycolmap.Camera(model=model, width=camera.width, height=camera.height, params=list(values))
+    return lambda pixels: np.array([lens.cam_from_img(pixel)[:2] for pixel in pixels])
 
 
 def field_of_view(camera: Camera) -> float:

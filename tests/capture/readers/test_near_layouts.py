@@ -41,11 +41,6 @@ def without_intrinsics(folder: Path) -> None:
     (folder / "intri.yml").unlink()
 
 
-def without_train_list(folder: Path) -> None:
-    rigs.panoptic_sports(folder)
-    (folder / "train_meta.json").unlink()
-
-
 def two_captures(folder: Path) -> None:
     rigs.n3dv_nested(folder)
     (folder / "other").mkdir()
@@ -62,20 +57,14 @@ def text(name: str, content: str = "x") -> Callable[[Path], None]:
 
 NEAR: dict[str, tuple[Callable[[Path], object], str]] = {
     "raw videos": (lambda folder: write_films(folder, rig()), r"4 videos without calibration, .*`frog calibrate"),
-    "videos below": (lambda folder: write_films(folder / "videos", rig()), r"4 videos without calibration"),
     "frames": (lambda folder: write_frames(folder, rig()), r"4 folders of images without calibration, .*calibrate"),
     "images": (lambda folder: write_frames(folder, rig(), "images/{name}_{frame}.png"), r"20 images without poses"),
     "Metashape": (metashape, r"cameras of Metashape \(cameras.xml\), .*Export Cameras > COLMAP"),
     "RealityCapture": (reality_capture, r"cameras of RealityCapture .*Registration > COLMAP"),
-    "Bundler": (text("bundle.out", "# Bundle file v0.3\n"), r"cameras of Bundler .*a COLMAP model"),
-    "VisualSFM": (text("x.nvm", "NVM_V3"), r"cameras of VisualSFM .*a COLMAP model"),
     "ZJU-MoCap": (zju, r"annots.npy \(ZJU-MoCap\), which can run programs, .*intri.yml"),
     "half a model": (half_a_model, r"sparse/0/cameras.bin and no images.bin"),
-    "project": (text("database.db"), r"a COLMAP project without a model"),
     "extri.yml": (without_intrinsics, r"extri.yml and no intri.yml"),
-    "test_meta.json": (without_train_list, r"test_meta.json and no train_meta.json"),
     "transforms": (text("fox_transforms.json", "{}"), r"fox_transforms.json, expected the name transforms.json"),
-    "dataset.json": (text("dataset.json", "{}"), r"dataset.json and no folder camera"),
     "Record3D": (text("metadata.json", "{}"), r"metadata and no folder rgbd or rgb"),
     "Polycam": (text("keyframes/mesh.obj"), r"keyframes without cameras or images"),
     "archive": (text("scene.zip"), r"1 archive \(scene.zip\), expected a folder: unpack it"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,19 +27,8 @@ HOLDOUT_EVERY = 8
 """Of one moving camera every eighth frame is held out."""
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """An image with a pose of its own.
-
-    Attributes:
-        calibrated: its camera at its calibrated size, and the lens.
-        image: the file.
-        number: its time; see ``footage.at_times``.
-    """
-
-    calibrated: Calibrated
-    image: Path
-    number: int
+PosedImage = tuple[Calibrated, Path, int]
+"""An image with a pose of its own: its camera at its calibrated size, the file, and its time (``footage.at_times``)."""
 
 
 def calibrated_cameras(
@@ -107,7 +96,7 @@ def standing_cameras(
 
 
 def moving_cameras(
-    path: Path, layout: str, views: Sequence[View], rate: float = 30.0, warnings: Iterable[str] = ()
+    path: Path, layout: str, views: Sequence[PosedImage], rate: float = 30.0, warnings: Iterable[str] = ()
 ) -> Capture:
     """The capture of images that each have a pose of their own; of a single camera every eighth frame is held out.
 
@@ -115,20 +104,10 @@ def moving_cameras(
         FrogError: if an image does not have its camera's proportions, or cannot be used.
     """
     check_images(path, len(views))
-    shots, count = at_times(
-        [(index, view.image) for index, view in enumerate(views)], [view.number for view in views], path
-    )
-    capture = assembled(
-        path,
-        layout,
-        [view.calibrated for view in views],
-        [view.image for view in views],
-        warnings=warnings,
-        shots=tuple(shots),
-        frame_count=count,
-        frames_per_second=rate,
-    )
-    return with_holdout_of_one(capture)
+    cameras, images, times = zip(*views, strict=True)
+    shots, count = at_times(list(enumerate(images)), times, path)
+    facts: dict[str, Any] = {"shots": tuple(shots), "frame_count": count, "frames_per_second": rate}
+    return with_holdout_of_one(assembled(path, layout, cameras, images, warnings=warnings, **facts))
 
 
 def assembled(

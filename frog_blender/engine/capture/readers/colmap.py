@@ -21,7 +21,7 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ..capture import Capture
-from .assembly import View, calibrated_cameras, moving_cameras, standing_cameras, with_points
+from .assembly import calibrated_cameras, moving_cameras, standing_cameras, with_points
 from .colmap_model import Model, PosedImage, has_model, read_model
 from .footage import Footage, find_footage, images_in, natural, of_cameras, split_number
 from .geometry import Calibrated
@@ -169,7 +169,7 @@ def _moving(path: Path, model: Model, root: Path, images: list[tuple[PosedImage,
     views = []
     for image, number in there:
         name = PurePosixPath(image.name)
-        views.append(View(model.camera(image, str(name.with_suffix(""))), root / image.name, number))
+        views.append((model.camera(image, str(name.with_suffix(""))), root / image.name, number))
     return moving_cameras(path, _LAYOUT, views, warnings=warnings)
 
 

@@ -36,6 +36,7 @@ from .geometry import Calibrated, is_transposed, same_proportions
 from .pairing import pair_videos
 
 MAX_CAMERAS = 10_000
+_RATE = 30.0  # images a second, of which a folder says nothing
 _DIGITS = re.compile(r"(\d+)")
 
 
@@ -162,14 +163,11 @@ def of_cameras(
     if lacking := [name for name in names if name not in found]:
         shown = ", ".join(lacking[:8])
         warnings.append(
-            f"{calibration}: {_counted(lacking, 'camera')} without footage {_is(lacking)} left out: {shown}."
+            f"{calibration}: {len(lacking)} of {len(names)} cameras are left out, without footage: {shown}."
         )
     used = {each.name for each in found.values()}
     if extra := [each.name for each in footage if each.name not in used]:
-        warnings.append(
-            f"{calibration}: {_counted(extra, 'video or folder')} of no calibrated camera "
-            f"{_is(extra)} left out: {', '.join(extra[:8])}."
-        )
+        warnings.append(f"{calibration}: footage of no calibrated camera is left out: {', '.join(extra[:8])}.")
     return found, warnings
 
 
@@ -295,17 +293,6 @@ def _same_number(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, 
     if len(by_number) < len(footage) or len(set(of_names.values())) < len(of_names):
         return {}
     return {name: by_number[number] for name, number in of_names.items() if number is not None and number in by_number}
-
-
-def _counted(names: Sequence[str], kind: str) -> str:
-    return f"{len(names)} {kind}{'s' if len(names) > 1 else ''}"
-
-
-def _is(names: Sequence[str]) -> str:
-    return "are" if len(names) > 1 else "is"
-
-
-_RATE = 30.0  # images a second, of which a folder says nothing
 
 
 def film_facts(path: Path) -> VideoFacts:

@@ -129,17 +129,10 @@ def times_by_name(names: Sequence[str], views: Sequence[Hashable]) -> tuple[list
     for of, own in zip(cameras.values(), numbers, strict=True):
         if own is None or not shared:
             order = sorted(range(len(of)), key=lambda index: _natural(names[of[index]]))
-            own = _ranks(order)
+            own = np.argsort(order).tolist()
         for index, time in zip(of, own, strict=True):
             times[index] = float(time)
     return times, True
-
-
-def _ranks(order: Sequence[int]) -> list[int]:
-    ranks = [0] * len(order)
-    for rank, index in enumerate(order):
-        ranks[index] = rank
-    return ranks
 
 
 def _numbers(names: Sequence[str]) -> list[int] | None:

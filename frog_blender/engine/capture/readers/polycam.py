@@ -16,7 +16,7 @@ from ...errors import found_instead
 from ..camera import Camera
 from ..capture import MAX_IMAGES, Capture
 from ..video import with_ending
-from .assembly import View, moving_cameras
+from .assembly import moving_cameras
 from .checks import number, numbers, read_json, rotation, size
 from .footage import natural, number_of
 from .geometry import OPENGL_AXES, intrinsics, pose
@@ -53,7 +53,7 @@ def read(path: Path) -> Capture:
     times = [index if number is None else number for index, number in enumerate(numbered)]
     if len(set(times)) < len(times):
         times = list(range(len(pairs)))
-    views = [View((_camera(file), None), image, time) for (file, image), time in zip(pairs, times, strict=True)]
+    views = [((_camera(file), None), image, time) for (file, image), time in zip(pairs, times, strict=True)]
     warnings = []
     if len(pairs) < len(files):
         warnings.append(f"{path}: {len(files) - len(pairs)} of {len(files)} images are missing and left out.")

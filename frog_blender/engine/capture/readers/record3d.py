@@ -16,7 +16,7 @@ from ...errors import found_instead
 from ..camera import Camera
 from ..capture import MAX_IMAGES, Capture
 from ..video import find_images
-from .assembly import View, moving_cameras
+from .assembly import moving_cameras
 from .checks import number, numbers, read_json, size
 from .footage import natural, number_of
 from .geometry import OPENGL_AXES, from_quaternion, intrinsics, pose
@@ -61,7 +61,7 @@ def read(path: Path) -> Capture:
         turn = from_quaternion(values[[3, 0, 1, 2]], file, f"pose {index}")
         world_to_camera = pose(OPENGL_AXES @ turn.T, values[4:])
         camera = Camera(str(index), width, height, intrinsics(*lens), world_to_camera)
-        views.append(View((camera, None), images[index], index))
+        views.append(((camera, None), images[index], index))
     rate = number(data.get("fps", 30.0), file, "fps", positive=True, most=1e6)
     warnings = []
     if len(known) < len(poses):

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ...arrays import Float32s, Float64s, ImageArray
+from ...arrays import Float32s, Float64s, ImageArray, Ints
 from ..camera import Camera
 from ..epipolar import fundamental, sampson_table
 from ..video import load_opencv
@@ -14,6 +14,7 @@ from .views import View
 
 _FEATURES = 2500  # an image
 _RATIO = 0.8  # best to second best descriptor distance
+_FARTHEST = 0.7  # descriptors of a match
 _EPIPOLAR_PIXELS = 2.0
 _MIN_PARALLAX = np.radians(1.0)
 
@@ -36,6 +37,18 @@ def root_sift(gray: ImageArray, count: int, contrast: float) -> Features:
     return positions, np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-6))
 
 
+def mutual_matches(similarity: Float32s) -> tuple[Ints, Ints]:
+    """Rows and columns of features (N, M) that are each other's best, and better than the row's second best by far."""
+    rows, best, back = np.arange(len(similarity)), similarity.argmax(axis=1), similarity.argmax(axis=0)
+    score = similarity[rows, best]
+    similarity[rows, best] = -1.0
+    second_score = similarity.max(axis=1)
+    similarity[rows, best] = score
+    apart, next_apart = (np.sqrt(np.maximum(2 - 2 * scores, 0)) for scores in (score, second_score))
+    keep = (back[best] == rows) & (apart < _RATIO * next_apart)
+    return rows[keep], best[keep]
+
+
 def triangulate_pair(first: View, second: View, features: tuple[Features, Features]) -> tuple[Float64s, Float32s]:
     """World points (N, 3) matched between two views and their colours (N, 3) in [0, 1]."""
     cv2 = load_opencv()
@@ -46,16 +59,9 @@ def triangulate_pair(first: View, second: View, features: tuple[Features, Featur
     # Only matches on the epipolar line compete: repeated patterns (bricks, tiles) then still have one best match.
     error = np.abs(sampson_table(fundamental(first.camera, second.camera), positions_a, positions_b))
     similarity[error > 4 * _EPIPOLAR_PIXELS] = -1.0
-    best = similarity.argmax(axis=1)
-    rows = np.arange(len(best))
-    score = similarity[rows, best]
-    similarity[rows, best] = -1.0
-    second_score = similarity.max(axis=1)
-    similarity[rows, best] = score
-    distance = np.sqrt(np.maximum(2 - 2 * score, 0))
-    keep = distance < _RATIO * np.sqrt(np.maximum(2 - 2 * second_score, 0))
-    keep &= (distance < 0.7) & (error[rows, best] < _EPIPOLAR_PIXELS) & (similarity.argmax(axis=0)[best] == rows)
-    pixels_a, pixels_b = positions_a[keep], positions_b[best[keep]]
+    rows, best = mutual_matches(similarity)
+    keep = (2 - 2 * similarity[rows, best] < _FARTHEST**2) & (error[rows, best] < _EPIPOLAR_PIXELS)
+    pixels_a, pixels_b = positions_a[rows[keep]], positions_b[best[keep]]
     if len(pixels_a) == 0:
         return np.zeros((0, 3)), np.zeros((0, 3), np.float32)
     homogeneous = cv2.triangulatePoints(_projection(first.camera), _projection(second.camera), pixels_a.T, pixels_b.T)

@@ -85,16 +85,10 @@ def consistent(depth_map: DepthMap, others: Sequence[DepthMap], needed: int = 1)
     points = world_points(depth_map)
     votes = np.zeros(height * width, dtype=int)
     for other in others:
-        pixels, depths = other.view.camera.project(points)
-        with np.errstate(invalid="ignore"):
-            columns, lines = np.floor(np.nan_to_num(pixels, nan=-1.0)).clip(-1, 1e6).astype(int).T
-        other_height, other_width = other.depth.shape
-        inside = (columns >= 0) & (lines >= 0) & (columns < other_width) & (lines < other_height) & (depths > 0)
-        seen = np.full(len(points), np.nan)
-        seen[inside] = other.depth[lines[inside], columns[inside]]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            agrees = np.abs(1 / seen - 1 / depths) < 1.25 * other.step
-        votes += agrees.astype(int)
+        with np.errstate(invalid="ignore", divide="ignore"):  # of pixels without a depth
+            shown, seen = sample_view(other.view, points, other.depth)
+            depths = other.view.camera.project(points)[1]
+            votes += seen & (np.abs(1 / shown - 1 / depths) < 1.25 * other.step)
     return (votes >= needed).reshape(height, width)
 
 
