@@ -68,15 +68,12 @@ def test_both_calibrations_give_the_same_camera(tmp_path: Path) -> None:
         assert (capture.format, len(capture.test_shots)) == ("calibrated_videos", 0)
 
 
-@pytest.mark.parametrize("head", ['<!DOCTYPE x [<!ENTITY a "b">]>', "<!doctype x>", '<!ENTITY a "b">'])
-def test_entities_are_refused_before_they_are_parsed(tmp_path: Path, head: str) -> None:
-    (tmp_path / "Calib.qca.txt").write_text(qca(head=head))
-    with pytest.raises(FrogError, match="document type or entities"):
-        open_capture(tmp_path)
-
-
 @pytest.mark.parametrize(
-    ("text", "found"), [("no xml", "not XML"), ("<a/>", "no camera"), (qca(""), "without a serial")]
+    ("text", "found"),
+    [
+        *[("no xml", "not XML"), ("<a/>", "no camera"), (qca(""), "without a serial")],
+        *[(qca(head=head), "document type or entities") for head in ('<!DOCTYPE x [<!ENTITY a "b">]>', "<!doctype x>")],
+    ],
 )
 def test_a_broken_qualisys_file_is_refused(tmp_path: Path, text: str, found: str) -> None:
     (tmp_path / "Calib.qca.txt").write_text(text)
@@ -91,13 +88,6 @@ def test_a_camera_without_video_and_a_video_without_camera_are_named(tmp_path: P
         open_capture(tmp_path)
     write_video(tmp_path / "b.mp4", 3)
     with pytest.raises(FrogError, match="video c has no camera"):
-        open_capture(tmp_path)
-
-
-def test_a_calibration_without_any_video_says_which_are_missing(tmp_path: Path) -> None:
-    write(tmp_path, opencv("a"))
-    (tmp_path / "a.mp4").unlink()
-    with pytest.raises(FrogError, match="no video, expected videos named a"):
         open_capture(tmp_path)
 
 
@@ -191,11 +181,6 @@ def test_points_are_seeds(tmp_path: Path) -> None:
 def test_points_that_cannot_be_used_are_refused(tmp_path: Path, points: object, found: str) -> None:
     with pytest.raises(FrogError, match=found):
         open_capture(with_points(tmp_path, points))
-
-
-def test_a_number_is_a_name_zero_too(tmp_path: Path) -> None:
-    capture = open_capture(write(tmp_path, opencv(0), opencv(1)))  # type: ignore[arg-type]
-    assert [camera.name for camera in capture.cameras] == ["0", "1"]
 
 
 def test_keys_that_are_not_used_are_said_beside_frames(tmp_path: Path) -> None:

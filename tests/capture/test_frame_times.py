@@ -42,14 +42,6 @@ def test_times_in_no_equal_steps_keep_their_fractions() -> None:
     np.testing.assert_allclose(offsets[21:], [0.4, 0.2, 0.4], atol=1e-9)
 
 
-def test_images_of_one_list_share_a_frame_only_at_one_time() -> None:
-    frames, offsets = frames_of([0.0, 1.0, 2.0, 2.4, 3.0, 3.0])
-    assert len(set(frames)) == 5 and frames[4] == frames[5]
-    assert max(map(abs, offsets)) <= 0.5
-    late = np.array(frames) + offsets
-    np.testing.assert_allclose(late / late[-1], np.array([0, 1, 2, 2.4, 3, 3]) / 3)
-
-
 @pytest.mark.parametrize("test", [[-0.3], [9.4], [-0.4, 4.2, 9.2], [-2.3, 11.45]])
 def test_images_before_and_after_those_to_train_on_keep_their_times(test: list[float]) -> None:
     times = np.array([*range(10), *test])
@@ -77,19 +69,6 @@ def test_times_far_apart_are_no_film() -> None:
 )
 def test_one_moving_camera_follows_its_names(names: list[str], times: list[int]) -> None:
     assert times_by_name(names, range(len(names))) == (times, True)
-
-
-def test_standing_cameras_follow_their_own_names() -> None:
-    shared = ["a/2.png", "a/1.png", "b/1.png", "b/3.png"]
-    assert times_by_name(shared, "aabb") == ([2, 1, 1, 3], True)
-    apart = ["a/002.png", "a/001.png", "b/101.png", "b/102.png"]
-    assert times_by_name(apart, "aabb") == ([1, 0, 0, 1], True)
-    behind = ["1_cam0.png", "2_cam0.png", "1_cam1.png", "2_cam1.png"]
-    assert times_by_name(behind, "aabb") == ([0, 1, 0, 1], True)
-
-
-def test_moving_cameras_in_several_folders_have_the_list_s_order() -> None:
-    assert times_by_name(["b/1.png", "a/7.png"], "xy") == ([0, 1], False)
 
 
 # From files -------------------------------------------------------------------------------------------------------

@@ -172,14 +172,6 @@ def test_two_cameras_of_which_one_dropped_frames_show_the_same_times(film: Path,
     assert "3 frames of b.mp4 are missing" in capture.warnings[0]
 
 
-def test_trimmed_films_show_what_a_player_shows(film: Path, tmp_path: Path) -> None:
-    copied(film, tmp_path / "a.mp4", start=0.7)
-    copied(film, tmp_path / "b.mp4", start=0.8)
-    capture = open_capture(calibrated(tmp_path, plain("a"), plain("b")))
-    assert shows(capture, tmp_path / "cache", 0) == {frame: frame + 21 for frame in range(36)}
-    assert shows(capture, tmp_path / "cache", 1) == {frame: frame + 24 for frame in range(36)}
-
-
 def test_a_calibration_may_name_films_and_their_clocks(film: Path, tmp_path: Path) -> None:
     (tmp_path / "films").mkdir()
     (tmp_path / "found").mkdir()

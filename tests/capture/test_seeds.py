@@ -11,7 +11,7 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.capture.seeding import drawn
 from frog_blender.engine.capture.seeding.drawn import NUM_FRAMES, fill_volume
-from frog_blender.engine.capture.seeding.views import NUM_BACKGROUND_FRAMES, TrainingImages, scene_depth, spread
+from frog_blender.engine.capture.seeding.views import NUM_BACKGROUND_FRAMES, TrainingImages, spread
 from frog_blender.engine.capture.seeds import Seeds, find_seeds, merge_points
 from frog_blender.engine.errors import FrogError
 
@@ -269,17 +269,6 @@ def test_one_camera_that_never_moves_still_gets_points_or_a_sentence() -> None:
     capture, images = make_scene([(0, 0)], 3, moving=False)
     seeds = find_seeds(capture, Store(capture, images), count_limit=500)
     assert 0 < len(seeds.points) <= 500
-
-
-@pytest.mark.parametrize("shots", [1, 2, 6, 60, 300])
-def test_a_camera_that_stands_sees_a_scene_five_units_away(shots: int) -> None:
-    """Wherever it stands: the mean of equal places may be another by a rounding."""
-    random = np.random.default_rng(shots)
-    for _ in range(20):
-        pose = np.eye(4)
-        pose[:3, 3] = random.normal(size=3)
-        camera = Camera("a", 64, 48, np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]]), pose)
-        assert scene_depth([camera] * shots) == 5.0
 
 
 @pytest.mark.parametrize("limit", [1, 2, 3, 10])

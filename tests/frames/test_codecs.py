@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -29,9 +29,19 @@ def codec(request: pytest.FixtureRequest) -> TileCodec:
 
 
 def test_tiles_come_back_and_are_smaller(codec: TileCodec) -> None:
-    for numbers in (tile(), np.zeros((3, 1, 1), np.uint8), np.zeros((12, 64, 64), np.uint8)):
-        packed = codec.pack(numbers.data)
-        assert codec.unpack(memoryview(packed), numbers.size) == numbers.tobytes()
+    """By any number of threads; a tile of another size, or one that is cut off, is refused."""
+
+    def check(numbers: np.ndarray) -> None:
+        packed = memoryview(codec.pack(numbers.data))
+        assert codec.unpack(packed, numbers.size) == numbers.tobytes()
+        for wrong, size in ((packed, numbers.size - 1), (packed, numbers.size + 1), (packed[:-1], numbers.size)):
+            with pytest.raises(ValueError):
+                codec.unpack(wrong, size)
+
+    with ThreadPoolExecutor(4) as threads:
+        list(
+            threads.map(check, [*map(tile, range(50)), np.zeros((3, 1, 1), np.uint8), np.zeros((12, 64, 64), np.uint8)])
+        )
     assert len(codec.pack(tile().data)) < 0.7 * tile().size
 
 
@@ -49,32 +59,6 @@ def test_every_damaged_byte_is_found(codec: TileCodec) -> None:
             continue
         assert content == numbers.tobytes()  # a bit that says nothing
     assert found > 0.99 * len(packed)
-
-
-def test_tiles_of_another_size_or_cut_off_are_refused(codec: TileCodec) -> None:
-    numbers = tile()
-    packed = memoryview(codec.pack(numbers.data))
-    wrong = [(packed, numbers.size - 1), (packed, numbers.size + 1), (packed[:-1], numbers.size), (packed[:0], 1)]
-    for content, size in wrong:
-        with pytest.raises(ValueError):
-            codec.unpack(content, size)
-
-
-def test_threads_share_a_codec(codec: TileCodec) -> None:
-    failed = []
-
-    def work(seed: int) -> None:
-        for number in range(50):
-            numbers = tile(100 * seed + number)
-            if codec.unpack(memoryview(codec.pack(numbers.data)), numbers.size) != numbers.tobytes():
-                failed.append(seed)
-
-    threads = [threading.Thread(target=work, args=(seed,)) for seed in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not failed
 
 
 def test_without_zstandard_frames_are_packed_anew_by_zlib_and_read_by_everyone(

@@ -122,18 +122,6 @@ def test_a_damaged_block_is_decoded_anew(n3dv: Path, cache: Path, name: str) -> 
         assert len(decoded) == 15 and path.read_bytes() == content  # written again
 
 
-@pytest.mark.usefixtures("nothing_kept")
-def test_damage_that_cannot_be_mended_is_one_sentence(n3dv: Path, cache: Path) -> None:
-    capture = open_capture(films(n3dv, (96, 128)))
-    store = FrameStore.open(capture)
-    path = store.folder / "details.tiles"
-    path.write_bytes(bytes(path.stat().st_size))
-    for video in n3dv.glob("*.mp4"):
-        video.unlink()
-    with pytest.raises(FrogError, match=r"decoded frames are damaged, and cannot be decoded again: .*mp4"):
-        store.image(3)
-
-
 @pytest.mark.parametrize("damage", ["details.tiles", "halves.sizes", "index.json"])
 def test_what_is_cut_off_or_altered_is_decoded_again(n3dv: Path, cache: Path, damage: str) -> None:
     capture = open_capture(films(n3dv, (96, 128)))

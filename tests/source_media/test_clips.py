@@ -47,12 +47,6 @@ def test_videos_by_their_names(tmp_path, layout):
     }
 
 
-def test_one_image_for_each_camera(tmp_path):
-    folder = empty_files(tmp_path, "images/a.png", "images/b.jpg")
-    found = find_clips(header(["a", "b"], frames=1), folder)
-    assert found == {"a": Clip(folder / "images/a.png", "IMAGE"), "b": Clip(folder / "images/b.jpg", "IMAGE")}
-
-
 def test_other_layouts_are_opened_to_find_their_files(tmp_path):
     cameras = [camera.name for camera in easyvolcap(tmp_path)]
     found = find_clips(header(cameras, layout="easyvolcap", frames=5), tmp_path)
