@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import io
 import os
 import shutil
 import sys
@@ -25,15 +24,15 @@ import numpy as np
 
 from ..engine.arrays import Float64s
 from ..engine.capture.camera import Camera
+from ..engine.capture.video import load_opencv
 from ..engine.errors import FrogError, found_instead
 from ..engine.evaluation.evaluate import evaluate_file, held_out_shots, open_training_capture
-from ..engine.evaluation.metrics import psnr, ssim
 from ..engine.frames.store import FrameStore
 from ..engine.io.atomic_files import write_atomically
 from ..engine.io.cache_folder import default_cache_folder
 from ..engine.io.pip import run_pip
 from ..engine.playback.player import ScenePlayer
-from ..engine.playback.render import draw
+from ..engine.playback.render import draw, to_uint8
 from ..engine.recipes import RECIPES, recipe
 from ..engine.scene.header import SceneHeader
 from .arguments import positive
@@ -64,9 +63,8 @@ def add_demo_parser(commands: Any) -> None:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    for name in ("matplotlib", "bpy"):  # which are needed only after minutes of training
-        if find_spec(name) is None:
-            raise ModuleNotFoundError(name=name)
+    if find_spec("bpy") is None:  # which is needed only after minutes of training
+        raise ModuleNotFoundError(name="bpy")
     run_demo(demo_capture(options.capture), options.out, options.recipe, options.seconds)
     return 0
 
@@ -176,9 +174,8 @@ def run_demo(capture: DemoCapture, out: Path, recipe_name: str, seconds: float |
 
 
 def write_comparison(scene_path: Path, capture_path: Path, out: Path) -> None:
-    """An image of truth, render and error (four times) of a held-out view (or a training view when none is)."""
-    from matplotlib.figure import Figure
-
+    """An image of truth, render and error (four times) of a held-out view (or a training view when none is), side by
+    side."""
     scene = ScenePlayer.load(scene_path)
     capture = open_training_capture(scene, capture_path)
     held_out = held_out_shots(scene, capture)
@@ -188,23 +185,11 @@ def write_comparison(scene_path: Path, capture_path: Path, out: Path) -> None:
     camera = capture.cameras[shot.camera]
     truth = FrameStore.open(capture).image(index).astype(np.float32) / 255
     image = draw(scene.at(capture.time_of(shot)), camera, scene.header.background).rgb.clip(0, 1)
-    error = np.abs(image - truth).clip(0, 0.25) * 4
-
-    width = 5.0
-    figure = Figure(figsize=(3 * width, width * camera.height / camera.width + 0.5), layout="constrained")
+    panels = [truth, image, (4 * np.abs(image - truth)).clip(0, 1)]
+    _, content = load_opencv().imencode(".png", to_uint8(np.concatenate(panels, axis=1))[:, :, ::-1])
+    write_atomically(out, content.tobytes())
     seen = "held out" if held_out else "seen in training"
-    titles = (
-        f"truth: {camera.name}, frame {shot.frame} ({seen})",
-        f"render: PSNR {psnr(image, truth):.2f} dB, SSIM {ssim(image, truth):.3f}",
-        "error, four times",
-    )
-    for axes, title, panel in zip(figure.subplots(1, 3), titles, (truth, image, error), strict=True):
-        axes.imshow(panel)
-        axes.set_title(title)
-        axes.axis("off")
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=110)
-    write_atomically(out, content.getvalue())
+    say(f"{out}: truth, render and error (four times) of {camera.name}, frame {shot.frame} ({seen})")
 
 
 def render_video(scene_path: Path, blend: Path, video: Path) -> None:

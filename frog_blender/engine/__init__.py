@@ -84,11 +84,9 @@ if TYPE_CHECKING:
     from .training.optimize.densification import DensificationStrategy as DensificationStrategy
     from .training.optimize.densification import DensityStrategy as DensityStrategy
     from .training.optimize.device import choose_device as choose_device
-    from .training.optimize.device import torch_threads as torch_threads
     from .training.optimize.running_loss import TrainingDiverged as TrainingDiverged
     from .training.optimize.trainer import Limits as Limits
     from .training.optimize.trainer import Trainer as Trainer
-    from .training.session.checkpoint import load_checkpoint as load_checkpoint
     from .training.session.events import Cancelled as Cancelled
     from .training.session.events import Evaluated as Evaluated
     from .training.session.events import Event as Event
@@ -137,11 +135,10 @@ _NAMES = {
     "srgb": "linear_to_srgb srgb_to_linear",
     "training.methods": "MOTION_UNIT ModelInit plain",
     "training.optimize.densification": "DensificationStrategy DensityStrategy",
-    "training.optimize.device": "choose_device torch_threads",
+    "training.optimize.device": "choose_device",
     "training.optimize.running_loss": "TrainingDiverged",
     "training.optimize.trainer": "Limits Trainer",
     "recipes": "RECIPES SAMPLINGS Recipe recipe",
-    "training.session.checkpoint": "load_checkpoint",
     "training.session.events": "Cancelled Evaluated Event Finished Progress Started WarningEvent",
     "training.session.export": "export_scene",
     "training.session.job": "TrainingJob",

@@ -166,8 +166,6 @@ def run_and_report(
 
 def _say_plan(runs: Sequence[Run], options: argparse.Namespace) -> None:
     """Prints what the grid will run."""
-    from .execute import seconds_left
-    from .report import duration
     from .results import read
     from .runs import RunEnvironment, is_done
 
@@ -177,9 +175,7 @@ def _say_plan(runs: Sequence[Run], options: argparse.Namespace) -> None:
     for (scene, label, equal_time), count in rows.items():
         how = "at FRoG's time" if equal_time else "at equal steps"
         say(f"{scene}: {label}, {how}, {count} {'seed' if count == 1 else 'seeds'}")
-    left = seconds_left(waiting, {}, records, options.jobs)
-    estimate = f", about {duration(left)}" if left is not None and waiting else ""
-    print(f"{len(runs)} runs, {len(waiting)} to do{estimate}", flush=True)
+    print(f"{len(runs)} runs, {len(waiting)} to do", flush=True)
 
 
 def _do_runs(runs: Sequence[Run], options: argparse.Namespace, timing: bool) -> int | None:
@@ -218,16 +214,13 @@ def _shown(total: int) -> Iterator[Callable[[Progress], None]]:
     """Yields a callback for the grid's progress: it shows one bar over all runs, and a line for each finished run."""
     from tqdm import tqdm
 
-    from .report import duration
-
-    layout = "{desc} |{bar}| {n:.2f}/{total} runs{postfix}"
+    layout = "{desc} |{bar}| {n:.2f}/{total} runs, {remaining} left{postfix}"
     with tqdm(desc="Grid", total=total, file=sys.stderr, bar_format=layout) as line:
 
         def show(progress: Progress) -> None:
             line.n = progress.done + progress.failed + sum(progress.shares.values())
             working = [f"{run.condition or run.scene} {run.label} {run.seed}" for run in progress.shares]
-            left = "" if progress.seconds_left is None else f"about {duration(progress.seconds_left)} left"
-            line.set_postfix_str(" ".join([", ".join(working), left]).strip(), refresh=progress.record is None)
+            line.set_postfix_str(", ".join(working), refresh=progress.record is None)
             if progress.record is not None:
                 tqdm.write(printable(_sentence(progress.record)), file=sys.stderr)
 

@@ -1,8 +1,7 @@
-"""The report of a chart: its tables, accuracy against speed, and accuracy against training time."""
+"""The report of a chart: its tables, and a picture of accuracy against speed."""
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -46,14 +45,11 @@ def write_report(folder: Path, published: str = "") -> list[Path]:
 
 
 def write_charts(grouped: Sequence[Section], folder: Path) -> list[Path]:
-    """Writes every chart that the results suffice for, as PNG, and as SVG if that is small; returns their paths."""
-    written: list[Path] = []
-    for section in grouped:
-        for name, make in (("speed", speed_chart), ("training", training_chart)):
-            figure = make(section)
-            if figure is not None:
-                written += save_figure(figure, folder / f"{name}_{section.file_name}")
-    return written
+    """Writes the chart of every section that the results suffice for; returns their paths."""
+    charts = ((section.file_name, speed_chart(section)) for section in grouped)
+    return [
+        path for name, figure in charts if figure is not None for path in save_figure(figure, folder / f"speed_{name}")
+    ]
 
 
 def speed_chart(section: Section) -> Any:
@@ -98,38 +94,6 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[tuple[float, flo
         if not front or point[1] > front[-1][1]:
             front.append(point)
     return front[::-1]
-
-
-def training_chart(section: Section) -> Any:
-    """PSNR against seconds of training: a thin line for each seed, a thick one for their median; None without a curve.
-
-    If there was a timing pass, curves are scaled to its seconds.
-    """
-    rows = [row for row in section.rows.get("methods", ()) if any(r.get("curve") for r in row.records.values())]
-    if not rows:
-        return None
-    figure, axes = _figure(section.title)
-    for row, (color, marker) in zip(rows, _styles(rows), strict=True):
-        curves = [_seconds_and_psnr(row, record) for record in row.records.values() if record.get("curve")]
-        if len(curves) > 1:
-            for seconds, psnr in curves:
-                axes.plot(seconds, psnr, color=color, linewidth=0.7, alpha=0.4)
-        points = range(min(len(seconds) for seconds, _ in curves))
-        middle = [[statistics.median(curve[axis][i] for curve in curves) for i in points] for axis in (0, 1)]
-        axes.plot(*middle, color=color, marker=marker, label=row.label, linewidth=1.6)
-    dedicated = all(row.timing is not None or row.is_dedicated for row in rows)
-    axes.set_xlabel("training, s" + ("" if dedicated else " (some with several runs at once)"))
-    axes.set_ylabel("PSNR of the held-out images, dB")
-    figure.legend(loc="outside right upper", frameon=False, fontsize=9)
-    return figure
-
-
-def _seconds_and_psnr(row: Row, record: dict[str, Any]) -> tuple[list[float], list[float]]:
-    """A run's curve, with its seconds scaled to those of the timing pass, if there is one."""
-    factor = 1.0
-    if row.timing is not None and row.timing["training"]["seconds"] and record["train_seconds"]:
-        factor = row.timing["training"]["seconds"] / record["train_seconds"]
-    return [point[0] * factor for point in record["curve"]], [point[2] for point in record["curve"]]
 
 
 def _figure(title: str) -> tuple[Any, Any]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import statistics
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..engine import Ended, FrogError, lock_output
 from .grid import Run
-from .results import Record, append, finished, read
+from .results import Record, append, read
 from .runs import RunEnvironment, Stopped, clean_up, failure, frog_seconds, is_done, perform
 
 if TYPE_CHECKING:
@@ -25,7 +24,6 @@ class Progress:
     Attributes:
         total, done, failed: numbers of runs; ``done`` includes those that were done before.
         shares: of the runs in progress, the share that is done, by run.
-        seconds_left: an estimate from the mean durations of finished runs; None before the first.
         record: the result that was just written; None otherwise.
     """
 
@@ -33,7 +31,6 @@ class Progress:
     done: int = 0
     failed: int = 0
     shares: dict[Run, float] = field(default_factory=dict)
-    seconds_left: float | None = None
     record: Record | None = None
 
 
@@ -66,7 +63,7 @@ def run_grid(
     if cluster is not None:
         environment = replace(environment, threads=cluster.threads(), dedicated=False)
     with lock_output(environment.results):
-        grid = _Grid(runs, environment, cluster.slots if cluster else 1, progressed)
+        grid = _Grid(runs, environment, progressed)
         grid.report()
         for equal_time in (False, True):
             if cluster is not None:
@@ -82,16 +79,15 @@ class _Grid:
     """The runs that wait, those in progress, and the results so far."""
 
     def __init__(
-        self, runs: Sequence[Run], environment: RunEnvironment, jobs: int, progressed: Callable[[Progress], None]
+        self, runs: Sequence[Run], environment: RunEnvironment, progressed: Callable[[Progress], None]
     ) -> None:
-        self.environment, self._jobs, self._progressed = environment, jobs, progressed
+        self.environment, self._progressed = environment, progressed
         self._records = read(environment.results)
         self.waiting = [run for run in runs if not is_done(run, self._records)]
         self.progress = Progress(len(runs), len(runs) - len(self.waiting))
 
     def report(self, record: Record | None = None) -> None:
         self.progress.record = record
-        self.progress.seconds_left = seconds_left(self.waiting, self.progress.shares, self._records, self._jobs)
         self._progressed(self.progress)
 
     def advanced(self, run: Run, share: float) -> None:
@@ -173,20 +169,3 @@ def _on_cluster(grid: _Grid, begun: _Begun, cluster: Cluster, cancelled: Callabl
             grid.ended(runs[key], failure(runs[key], message.error))
         elif message.answer is not None:
             grid.ended(runs[key], message.answer)
-
-
-def seconds_left(
-    waiting: Iterable[Run], shares: Mapping[Run, float], records: Iterable[Record], jobs: int
-) -> float | None:
-    """An estimate from the mean durations of finished runs, those of the same method if there are any; None before
-    the first."""
-    done = list(finished(records).values())
-    if not done:
-        return None
-
-    def duration(run: Run) -> float:
-        similar = [record for record in done if record["method"] == run.method] or done
-        return float(statistics.mean(record["wall_seconds"] for record in similar))
-
-    left = sum(duration(run) for run in waiting)
-    return (left + sum((1 - share) * duration(run) for run, share in shares.items())) / jobs

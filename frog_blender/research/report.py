@@ -341,16 +341,14 @@ def _times(grouped: list[Section]) -> str:
         for row in (row for group in ("methods", "fusion") for row in section.rows.get(group, ())):
             if row.timing is None:
                 continue
-            path, play, steps = row.timing["training_path"], row.timing["playback"], row.timing["training"]
-            times = [path["forward_ms"], path["forward_backward_ms"], play["deformation_ms"], play["rasterization_ms"]]
-            values = (f"{value:.2f}" for value in [*times, play["frame_ms"], steps["step_ms"]])
-            threads = row.timing["threads"] or row.timing["machine"]["cores"]
-            where = f"{path['device']}, {threads} threads"
+            play, threads = row.timing["playback"], row.timing["threads"] or row.timing["machine"]["cores"]
+            times = [play[name] for name in ("deformation_ms", "rasterization_ms", "frame_ms")]
+            values = (f"{value:.2f}" for value in [*times, row.timing["training"]["step_ms"]])
+            where = f"{row.timing['device']}, {threads} threads"
             lines.append([section.scene, row.label, str(play["gaussians"]), *values, where])
     if not lines:
         return ""
-    titles = ["scene", "", "Gaussians", "deformation in training, forward", "forward and backward"]
-    titles += ["deformation at playback", "rasterization", "frame", "training step", "on"]
+    titles = ["scene", "", "Gaussians", "deformation", "rasterization", "frame", "training step", "on"]
     return "## Times, ms\n\n" + table(titles, lines)
 
 

@@ -1,6 +1,6 @@
 """One run of an experiment: a training, its metrics on the held-out images, and the record of both.
 
-A killed run resumes from its checkpoint. Its curve up to there lies beside it.
+A killed run resumes from its checkpoint, beside which its settings lie.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import numpy as np
 
 from ..cli.arguments import limited_threads
 from ..engine import (
-    Evaluated,
     Finished,
     Floats,
     FrameStore,
@@ -43,8 +42,6 @@ from ..engine.registry import METHODS
 from .conditions import brightened_values, condition_named
 from .grid import Run
 from .results import Record, finished, made_on
-
-_EVALUATED_SHOTS = 30  # for each point of the curves, as many as for their ends
 
 
 @dataclass(frozen=True)
@@ -174,7 +171,6 @@ def perform(
             save_every=environment.save_every,
             overwrite=True,
             opened=opened,
-            evaluated_shots=_EVALUATED_SHOTS,
         )
         trained = _train(job, settings_of(run), advanced, cancelled)
         measured = _measure(job, condition_named(run.condition).light if run.condition else 1.0)
@@ -195,66 +191,42 @@ def perform(
 def clean_up(run: Run, environment: RunEnvironment) -> None:
     """Removes what only an unfinished run needs. Call it once the record is on disk."""
     scene = environment.scene(run)
-    _curve_path(scene).unlink(missing_ok=True)
-    if run.seed or run.equal_time or run.condition:  # the timing pass loads the checkpoints of first seeds
-        checkpoint_path(scene).unlink(missing_ok=True)
+    _settings_path(scene).unlink(missing_ok=True)
+    checkpoint_path(scene).unlink(missing_ok=True)
 
 
-def _curve_path(scene: Path) -> Path:
-    """Where a run keeps its curve (seconds, step, PSNR) and its settings, beside its checkpoint."""
-    return Path(f"{scene}.curve")
+def _settings_path(scene: Path) -> Path:
+    """Where a run keeps its settings, beside its checkpoint."""
+    return Path(f"{scene}.settings")
 
 
 def _train(
     job: TrainingJob, recipe: Record, advanced: Callable[[float], None], cancelled: Callable[[], bool]
 ) -> Record:
     """The training's part of the record; goes on from a checkpoint of the same settings."""
-    settings = {"recipe": recipe, "steps": job.steps, "seconds": job.seconds}
-    checkpoint = checkpoint_path(job.output)
-    curve = _curve_of(job.output, settings) if checkpoint.is_file() else None
-    if curve is not None:
+    settings = json.dumps({"recipe": recipe, "steps": job.steps, "seconds": job.seconds}).encode()
+    checkpoint, kept = checkpoint_path(job.output), _settings_path(job.output)
+    if checkpoint.is_file() and kept.is_file() and kept.read_bytes() == settings:
         try:
-            return _follow(replace(job, resume=True), settings, curve, advanced, cancelled)
+            return _follow(replace(job, resume=True), advanced, cancelled)
         except FrogError as error:
             if not str(error).startswith(str(checkpoint)):
                 raise  # else the checkpoint is damaged: start again
-    return _follow(job, settings, [], advanced, cancelled)
+    checkpoint.unlink(missing_ok=True)
+    write_atomically(kept, settings)
+    return _follow(job, advanced, cancelled)
 
 
-def _curve_of(scene: Path, settings: Record) -> list[list[float]] | None:
-    """The curve of an interrupted run; None where there is none of the same settings."""
-    try:
-        values = json.loads(_curve_path(scene).read_text(encoding="utf-8"))
-        return list(values["curve"]) if values["settings"] == settings else None
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
-
-
-def _follow(
-    job: TrainingJob,
-    settings: Record,
-    curve: list[list[float]],
-    advanced: Callable[[float], None],
-    cancelled: Callable[[], bool],
-) -> Record:
+def _follow(job: TrainingJob, advanced: Callable[[float], None], cancelled: Callable[[], bool]) -> Record:
     warnings, device = [], "cpu"
-
-    def keep() -> None:
-        write_atomically(_curve_path(job.output), json.dumps({"settings": settings, "curve": curve}).encode())
-
     for event in run_training(job, cancelled):
         match event:
             case WarningEvent(message):
                 warnings.append(message.replace(str(job.capture), job.capture.name))
             case Started(device=device):
-                keep()
+                pass
             case Progress(seconds=seconds, seconds_left=left):
                 advanced(seconds / (seconds + left) if seconds + left > 0 else 0.0)
-            case Evaluated(step=step, psnr=psnr, seconds=seconds):
-                # A resumed training passes some steps a second time.
-                curve = [point for point in curve if point[1] < step]
-                curve.append([round(seconds, 3), step, round(psnr, 4)])
-                keep()
             case Finished(steps=steps, seconds=seconds, gaussians=gaussians, capacity=capacity):
                 advanced(1.0)
                 return {
@@ -263,7 +235,6 @@ def _follow(
                     "gaussians": gaussians,
                     "dynamic": capacity.get("dynamic", gaussians),
                     "device": device,
-                    "curve": curve,
                     "warnings": warnings,
                 }
     raise Stopped

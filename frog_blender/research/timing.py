@@ -1,7 +1,7 @@
-"""Times of a method on a quiet machine: a training step, the deformation in training, playback of a finished scene.
+"""Times of a method on a quiet machine: a training step, and playback of a finished scene on the CPU.
 
-Each is a median over many frame times after a warm-up. No frame time occurs twice, because players cache recent ones.
-On a GPU the clock is read after the device has finished.
+Playback is a median over many frame times after a warm-up. No frame time occurs twice, because players cache recent
+ones.
 """
 
 from __future__ import annotations
@@ -24,16 +24,13 @@ from ..engine import (
     Trainer,
     TrainingDiverged,
     TrainingJob,
-    checkpoint_path,
     choose_device,
     draw,
     export_scene,
     gc_frozen,
     hooks_of,
-    load_checkpoint,
     prepare_capture,
     seeds_of,
-    torch_threads,
 )
 from .grid import Run
 from .results import Record, append, made_on
@@ -42,7 +39,7 @@ from .runs import RunEnvironment, failure, identity
 if TYPE_CHECKING:
     import torch
 
-    from ..engine import Capture, SceneModel
+    from ..engine import Capture
 
 NUM_TIMES, WARM_UP = 40, 5
 """Frame times that are measured, and those (or training steps) before them that are not."""
@@ -56,20 +53,8 @@ def spread_times(count: int, start: float = 0.5) -> list[float]:
     return [(start + i * _GOLDEN) % 1.0 for i in range(count)]
 
 
-def median_ms(work: Callable[[float], object], synchronize: Callable[[], None] = lambda: None) -> float:
-    """Milliseconds that ``work(time)`` takes; ``synchronize`` waits for the device."""
-    seconds = []
-    for time in spread_times(NUM_TIMES + WARM_UP):
-        synchronize()
-        started = perf_counter()
-        work(time)
-        synchronize()
-        seconds.append(perf_counter() - started)
-    return 1e3 * statistics.median(seconds[WARM_UP:])
-
-
 def time_playback(scene: ScenePlayer, camera: Camera) -> Record:
-    """Playback on the CPU: "deformation_ms" is of ``scene.at``, "rasterization_ms" of ``draw``; "frame_ms" and "fps"
+    """ "deformation_ms" is of ``scene.at``, "rasterization_ms" of ``draw``; "frame_ms" and "fps"
     are of both."""
     deformation, rasterization = [], []
     for time in spread_times(NUM_TIMES + WARM_UP):
@@ -88,29 +73,6 @@ def time_playback(scene: ScenePlayer, camera: Camera) -> Record:
         "frame_ms": frame,
         "fps": 1e3 / frame,
     }
-
-
-def time_training_path(model: SceneModel) -> Record:
-    """The deformation as a training step computes it, on the model's device: ``model.deform``, without and with its
-    gradients."""
-    import torch
-
-    device = model.canonical.means.device
-
-    def forward_backward(time: float) -> None:
-        gaussians = model.deform(time)[0]
-        outputs = [getattr(gaussians, name) for name in ("means", "quaternions", "scales", "opacities", "sh")]
-        outputs = [output for output in outputs if output.requires_grad]
-        torch.autograd.backward(outputs, [torch.ones_like(output) for output in outputs])
-        model.zero_grad(set_to_none=True)
-
-    synchronize = torch.cuda.synchronize if device.type == "cuda" else lambda: None
-    with torch_threads(1):  # as a training step
-        times = {
-            "forward_ms": median_ms(model.deform, synchronize),
-            "forward_backward_ms": median_ms(forward_backward, synchronize),
-        }
-    return {"device": device.type, **times}
 
 
 def time_steps(session: Session, planned: int) -> Record:
@@ -207,16 +169,12 @@ def _time(run: Run, environment: RunEnvironment, prepared: _Prepared) -> Record:
         training = time_steps(timed, planned)
         export_scene(timed, path)
         finished = environment.scene(run)
-        if finished.is_file() and checkpoint_path(finished).is_file():
-            timed = prepared.session(run, finished, planned)
-            load_checkpoint(checkpoint_path(finished), timed.trainer)
-            path = finished
+        path = finished if finished.is_file() else path
         playback = time_playback(ScenePlayer.load(path), camera)
     return {
         "kind": "timing",
         **identity(run),
         "training": training,
-        "training_path": time_training_path(timed.trainer.model),
         "playback": playback,
         "scene_played": "finished" if path == finished else "short training",
         "device": prepared.device.type,

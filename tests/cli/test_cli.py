@@ -238,16 +238,6 @@ def test_render_writes_exactly_what_the_camera_saw(run: Run, trained: Path, tmp_
         np.testing.assert_array_equal(cv2.imread(str(path))[:, :, ::-1], expected)
 
 
-def test_render_follows_a_moving_camera(run: Run, tmp_path: Path) -> None:
-    scene = scene_file()
-    header = replace(scene.header, camera_shots=((0,), (1,), (2,)), frame_count=3)
-    write_scene(tmp_path / "m.frog", replace(scene, header=header))
-    status, *_ = run("render", tmp_path / "m.frog", "--camera", "moving", "--out", tmp_path / "o")
-    assert status == 0
-    shapes = [cv2.imread(str(path)).shape[:2] for path in sorted((tmp_path / "o").iterdir())]
-    assert shapes == [(camera.height, camera.width) for camera in header.cameras]
-
-
 def test_the_path_of_a_moving_camera_is_that_of_its_training_images(run: Run, tmp_path: Path) -> None:
     """Of two cameras with an image of the same frame the other one is held out."""
     scene = scene_file()

@@ -9,7 +9,7 @@ from support.chart_records import run_record, timing_record, whole_chart
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.registry import METHODS
-from frog_blender.research.charts import STYLES, pareto_front, speed_chart, training_chart, write_charts, write_report
+from frog_blender.research.charts import STYLES, pareto_front, speed_chart, write_charts, write_report
 from frog_blender.research.report import sections
 from frog_blender.research.results import append
 
@@ -27,18 +27,9 @@ def test_accuracy_against_speed() -> None:
     assert figure.axes[0].get_ylim()[0] > 17, "what lies far below the others does not squeeze them"
 
 
-def test_accuracy_against_training() -> None:
-    records = [run_record(seed=seed, curve=[[i, i, 20 + i] for i in range(3 + seed)]) for seed in range(3)]
-    figure = training_chart(sections(records)[0])
-    assert len(figure.axes[0].lines) == 4 and len(figure.axes[0].lines[-1].get_xdata()) == 3
-    records = [run_record(train_seconds=140.0, curve=[[70.0, 1, 20.0], [140.0, 2, 25.0]]), timing_record()]
-    axes = training_chart(sections(records)[0]).axes[0]
-    assert axes.lines[0].get_xdata() == pytest.approx([34.15, 68.3]), "stretched to dedicated seconds"
-
-
 def test_missing_figures_leave_a_chart_out() -> None:
-    bare = sections([run_record("static", curve=[])])[0]
-    assert speed_chart(bare) is None and training_chart(bare) is None
+    bare = sections([run_record("static")])[0]
+    assert speed_chart(bare) is None
 
 
 def test_the_pareto_front() -> None:
@@ -62,7 +53,7 @@ def test_a_report(tmp_path: Path) -> None:
     text = (tmp_path / "tables.md").read_text(encoding="utf-8")
     assert written[0] == tmp_path / "tables.md" and text.endswith(")\n")
     images = {path.name for path in written if path.suffix == ".png"}
-    assert images == {"speed_dim_draft.png", "training_dim_draft.png"}
+    assert images == {"speed_dim_draft.png"}
     assert all(
         path.stat().st_size > 5000 and (path.suffix == ".svg" or f"({path.name})" in text) for path in written[1:]
     )

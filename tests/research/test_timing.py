@@ -18,7 +18,6 @@ from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.frame_delta import FrameDelta
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile
-from frog_blender.engine.training.session.output_paths import checkpoint_path
 from frog_blender.research import timing
 from frog_blender.research.grid import Run, chart_grid
 from frog_blender.research.results import read
@@ -26,7 +25,6 @@ from frog_blender.research.runs import RunEnvironment, perform
 from frog_blender.research.timing import (
     NUM_TIMES,
     WARM_UP,
-    median_ms,
     spread_times,
     time_grid,
     time_playback,
@@ -40,20 +38,6 @@ def test_no_time_occurs_twice() -> None:
     assert len({round(time, 6) for time in times}) == 200 and all(0 <= time < 1 for time in times)
     counts = [sum(i / 10 <= time < (i + 1) / 10 for time in times) for i in range(10)]
     assert min(counts) >= 18, "spread evenly"
-
-
-def test_the_clock_is_read_when_the_device_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    now, queued = [0.0], [0.0]
-
-    def work(time: float) -> None:
-        queued[0] += 2.0  # returns at once, as a kernel's launch does
-
-    def synchronize() -> None:
-        now[0] += queued[0]
-        queued[0] = 0.0
-
-    monkeypatch.setattr(timing, "perf_counter", lambda: now[0])
-    assert median_ms(work, synchronize) == 2000 and now[0] == 2 * (NUM_TIMES + WARM_UP)
 
 
 class WatchedPlayer(ScenePlayer):
@@ -120,7 +104,6 @@ def test_the_timing_pass(filmed: Path, tmp_path: Path, quick_seeds: None, monkey
     perform(runs[0], environment)
     damaged = environment.scene(runs[1])
     damaged.write_bytes(b"no scene")
-    checkpoint_path(damaged).write_bytes(b"no checkpoint")
     told: list[tuple[int, int]] = []
     records = time_grid(runs, environment, lambda done, total: told.append((done, total)))
     assert [record["kind"] for record in records] == ["timing", "failed", "timing", "failed"], records
@@ -131,5 +114,4 @@ def test_the_timing_pass(filmed: Path, tmp_path: Path, quick_seeds: None, monkey
     for record in (frog, static):
         assert record["training"]["steps"] == 16 - WARM_UP
         assert record["training"]["seconds"] > 0 and record["playback"]["fps"] > 0
-        path = record["training_path"]
-        assert path["device"] == "cpu" and 0 < path["forward_ms"] < path["forward_backward_ms"]
+        assert record["device"] == "cpu"
