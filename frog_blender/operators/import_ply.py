@@ -25,7 +25,7 @@ from .import_frog import DropsIntoViews, ImportsFiles
 from .modal_operator import ModalOperator, Steps
 
 if TYPE_CHECKING:
-    from ..engine.interchange.frame_source import Imported
+    from ..engine.interchange.imports import Imported
 
 _PARTS = 1000  # steps of the progress of one file
 _WAIT = 0.01  # seconds that the main thread waits for the worker, where nobody works meanwhile

@@ -14,7 +14,7 @@ from ..timeline import open_scenes
 from .background_task import BackgroundTask
 
 if TYPE_CHECKING:
-    from ..engine.interchange.frame_source import Imported
+    from ..engine.interchange.imports import Imported
 
 Converter = Callable[[Callable[[int, int], None]], "Imported"]
 """Is given ``progress(done, of)``, which may raise. Returns what was written, or raises FrogError."""

@@ -14,8 +14,8 @@ from support.played_scenes import assert_same_bits
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.interchange import frame_source
-from frog_blender.engine.interchange.frame_source import write_source
+from frog_blender.engine.interchange import imports
+from frog_blender.engine.interchange.imports import write_source
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
 
@@ -139,12 +139,12 @@ def test_frames_without_room_are_refused(scene: ScenePlayer, tmp_path: Path, mon
             return super().at(frame % 7)
 
     (tmp_path / "x.src").write_bytes(bytes(100))
-    monkeypatch.setattr(frame_source, "_ROOM", 1 << 20)
+    monkeypatch.setattr(imports, "_ROOM", 1 << 20)
     long = Long(scene)
     long.frame_count = 1000
     with pytest.raises(FrogError, match=r"1,000 frames of 25 Gaussians, .* MB of a file of its size"):
         write_source(long, tmp_path / "x.src", tmp_path / "y.frog")
-    monkeypatch.setattr(frame_source.shutil, "disk_usage", lambda _: SimpleNamespace(free=1000))
+    monkeypatch.setattr(imports.shutil, "disk_usage", lambda _: SimpleNamespace(free=1000))
     with pytest.raises(FrogError, match="that are free"):
         write_source(Frames(scene), tmp_path / "x.src", tmp_path / "y.frog")
     assert not (tmp_path / "y.frog").exists()

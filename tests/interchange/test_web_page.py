@@ -22,7 +22,7 @@ from frog_blender.engine.capture.media import read_sound_file
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import web_page
 from frog_blender.engine.interchange.take import SceneTake, Sound
-from frog_blender.engine.interchange.web_page import content
+from frog_blender.engine.interchange.web_page import page as web_pages
 from frog_blender.engine.interchange.web_page.page import write_page
 from frog_blender.engine.playback.frame_delta import column_of
 from frog_blender.engine.playback.player import ScenePlayer, select_gaussians
@@ -216,7 +216,7 @@ def test_sound_is_part_of_the_page(scene: ScenePlayer, tmp_path: Path) -> None:
 def test_what_a_browser_cannot_hold_is_refused(
     scene: ScenePlayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(content, "MOST_BYTES", 1000)
+    monkeypatch.setattr(web_pages, "MOST_BYTES", 1000)
     with pytest.raises(FrogError, match=r"would unpack to .* export fewer frames"):
         export(scene, tmp_path / "x.html")
     with pytest.raises(FrogError, match="found the ending"):

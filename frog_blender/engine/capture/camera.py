@@ -78,6 +78,10 @@ class Camera:
         scale = np.diag([width / self.width, height / self.height, 1.0])
         return replace(self, width=width, height=height, intrinsics=scale @ self.intrinsics)
 
+    def scaled(self, factor: float) -> Camera:
+        """The same view with so many times the pixels along each side, rounded."""
+        return self.resized(max(1, round(self.width * factor)), max(1, round(self.height * factor)))
+
     def with_pose(self, world_to_camera: Float64s) -> Camera:
         """The same camera elsewhere; ``world_to_camera`` is (3, 4) or (4, 4)."""
         return replace(self, world_to_camera=np.vstack([world_to_camera[:3], [[0.0, 0.0, 0.0, 1.0]]]))

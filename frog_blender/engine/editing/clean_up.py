@@ -115,7 +115,7 @@ class _Views:
         for camera, frame in sampled_views(scene.header, _MOST_VIEWS, trained=True):
             if camera is not None:
                 factor = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
-                small = camera.resized(max(1, round(camera.width * factor)), max(1, round(camera.height * factor)))
+                small = camera.scaled(factor)
                 gaussians = scene.at_frame(frame)
                 self._seen.append((gaussians, small, self._image(gaussians, small)))
 

@@ -65,7 +65,7 @@ class OnScreen:
 def _visible(gaussians: NumpyGaussians, camera: Camera, on_screen: OnScreen, depths: Array) -> Array:
     """(K,) bool, of Gaussians at (K,) planar depths."""
     factor = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
-    small = camera.resized(max(1, round(camera.width * factor)), max(1, round(camera.height * factor)))
+    small = camera.scaled(factor)
     front = draw(gaussians, small).median_index
     size = np.array([[camera.width], [camera.height]])
     result: Array = ((on_screen.places >= 0) & (on_screen.places < size)).all(axis=0)

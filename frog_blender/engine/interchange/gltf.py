@@ -23,7 +23,7 @@ from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, items, numbers, plain_json, text, whole
 from ..io.regular_file import regular_file
-from ..playback.transform import transform
+from ..playback.transform import rotations_of, transform
 from ..spherical_harmonics import SH_DC
 from .stills import Y_UP, Part
 
@@ -211,15 +211,11 @@ def _matrix(node: JsonObject) -> Float64s:
     if "matrix" in node:
         return numbers(node["matrix"], "a matrix", (16,), 1e12).reshape(4, 4).T
     matrix = np.eye(4)
-    x, y, z, w = numbers(node.get("rotation", [0, 0, 0, 1]), "a rotation", (4,), 1.001)
-    turn = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    matrix[:3, :3] = turn * numbers(node.get("scale", [1, 1, 1]), "a scale", (3,), 1e12)
+    turn = numbers(node.get("rotation", [0, 0, 0, 1]), "a rotation", (4,), 1.001)
+    if not turn.any():
+        raise UnfitValue("a rotation of no direction", "a quaternion")
+    rotation = rotations_of(np.roll(turn, 1)[None])[0]
+    matrix[:3, :3] = rotation * numbers(node.get("scale", [1, 1, 1]), "a scale", (3,), 1e12)
     matrix[:3, 3] = numbers(node.get("translation", [0, 0, 0]), "a translation", (3,), 1e12)
     return matrix
 

@@ -1,4 +1,7 @@
-"""Any other program's file as a scene: which reader takes it, and where the scene goes.
+"""Any other program's file as a scene that plays: which reader takes it, and where the scene goes.
+
+No network is trained: frames are stored as they are (see scene.scene_file). They are gone through twice, first to see
+what changes and then to write it, and one or two of them are held at a time, however many there are.
 
 What a library reads that trusts its files, USD's own and OpenCV, is read in a process of its own with a limit to its
 memory.
@@ -7,38 +10,212 @@ memory.
 from __future__ import annotations
 
 import json
+import shutil
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from ..arrays import Array, SceneArrays
 from ..capture.video import load_opencv
+from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, brief, found_instead
+from ..field.names import SEQUENCE
+from ..gaussians import NumpyGaussians
 from ..io import child_process
 from ..io.atomic_files import remove_partial_files
 from ..io.plain_values import JsonObject, UnfitValue
 from ..io.regular_file import regular_file
+from ..io.tensor_files import LONGEST_HEADER, write_rows
 from ..optional_imports import needed_package
+from ..playback.frame_delta import column_names, column_of
+from ..scene.header import MAX_FRAMES, SceneHeader
 from ..scene.quantization import morton_order
-from ..scene.scene_file import SceneFile, read_scene, write_scene
+from ..scene.scene_file import FRAMES, RowLayout, SceneFile, packed_metadata, read_scene, write_scene
 from . import gltf, packed_splats, spz
-from .frame_source import (
-    FrameSource,
-    Imported,
-    Progress,
-    StillSource,
-    check_ending,
-    check_readable,
-    imported_header,
-    unheard,
-    write_source,
-)
+from .frame_source import STILL_RATE, FrameSource, StillSource, Survey, filled, survey
 from .ply import PlySequence, read_splats
 from .stills import Part, gathered
+
+_MOST_SHOTS = LONGEST_HEADER // 12  # of all cameras; in the header each is up to nine characters
+_MOST_GROWN, _ROOM = 10_000, 4 << 30
+"""Bytes of frames for each byte that they were made of, and for any file: Gaussians that a small file says to move
+evenly for minutes become many frames, but what becomes far more is damaged or made to fill the disk."""
+_MOST_CERTAIN, _THINNEST = 1 - 2.0**-26, 1e-30
+_OTHER_ROWS = (
+    "Its frames are not the same Gaussians in the same order: they play, without anything between two of them, and can "
+    "be edited by place alone."
+)
+
+
+Progress = Callable[[int, int], None]
+"""Told how many of how many steps are done."""
+
+
+def unheard(_done: int, _of: int) -> None:
+    """Progress that nobody is told."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Attributes:
+    path: of the ``.frog`` that was written.
+    gaussians: how many are in it; the most of any frame.
+    left_out: rows whose numbers are not finite or too large.
+    world: what was taken off its coordinates.
+    frames: how many there are.
+    keeps_identity: whether the same row is the same Gaussian in all frames.
+    """
+
+    path: Path
+    gaussians: int
+    left_out: int
+    world: World = FILES_OWN
+    frames: int = 1
+    keeps_identity: bool = True
+
+    @property
+    def warning(self) -> str:
+        """Sentences about what was left out, and taken off; "" for nothing."""
+        sentences = []
+        if self.left_out:
+            sentences.append(f"{self.left_out:,} Gaussians were left out: their numbers are not finite or too large.")
+        if not self.world.is_plain:
+            sentences.append(f"The file's coordinates need more than single precision; they are {self.world}.")
+        if not self.keeps_identity:
+            sentences.append(_OTHER_ROWS)
+        return " ".join(sentences)
+
+
+def write_source(
+    source: FrameSource, file: Path, target: Path, *, compact: bool = False, progress: Progress = unheard
+) -> Imported:
+    """Writes a scene of a source's frames; FrogError when it cannot, and nothing is changed then.
+
+    Args:
+        file: what the source was read from, for the header.
+        compact: half floats but for places, and static Gaussians packed (see scene.quantization).
+        progress: told how many of how many steps are done.
+    """
+    check_ending(target)
+    if source.frame_count > MAX_FRAMES:
+        raise FrogError(f"{file}: found {source.frame_count:,} frames, expected at most {MAX_FRAMES:,}.")
+    steps = 2 * source.frame_count
+    seen = survey(source, lambda done: progress(done, steps))
+    order = np.concatenate([np.flatnonzero(seen.moves), np.flatnonzero(~seen.moves)])
+    if compact:
+        rank = np.empty(seen.count, np.int64)
+        rank[morton_order(seen.first.means)] = np.arange(seen.count)
+        order = np.lexsort((rank, ~seen.moves))
+    dynamic = int(seen.moves.sum())
+    arrays = _canonical(seen.first.part(order))
+    columns = tuple(name for name in column_names(seen.first.sh.shape[1]) if name in seen.columns)
+    layout = RowLayout(columns, dynamic, compact, seen.keeps_identity)
+    moves = bool(dynamic and columns)
+    header = replace(
+        imported_header(file, source.origin),
+        method=SEQUENCE if moves else "static",
+        model=layout.model() if moves else {},
+        cameras=source.cameras,
+        camera_shots=(tuple(range(source.frame_count)),) * len(source.cameras),
+        frame_count=source.frame_count,
+        frames_per_second=source.rate,
+    )
+    check_readable(file, header)
+    if moves:
+        _check_room(file, target, header, layout)
+        stored, metadata = packed_metadata(header, arrays, compact=compact)
+        rows = _moving_rows(source, seen, order[:dynamic], layout, lambda done: progress(done, steps))
+        for _ in write_rows(target, stored, metadata, (FRAMES, "U8", (source.frame_count, layout.size)), rows):
+            pass
+    else:
+        write_scene(target, SceneFile(header, arrays), compact=compact)
+    return Imported(target, seen.count, source.left_out, frames=source.frame_count, keeps_identity=seen.keeps_identity)
+
+
+def check_ending(target: Path) -> None:
+    """FrogError for a path that is no scene's."""
+    if target.suffix != ".frog":
+        raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
+
+
+def imported_header(file: Path, origin: str) -> SceneHeader:
+    """The header of a static scene without cameras that a file of a format becomes."""
+    return SceneHeader(
+        method="static",
+        recipe={"name": "imported"},
+        model={},
+        cameras=(),
+        camera_shots=(),
+        test_cameras=(),
+        test_frames=(),
+        frame_count=1,
+        frames_per_second=STILL_RATE,
+        background=(0.0, 0.0, 0.0),
+        capture_path=str(file.resolve()),
+        capture_format=origin,
+        scale=1.0,
+    )
+
+
+def check_readable(file: Path, header: SceneHeader) -> None:
+    """FrogError for a header that could be written but not read again."""
+    try:
+        shots = sum(map(len, header.camera_shots))
+        if shots > _MOST_SHOTS:
+            raise UnfitValue(f"{shots:,} frames of all cameras", f"at most {_MOST_SHOTS:,}")
+        content = header.to_json()
+        if len(json.dumps(content)) > LONGEST_HEADER * 3 // 4:  # the rest is for how the arrays are packed
+            raise UnfitValue(f"cameras that take {len(content):,} bytes", "fewer, or shorter names")
+        SceneHeader.from_json(content)
+    except ValueError as error:
+        raise FrogError(f"{file}: no scene of it could be opened: found {error}.") from error
+
+
+def _check_room(file: Path, target: Path, header: SceneHeader, layout: RowLayout) -> None:
+    """FrogError for frames that the disk has no room for, or that are far more than what they were made of."""
+    needed = header.frame_count * layout.size
+    what = f"{header.frame_count:,} frames of {layout.num_dynamic:,} Gaussians, {needed / 1e6:,.0f} MB"
+    most = max(_ROOM, _MOST_GROWN * _size_of(file))
+    if needed > most:
+        raise found_instead(file, what, f"at most {most / 1e6:,.0f} MB of a file of its size")
+    folder = next((parent for parent in target.absolute().parents if parent.is_dir()), None)
+    free = shutil.disk_usage(folder).free if folder else needed
+    if needed > free:
+        raise found_instead(file, what, f"at most the {free / 1e6:,.0f} MB that are free for {target}")
+
+
+def _size_of(file: Path) -> int:
+    """Bytes of a file, or of those in a folder."""
+    try:
+        return sum(part.stat().st_size for part in (file.iterdir() if file.is_dir() else [file]))
+    except OSError:
+        return 0
+
+
+def _canonical(g: NumpyGaussians) -> SceneArrays:
+    opacities = np.clip(g.opacities.astype(np.float64), 1e-12, _MOST_CERTAIN)
+    return {
+        "means": np.ascontiguousarray(g.means, np.float32),
+        "quaternions": np.ascontiguousarray(g.quaternions, np.float32),
+        "log_scales": np.log(np.maximum(g.scales.astype(np.float64), _THINNEST)).astype(np.float32),
+        "opacity_logits": (np.log(opacities) - np.log1p(-opacities)).astype(np.float32),
+        "sh": np.ascontiguousarray(g.sh, np.float32),
+    }
+
+
+def _moving_rows(
+    source: FrameSource, seen: Survey, rows: Array, layout: RowLayout, done: Callable[[int], None]
+) -> Iterator[bytes]:
+    for frame in range(source.frame_count):
+        gaussians = filled(source.at(frame), seen.count, seen.first.sh.shape[1]).part(rows)
+        yield layout.packed({name: column_of(gaussians, name) for name in layout.columns})
+        done(source.frame_count + frame + 1)
+
 
 Decoder = Callable[[Path, bytes], Iterable[Part]]
 """A still's file and its content to its Gaussians; UnfitValue for content of another kind."""

@@ -90,9 +90,7 @@ def sampled_views(header: SceneHeader, most: int, *, trained: bool = False) -> l
 def _visible_weights(gaussians: NumpyGaussians, camera: Camera) -> Array:
     """(N,) each Gaussian's largest blending weight in a small image."""
     factor = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
-    return _weights(
-        gaussians, camera.resized(max(1, round(camera.width * factor)), max(1, round(camera.height * factor)))
-    )
+    return _weights(gaussians, camera.scaled(factor))
 
 
 def _weights(gaussians: NumpyGaussians, camera: Camera) -> Array:

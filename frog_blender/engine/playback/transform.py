@@ -81,6 +81,17 @@ def quaternion_of(rotation: Array) -> Array:
     return np.linalg.eigh(k)[1][:, -1]
 
 
+def rotations_of(quaternions: Array) -> Array:
+    """(N, 3, 3) rotations of (N, 4) quaternions w, x, y, z of any length: a Gaussian's axes are the columns."""
+    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+
+
 def _multiply(p: Array, q: Array) -> Array:
     """Hamilton products p * q of one quaternion (4,) with many (N, 4)."""
     w, x, y, z = p

@@ -24,6 +24,7 @@ from ..editing.clusters import components
 from ..errors import FrogError
 from ..gaussians import NumpyGaussians
 from ..playback.render import draw
+from ..playback.transform import rotations_of
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ def surface_depth(gaussians: NumpyGaussians, camera: Camera) -> Array:
     pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
     rays = (pixels @ np.linalg.inv(camera.intrinsics).T @ camera.rotation).astype(np.float32)  # of planar depth 1
     centers = gaussians.means[which] - camera.center.astype(np.float32)
-    axes, scales = _axes(gaussians.quaternions[which]), np.maximum(gaussians.scales[which], 1e-12)
+    axes, scales = rotations_of(gaussians.quaternions[which]), np.maximum(gaussians.scales[which], 1e-12)
     local_rays = np.einsum("nij,ni->nj", axes, rays) / scales
     local_centers = np.einsum("nij,ni->nj", axes, centers) / scales
     with np.errstate(over="ignore", invalid="ignore"):
@@ -144,17 +145,6 @@ def surface_depth(gaussians: NumpyGaussians, camera: Camera) -> Array:
     on_it = np.isfinite(densest) & (densest > 0) & (away <= _REACH * scales.max(1))
     depth[rows, columns] = np.where(on_it, densest, planar)
     return depth
-
-
-def _axes(quaternions: Array) -> Array:
-    """(N, 3, 3) rotations of (N, 4) quaternions w, x, y, z of any length: a Gaussian's axes are the columns."""
-    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
 
 
 _TRUNCATION = 3.0  # voxels

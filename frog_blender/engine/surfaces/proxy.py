@@ -210,10 +210,7 @@ def _looking(cameras: Sequence[Camera], gaussians: NumpyGaussians, resolution: i
     found = [cameras[index] for index in chosen] or _around(gaussians)
     side = _PIXELS * resolution
     factors = [side / max(camera.width, camera.height) for camera in found]
-    return [
-        camera.resized(max(1, round(camera.width * factor)), max(1, round(camera.height * factor)))
-        for camera, factor in zip(found, factors, strict=True)
-    ]
+    return [camera.scaled(factor) for camera, factor in zip(found, factors, strict=True)]
 
 
 def _around(gaussians: NumpyGaussians) -> list[Camera]:

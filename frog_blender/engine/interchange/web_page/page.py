@@ -1,11 +1,20 @@
-"""A take and its player as one HTML file that needs no server and no network."""
+"""A take and its player as one HTML file that needs no server and no network.
+
+Frames are packed as small integers that a browser unpacks (``scene.js``). Positions keep 16 bits of an inverse
+hyperbolic sine, fine in the middle of a scene and coarse far out; sizes (as logarithms), rotations, colours and
+opacities have 8. What does not change in time is there once. What does is there for every frame as the difference from
+the frame before, which ``zlib`` makes small: the smaller since numbers stay as they are where they would change by one
+step, or where their Gaussian cannot be seen.
+"""
 
 from __future__ import annotations
 
 import base64
 import html
 import json
+import zlib
 from collections.abc import Generator, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
@@ -16,8 +25,203 @@ from ...capture.camera import Camera
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
+from ...playback.frame_delta import WIDTHS, column_names, column_of, column_width
 from ..take import Take, duration_of, encoded
-from .content import packed
+
+MOST_BYTES = 2**29
+"""Of a scene's numbers once a browser has unpacked them."""
+_SMALLEST_SCALE = 1e-12  # its logarithm is finite
+_COLOR_STEPS, _SHAPE_STEPS, _POSITION_STEPS = 255, 127, 8191
+_TAIL = 0.0005  # share of a frame's numbers at either end that may be cut off: few, and far from all others
+_OPACITY = 3  # column of "base"
+_HELD = 1  # steps by which a number may differ before it changes
+_UNSEEN = 1  # the largest quantized opacity that is not seen
+_STEEPNESS = 8.0  # of a scene's spread: within it positions are about evenly fine
+
+
+@dataclass(frozen=True)
+class Quantizer:
+    """Numbers as integers from 0 to ``steps``: ``low + value * (high - low) / steps`` undoes it, up to the curve.
+
+    One byte holds 255 steps, two hold more.
+
+    Attributes:
+        curve: "linear", "exp" (the integers are logarithms) or "sinh".
+        low, high: (width,) before the curve.
+        center, spread: (width,) for "sinh": position = center + spread * sinh(value).
+        steps: 255 or more.
+    """
+
+    curve: str
+    low: Array
+    high: Array
+    steps: int
+    center: Array | None = None
+    spread: Array | None = None
+
+    def quantize(self, column: Array) -> Array:
+        """Unsigned integers in the shape of ``column`` (..., width)."""
+        extent = np.maximum(self.high - self.low, 1e-12)
+        values = (self._straight(column.astype(np.float64)) - self.low) / extent
+        result: Array = np.rint(values.clip(0, 1) * self.steps).astype(np.uint8 if self.steps < 256 else np.uint16)
+        return result
+
+    def _straight(self, column: Array) -> Array:
+        straight = column
+        if self.curve == "exp":
+            straight = np.log(np.maximum(column, _SMALLEST_SCALE))
+        elif self.curve == "sinh":
+            straight = np.arcsinh((column - self.center) / self.spread)
+        return straight
+
+    def to_json(self) -> JsonObject:
+        """As ``scene.js`` reads it."""
+        values: JsonObject = {"curve": self.curve, "steps": self.steps}
+        for name in ("low", "high", "center", "spread"):
+            array = getattr(self, name)
+            if array is not None:
+                values[name] = [float(value) for value in array]
+        return values
+
+
+def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes, Array]]:
+    """What a page holds of a take: a description in plain values, and of what it is one: compressed arrays, one after
+    another; and (N, 3) the places in the first frame.
+
+    The frames are gone through twice: the steps in which numbers are stored are those of all of them. Yields 0 after
+    each at first, then how many are done.
+    """
+    moved, columns, extents = take.num_dynamic, dict[str, Array](), dict[str, Array]()
+    films: dict[str, list[Array]] = {name: [] for name in take.changing} if moved else {}
+    for frame in take.frames():
+        gaussians = frame.gaussians
+        if not columns:
+            names = column_names(gaussians.sh.shape[1])
+            _refuse_too_large(take, len(gaussians), names)
+            columns = {name: column_of(gaussians, name) for name in names}
+            extents = {name: _extent(column) for name, column in columns.items()}
+        for name in films:
+            before, now = extents[name], _extent(column_of(gaussians, name, moved))
+            extents[name] = np.concatenate([np.minimum(before[:2], now[:2]), np.maximum(before[2:], now[2:])])
+        yield 0
+    quantizers = {name: _quantizer(name, column, extents[name]) for name, column in columns.items()}
+    frames = 0
+    for frames, frame in enumerate(take.frames(), 1):
+        for name, film in films.items():
+            film.append(quantizers[name].quantize(_canonical(name, column_of(frame.gaussians, name, moved))))
+        yield frames
+    steady = {name: _steady(name, np.stack(film)) for name, film in films.items()}
+    seen = steady["base"][..., _OPACITY] > _UNSEEN if "base" in steady else None
+    parts: list[bytes] = []
+    described: list[JsonObject] = []
+    for name, column in columns.items():
+        still = column
+        if name in steady:
+            described.append(_add(parts, name, quantizers[name], _held(name, steady[name], seen), film=True))
+            still = column[moved:]
+        if len(still):
+            values = quantizers[name].quantize(_canonical(name, still))
+            described.append(_add(parts, name, quantizers[name], values[None], film=False))
+    description: JsonObject = {
+        "count": len(columns["means"]),
+        "dynamic": moved,
+        "sh_count": len(columns) - len(WIDTHS) + 1,
+        "frames": frames,
+        "arrays": described,
+    }
+    return description, b"".join(parts), columns["means"]
+
+
+def _extent(column: Array) -> Array:
+    """(4, width) how far numbers (N, width) reach: the least, the least and the most of all but a few, the most."""
+    low, high = np.quantile(column.astype(np.float64), (_TAIL, 1 - _TAIL), axis=0)
+    return np.stack([column.min(0).astype(np.float64), low, high, column.max(0).astype(np.float64)])
+
+
+def _refuse_too_large(take: Take, count: int, names: Sequence[str]) -> None:
+    frames = len(take.numbers)
+    needed = 4 * count * sum(column_width(name) for name in names)
+    needed += 2 * frames * take.num_dynamic * sum(column_width(name) for name in take.changing)
+    if needed > MOST_BYTES:
+        raise FrogError(
+            f"A page of {frames} frames would unpack to {needed / 1e6:,.0f} MB in the browser, expected at most "
+            f"{MOST_BYTES / 1e6:,.0f} MB; export fewer frames."
+        )
+
+
+def _quantizer(name: str, column: Array, extent: Array) -> Quantizer:
+    """For a column (N, width) of the first frame, and how far it reaches in all."""
+    width, (least, low, high, most) = column.shape[1], extent
+    if name == "quaternions":
+        return Quantizer("linear", np.full(4, -1.0), np.full(4, 1.0), _SHAPE_STEPS)
+    if name == "scales":
+        least, most = (np.log(np.maximum(bound, _SMALLEST_SCALE)) for bound in (low.min(), most.max()))
+        return Quantizer("exp", np.full(width, least), np.full(width, most), _SHAPE_STEPS)
+    if name == "means":
+        center = np.median(column.astype(np.float64), axis=0)
+        spread = np.maximum(np.median(np.abs(column - center), axis=0) * _STEEPNESS, 1e-9)
+        least, most = (np.arcsinh((bound - center) / spread) for bound in (least, most))
+        return Quantizer("sinh", least, most, _POSITION_STEPS, center, spread)
+    if name == "base":
+        low[3], high[3] = 0.0, 1.0
+    return Quantizer("linear", low, high, _COLOR_STEPS)
+
+
+def _canonical(name: str, column: Array) -> Array:
+    """Unit quaternions with w >= 0; anything else as it is."""
+    if name != "quaternions":
+        return column
+    unit = column / np.maximum(np.linalg.norm(column, axis=1, keepdims=True), 1e-12)
+    result: Array = np.where(unit[:, :1] < 0, -unit, unit)
+    return result
+
+
+def _steady(name: str, film: Array) -> Array:
+    """(T, M, width) quantised frames, of which no quaternion jumps to the other of its two signs."""
+    if name != "quaternions":
+        return film
+    film = film.copy()
+    for frame in range(1, len(film)):
+        before, now = (film[index].astype(np.int32) * 2 - _SHAPE_STEPS for index in (frame - 1, frame))
+        flipped = (before * now).sum(1) < 0
+        film[frame][flipped] = _SHAPE_STEPS - film[frame][flipped]
+    return film
+
+
+def _held(name: str, film: Array, seen: Array | None) -> Array:
+    """(T, M, width) quantised frames whose numbers change only by more than _HELD steps and where they are seen.
+
+    Args:
+        seen: (T, M) where a Gaussian is; None for everywhere. Before that its numbers are those with which it appears.
+    """
+    shown = np.ones(film.shape, bool)
+    if seen is not None:
+        shown &= seen[..., None]
+    if name == "base":
+        shown[..., _OPACITY] = True
+    first = np.argmax(shown, axis=0)
+    now = np.take_along_axis(film, first[None], axis=0)[0]
+    result = np.empty_like(film)
+    for frame, values in enumerate(film):
+        change = np.abs(values.astype(np.int32) - now) > _HELD
+        now = np.where(change & shown[frame], values, now)
+        result[frame] = now
+    return result
+
+
+def _add(parts: list[bytes], name: str, quantizer: Quantizer, values: Array, *, film: bool) -> JsonObject:
+    """Appends (T, M, width) integers: number by number of a Gaussian, frame by frame, low bytes before high bytes."""
+    ordered = np.ascontiguousarray(values.transpose(2, 0, 1))
+    if film:
+        ordered[:, 1:] -= ordered[:, :-1].copy()  # unsigned: wraps round, and back in the browser
+    planes = [ordered.astype(np.uint8)]
+    if quantizer.steps > 255:
+        planes.append((ordered >> 8).astype(np.uint8))
+    content = zlib.compress(b"".join(plane.tobytes() for plane in planes), 9)
+    parts.append(content)
+    described: JsonObject = {"name": name, "film": film, "rows": values.shape[1], "width": values.shape[2]}
+    return {**described, "bytes": len(content), **quantizer.to_json()}
+
 
 SCRIPTS = ("scene.js", "view.js", "splat_renderer.js", "page.js")
 """The player's own code, in the order in which it is put into the page."""

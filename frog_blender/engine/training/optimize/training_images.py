@@ -105,7 +105,7 @@ class TrainingImages:
         camera = self.capture.cameras[shot.camera]
         scale = (largest_side or math.inf) / max(camera.width, camera.height)
         if scale < 1:
-            camera = camera.resized(max(1, round(camera.width * scale)), max(1, round(camera.height * scale)))
+            camera = camera.scaled(scale)
         frame_time = self.capture.time_of(shot)
         gaussians = played(frame_time) if played else self.deform(frame_time)[0]
         return rasterize(gaussians, camera, self.capture.background).rgb.cpu().numpy()
