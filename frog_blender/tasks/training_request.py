@@ -115,29 +115,24 @@ def can_resume(settings: Any) -> bool:
     """Whether there is a checkpoint of that output to resume: of the same capture, and of a training not yet at its
     end.
     """
-    progress = _progress(settings)
-    return progress is not None and progress[0] < 1.0
+    return 0 <= _progress(settings)[0] < 1
 
 
 def can_train_longer(settings: Any) -> bool:
     """Whether the training of that output, from the same capture, has ended and left a checkpoint."""
-    progress = _progress(settings)
-    return progress is not None and progress[0] >= 1.0
+    return _progress(settings)[0] >= 1
 
 
 def steps_done(settings: Any) -> int:
     """The steps of the training of that output so far; 0 for none."""
-    progress = _progress(settings)
-    return progress[1] if progress is not None else 0
+    return _progress(settings)[1]
 
 
-def _progress(settings: Any) -> tuple[float, int] | None:
-    """See ``training_progress``; None as well for the training of another capture."""
+def _progress(settings: Any) -> tuple[float, int]:
+    """The share and the number of the steps that are done; -1 and 0 for none, and for a training of another capture."""
     try:
         output = output_of(settings)
     except FrogError:
-        return None
-    found = training_progress(output)
-    if found is None or is_of_another(output, Path(bpy.path.abspath(settings.capture_folder))):
-        return None
-    return found
+        return -1.0, 0
+    is_other = is_of_another(output, Path(bpy.path.abspath(settings.capture_folder)))
+    return (None if is_other else training_progress(output)) or (-1.0, 0)

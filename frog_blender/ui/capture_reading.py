@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -27,10 +26,11 @@ class CaptureReading(BackgroundTask):
     what = "reading of the capture"
     quit_seconds = 2.0
 
-    def __init__(self, folder: str, on_finished: Callable[[CaptureSummary], object] | None = None) -> None:
+    def __init__(self, folder: str) -> None:
         super().__init__()
+        torch_environment.add_environment()  # may have OpenCV, which reads videos
         self.folder = self.slot = self.where = folder
-        self.stamp, self.on_finished = capture_summary.stamp(folder), on_finished
+        self.stamp = capture_summary.stamp(folder)
 
     def work(self) -> CaptureSummary:
         return capture_summary.read(Path(self.folder))
@@ -48,7 +48,6 @@ class _Chosen:
 
 def begin(folder: str) -> CaptureReading:
     """Starts reading a folder, for whoever pumps it; FrogError if no thread can be created."""
-    torch_environment.add_environment()  # may have OpenCV, which reads videos
     return CaptureReading(folder).start()
 
 
@@ -63,21 +62,20 @@ def read(folder: str) -> CaptureSummary | None:
     if chosen is not None and chosen[0] == folder:
         return _show(folder, chosen[1], capture_summary.stamp(folder))
     if bpy.app.background or not folder:
-        torch_environment.add_environment()
-        stamp = capture_summary.stamp(folder)
-        return _show(folder, capture_summary.read(Path(folder)) if folder else CaptureSummary(), stamp)
+        reading = CaptureReading(folder)
+        return _show(folder, reading.work() if folder else CaptureSummary(), reading.stamp)
     read_beside(folder)
     return None
 
 
 def read_beside(folder: str) -> None:
     """Starts reading a folder, which is shown when it is read. One that is being read is read again."""
-    torch_environment.add_environment()
-    stamp = capture_summary.stamp(folder)
+    reading = CaptureReading(folder)
+    reading.on_finished = lambda summary: _show(folder, summary, reading.stamp)
     try:
-        CaptureReading(folder, lambda summary: _show(folder, summary, stamp)).start().show()
+        reading.start().show()
     except FrogError as error:
-        _show(folder, CaptureSummary(error=str(error)), stamp)
+        _show(folder, CaptureSummary(error=str(error)), reading.stamp)
 
 
 def is_reading(folder: str) -> bool:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import bpy
@@ -17,8 +17,6 @@ from ..timeline import playback
 from . import capture_summary
 from .overlay import Overlay
 
-KEPT = 4
-"""Captures whose drawn rigs are kept: windows may show several scenes at a time."""
 DEPTH = 0.1  # of a drawn camera, in diameters of the rig
 _MOST_NAMES = 40
 _MOST_POINTS = 50_000
@@ -41,15 +39,7 @@ class Rig:
 
 
 class RigOverlay(Overlay):
-    """What is drawn.
-
-    Attributes:
-        rigs: of the captures that were drawn last, the last one at the end.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.rigs: OrderedDict[Capture, Rig] = OrderedDict()
+    """What draws rigs into viewports."""
 
 
 def shown_capture(scene: bpy.types.Scene) -> Capture | None:
@@ -76,19 +66,9 @@ def _corners(camera: Camera, depth: float) -> np.ndarray:
     return np.concatenate([np.zeros((1, 3)), rays]) @ camera.rotation + camera.center
 
 
+@lru_cache(maxsize=4)  # windows may show several scenes at a time
 def _rig_of(capture: Capture) -> Rig:
-    """What is drawn of a capture, kept from the last time."""
-    rigs = addon_state.get(RigOverlay).rigs
-    if capture not in rigs:
-        rigs[capture] = _build(capture)
-    rigs.move_to_end(capture)
-    while len(rigs) > KEPT:
-        rigs.popitem(last=False)
-    return rigs[capture]
-
-
-def _build(capture: Capture) -> Rig:
-    """Makes the batches of a capture."""
+    """Makes what is drawn of a capture."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 
@@ -134,12 +114,11 @@ def _draw_names() -> None:
 
     context = bpy.context
     capture = shown_capture(context.scene)
-    rig = addon_state.get(RigOverlay).rigs.get(capture) if capture is not None else None
-    if rig is None:
+    if capture is None:
         return
     blf.size(0, 11.0 * context.preferences.system.ui_scale)
     blf.color(0, *_COLOR)
-    for name, place in rig.names:
+    for name, place in _rig_of(capture).names:
         pixel = location_3d_to_region_2d(context.region, context.region_data, place)
         if pixel is not None:
             blf.position(0, pixel.x + 6, pixel.y + 6, 0)
@@ -155,6 +134,5 @@ def register() -> None:
 
 
 def unregister() -> None:
-    overlay = addon_state.get(RigOverlay)
-    overlay.end()
-    overlay.rigs.clear()
+    addon_state.get(RigOverlay).end()
+    _rig_of.cache_clear()

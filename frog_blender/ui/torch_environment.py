@@ -150,19 +150,16 @@ def package_index() -> str:
 
 
 def use_installation(folder: Path) -> None:
-    """Stores the folder of an installation in the preferences and makes its packages importable."""
+    """Makes the packages of an installation importable, in place of an environment that the preferences name."""
     preferences = addon_preferences()
     if preferences is not None:
-        preferences.torch_path = str(folder)
+        preferences.torch_path = ""
     add_folder(folder)
 
 
 def forget_installation() -> None:
-    """Lets the preferences no longer name what *Install torch* had installed."""
-    preferences, place = addon_preferences(), installation.folder().parent
-    named = preferences.torch_path if preferences is not None else ""
-    if named and Path(bpy.path.abspath(named)).parent == place:
-        preferences.torch_path = ""
+    """Makes what *Install torch* had installed no longer importable."""
+    place = installation.folder().parent
     ours = [path for path in sys.path if Path(path).parent == place and Path(path).name.startswith(TORCH)]
     sys.path[:] = [path for path in sys.path if path not in ours]
     importlib.invalidate_caches()
@@ -172,11 +169,7 @@ def torch_path() -> str:
     """The folder set in the preferences, or that of *Install torch*; otherwise an empty string."""
     preferences = addon_preferences()
     named = preferences.torch_path if preferences is not None else ""
-    place = installation.folder()
-    if named and Path(bpy.path.abspath(named)).parent != place.parent:
-        return str(named)
-    found = installed(place)  # unsaved preferences may name an older one, or none
-    return str(found) if found is not None else str(named)
+    return str(named or installed(installation.folder()) or "")
 
 
 def torch_needed() -> str:
