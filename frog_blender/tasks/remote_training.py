@@ -26,7 +26,7 @@ PLACEHOLDERS = ("{capture}", "{output}", "{options}")
 _ANY = re.compile("|".join(map(re.escape, PLACEHOLDERS)))
 PATIENCE = 20.0  # seconds for a cancelled training to save and end
 _PACE = 0.0005  # seconds between two events: no faster than the panel takes them, whatever is sent
-_MOST_SENTENCES = 1000  # warnings and reductions, which the panel keeps
+MOST_SENTENCES = 1000  # warnings and reductions, which the panel keeps
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ class RemoteTraining:
             self._step = event.step
         if isinstance(event, events.Reduced | events.WarningEvent):
             self._sentences += 1
-            return self._sentences <= _MOST_SENTENCES
+            return self._sentences <= MOST_SENTENCES
         return True
 
     def _translated(self, event: Event) -> Event:

@@ -24,7 +24,7 @@ from frog_blender.engine.options import OPTIONS, Door, TrainingOptions
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.events import line_of
-from frog_blender.tasks import background_task
+from frog_blender.tasks import background_task, remote_training
 from frog_blender.tasks.remote_training import RemoteCommand, RemoteTraining, options_of
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import TrainingRequest, steps_done
@@ -184,14 +184,15 @@ write(b"no end")
     assert list(by_script(tmp_path, code).events(CancelToken())) == [finished(tmp_path)]
 
 
-def test_only_so_many_sentences_are_kept(tmp_path):
+def test_only_so_many_sentences_are_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(remote_training, "MOST_SENTENCES", 20)
     code = f"""
-for _ in range(1200):
+for _ in range(30):
     print({line_of(events.WarningEvent("Beware."))!r})
 {prints(events.Progress(5, 5, 1.0, 0.0, 0.1, 40), events.Cancelled(5, None))}
 """
     said = list(by_script(tmp_path, code).events(CancelToken()))
-    assert len(said) == 1002 and said[-2:] == [events.Progress(5, 5, 1.0, 0.0, 0.1, 40), events.Cancelled(5, None)]
+    assert len(said) == 22 and said[-2:] == [events.Progress(5, 5, 1.0, 0.0, 0.1, 40), events.Cancelled(5, None)]
 
 
 def test_wishes_are_lines_and_the_end_is_that_of_the_input(tmp_path):
