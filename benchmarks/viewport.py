@@ -28,9 +28,8 @@ from support.builders import scene_file
 from frog_blender.cameras import pose_of, view_camera
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline.playback_cache import SceneTime
-from frog_blender.viewport.card import GraphicsCard, Layer
-from frog_blender.viewport.clouds import Cloud
-from frog_blender.viewport.layout import moving_textures
+from frog_blender.viewport.card import Canvas, GraphicsCard, Layer
+from frog_blender.viewport.clouds import Cloud, moving_textures
 from frog_blender.viewport.order import AT_ONCE, OrderRequest, Part
 from frog_blender.viewport.projection import view_of
 
@@ -64,7 +63,7 @@ def frames(count: int, card: GraphicsCard) -> dict[str, Any]:
     k, window = camera.intrinsics, np.zeros((4, 4))
     window[0, 0], window[1, 1] = 2 * k[0, 0] / WIDTH, 2 * k[1, 1] / HEIGHT
     window[2, 2], window[2, 3], window[3, 2] = -1.001, -0.1, -1
-    cloud, canvas, watch, sent = Cloud(player, card), card.canvas((WIDTH, HEIGHT)), Stopwatch(), 0
+    cloud, canvas, watch, sent = Cloud(player, card), Canvas((WIDTH, HEIGHT)), Stopwatch(), 0
     for number in range(-2, FRAMES):  # two to warm up
         if number == 0:
             watch = Stopwatch()
@@ -85,7 +84,7 @@ def frames(count: int, card: GraphicsCard) -> dict[str, Any]:
         watch.note("order's upload")
         card.draw(canvas, [Layer(textures, view, player.count, 0)], order_texture, len(order.numbers))
         watch.note("draw")
-        canvas.texture_color.read()  # until the card has done it
+        canvas.textures[0].read()  # until the card has done it
         sent = order.numbers.nbytes + sum(each.values.nbytes for each in moving_textures(player, part).values())
     found = watch.medians()
     main = ["view and places", "upload", "order's upload", *(["order"] if count <= AT_ONCE else [])]

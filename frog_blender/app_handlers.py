@@ -7,6 +7,7 @@ from functools import cache, wraps
 from typing import Any
 
 import bpy
+from bpy.app.handlers import persistent
 
 from . import reported_once
 
@@ -16,7 +17,7 @@ Handlers = list[tuple[list[Handler], Handler]]
 
 
 def add(handlers: Handlers) -> None:
-    """Registers each function once, wrapped by ``guarded``."""
+    """Registers each function once, wrapped by ``guarded``, for all files that are opened."""
     for functions, function in handlers:
         if guarded(function) not in functions:
             functions.append(guarded(function))
@@ -46,7 +47,8 @@ def not_later(*functions: Handler) -> None:
 def guarded(function: Handler) -> Handler:
     """The wrapper that is registered for a function: it reports an error once instead of at every frame."""
 
-    @wraps(function)  # with what ``persistent`` wrote on it
+    @persistent
+    @wraps(function)
     def handler(*arguments: Any) -> None:
         try:
             function(*arguments)

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.app.handlers import persistent
 
 from . import addon_state
 
@@ -126,7 +125,6 @@ def _seen_from_here(path: str) -> str:
     return seen_from(Path(bpy.data.filepath).parent, path) if bpy.data.filepath else path
 
 
-@persistent
 def on_save_pre(path: str = "", *_: Any) -> None:
     """Rewrites the paths if the .blend is saved to another folder or for the first time."""
     _settle()
@@ -150,7 +148,6 @@ def _rewrite(blocks: Any, block: bpy.types.ID, name: str, before: str, value: st
     _write(block, name, value)
 
 
-@persistent
 def on_save_post(*_: Any) -> None:
     """Restores the paths if the open .blend was not moved: a copy was saved, or saving failed."""
     rewriting = _rewriting()
@@ -162,7 +159,6 @@ def on_save_post(*_: Any) -> None:
     rewriting.before.clear()
 
 
-@persistent
 def on_import_post(context: bpy.types.Context, *_: Any) -> None:
     """Appended data has paths relative to its .blend; pasted data may have paths relative to this one."""
     for item in context.import_items:

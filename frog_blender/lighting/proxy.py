@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
-from ..nodes.node_builder import Builder, new_material, set_input
-from ..nodes.proxy_nodes import COUNT, FIRST, FRAMES, FROM, STRETCH, UNTIL, frames_group, plays_frames
+from ..nodes.node_builder import Builder, made_once, new_geometry_group, set_input
 from ..scene_import.capture_objects import root_of
 from ..timeline.retiming import stretched
 
@@ -20,7 +18,15 @@ if TYPE_CHECKING:
 SHADOWS, HOLDOUT, PLAIN = "SHADOWS", "HOLDOUT", "PLAIN"
 """What a proxy is for."""
 _ALWAYS = 1e9  # frames
-_MODIFIER, _MATERIAL = "Frames", "FRoG Proxy"
+_MODIFIER, _GROUP = "Frames", "FRoG Proxy Frames"
+_FRAMES, _FIRST, _COUNT = "Frames", "First Frame", "Frame Count"
+"""Inputs of the group: a collection whose objects, by their names, are the frames; the frame of the timeline, after
+Time Stretching, that shows the first one; how many there are. Before and after them the first and last are shown."""
+_STRETCH, _FROM, _UNTIL = "Time Stretching", "From", "Until"
+"""Inputs: how many frames pass while Time Stretching has one pass; the first frame, after Time Stretching, at which
+there is anything, and the first after that at which there is nothing."""
+_INPUTS = {_FRAMES: "Collection", _FIRST: "Float", _COUNT: "Int", _STRETCH: "Float", _FROM: "Float", _UNTIL: "Float"}
+_ROUNDING = 1e-3  # frames
 
 
 def proxies_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
@@ -38,7 +44,7 @@ def place(
         first_frame: of the timeline, at which the first mesh of what moves is shown.
         use: SHADOWS, HOLDOUT or PLAIN.
     """
-    earlier, timing = proxies_of(obj), _Timing.of(obj, scene, first_frame)
+    earlier, timing = proxies_of(obj), _timing(obj, scene, first_frame)
     name, material, made = f"{root_of(obj).name} Proxy", _material() if use == SHADOWS else None, {}
     if len(proxy.still.quads):
         still = made[name] = bpy.data.objects.new(name, _mesh(name, proxy.still, material))
@@ -94,54 +100,70 @@ def is_for_shadows(obj: bpy.types.Object) -> bool:
     return not obj.is_holdout and not obj.visible_diffuse
 
 
-@dataclass(frozen=True)
-class _Timing:
-    """Numbers of the timeline, see nodes.proxy_nodes."""
-
-    first: float
-    stretch: float
-    begin: float
-    end: float
-
-    @classmethod
-    def of(cls, obj: bpy.types.Object, scene: bpy.types.Scene, first_frame: int) -> _Timing:
-        """Of what a capture shows in a scene."""
-        limits = (obj.frog.range_start, obj.frog.range_end) if obj.frog.use_range else (-_ALWAYS, _ALWAYS)
-        return cls(stretched(scene, first_frame), 1 / stretched(scene, 1), *limits)
+def _timing(obj: bpy.types.Object, scene: bpy.types.Scene, first_frame: int) -> dict[str, float]:
+    """The group's inputs for what a capture shows in a scene."""
+    begin, end = (obj.frog.range_start, obj.frog.range_end) if obj.frog.use_range else (-_ALWAYS, _ALWAYS)
+    first, stretch = stretched(scene, first_frame), 1 / stretched(scene, 1)
+    return {_FIRST: first, _STRETCH: stretch, _FROM: begin, _UNTIL: end}
 
 
-def _play(obj: bpy.types.Object, meshes: list[bpy.types.Mesh], timing: _Timing) -> None:
-    """Shows a mesh a frame on an object, and neither these nor its own outside the capture's range."""
+def _play(obj: bpy.types.Object, meshes: list[bpy.types.Mesh], timing: dict[str, float]) -> None:
+    """Shows a mesh a frame on an object, and neither these nor its own outside the capture's range.
+
+    By Geometry Nodes: without a handler, it plays, renders and exports anywhere.
+    """
     modifier = obj.modifiers.new(_MODIFIER, "NODES")
-    modifier.node_group = frames_group()
+    modifier.node_group = _frames_group()
     if meshes:
         frames = bpy.data.collections.new(f"{obj.name} Frames")
         for index, mesh in enumerate(meshes):  # which Blender takes in the order of their names, cut at 63 bytes
             frames.objects.link(bpy.data.objects.new(f"{index:06d} {obj.name}", mesh))
-        set_input(modifier, FRAMES, frames)
-    numbers = ((FIRST, timing.first), (STRETCH, timing.stretch), (FROM, timing.begin), (UNTIL, timing.end))
-    for name, value in ((COUNT, len(meshes)), *numbers):
+        set_input(modifier, _FRAMES, frames)
+    for name, value in {_COUNT: len(meshes), **timing}.items():
         set_input(modifier, name, value)
 
 
-def _material() -> bpy.types.Material:
-    """Grey in Cycles, whose shadow catchers need a surface. EEVEE has none: there cameras see through it."""
-    found = bpy.data.materials.get(_MATERIAL)
-    if found is not None:
-        return found
-    made = new_material(_MATERIAL)
-    build = Builder(made.node_tree)
-    grey, rays, clear = (build.node(f"ShaderNode{kind}") for kind in ("BsdfDiffuse", "LightPath", "BsdfTransparent"))
-    mix = build.node("ShaderNodeMixShader")
-    build.link(rays.outputs["Is Camera Ray"], mix.inputs[0])
-    build.link(grey.outputs[0], mix.inputs[1])
-    build.link(clear.outputs[0], mix.inputs[2])
-    for engine, shader in (("CYCLES", grey), ("EEVEE", mix)):
-        output = build.node("ShaderNodeOutputMaterial")
-        output.target = engine
-        build.link(shader.outputs[0], output.inputs["Surface"])
+def _frames_group() -> bpy.types.GeometryNodeTree:
+    """The Geometry Nodes group, made once per file: joins the frame of the timeline to an object's own mesh."""
+    for known in bpy.data.node_groups:  # one that a user has changed may not do
+        if known.name.startswith(_GROUP) and known.library is None and _plays_frames(known):
+            return known
+    group = new_geometry_group(_GROUP)
+    for name, kind in _INPUTS.items():
+        group.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
+    build = Builder(group)
+    source = build.node("NodeGroupInput").outputs
+    parts = {"Collection": source[_FRAMES], "Separate Children": True, "Reset Children": True}
+    frames = build.out("GeometryNodeCollectionInfo", parts)
+    now = build.node("GeometryNodeInputSceneTime").outputs["Frame"]
+    passed = build.math("MULTIPLY", build.math("SUBTRACT", now, source[_FIRST]), source[_STRETCH])
+    latest = build.math("SUBTRACT", source[_COUNT], 1.0)
+    index = build.math("MAXIMUM", build.math("MINIMUM", build.math("ROUND", passed), latest), 0.0)
+    chosen = {"Instance": frames, "Pick Instance": True, "Instance Index": index}
+    chosen["Points"] = build.out("GeometryNodePoints")
+    shown = build.out("GeometryNodeRealizeInstances", {0: build.out("GeometryNodeInstanceOnPoints", chosen)})
+    joined = build.node("GeometryNodeJoinGeometry", {0: shown})
+    group.links.new(source[0], joined.inputs[0])  # a second one into the same socket
+    begun = build.math("GREATER_THAN", build.math("ADD", now, _ROUNDING), source[_FROM])
+    ended = build.math("LESS_THAN", build.math("ADD", now, _ROUNDING), source[_UNTIL])
+    limits = {"Switch": build.math("MULTIPLY", begun, ended), "True": joined.outputs[0]}
+    build.node("NodeGroupOutput", {0: build.out("GeometryNodeSwitch", limits, input_type="GEOMETRY")})
     build.arrange()
-    return made
+    return group
+
+
+def _plays_frames(group: bpy.types.NodeTree | None) -> bool:
+    """Whether a group, if there is one, has the inputs of that which plays frames."""
+    return group is not None and all(name in group.interface.items_tree for name in _INPUTS)
+
+
+@made_once("materials", "FRoG Proxy")
+def _material(build: Builder) -> None:
+    """Grey in Cycles, whose shadow catchers need a surface. EEVEE has none: there cameras see through it."""
+    grey, rays = build.out("ShaderNodeBsdfDiffuse"), build.node("ShaderNodeLightPath")
+    clear = {0: rays.outputs["Is Camera Ray"], 1: grey, 2: build.out("ShaderNodeBsdfTransparent")}
+    for engine, shader in (("CYCLES", grey), ("EEVEE", build.out("ShaderNodeMixShader", clear))):
+        build.node("ShaderNodeOutputMaterial", {"Surface": shader}, target=engine)
 
 
 def _mesh(name: str, content: Mesh, material: bpy.types.Material | None) -> bpy.types.Mesh:
@@ -170,9 +192,9 @@ def _remove(obj: bpy.types.Object) -> None:
 
 
 def _frames(modifier: bpy.types.Modifier) -> bpy.types.Collection | None:
-    if modifier.type != "NODES" or not plays_frames(modifier.node_group):
+    if modifier.type != "NODES" or not _plays_frames(modifier.node_group):
         return None
-    identifier = modifier.node_group.interface.items_tree[FRAMES].identifier
+    identifier = modifier.node_group.interface.items_tree[_FRAMES].identifier
     if hasattr(modifier, "properties"):  # since Blender 5.2
         found: bpy.types.Collection | None = getattr(modifier.properties.inputs, identifier).value
         return found

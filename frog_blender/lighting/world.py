@@ -7,6 +7,12 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
+from .. import point_cloud
+from ..color_spaces import into_working_space, to_linear
+from ..nodes.node_builder import Builder
+from ..render.collect_instances import placed
+from ..timeline import playback
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -16,6 +22,8 @@ _COLORS = ("Linear Rec.709", "Linear")  # names of linear light in configuration
 AHEAD = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """(4, 4) from the world to a camera that stands where it begins: ahead and up are where Blender's environment textures
 have the middle and the upper edge of an image."""
+WIDTH = 1024
+"""Pixels of an environment image, if nothing else is asked for."""
 
 
 def lit_scene(scene: bpy.types.Scene) -> bpy.types.Scene:
@@ -31,6 +39,31 @@ def is_lit(scene: bpy.types.Scene) -> bool:
 def light_node(world: bpy.types.World) -> bpy.types.ShaderNode | None:
     """The Background node whose strength is that of a capture's light; None in other worlds."""
     return next(_nodes(world, "BACKGROUND"), None)
+
+
+def light_by(
+    obj: bpy.types.Object, context: bpy.types.Context, place: np.ndarray | None = None, width: int = WIDTH
+) -> None:
+    """Lights the objects of a context's scene by a capture.
+
+    Args:
+        place: (3,) where the light is taken, world units; None for the place nearest the middle of the capture that
+            nothing stands close to.
+        width: pixels of the environment image.
+
+    Raises:
+        FrogError: the capture cannot be shown.
+    """
+    from ..engine.playback.environment import environment, free_place
+
+    evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
+    shown = playback.scene_time(obj, context.scene.frame_current_final, evaluated)
+    gaussians = placed(shown.gaussians(), np.array(evaluated.matrix_world, np.float64), obj.name)
+    camera = AHEAD.copy()
+    taken = free_place(gaussians, *point_cloud.middle_of(gaussians.means)) if place is None else place
+    camera[:3, 3] = -camera[:3, :3] @ taken
+    filmed = into_working_space(to_linear(np.array(shown.scene.header.background, np.float64)))
+    light_with(lit_scene(context.scene), environment(gaussians, camera, width), filmed)
 
 
 def light_with(scene: bpy.types.Scene, light: np.ndarray, background: np.ndarray) -> None:
@@ -147,15 +180,12 @@ def _with_light(own: bpy.types.World | None, background: np.ndarray) -> bpy.type
         links.new(seen.outputs[0], nodes.new("ShaderNodeOutputWorld").inputs["Surface"])
     outputs = [node for node in nodes if node.type == "OUTPUT_WORLD"]
     output = next((node for node in outputs if node.is_active_output), None) or nodes.new("ShaderNodeOutputWorld")
-    texture, lit, mix, rays = (
-        nodes.new(f"ShaderNode{kind}") for kind in ("TexEnvironment", "Background", "MixShader", "LightPath")
-    )
+    build, surface = Builder(world.node_tree), output.inputs["Surface"]
+    rays, texture = build.node("ShaderNodeLightPath"), build.node("ShaderNodeTexEnvironment")
+    lit = build.node("ShaderNodeBackground", {"Color": texture.outputs["Color"]})
+    mix = build.node("ShaderNodeMixShader", {0: rays.outputs["Is Camera Ray"], 1: lit.outputs[0]})
     for index, node in enumerate((rays, texture, lit, mix)):
         node.label, node.location = _NAME, (output.location.x - 200, output.location.y - 350 * (3 - index))
-    links.new(texture.outputs["Color"], lit.inputs["Color"])
-    links.new(rays.outputs["Is Camera Ray"], mix.inputs[0])
-    links.new(lit.outputs[0], mix.inputs[1])
-    surface = output.inputs["Surface"]
     if surface.is_linked:
         links.new(surface.links[0].from_socket, mix.inputs[2])
     links.new(mix.outputs[0], surface)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from functools import wraps
 from typing import Any
 
 import bpy
@@ -16,13 +18,37 @@ def new_geometry_group(name: str) -> Any:
     return group
 
 
-def new_material(name: str) -> Any:
+def _new_material(name: str) -> Any:
     """A material without any nodes."""
     made = bpy.data.materials.new(name)
     if made.node_tree is None:  # before 5.0 a new material has no nodes
         made.use_nodes = True
     made.node_tree.nodes.clear()
     return made
+
+
+def made_once(kind: str, name: str) -> Callable[[Callable[[Builder], None]], Callable[[], Any]]:
+    """Of a function that builds nodes, one that gives their data-block, which is made once per file.
+
+    Args:
+        kind: "materials" or "node_groups", of Geometry Nodes.
+        name: of the data-block.
+    """
+
+    def decorate(build_nodes: Callable[[Builder], None]) -> Callable[[], Any]:
+        @wraps(build_nodes)
+        def block() -> Any:
+            found = getattr(bpy.data, kind).get(name)
+            if found is None:
+                found = _new_material(name) if kind == "materials" else new_geometry_group(name)
+                build = Builder(found.node_tree if kind == "materials" else found)
+                build_nodes(build)
+                build.arrange()
+            return found
+
+        return block
+
+    return decorate
 
 
 def set_input(modifier: bpy.types.Modifier, name: str, value: Any) -> None:
@@ -35,73 +61,58 @@ def set_input(modifier: bpy.types.Modifier, name: str, value: Any) -> None:
 
 
 class Builder:
-    """Nodes as expressions: each method adds a node and returns its output socket."""
+    """Nodes as expressions: each method but ``node`` adds a node and returns its output socket."""
 
     def __init__(self, tree: bpy.types.NodeTree) -> None:
         self.tree = tree
-        self.is_shader = tree.bl_idname == "ShaderNodeTree"
 
-    def node(self, kind: str) -> Any:
-        return self.tree.nodes.new(kind)
+    def node(self, kind: str, inputs: Mapping[Any, Any] | None = None, **properties: Any) -> Any:
+        """A new node with these properties, and sockets or constants at its inputs, by their names or numbers."""
+        node = self.tree.nodes.new(kind)
+        for name, value in properties.items():
+            setattr(node, name, value)
+        for name, value in (inputs or {}).items():
+            by_name = (socket for socket in node.inputs if socket.name == name and socket.enabled)
+            socket = node.inputs[name] if isinstance(name, int) else next(by_name)
+            if isinstance(value, bpy.types.NodeSocket):
+                self.tree.links.new(value, socket)
+            else:
+                socket.default_value = value
+        return node
 
-    def link(self, source: Any, target: Any) -> None:
-        """Connect a socket, or set a constant."""
-        if isinstance(source, (int, float, tuple)):
-            target.default_value = source
-        else:
-            self.tree.links.new(source, target)
-
-    def _operation(self, kind: str, operation: str, values: tuple[Any, ...]) -> Any:
-        node = self.node(kind)
-        node.operation = operation
-        for socket, value in zip(node.inputs, values, strict=False):
-            self.link(value, socket)
-        return next(socket for socket in node.outputs if socket.enabled)
+    def out(self, kind: str, inputs: Mapping[Any, Any] | None = None, **properties: Any) -> Any:
+        """The first output of a new node, see ``node``."""
+        return next(socket for socket in self.node(kind, inputs, **properties).outputs if socket.enabled)
 
     def math(self, operation: str, *values: Any) -> Any:
-        return self._operation("ShaderNodeMath", operation, values)
+        return self.out("ShaderNodeMath", dict(enumerate(values)), operation=operation)
 
     def vector(self, operation: str, *values: Any) -> Any:
-        return self._operation("ShaderNodeVectorMath", operation, values)
+        return self.out("ShaderNodeVectorMath", dict(enumerate(values)), operation=operation)
 
     def separate(self, value: Any) -> list[Any]:
-        node = self.node("ShaderNodeSeparateXYZ")
-        self.link(value, node.inputs[0])
-        return list(node.outputs)
+        return list(self.node("ShaderNodeSeparateXYZ", {0: value}).outputs)
 
     def combine(self, *values: Any) -> Any:
-        node = self.node("ShaderNodeCombineXYZ")
-        for value, socket in zip(values, node.inputs, strict=True):
-            self.link(value, socket)
-        return node.outputs[0]
+        return self.out("ShaderNodeCombineXYZ", dict(enumerate(values)))
 
     def named(self, name: str, kind: str) -> Any:
         """A Geometry Nodes attribute."""
-        node = self.node("GeometryNodeInputNamedAttribute")
-        node.data_type = kind
-        node.inputs["Name"].default_value = name
-        return next(socket for socket in node.outputs if socket.enabled)
+        return self.out("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind)
 
     def store(self, geometry: Any, name: str, value: Any) -> Any:
         """Store a vector on the points."""
-        node = self.node("GeometryNodeStoreNamedAttribute")
-        node.data_type, node.domain = "FLOAT_VECTOR", "POINT"
-        node.inputs["Name"].default_value = name
-        self.link(geometry, node.inputs["Geometry"])
-        self.link(value, next(socket for socket in node.inputs if socket.name == "Value" and socket.enabled))
-        return node.outputs[0]
+        inputs = {"Geometry": geometry, "Name": name, "Value": value}
+        return self.out("GeometryNodeStoreNamedAttribute", inputs, data_type="FLOAT_VECTOR", domain="POINT")
 
     def attribute(self, name: str, kind: str = "GEOMETRY") -> tuple[Any, Any]:
         """A shader's attribute, of "GEOMETRY" or of the "INSTANCER": its vector and its fourth component."""
-        node = self.node("ShaderNodeAttribute")
-        node.attribute_type, node.attribute_name = kind, name
+        node = self.node("ShaderNodeAttribute", attribute_type=kind, attribute_name=name)
         return node.outputs["Vector"], node.outputs["Alpha"]
 
     def to_object(self, value: Any, kind: str) -> Any:
-        node = self.node("ShaderNodeVectorTransform")
-        node.vector_type, node.convert_from, node.convert_to = kind, "WORLD", "OBJECT"
-        self.link(value, node.inputs[0])
-        return node.outputs[0]
+        turned = {"vector_type": kind, "convert_from": "WORLD", "convert_to": "OBJECT"}
+        return self.out("ShaderNodeVectorTransform", {0: value}, **turned)
 
     def arrange(self) -> None:
         """Spread the nodes in the order they were made, so that a curious user can read them."""

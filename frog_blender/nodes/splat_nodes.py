@@ -14,14 +14,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import bpy
-
 from ..engine.spherical_harmonics import SH_DC
-from .node_builder import Builder, new_geometry_group, new_material
+from .node_builder import Builder, made_once
 
-_GROUP = "FRoG Gaussians as Near Points"
-_NOTHING = "FRoG Nothing"
-_MATERIAL = "FRoG Gaussians"
 _RADIUS = 3.0  # standard deviations that a point's sphere reaches
 LIMIT = "Largest Radius in Viewports"
 """The group's input: the largest radius of a point in a viewport, in the object's units; 0 for no limit."""
@@ -30,18 +25,14 @@ LOW, HIGH = "Lowest Corner in Viewports", "Highest Corner in Viewports"
 _SMALLEST = 1e-8  # scale below which a Gaussian is treated as flat, world units
 
 
-def points_group() -> bpy.types.GeometryNodeTree:
-    """The Geometry Nodes group, made once per file."""
-    group = bpy.data.node_groups.get(_GROUP)
-    if group is not None:
-        return group
-    group = new_geometry_group(_GROUP)
-    limit = group.interface.new_socket(LIMIT, in_out="INPUT", socket_type="NodeSocketFloat")
+@made_once("node_groups", "FRoG Gaussians as Near Points")
+def points_group(build: Builder) -> None:
+    """The Geometry Nodes group."""
+    limit = build.tree.interface.new_socket(LIMIT, in_out="INPUT", socket_type="NodeSocketFloat")
     limit.subtype, limit.min_value, limit.default_value = "DISTANCE", 0.0, 0.0
     for name in (LOW, HIGH):
-        group.interface.new_socket(name, in_out="INPUT", socket_type="NodeSocketVector")
-    build = Builder(group)
-    source, result = build.node("NodeGroupInput"), build.node("NodeGroupOutput")
+        build.tree.interface.new_socket(name, in_out="INPUT", socket_type="NodeSocketVector")
+    source = build.node("NodeGroupInput").outputs
 
     scale = build.named("scale", "FLOAT_VECTOR")
     rotation = build.named("rotation", "QUATERNION")
@@ -49,72 +40,47 @@ def points_group() -> bpy.types.GeometryNodeTree:
     x, y, z = build.separate(safe)
     largest = build.math("MAXIMUM", build.math("MAXIMUM", x, y), z)
 
-    near = build.node("GeometryNodeDeleteGeometry")
-    build.link(source.outputs[0], near.inputs["Geometry"])
-    build.link(_outside(build, source.outputs[LOW], source.outputs[HIGH]), near.inputs["Selection"])
-    points = build.node("GeometryNodeMeshToPoints")
-    build.link(near.outputs[0], points.inputs["Mesh"])
-    radius = build.math("MULTIPLY", largest, _RADIUS)
-    build.link(_limited(build, radius, source.outputs[LIMIT]), points.inputs["Radius"])
-    geometry = points.outputs[0]
+    far = {"Geometry": source[0], "Selection": _outside(build, source[LOW], source[HIGH])}
+    near = build.out("GeometryNodeDeleteGeometry", far)
+    radius = _limited(build, build.math("MULTIPLY", largest, _RADIUS), source[LIMIT])
+    geometry = build.out("GeometryNodeMeshToPoints", {"Mesh": near, "Radius": radius})
     # Row i of A is the Gaussian's i-th axis divided by its scale.  Stored after Mesh to Points, so on the points alone.
     for i, size in enumerate((x, y, z)):
-        turn = build.node("FunctionNodeRotateVector")
-        turn.inputs["Vector"].default_value = tuple(float(i == j) for j in range(3))
-        build.link(rotation, turn.inputs["Rotation"])
-        row = build.vector("DIVIDE", turn.outputs[0], size)
+        axis = {"Vector": tuple(float(i == j) for j in range(3)), "Rotation": rotation}
+        row = build.vector("DIVIDE", build.out("FunctionNodeRotateVector", axis), size)
         geometry = build.store(geometry, f"frog_row_{i}", row)
-    geometry = build.store(geometry, "frog_center", build.node("GeometryNodeInputPosition").outputs[0])
-    set_material = build.node("GeometryNodeSetMaterial")
-    set_material.inputs["Material"].default_value = material()
-    build.link(geometry, set_material.inputs["Geometry"])
-    build.link(set_material.outputs[0], result.inputs[0])
-    build.arrange()
-    return group
+    geometry = build.store(geometry, "frog_center", build.out("GeometryNodeInputPosition"))
+    shown = build.out("GeometryNodeSetMaterial", {"Geometry": geometry, "Material": material()})
+    build.node("NodeGroupOutput", {0: shown})
 
 
 def _limited(build: Builder, radius: Any, limit: Any) -> Any:
     """The radius, in viewports at most ``limit`` unless that is 0."""
-    applies = build.math(
-        "MULTIPLY", build.node("GeometryNodeIsViewport").outputs[0], build.math("GREATER_THAN", limit, 0.0)
-    )
+    applies = build.math("MULTIPLY", build.out("GeometryNodeIsViewport"), build.math("GREATER_THAN", limit, 0.0))
     smaller = build.math("SUBTRACT", radius, build.math("MINIMUM", radius, limit))
     return build.math("SUBTRACT", radius, build.math("MULTIPLY", applies, smaller))
 
 
 def _outside(build: Builder, low: Any, high: Any) -> Any:
     """1 for points of a viewport that lie outside a box, otherwise 0."""
-    place = build.node("GeometryNodeInputPosition").outputs[0]
+    place = build.out("GeometryNodeInputPosition")
     inside = build.vector("MINIMUM", build.vector("MAXIMUM", place, low), high)
     is_outside = build.math("GREATER_THAN", build.vector("DISTANCE", place, inside), 0.0)
     has_box = build.math("GREATER_THAN", build.vector("DISTANCE", low, high), 0.0)
-    applies = build.math("MULTIPLY", build.node("GeometryNodeIsViewport").outputs[0], has_box)
+    applies = build.math("MULTIPLY", build.out("GeometryNodeIsViewport"), has_box)
     return build.math("MULTIPLY", applies, is_outside)
 
 
-def nothing_group() -> bpy.types.GeometryNodeTree:
-    """A Geometry Nodes group that outputs empty geometry; created once per file."""
-    return bpy.data.node_groups.get(_NOTHING) or _new_nothing()
-
-
-def _new_nothing() -> bpy.types.GeometryNodeTree:
-    group = new_geometry_group(_NOTHING)
-    build = Builder(group)
+@made_once("node_groups", "FRoG Nothing")
+def nothing_group(build: Builder) -> None:
+    """A Geometry Nodes group that outputs empty geometry."""
     build.node("NodeGroupInput")
     build.node("NodeGroupOutput")
-    build.arrange()
-    return group
 
 
-def material() -> bpy.types.Material:
-    """The material, made once per file."""
-    found = bpy.data.materials.get(_MATERIAL)
-    if found is not None:
-        return found
-    made = new_material(_MATERIAL)
-    made.surface_render_method = "DITHERED"
-    build = Builder(made.node_tree)
-
+@made_once("materials", "FRoG Gaussians")
+def material(build: Builder) -> None:
+    """The material."""
     surface = build.node("ShaderNodeNewGeometry")
     center, _ = build.attribute("frog_center")
     offset = build.vector("SUBTRACT", build.to_object(surface.outputs["Position"], "POINT"), center)
@@ -130,15 +96,9 @@ def material() -> bpy.types.Material:
     front = build.math("SUBTRACT", 1.0, surface.outputs["Backfacing"])
     alpha = build.math("MULTIPLY", build.math("MULTIPLY", opacity, falloff), front)
 
-    glow, clear, mix = (build.node(f"ShaderNode{kind}") for kind in ("Emission", "BsdfTransparent", "MixShader"))
-    output = build.node("ShaderNodeOutputMaterial")
-    build.link(display_color(build, base), glow.inputs["Color"])
-    build.link(alpha, mix.inputs[0])
-    build.link(clear.outputs[0], mix.inputs[1])
-    build.link(glow.outputs[0], mix.inputs[2])
-    build.link(mix.outputs[0], output.inputs["Surface"])
-    build.arrange()
-    return made
+    glow = build.out("ShaderNodeEmission", {"Color": display_color(build, base)})
+    mixed = build.out("ShaderNodeMixShader", {0: alpha, 1: build.out("ShaderNodeBsdfTransparent"), 2: glow})
+    build.node("ShaderNodeOutputMaterial", {"Surface": mixed})
 
 
 def display_color(build: Builder, base: Any) -> Any:

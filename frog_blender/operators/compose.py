@@ -11,7 +11,7 @@ import bpy
 
 from ..engine.errors import FrogError
 from ..lighting import world
-from ..lighting.captured_light import light_by
+from ..lighting.world import light_by
 from ..properties import choice, switch
 from ..render.compositing import compositor, scenes
 from ..scene_import.capture_objects import active_capture

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ..lighting import world
-from ..lighting.captured_light import WIDTH, light_by
+from ..lighting.world import WIDTH, light_by
 from ..properties import choice
 from ..scene_import.capture_objects import active_capture
 from .bases import UNDOABLE, FrogOperator

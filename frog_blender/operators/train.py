@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.app.handlers import persistent
 
 from .. import app_handlers, point_cloud, redrawing
 from ..engine.errors import FrogError
@@ -198,7 +197,6 @@ class FROG_OT_dismiss_training(_OfTraining, bpy.types.Operator):
         redrawing.status_bars()
 
 
-@persistent
 def forget_shown_training(*_: Any) -> None:
     """Before another file is opened: the report of a training whose scene is in this one belongs to this one."""
     task = TrainingTask.current()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,17 +20,9 @@ _LEAST_STOP = 1e-5  # as in Cycles
 _GOLDEN = 0.618034  # of the number of samples: a step that spreads what follows one another
 
 
-@dataclass(frozen=True)
-class Sample:
-    """One image of an average.
-
-    Attributes:
-        frame: of the scene, with its fraction; None for the rendered one.
-        point: (2,) of the lens, right and up, world units; None for its middle.
-    """
-
-    frame: float | None = None
-    point: np.ndarray | None = None
+Sample = tuple[float | None, np.ndarray | None]
+"""One image of an average: the frame of the scene, with its fraction, None for the rendered one; and the point (2,) of
+the lens, right and up in world units, None for its middle."""
 
 
 def sample_count(scene: bpy.types.Scene, has_lens: bool) -> int:
@@ -65,11 +56,11 @@ def samples(scene: bpy.types.Scene, frame: float, lens: Lens | None) -> list[Sam
     shutter = render.motion_blur_shutter, render.motion_blur_position
     frames = shutter_frames(frame, *shutter, count) if moves else [None] * count
     if lens is None:
-        return [Sample(frame) for frame in frames]
+        return [(frame, None) for frame in frames]
     # Neighbouring points of the lens must not be those of neighbouring times, or things would seem to be sheared.
     step = next(step for step in range(max(1, round(_GOLDEN * count)), 2 * count + 1) if np.gcd(step, count) == 1)
     points = lens.points(count)[np.arange(count) * step % count]
-    return [Sample(frame, point) for frame, point in zip(frames, points, strict=True)]
+    return list(zip(frames, points, strict=True))
 
 
 def shutter_frames(frame: float, shutter: float, position: str, samples: int) -> list[float]:

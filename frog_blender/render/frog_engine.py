@@ -7,6 +7,7 @@ display-referred colour, as they were trained, and the result is converted to Bl
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -168,16 +169,16 @@ def render_frame(view: RenderedView) -> Passes:
         return combined, depth, surface
     light, image_frame = np.zeros_like(combined), scene.frame_current_final
     with _restoring_frame(view):
-        for index, sample in enumerate(samples):
+        for index, (frame, point) in enumerate(samples):
             if engine.test_break():
                 break
-            if sample.frame is not None:
-                _go_to(engine, scene, sample.frame)
+            if frame is not None:
+                _go_to(engine, scene, frame)
                 gathered = _gathered(view, image_frame)
                 lens = blur.lens_of(view.eye, view.depsgraph)
             through = None
-            if sample.point is not None and lens is not None:
-                through = partial(seen_from, point=sample.point, focus=lens.focus)
+            if point is not None and lens is not None:
+                through = partial(seen_from, point=point, focus=lens.focus)
             light += render_instant(view, gathered, through)[0]
             engine.update_progress((index + 1) / len(samples))
     return light / len(samples), depth, surface
@@ -226,21 +227,14 @@ def render_vectors(view: RenderedView) -> np.ndarray:
         return passes.vector_pass(snapshot_at, options)
 
 
-# Panels that other engines' settings fill with what FROG does not have.
-_FOREIGN_PANELS = {"VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes"}
-_FOREIGN_SUBJECTS = ("freestyle", "gpencil", "grease_pencil", "greasepencil", "_PT_simplify")
+_FOREIGN = re.compile(r"VIEWLAYER_PT_(filter|layer_passes)$|freestyle|gpencil|grease_?pencil|_PT_simplify")
+"""Panels that other engines' settings fill with what FROG does not have."""
 
 
 def _stock_panels() -> list[type[bpy.types.Panel]]:
-    return [
-        panel
-        for panel in bpy.types.Panel.__subclasses__()
-        if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and not _is_foreign(panel.__name__)
-    ]
-
-
-def _is_foreign(panel: str) -> bool:
-    return panel in _FOREIGN_PANELS or any(subject in panel for subject in _FOREIGN_SUBJECTS)
+    panels = bpy.types.Panel.__subclasses__()
+    stock = (panel for panel in panels if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()))
+    return [panel for panel in stock if not _FOREIGN.search(panel.__name__)]
 
 
 def register() -> None:

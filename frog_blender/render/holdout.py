@@ -7,13 +7,13 @@ twice, up to what lies in front and up to what lies behind, and mixed by how muc
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import reported_once
 from ..capture_files import is_capture
 from .collect_instances import is_seen
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _SURFACES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 _ACROSS = 4  # depths along each side of a pixel
-MOST_DEPTHS = 40_000_000  # at once: 160 MB
+MOST_DEPTHS = 40_000_000  # at once, in a band of rows: 160 MB
 _STEP = 1.02  # depths of one pixel that differ by more are of two surfaces
 
 
@@ -44,26 +44,6 @@ class Limits:
     front: np.ndarray
     behind: np.ndarray
     share: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """A mesh in a scene.
-
-    Attributes:
-        vertices: (V, 3) float32 in its own space; instances share them.
-        triangles: (T, 3) int32, at least one.
-        matrix: (4, 4) into world space.
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
-    matrix: np.ndarray
-
-    def placed(self) -> np.ndarray:
-        """(V, 3) float32 vertices in world space."""
-        placed: np.ndarray = self.vertices @ self.matrix[:3, :3].T + self.matrix[:3, 3]
-        return placed.astype(np.float32)
 
 
 def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera, options: RasterizeOptions) -> Drawing:
@@ -92,35 +72,18 @@ def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera
 
 def limits_of_objects(depsgraph: bpy.types.Depsgraph, camera: Camera, options: RasterizeOptions) -> Limits | None:
     """Depth limits at the surfaces of objects that are not captures; None without such objects."""
-    vertices, triangles, count = [], [], 0
-    for surface in surfaces(depsgraph):
-        vertices.append(surface.placed())
-        triangles.append(surface.triangles + count)
-        count += len(surface.vertices)
-    if not count:
-        return None
-    return limits_of_mesh(np.concatenate(vertices), np.concatenate(triangles), camera, options)
+    mesh = mesh_of(depsgraph)
+    return None if mesh is None else limits_of_mesh(*mesh, camera, options)
 
 
-def limits_of_mesh(
-    vertices: np.ndarray,
-    triangles: np.ndarray,
-    camera: Camera,
-    options: RasterizeOptions,
-    *,
-    most_depths: int = MOST_DEPTHS,
-) -> Limits:
-    """Depth limits at a mesh of (V, 3) world-space vertices and (T, 3) triangles.
-
-    Args:
-        most_depths: that are computed at once, in a band of rows.
-    """
+def limits_of_mesh(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, options: RasterizeOptions) -> Limits:
+    """Depth limits at a mesh of (V, 3) world-space vertices and (T, 3) triangles."""
     from ..engine.rasterizer.mesh_depth import mesh_depth
 
     vertices, triangles = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(triangles, np.int32)
     finer = camera.resized(camera.width * _ACROSS, camera.height * _ACROSS)
     left, top, width, height = options.region_of(camera)
-    rows = max(1, most_depths // (_ACROSS**2 * width))
+    rows = max(1, MOST_DEPTHS // (_ACROSS**2 * width))
     bands = []
     for first in range(top, top + height, rows):
         count = min(rows, top + height - first)
@@ -138,13 +101,13 @@ def _split_surfaces(depths: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndar
     behind, share = front.copy(), np.ones_like(front)
     edges = np.nonzero(furthest > _STEP * nearest)
     # By inverse depth, which is zero at infinity, so that distant steps count less.
-    each = 1 / np.sort(depths.transpose(0, 2, 1, 3)[edges].reshape(len(edges[0]), _ACROSS**2), axis=1)
-    count = (each[:, :-1] - each[:, 1:]).argmax(1) + 1  # of depths that are of the surface in front
-    in_front = np.arange(each.shape[1]) < count[:, None]
+    inverse = 1 / np.sort(depths.transpose(0, 2, 1, 3)[edges].reshape(len(edges[0]), _ACROSS**2), axis=1)
+    count = (inverse[:, :-1] - inverse[:, 1:]).argmax(1) + 1  # of depths that are of the surface in front
+    in_front = np.arange(inverse.shape[1]) < count[:, None]
     with np.errstate(divide="ignore"):
-        front[edges] = count / np.where(in_front, each, 0).sum(1)
-        behind[edges] = (each.shape[1] - count) / np.where(in_front, 0, each).sum(1)
-    share[edges] = count / each.shape[1]
+        front[edges] = count / np.where(in_front, inverse, 0).sum(1)
+        behind[edges] = (inverse.shape[1] - count) / np.where(in_front, 0, inverse).sum(1)
+    share[edges] = count / inverse.shape[1]
     return front, behind, share
 
 
@@ -154,13 +117,20 @@ def _over_pixels(keep: np.ufunc, depths: np.ndarray) -> np.ndarray:
     return reduce(keep, (rows[..., i] for i in range(_ACROSS)))
 
 
-def surfaces(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None = None) -> Iterator[Surface]:
-    """Everything that the camera can see, instances included.
+def mesh_of(
+    depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None = None, most: int | None = None
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """(V, 3) vertices in world space and (T, 3) triangles of everything that the camera can see, instances included;
+    None without any.
 
     Args:
         space: the 3D viewport that is drawn; None for a render.
+        most: triangles, beyond which objects are left out.
     """
     of_instances: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
+    vertices: list[np.ndarray] = []
+    triangles: list[np.ndarray] = []
+    count = room = 0
     for instance in depsgraph.object_instances:
         obj = instance.object
         if obj.type not in _SURFACES or is_capture(obj.original) or obj.is_shadow_catcher:
@@ -172,14 +142,24 @@ def surfaces(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D | None
         if space is not None and not instance.is_instance and not obj.original.visible_in_viewport_get(space):
             continue
         if not instance.is_instance:
-            mesh = _mesh_of(obj)
+            points, corners = _mesh_of(obj)
         else:  # converted once for all of them; the evaluated data alone would not tell how a curve is filled
             key = obj.original.as_pointer(), obj.data.as_pointer()
             if key not in of_instances:
                 of_instances[key] = _mesh_of(obj)
-            mesh = of_instances[key]
-        if mesh[1].size:
-            yield Surface(*mesh, np.array(instance.matrix_world))
+            points, corners = of_instances[key]
+        if not corners.size:
+            continue
+        if most is not None and (room := room + len(corners)) > most:
+            reported_once.message(
+                f"Objects beyond {most:,} triangles hide no splats here. Show the viewport's overlays."
+            )
+            break
+        matrix = np.array(instance.matrix_world)
+        vertices.append((points @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
+        triangles.append(corners + count)
+        count += len(points)
+    return (np.concatenate(vertices), np.concatenate(triangles)) if count else None
 
 
 def _mesh_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 from .. import addon_state
@@ -26,13 +29,16 @@ class EditedScenes:
 
     Attributes:
         cropped: the ``session_uid`` of each capture that had crops when its edits were asked for last.
+        are_changing: see the function.
+        marks: of a number of Gaussians, a scene and a text; None for damaged ones.
+        mesh: the closed mesh of vertices and triangles; a phrase about one that is none.
     """
 
     def __init__(self) -> None:
         self.cropped: set[int] = set()
+        self.are_changing = False
+        self.marks, self.mesh = lru_cache(_VALUES_KEPT)(_marks), lru_cache(_VALUES_KEPT)(_mesh)
         self._scenes: OrderedDict[str, OrderedDict[Edits, Edited]] = OrderedDict()  # by tokens of what is edited
-        self._marks: OrderedDict[tuple[int, str, str], Marks | None] = OrderedDict()
-        self._meshes: OrderedDict[tuple[bytes, bytes], ClosedMesh | str] = OrderedDict()
         self._weights: tuple[str, np.ndarray] | None = None
         self._lock = threading.Lock()
 
@@ -62,30 +68,6 @@ class EditedScenes:
         else:
             self.cropped.discard(session_uid)
 
-    def marks(self, count: int, scene: str, text: str) -> Marks | None:
-        """Marks from their text; None for damaged ones."""
-        from ..engine.editing.marks import Marks
-
-        key = count, scene, text
-        if key not in self._marks:
-            try:
-                self._keep(self._marks, key, Marks.from_text(*key))
-            except ValueError:
-                self._keep(self._marks, key, None)
-        return self._marks.get(key)
-
-    def mesh(self, vertices: bytes, triangles: bytes) -> ClosedMesh | str:
-        """A closed mesh; a phrase about one that is none."""
-        from ..engine.editing.closed_mesh import ClosedMesh
-
-        key = vertices, triangles
-        if key not in self._meshes:
-            try:
-                self._keep(self._meshes, key, ClosedMesh(*key))
-            except ValueError as error:
-                self._keep(self._meshes, key, str(error))
-        return self._meshes[key]
-
     def weights(self, scene: ScenePlayer) -> np.ndarray:
         """(C, N) ``importance.camera_weights`` of a scene, found once."""
         from ..engine.playback.importance import camera_weights
@@ -94,12 +76,45 @@ class EditedScenes:
             self._weights = scene.token, camera_weights(scene)
         return self._weights[1]
 
-    def _keep(self, kept: OrderedDict, key: object, value: object, most: int = _VALUES_KEPT) -> None:
+    def _keep(self, kept: OrderedDict, key: object, value: object, most: int) -> None:
         with self._lock:
             kept[key] = value
             kept.move_to_end(key)
             while len(kept) > most:
                 kept.popitem(last=False)
+
+
+def _marks(count: int, scene: str, text: str) -> Marks | None:
+    from ..engine.editing.marks import Marks
+
+    with suppress(ValueError):
+        return Marks.from_text(count, scene, text)
+    return None
+
+
+def _mesh(vertices: bytes, triangles: bytes) -> ClosedMesh | str:
+    from ..engine.editing.closed_mesh import ClosedMesh
+
+    try:
+        return ClosedMesh(vertices, triangles)
+    except ValueError as error:
+        return str(error)
+
+
+def are_changing() -> bool:
+    """Whether several edits are being changed by who refreshes afterwards, once instead of at each."""
+    return addon_state.get(EditedScenes).are_changing
+
+
+@contextmanager
+def changing_several() -> Iterator[None]:
+    """Around changes of edits. The caller refreshes afterwards."""
+    scenes = addon_state.get(EditedScenes)
+    before, scenes.are_changing = scenes.are_changing, True
+    try:
+        yield
+    finally:
+        scenes.are_changing = before
 
 
 def forget() -> None:

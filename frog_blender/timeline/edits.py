@@ -55,11 +55,8 @@ def edits_of(
 
 def has_any(settings: Any) -> bool:
     """Whether there is any edit, in use or not."""
-    return bool(settings.hidden.bits or len(settings.crops) or len(settings.grades) or _is_graded(settings.grade))
-
-
-def _is_graded(grade: Any) -> bool:
-    return any(grade.is_property_set(name) for name in (*GRADE, "gains", "offsets"))
+    is_graded = any(settings.grade.is_property_set(name) for name in (*GRADE, "gains", "offsets"))
+    return bool(settings.hidden.bits or len(settings.crops) or len(settings.grades) or is_graded)
 
 
 def grades_of(settings: Any) -> tuple[Grade, ...]:
@@ -149,12 +146,7 @@ def _in_capture(obj: bpy.types.Object, evaluated: bpy.types.Object | None, targe
     """
     if _hangs_on_capture(target):
         return np.array(target.matrix_parent_inverse, np.float64) @ np.array(target.matrix_basis, np.float64)
-    if evaluated is not None:
-        depsgraph_owned = target if target.is_evaluated else None
-        world = np.array((depsgraph_owned or target).matrix_world, np.float64)
-        own = np.array(evaluated.matrix_world, np.float64)
-    else:
-        world, own = np.array(target.matrix_world, np.float64), np.array(obj.matrix_world, np.float64)
+    world, own = (np.array(one.matrix_world, np.float64) for one in (target, evaluated or obj))
     if not own[:3, :3].any():
         return np.eye(4)
     try:

@@ -6,15 +6,13 @@ import atexit
 from typing import Any
 
 import bpy
-from bpy.app.handlers import persistent
 
 from .. import app_handlers, capture_files, point_cloud, relative_paths, reported_once
 from ..capture_files import file_of
-from . import edited_scenes, open_scenes, playback, playback_cache, prefetch, render_thread
-from .render_thread import in_main_thread, is_never_drawn_meanwhile, may_write_points
+from . import edited_scenes, open_scenes, playback, playback_cache, prefetch
+from .render_thread import in_main_thread, is_never_drawn_meanwhile, may_write_points, rendering
 
 
-@persistent
 def on_frame(scene: bpy.types.Scene, *_: Any) -> None:
     """Writes the points before Blender evaluates the frame, for captures whose time does not depend on evaluation."""
     if not may_write_points(scene):
@@ -28,7 +26,6 @@ def on_frame(scene: bpy.types.Scene, *_: Any) -> None:
             playback.show(obj, scene.frame_current_final)
 
 
-@persistent
 def on_frame_evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Writes the points of the other captures, whose time is driven or in the NLA, or whose edits are animated, once
     that is evaluated.
@@ -42,7 +39,6 @@ def on_frame_evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -
             playback.show(obj, scene.frame_current_final, obj.evaluated_get(depsgraph))
 
 
-@persistent
 def on_load(*_: Any) -> None:
     """Forgets everything about the previous file."""
     open_scenes.forget()
@@ -53,14 +49,12 @@ def on_load(*_: Any) -> None:
     take_over()
 
 
-@persistent
 def take_over(*_: Any) -> None:
     """Adopts and shows captures that were loaded, linked or appended."""
     capture_files.adopt()
     playback.refresh_all()
 
 
-@persistent
 def on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """If geometry was changed by anything else, writes all of it again at the next frame; shows captures again whose
     crop objects were moved.
@@ -75,7 +69,6 @@ def on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         playback.show_cropped(changed, depsgraph.scene.original)
 
 
-@persistent
 def drop_points_before_saving(*_: Any) -> None:
     """Removes points before saving: the .frog file has them, and they would add 60 bytes a Gaussian to the .blend."""
     for obj in playback.captures(bpy.data.objects):
@@ -85,42 +78,36 @@ def drop_points_before_saving(*_: Any) -> None:
             point_cloud.clear(obj)
 
 
-@persistent
 def adopt_before_saving(*_: Any) -> None:
     """Gives captures a volume before saving, so that Blender can manage their paths."""
     capture_files.adopt()
 
 
-@persistent
 def refresh_all(*_: Any) -> None:
     """Shows the current frame of every capture."""
     playback.refresh_all()
 
 
-@persistent
 def on_render_begin(scene: bpy.types.Scene, *_: Any) -> None:
     """Shows the render density, if another engine draws the points."""
-    render_thread.set_rendering(True)
+    rendering().is_under_way = True
     playback.show_for_render(is_never_drawn_meanwhile(scene) and scene.render.engine != "FROG")
 
 
-@persistent
 def on_render_end(*_: Any) -> None:
     """Shows the viewport density again, and without a window the frame that was skipped during the render."""
-    render_thread.set_rendering(False)
+    rendering().is_under_way = False
     playback.show_for_render(False)
     if bpy.app.background and in_main_thread():
         playback.refresh_all()
 
 
-@persistent
 def compute_ahead(scene: bpy.types.Scene, *_: Any) -> None:
     """Prefetches frames during playback and scrubbing."""
     if prefetch.is_watched():
         prefetch.prefetch(scene)
 
 
-@persistent
 def on_load_pre(*_: Any) -> None:
     """Stops prefetching before another file is opened."""
     playback_cache.stop()

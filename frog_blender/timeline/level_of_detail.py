@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 
 from .. import addon_state
 from ..nodes import ellipsoid_nodes
+from .render_thread import rendering
 
 if TYPE_CHECKING:
     import bpy
@@ -25,41 +26,19 @@ Fewer: TypeAlias = "tuple[ScenePlayer, np.ndarray]"
 """A scene of some of the Gaussians, and (K,) the indices of its dynamic Gaussians in the whole scene."""
 
 
-class _Thinned:
-    """Thinned versions of one scene."""
-
-    def __init__(self) -> None:
-        self.lock = threading.Lock()  # a render evaluates frames in its own thread
-        self.order: np.ndarray | None = None
-        self.scenes: OrderedDict[int, Fewer] = OrderedDict()
-
-    def take(self, scene: ScenePlayer, count: int) -> Fewer:
-        from ..engine.playback.importance import most_important, ranking
-
-        with self.lock:
-            if count not in self.scenes:
-                if self.order is None:
-                    self.order = ranking(scene)
-                kept = most_important(self.order, count)
-                self.scenes[count] = scene.subset(kept), kept[kept < scene.num_dynamic]
-            self.scenes.move_to_end(count)
-            while len(self.scenes) > _KEPT:
-                self.scenes.popitem(last=False)
-            return self.scenes[count]
-
-
 class ThinnedScenes:
     """Thinned versions of all scenes.
 
     Attributes:
-        lock: of ``known``.
-        is_for_render: whether captures show what they are to show in another engine's render.
+        orders: the Gaussians of each scene, the most important first.
+        scenes: by their number of Gaussians, those of each scene that were asked for last.
+        lock: of both, because a render evaluates frames in its own thread.
     """
 
     def __init__(self) -> None:
-        self.known: WeakKeyDictionary[ScenePlayer, _Thinned] = WeakKeyDictionary()
+        self.orders: WeakKeyDictionary[ScenePlayer, np.ndarray] = WeakKeyDictionary()
+        self.scenes: WeakKeyDictionary[ScenePlayer, OrderedDict[int, Fewer]] = WeakKeyDictionary()
         self.lock = threading.Lock()
-        self.is_for_render = False
 
 
 def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
@@ -67,10 +46,21 @@ def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
     count = shown_count(obj, scene.count)
     if count >= scene.count:
         return None
-    thinned_scenes = addon_state.get(ThinnedScenes)
-    with thinned_scenes.lock:
-        known = thinned_scenes.known.setdefault(scene, _Thinned())
-    return known.take(scene, count)
+    from ..engine.playback.importance import most_important, ranking
+
+    kept = addon_state.get(ThinnedScenes)
+    with kept.lock:
+        if scene not in kept.orders:
+            kept.orders[scene], kept.scenes[scene] = ranking(scene), OrderedDict()
+        scenes = kept.scenes[scene]
+        fewer = scenes.pop(count, None)
+        if fewer is None:
+            chosen = most_important(kept.orders[scene], count)
+            fewer = scene.subset(chosen), chosen[chosen < scene.num_dynamic]
+        scenes[count] = fewer
+        if len(scenes) > _KEPT:
+            scenes.popitem(last=False)
+        return fewer
 
 
 def shown_count(obj: bpy.types.Object, total: int) -> int:
@@ -78,16 +68,6 @@ def shown_count(obj: bpy.types.Object, total: int) -> int:
     Blender can handle.
     """
     settings = obj.frog
-    share = settings.render_density if is_for_render() else settings.density
+    share = settings.render_density if rendering().has_render_density else settings.density
     count = max(1, round(total * share / 100))
     return min(count, ellipsoid_nodes.MOST) if settings.display == "ELLIPSOIDS" else count
-
-
-def is_for_render() -> bool:
-    """Whether captures currently use their render density."""
-    return addon_state.get(ThinnedScenes).is_for_render
-
-
-def set_for_render(is_shown: bool) -> None:
-    """Sets whether captures use their render density."""
-    addon_state.get(ThinnedScenes).is_for_render = is_shown

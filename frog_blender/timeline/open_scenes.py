@@ -29,15 +29,27 @@ class _File:
     def __init__(self) -> None:
         self.lock = threading.Lock()  # a render evaluates frames in its own thread
         self.version: Any = ()
-        self.content: Any = None  # or the sentence that says why there is none
+        self.content: Any = None
+        self.problem = ""  # why there is no content
 
-    def take(self, version: Any, read: Callable[[], Any]) -> Any:
+    def take(self, version: Any, read: Callable[[], Any], problem: str) -> Any:
+        """The content of a version, None if it is unusable.
+
+        Args:
+            problem: a phrase for an error that nobody foresaw.
+        """
         with self.lock:
             if self.version != version:
-                self.content = read()
+                self.content, self.problem = None, ""
+                try:
+                    self.content = read()
+                except FrogError as error:
+                    self.problem = str(error)
+                except Exception as error:  # one unusable file must not stop the timeline
+                    self.problem = f"{problem} ({type(error).__name__}: {brief(error)})."
                 self.version = version
-                if isinstance(self.content, str):
-                    print(f"FRoG: {self.content}", file=sys.stderr)  # once for each version, not once a frame
+                if self.problem:
+                    print(f"FRoG: {self.problem}", file=sys.stderr)  # once for each version, not once a frame
             return self.content
 
 
@@ -86,22 +98,17 @@ def paths() -> set[Path]:
     return set(_open().scenes)
 
 
-def is_known(path: Path) -> bool:
-    """True if ``scene`` was asked for it before."""
-    return path in _open().scenes
-
-
 def scene(path: Path) -> ScenePlayer:
     """The scene in a file; FrogError with one sentence if it is unusable."""
     files = _open()
     with files.lock:
         kept = files.scenes.setdefault(path, _File())
     before = kept.content
-    content = kept.take(version(path), lambda: _read(path))
+    content = kept.take(version(path), lambda: files.load_scene(path), f"{path}: this scene cannot be played")
     if before is not content:
         _forget_frames(before)
-    if isinstance(content, str):
-        raise FrogError(content)
+    if content is None:
+        raise FrogError(kept.problem)
     return content
 
 
@@ -114,8 +121,8 @@ def bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | None:
     files = _open()
     with files.lock:
         kept = files.bakes.setdefault((path, file), _File())
-    content = kept.take((stamp, scene.token), lambda: _read_bake(path, file, scene))
-    return None if isinstance(content, str) else content
+    problem = f"{path}: frames are computed, because this bake cannot be used"
+    return kept.take((stamp, scene.token), lambda: files.load_bake(path, file, scene), problem)
 
 
 def version(path: Path) -> _Stamp:
@@ -129,40 +136,34 @@ def version(path: Path) -> _Stamp:
 
 def problem(path: Path) -> str:
     """Why a file could not be played when it was last read, or an empty string."""
-    kept = _open().scenes.get(path)
-    content = kept.content if kept is not None else None
-    return content if isinstance(content, str) else ""
+    return _open().scenes.get(path, _File()).problem
 
 
 def is_outdated(path: Path) -> bool:
     """True if the file has changed since it was last read, or was never read."""
-    kept = _open().scenes.get(path)
-    return kept is None or kept.version != version(path)
-
-
-def is_bake_outdated(path: Path, file: Path) -> bool:
-    """True if a bake was changed, deleted or created since it was last read."""
-    kept = _open().bakes.get((path, file))
-    return (kept.version[0] if kept is not None and kept.version else None) != version(path)
+    return _open().scenes.get(path, _File()).version != version(path)
 
 
 def is_missing(path: Path) -> bool:
     """True if there was no file when it was last read."""
-    kept = _open().scenes.get(path)
-    return kept is not None and kept.version is None
+    return _open().scenes.get(path, _File()).version is None
+
+
+def is_bake_outdated(path: Path, file: Path) -> bool:
+    """True if a bake was changed, deleted or created since it was last read."""
+    known = _open().bakes.get((path, file), _File()).version
+    return (known[0] if known else None) != version(path)
 
 
 def used_bake(path: Path, file: Path) -> Bake | None:
     """The last used bake of a file."""
-    kept = _open().bakes.get((path, file))
-    return kept.content if kept is not None and not isinstance(kept.content, str) else None
+    return _open().bakes.get((path, file), _File()).content
 
 
 def bake_problem(path: Path, file: Path) -> str:
     """Why a bake of a file is not used, or an empty string."""
-    kept = _open().bakes.get((path, file))
-    content = kept.content if kept is not None else None
-    return content if isinstance(content, str) else getattr(content, "problem", "")
+    kept = _open().bakes.get((path, file), _File())
+    return kept.problem or getattr(kept.content, "problem", "")
 
 
 def let_go_of_bake(path: Path) -> None:
@@ -170,57 +171,31 @@ def let_go_of_bake(path: Path) -> None:
     files = _open()
     with files.lock:
         let_go = [files.bakes.pop(key) for key in [key for key in files.bakes if key[0] == path]]
-    for content in (kept.content for kept in let_go):
-        if content is not None and not isinstance(content, str):
-            content.close()
+    for kept in let_go:
+        if kept.content is not None:
+            kept.content.close()
 
 
 def forget() -> None:
     """Drop every scene and bake that was read."""
-    files = _open()
-    with files.lock:
-        files.scenes.clear()
-        bakes = {path for path, _ in files.bakes}
-    for path in bakes:
-        let_go_of_bake(path)
+    forget_all_but(())
     playback_cache.clear()
 
 
-def forget_all_but(wanted: Container[Path]) -> None:
+def forget_all_but(kept: Container[Path]) -> None:
     """Drops scenes and bakes of other files, so that they do not accumulate."""
     files = _open()
     with files.lock:
-        dropped = [files.scenes.pop(path) for path in [path for path in files.scenes if path not in wanted]]
-        bakes = {path for path, file in files.bakes if file not in wanted}
-    for kept in dropped:
-        _forget_frames(kept.content)
+        dropped = [files.scenes.pop(path) for path in [path for path in files.scenes if path not in kept]]
+        bakes = {path for path, file in files.bakes if file not in kept}
+    for closed in dropped:
+        _forget_frames(closed.content)
     for path in bakes:
         let_go_of_bake(path)
 
 
-def _forget_frames(content: ScenePlayer | str | None) -> None:
+def _forget_frames(content: ScenePlayer | None) -> None:
     """Drops the cached frames of a file's scene, and what was edited of it."""
-    if content is not None and not isinstance(content, str):
+    if content is not None:
         playback_cache.frames().forget(content.token)
         addon_state.get(EditedScenes).forget(content)
-
-
-def _read(path: Path) -> ScenePlayer | str:
-    try:
-        return _open().load_scene(path)
-    except FrogError as error:
-        return str(error)
-    except Exception as error:
-        # One unusable file must not stop the timeline. The cause is printed once.
-        return f"{path}: this scene cannot be played ({type(error).__name__}: {error})."
-
-
-def _read_bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | str:
-    try:
-        return _open().load_bake(path, file, scene)
-    except FrogError as error:
-        return str(error)
-    except Exception as error:
-        return (
-            f"{path}: this bake cannot be used ({type(error).__name__}: {brief(error)}). Frames are computed instead."
-        )

@@ -21,7 +21,7 @@ from . import level_of_detail, open_scenes, retiming
 from .edited_scenes import EditedScenes
 from .edits import edits_of, with_selection, without_anything
 from .playback_cache import SceneTime
-from .render_thread import in_main_thread
+from .render_thread import in_main_thread, rendering
 from .retiming import BadTiming, capture_frame, needs_evaluated_time
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def bake_path(obj: bpy.types.Object) -> Path:
 def open_scene(path: Path) -> ScenePlayer:
     """The scene in a file, read once for each version of the file; FrogError with one sentence if it is unusable."""
     # A render's thread must not access bpy.data.
-    if not open_scenes.is_known(path) and in_main_thread():
+    if path not in open_scenes.paths() and in_main_thread():
         open_scenes.forget_all_but({file_of(obj) for obj in captures(bpy.data.objects)})
     return open_scenes.scene(path)
 
@@ -99,39 +99,45 @@ class Opened:
             image_frame: of the image that this is a sample of, which decides whether the object is there: motion blur
                 looks at frames before and after it.
         """
-        is_there = self._is_there(scene_frame if image_frame is None else image_frame)
-        shown = self._unedited(scene_frame, evaluated, is_there=is_there)
-        return self._edited(shown, edits_of(self.obj, evaluated), is_there=is_there)
+        at = scene_frame if image_frame is None else image_frame
+        return self._shown(scene_frame, evaluated, edits_of(self.obj, evaluated), is_there=self._is_there(at))
 
     def in_viewport(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """What a viewport of the FROG engine shows: ``whole``, where selected Gaussians stand out."""
-        edits, is_there = with_selection(self.obj, edits_of(self.obj, evaluated)), self._is_there(scene_frame)
-        return self._edited(self._unedited(scene_frame, evaluated, is_there=is_there), edits, is_there=is_there)
+        edits = with_selection(self.obj, edits_of(self.obj, evaluated))
+        return self._shown(scene_frame, evaluated, edits, is_there=self._is_there(scene_frame))
 
     def displayed(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """See ``displayed``."""
-        is_there = self._is_there(scene_frame)
-        shown = self._unedited(scene_frame, evaluated, is_there=is_there)
-        if self.fewer is not None:
-            shown = SceneTime(self.fewer[0], shown.time, shown.bake, self.fewer[1])
         edits = edits_of(self.obj, evaluated)
-        if not level_of_detail.is_for_render():
+        if not rendering().has_render_density:
             edits = with_selection(self.obj, edits)
-        return self._edited(shown, edits, is_there=is_there)
+        is_there = self._is_there(scene_frame)
+        return self._shown(scene_frame, evaluated, edits, is_there=is_there, fewer=self.fewer)
 
     def _is_there(self, scene_frame: float) -> bool:
         return retiming.is_shown(self.obj, scene_frame)
 
-    def _edited(self, shown: SceneTime, edits: Edits | None, *, is_there: bool) -> SceneTime:
-        if not is_there:
-            edits = without_anything(edits)
-        return _edited(self.obj, shown, edits)
-
-    def _unedited(self, scene_frame: float, evaluated: bpy.types.Object | None, *, is_there: bool) -> SceneTime:
-        # Where nothing is shown, nothing moves.
-        held = scene_frame if is_there else retiming.within_range(self.obj, scene_frame)
-        frame = capture_frame(self.obj, held, self.scene.header.frame_count, evaluated)
-        return SceneTime(self.scene, self.scene.time_of(frame), self.bake)
+    def _shown(
+        self,
+        scene_frame: float,
+        evaluated: bpy.types.Object | None,
+        edits: Edits | None,
+        *,
+        is_there: bool,
+        fewer: level_of_detail.Fewer | None = None,
+    ) -> SceneTime:
+        """What is left of the scene, or of fewer of its Gaussians, after edits, and which rows of the bake that has."""
+        if not is_there:  # where nothing is shown, nothing moves
+            scene_frame, edits = retiming.within_range(self.obj, scene_frame), without_anything(edits)
+        time = self.scene.time_of(capture_frame(self.obj, scene_frame, self.scene.header.frame_count, evaluated))
+        scene, rows = fewer or (self.scene, None)
+        if edits is not None:
+            scene, problems = addon_state.get(EditedScenes).of(scene, edits)
+            for sentence in problems:
+                reported_once.message(f"{self.obj.name}: {sentence}")
+            rows = None if scene.rows is None else scene.rows[: scene.num_dynamic]
+        return SceneTime(scene, time, self.bake, rows)
 
 
 def opened(obj: bpy.types.Object, *, is_thinned: bool = True) -> Opened:
@@ -156,17 +162,6 @@ def displayed(obj: bpy.types.Object, scene_frame: float, evaluated: bpy.types.Ob
     an unusable file.
     """
     return opened(obj).displayed(scene_frame, evaluated)
-
-
-def _edited(obj: bpy.types.Object, shown: SceneTime, edits: Edits | None) -> SceneTime:
-    """What is left of a scene, and which rows of the file's bake that has."""
-    if edits is None:
-        return shown
-    scene, problems = addon_state.get(EditedScenes).of(shown.scene, edits)
-    for sentence in problems:
-        reported_once.message(f"{obj.name}: {sentence}")
-    rows = None if scene.rows is None else scene.rows[: scene.num_dynamic]
-    return SceneTime(scene, shown.time, shown.bake, rows)
 
 
 def needs_evaluation(obj: bpy.types.Object) -> bool:
@@ -236,9 +231,9 @@ def refresh_all() -> None:
 
 def show_for_render(is_shown: bool) -> None:
     """Switches captures between their viewport and render density, and updates those that differ."""
-    if is_shown == level_of_detail.is_for_render():
+    if is_shown == rendering().has_render_density:
         return
-    level_of_detail.set_for_render(is_shown)
+    rendering().has_render_density = is_shown
     for obj, scene in scenes_of_captures().items():
         if obj.frog.density != obj.frog.render_density or object_edits.has_shown_selection(obj):
             show(obj, scene.frame_current_final)

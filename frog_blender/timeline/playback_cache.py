@@ -1,20 +1,17 @@
 """The cache of captures' frames in memory, and a thread that computes frames ahead.
 
-The thread gets plain values and never touches Blender.  It computes one frame at a time, and a new request replaces all
-earlier ones. A frame that is needed and not cached is computed at once by the caller.
+A new request replaces all earlier ones. A frame that is needed and not cached is computed at once by the caller.
 """
 
 from __future__ import annotations
 
-import sys
-import threading
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from .. import addon_state
 from ..engine.playback.frame_delta import FrameCache, Key
+from ..worker import Worker
 
 if TYPE_CHECKING:
     import numpy as np
@@ -76,69 +73,12 @@ class SceneTime:
         return self.bake.find(self.time, self.rows)
 
 
-class PrefetchWorker:
-    """A thread that fills a cache of frames; it starts with the first request and ends with ``stop``."""
-
-    def __init__(self, frames: FrameCache) -> None:
-        self._frames = frames
-        self._wanted: deque[SceneTime] = deque()
-        self._changed = threading.Condition()
-        self._thread: threading.Thread | None = None
-        self._busy = False
-
-    def ask(self, times: Iterable[SceneTime]) -> None:
-        """Compute these in order, and drop all earlier requests."""
-        uncached = (scene_time for scene_time in times if self._frames.find(scene_time.source_key) is None)
-        wanted = deque(uncached)
-        with self._changed:
-            self._wanted = wanted
-            if wanted and self._thread is None:
-                # A daemon, because Python joins other threads before it runs atexit, which ends this one.
-                self._thread = threading.Thread(target=self._work, name="FRoG playback", daemon=True)
-                self._thread.start()
-            self._changed.notify_all()
-
-    def wait(self, seconds: float) -> bool:
-        """Waits until all requests are computed, for scripts and tests; False on timeout."""
-        with self._changed:
-            return self._changed.wait_for(lambda: not self._wanted and not self._busy, seconds)
-
-    def stop(self) -> None:
-        """Stops the thread after its current frame."""
-        with self._changed:
-            thread, self._thread = self._thread, None
-            self._wanted.clear()
-            self._changed.notify_all()
-        if thread is not None:
-            thread.join()
-
-    @property
-    def is_alive(self) -> bool:
-        return self._thread is not None
-
-    def _work(self) -> None:
-        me = threading.current_thread()
-        while True:
-            with self._changed:
-                self._busy = False
-                self._changed.notify_all()
-                self._changed.wait_for(lambda: self._wanted or self._thread is not me)
-                if self._thread is not me:
-                    return
-                following = self._wanted.popleft()
-                self._busy = True
-            try:
-                following.compute()
-            except Exception as error:  # showing the frame raises it again; the thread goes on
-                print(f"FRoG: a frame could not be computed ahead ({type(error).__name__}: {error}).", file=sys.stderr)
-
-
 class PlaybackCache:
     """The cached frames and the thread that adds to them."""
 
     def __init__(self) -> None:
         self.frames = FrameCache(DEFAULT_MEGABYTES * MEGABYTE)
-        self.worker = PrefetchWorker(self.frames)
+        self.worker = Worker("FRoG playback", "a frame could not be computed ahead")
 
 
 def frames() -> FrameCache:
@@ -146,9 +86,15 @@ def frames() -> FrameCache:
     return addon_state.get(PlaybackCache).frames
 
 
-def worker() -> PrefetchWorker:
+def worker() -> Worker:
     """The thread that computes frames ahead."""
     return addon_state.get(PlaybackCache).worker
+
+
+def compute_ahead(times: Iterable[SceneTime]) -> None:
+    """Has these computed in order, and drops all earlier requests."""
+    uncached = {time.source_key: time.compute for time in times if frames().find(time.source_key) is None}
+    worker().ask(uncached, instead=True)
 
 
 def set_limit(megabytes: int) -> None:
@@ -158,7 +104,7 @@ def set_limit(megabytes: int) -> None:
 
 def clear() -> None:
     """Drop all cached frames and pending requests."""
-    worker().ask(())
+    compute_ahead(())
     frames().forget()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from itertools import islice
 
 import bpy
@@ -69,7 +70,8 @@ def times_after(scene: bpy.types.Scene, frame: float, step: float) -> list[Scene
     found: dict[Key, SceneTime] = {}
     room = playback_cache.frames().limit // 2
     playing = list(_opened(scene))
-    for following in islice(frames_after(scene, frame, step), _frames_ahead()):
+    ahead = AHEAD_WHILE_TRAINING if addon_state.get(Playing).is_training() else AHEAD
+    for following in islice(frames_after(scene, frame, step), ahead):
         for scene_time in _shown(scene, playing, stretched(scene, following)):
             if scene_time.source_key in found or not scene_time.scene.source.changing:
                 continue
@@ -80,34 +82,26 @@ def times_after(scene: bpy.types.Scene, frame: float, step: float) -> list[Scene
     return list(found.values())
 
 
-def _frames_ahead() -> int:
-    return AHEAD_WHILE_TRAINING if addon_state.get(Playing).is_training() else AHEAD
-
-
 def _opened(scene: bpy.types.Scene) -> Iterator[playback.Opened]:
     """What the scene's captures play: files are looked at once, not for each of the frames ahead."""
     for obj in playback.captures_in(scene):
-        try:
+        with suppress(FrogError):  # already reported when the current frame was shown
             yield playback.opened(obj)
-        except FrogError:
-            continue  # already reported when the current frame was shown
 
 
 def _shown(scene: bpy.types.Scene, playing: list[playback.Opened], frame: float) -> Iterator[SceneTime]:
     """What the objects' points show at a frame, and what the FROG engine draws, which may be more."""
     for capture in playing:
-        try:
+        with suppress(FrogError):
             yield capture.displayed(frame)
             if scene.render.engine == "FROG" and capture.fewer is not None:
                 yield capture.whole(frame)
-        except FrogError:
-            continue
 
 
 def prefetch(scene: bpy.types.Scene) -> None:
     """Requests the frames that follow the scene's current frame."""
     frame = raw_frame(scene)
-    playback_cache.worker().ask(times_after(scene, frame, step_to(scene, frame)))
+    playback_cache.compute_ahead(times_after(scene, frame, step_to(scene, frame)))
 
 
 def _range(scene: bpy.types.Scene) -> tuple[int, int]:

@@ -9,21 +9,21 @@ import bpy
 from .. import addon_state
 
 
-class RenderState:
-    """Whether a render is under way."""
+class Rendering:
+    """What is known of renders.
+
+    Attributes:
+        is_under_way: of any engine.
+        has_render_density: whether captures show what they are to show in another engine's render.
+    """
 
     def __init__(self) -> None:
-        self.is_rendering = False
+        self.is_under_way = self.has_render_density = False
 
 
-def is_rendering() -> bool:
-    """Whether a render is under way, of any engine."""
-    return addon_state.get(RenderState).is_rendering
-
-
-def set_rendering(value: bool) -> None:
-    """Notes the beginning and end of a render."""
-    addon_state.get(RenderState).is_rendering = value
+def rendering() -> Rendering:
+    """What is known now."""
+    return addon_state.get(Rendering)
 
 
 def in_main_thread() -> bool:
@@ -38,7 +38,7 @@ def may_write_points(scene: bpy.types.Scene) -> bool:
     """Whether captures' points may be written after a change of frame. The FROG engine does not need them."""
     if in_main_thread() and not bpy.app.background:
         return True
-    if is_rendering() and scene.render.engine == "FROG":
+    if rendering().is_under_way and scene.render.engine == "FROG":
         return False
     return is_never_drawn_meanwhile(scene)
 

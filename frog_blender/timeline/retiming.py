@@ -213,9 +213,8 @@ def strip_curves(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
 
 def _curves_of(action: bpy.types.Action, slot: bpy.types.ActionSlot) -> Iterator[bpy.types.FCurve]:
     """An action's curves that are not muted."""
-    bags = [action] if hasattr(action, "fcurves") else []  # before Blender 5
-    if not bags and slot is not None:
-        bags = [strip.channelbag(slot) for layer in action.layers for strip in layer.strips]
+    layers = action.layers if slot is not None else ()
+    bags = [strip.channelbag(slot) for layer in layers for strip in layer.strips]
     for bag in bags:
         for curve in bag.fcurves if bag is not None else ():
             if not curve.mute and not (curve.group is not None and curve.group.mute):

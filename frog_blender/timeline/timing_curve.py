@@ -9,10 +9,11 @@ import math
 from itertools import pairwise
 
 import bpy
+import numpy as np
 
 from ..engine.errors import FrogError
 from . import playback
-from .retiming import REMAPPED, capture_frame, curves, needs_evaluated_time, piece, shown_curve, strip_curves
+from .retiming import REMAPPED, capture_frame, needs_evaluated_time, piece, shown_curve
 
 _MOST_KEYS = 10_000
 _APART = 0.011  # frames within which Blender has one key
@@ -96,7 +97,9 @@ def write_keys(obj: bpy.types.Object, keys: list[tuple[float, float, str]]) -> b
             old.keyframe_points.remove(point, fast=True)
     for frame, _, _ in (keys[0], keys[-1]):  # which makes the curve, whatever holds curves in this Blender
         obj.keyframe_insert(REMAPPED, frame=frame)
-    curve = _curve_with_keys(obj)
+    curve = shown_curve(obj)
+    if curve is None:
+        raise FrogError(f"{obj.name}: its Shown Frame could not be keyed, expected a curve that is not muted.")
     points = curve.keyframe_points
     points.add(len(keys) - len(points))
     for point, (frame, value, interpolation) in zip(points, keys, strict=True):
@@ -106,15 +109,6 @@ def write_keys(obj: bpy.types.Object, keys: list[tuple[float, float, str]]) -> b
     curve.extrapolation = "CONSTANT"
     curve.update()
     obj.frog.use_remap = True
-    return curve
-
-
-def _curve_with_keys(obj: bpy.types.Object) -> bpy.types.FCurve:
-    animation = obj.animation_data
-    found = [*curves(animation), *strip_curves(animation)]
-    curve = next((candidate for candidate in found if candidate.data_path == REMAPPED), None)
-    if curve is None:
-        raise FrogError(f"{obj.name}: its Shown Frame could not be keyed, expected a curve that is not muted.")
     return curve
 
 
@@ -226,7 +220,7 @@ def split(curve: bpy.types.FCurve, frame: float) -> None:
 
 def _split_bezier(curve: bpy.types.FCurve, before: bpy.types.Keyframe, after: bpy.types.Keyframe, frame: float) -> None:
     """By de Casteljau's algorithm."""
-    corners = [tuple(before.co), tuple(before.handle_right), tuple(after.handle_left), tuple(after.co)]
+    corners = np.array([before.co, before.handle_right, after.handle_left, after.co], np.float64)
     low, high = 0.0, 1.0
     for _ in range(60):
         share = (low + high) / 2
@@ -266,13 +260,11 @@ def _free(point: bpy.types.Keyframe) -> None:
     point.handle_left, point.handle_right = left, right
 
 
-def _levels(corners: list[tuple[float, ...]], share: float) -> list[list[tuple[float, ...]]]:
-    levels, current = [], corners
-    while len(current) > 1:
-        current = [
-            tuple(a + (b - a) * share for a, b in zip(one, other, strict=True)) for one, other in pairwise(current)
-        ]
-        levels.append(current)
+def _levels(corners: np.ndarray, share: float) -> list[np.ndarray]:
+    levels = []
+    while len(corners) > 1:
+        corners = corners[:-1] + (corners[1:] - corners[:-1]) * share
+        levels.append(corners)
     return levels
 
 

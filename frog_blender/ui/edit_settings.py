@@ -11,7 +11,7 @@ from bpy.props import PointerProperty
 
 from .. import relative_paths
 from ..properties import HIDDEN, choice, listed, number, reference, switch, text, vector, whole
-from ..timeline import edits, edits_in_progress, playback
+from ..timeline import edited_scenes, edits, playback
 
 KEEPS = (
     ("INSIDE", "Inside", "Keep what is inside. Of several such crops, each keeps its own"),
@@ -20,7 +20,7 @@ KEEPS = (
 
 
 def _on_edit(_settings: Any, context: bpy.types.Context) -> None:
-    if not (relative_paths.are_being_written() or edits_in_progress.are_any()):
+    if not (relative_paths.are_being_written() or edited_scenes.are_changing()):
         playback.refresh(context.scene)
 
 

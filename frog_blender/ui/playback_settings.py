@@ -15,7 +15,7 @@ from ..engine.errors import FrogError
 from ..nodes import ellipsoid_nodes
 from ..properties import HIDDEN, choice, number, path, reference, switch, text, whole
 from ..scene_import import camera_clips
-from ..timeline import edits_in_progress, playback
+from ..timeline import edited_scenes, playback
 from ..timeline.retiming import LAST_FRAME
 
 DISPLAYS = (
@@ -42,7 +42,7 @@ def _on_display(settings: Any, context: bpy.types.Context) -> None:
 
 
 def _on_play_setting(_settings: Any, context: bpy.types.Context) -> None:
-    if not (relative_paths.are_being_written() or edits_in_progress.are_any()):
+    if not (relative_paths.are_being_written() or edited_scenes.are_changing()):
         playback.refresh(context.scene)
 
 

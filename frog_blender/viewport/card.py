@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import shaders
-from .layout import ROW, Texels, rows_for, texels_of
+from .clouds import ROW, Texels, rows_for, texels_of
 from .look import SIDE
 
 if TYPE_CHECKING:
@@ -43,11 +43,6 @@ class Canvas:
         self.textures = tuple(gpu.types.GPUTexture(size, format=kind) for kind in formats)
         self._framebuffer = gpu.types.GPUFrameBuffer(color_slots=self.textures)
 
-    @property
-    def texture_color(self) -> Any:
-        """The first image."""
-        return self.textures[0]
-
     def bind(self) -> Any:
         """A context in which it is drawn on."""
         return self._framebuffer.bind()
@@ -58,22 +53,17 @@ class GraphicsCard:
 
     def __init__(self) -> None:
         self._projection, self._splats = shaders.projection_shader(), shaders.splat_shader()
-        self._picture = shaders.picture_shader()
-        self._rows, self._quad = shaders.square(self._projection), shaders.square(self._splats)
-        self._whole = shaders.square(self._picture)
-        self._fading = shaders.fading_shader()
-        self._faded = shaders.square(self._fading)
-        self._depths: Any = None
+        self._picture, self._fading = shaders.picture_shader(), shaders.fading_shader()
+        self._squares = {
+            shader: shaders.square(shader) for shader in (self._projection, self._splats, self._picture, self._fading)
+        }
         self._projected: Canvas | None = None
         self._nothing = self.texture(texels_of(np.zeros(4), 4))
         self._no_depth = self.depth(np.ones((1, 1), np.float32))
 
     def texture(self, texels: Texels) -> Any:
         """A texture with that content."""
-        import gpu
-
-        buffer = gpu.types.Buffer("FLOAT", texels.values.size, texels.values)
-        return gpu.types.GPUTexture(texels.size, format=_FORMATS[texels.channels], data=buffer)
+        return _texture(texels.size, _FORMATS[texels.channels], texels.values)
 
     def order(self, numbers: np.ndarray) -> Any:
         """The texture of an order of splats."""
@@ -81,15 +71,7 @@ class GraphicsCard:
 
     def depth(self, depths: np.ndarray) -> Any:
         """The texture of (H, W) float32 depths in [0, 1], rows from the bottom: what lies farther is hidden."""
-        import gpu
-
-        values = np.ascontiguousarray(depths, np.float32).reshape(-1)
-        buffer = gpu.types.Buffer("FLOAT", values.size, values)
-        return gpu.types.GPUTexture(depths.shape[::-1], format="R32F", data=buffer)
-
-    def canvas(self, size: tuple[int, int]) -> Canvas:
-        """An image to draw on, of that width and height."""
-        return Canvas(size)
+        return _texture(depths.shape[::-1], "R32F", np.ascontiguousarray(depths, np.float32).reshape(-1))
 
     def has_room(self, layers: Sequence[Layer]) -> bool:
         """Whether captures can be drawn without making new textures. Larger ones do: viewports that show different
@@ -100,11 +82,6 @@ class GraphicsCard:
     def free(self) -> None:
         """Gives back the room for captures that are drawn."""
         self._projected = None
-
-    def depth_shader(self) -> Any:
-        """See ``shaders.depth_shader``."""
-        self._depths = self._depths or shaders.depth_shader()
-        return self._depths
 
     def draw(
         self, canvas: Canvas, layers: Sequence[Layer], order: Any, count: int, depth: Any = None, through: float = 0.0
@@ -148,7 +125,7 @@ class GraphicsCard:
             shader.uniform_sampler(name, texture)
         shader.uniform_sampler("order", order)
         shader.uniform_sampler("scene_depth", depth)
-        self._quad.draw_instanced(shader, instance_count=count)
+        self._squares[shader].draw_instanced(shader, instance_count=count)
 
     def _fade(self, share: float) -> None:
         """Leaves a share of what is drawn."""
@@ -157,7 +134,7 @@ class GraphicsCard:
         gpu.state.blend_set("MULTIPLY")
         self._fading.bind()
         self._fading.uniform_float("share", share)
-        self._faded.draw(self._fading)
+        self._squares[self._fading].draw(self._fading)
 
     def _project(self, layers: Sequence[Layer]) -> Canvas:
         """The textures ``shaders.SPLATS`` of captures; they are good until the next ones are projected."""
@@ -188,7 +165,7 @@ class GraphicsCard:
             still = textures.still.get(name, self._nothing)
             shader.uniform_sampler(f"{name}_still", still)
             shader.uniform_sampler(f"{name}_moving", textures.moving.get(name, still))
-        self._rows.draw(shader)
+        self._squares[shader].draw(shader)
 
     def lay_over(self, canvas: Canvas, look: Look) -> None:
         """Lays a drawn image over the whole of what is bound, at whatever size, as a scene shows colors."""
@@ -197,15 +174,21 @@ class GraphicsCard:
         gpu.state.blend_set("ALPHA_PREMULT")
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
-        self._picture.bind()
-        side = 0 if look.table is None else SIDE
-        self._picture.uniform_float("look", (look.factor, look.exponent, float(side)))
-        self._picture.uniform_sampler("picture", canvas.texture_color)
-        self._picture.uniform_sampler("colors", self._nothing if look.table is None else look.table)
-        self._whole.draw(self._picture)
+        shader, side = self._picture, 0 if look.table is None else SIDE
+        shader.bind()
+        shader.uniform_float("look", (look.factor, look.exponent, float(side)))
+        shader.uniform_sampler("picture", canvas.textures[0])
+        shader.uniform_sampler("colors", self._nothing if look.table is None else look.table)
+        self._squares[shader].draw(shader)
         gpu.state.blend_set("NONE")
 
 
 def _size_for(layers: Sequence[Layer]) -> tuple[int, int]:
     """Width and height of the textures in which captures are projected."""
     return ROW, rows_for(max((layer.start + layer.count for layer in layers), default=0))
+
+
+def _texture(size: tuple[int, ...], kind: str, values: np.ndarray) -> Any:
+    import gpu
+
+    return gpu.types.GPUTexture(size, format=kind, data=gpu.types.Buffer("FLOAT", values.size, values))

@@ -8,12 +8,11 @@ the scene, is that image once more.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
-from bpy.app.handlers import persistent
 
 from .. import addon_state, app_handlers, point_cloud, reported_once
 from ..app_handlers import later, not_later
@@ -24,17 +23,15 @@ from ..render.collect_instances import check_placement, visible_captures
 from ..render.viewport import focal_ratio
 from ..timeline import playback
 from . import hiding
-from .card import GraphicsCard, Layer
-from .clouds import Clouds
-from .importance import Ranks
-from .layout import MOST, starts_of, too_many
+from .card import Canvas, GraphicsCard, Layer
+from .clouds import Clouds, TooManySplats, starts_of
 from .look import Looks
-from .order import Order, OrderRequest, Part, Sorter
-from .pace import STILL_AFTER
-from .picture import Picture, Shown
+from .order import OrderRequest, Part, Ranks, Sorter
+from .picture import STILL_AFTER, Picture, Shown
 from .projection import view_of
 
 if TYPE_CHECKING:
+    from ..engine.capture.camera import Camera
     from .projection import SplatView
 
 _SOON = 0.01  # seconds until an order of many splats is asked for again
@@ -51,29 +48,24 @@ class ViewportSplats:
     Attributes:
         handler: of Blender, which draws.
         card: None until something is drawn, and where it cannot.
-        has_failed: the card cannot draw splats: points are shown instead.
+        problem: why points are shown instead of splats, a sentence; empty where nothing is wrong.
         changes: counts what may have changed in a scene.
         matched: the changes after which points were last compared with what viewports show, and the scene.
         pictures: by region.
-        drawn: images that were drawn anew, of so many ``looks`` at viewports.
+        drawn: images that were drawn anew.
         sources: of what is shown besides captures.
-        left_out: objects that are points because their splats have no room in some viewport: an object is points in
-            all of them or in none.
     """
 
     def __init__(self) -> None:
         self.handler: Any = None
         self.card: GraphicsCard | None = None
-        self.has_failed = False
-        self.clouds = Clouds()
-        self.sorter = Sorter()
-        self.ranks = Ranks()
+        self.problem = ""
+        self.clouds, self.sorter, self.ranks = Clouds(), Sorter(), Ranks()
         self.colors = Looks(lambda: later(_make_tables))
         self.changes, self.matched = 0, (-1, 0)
         self.pictures: dict[int, Picture] = {}
-        self.drawn = self.looks = 0
+        self.drawn = 0
         self.sources: list[Source] = []
-        self.left_out: frozenset[Hashable] = frozenset()
 
 
 def state() -> ViewportSplats:
@@ -84,16 +76,17 @@ def state() -> ViewportSplats:
 def is_wanted(scene: bpy.types.Scene) -> bool:
     """Whether a scene's viewports show splats by the graphics card."""
     choice = scene.frog.viewport_drawing
-    if bpy.app.background or state().has_failed or choice == "POINTS":
-        return False
-    return choice == "CARD" or not point_cloud.draws_splats()
+    return shows_sources() and choice != "POINTS" and (choice == "CARD" or not point_cloud.draws_splats())
 
 
-def shows_sources(scene: bpy.types.Scene) -> bool:
-    """Whether a scene's viewports show by the graphics card what they show besides captures: also where Blender draws
-    splats itself, which it does of objects alone.
-    """
-    return not (bpy.app.background or state().has_failed or scene.frog.viewport_drawing == "POINTS")
+def shows_sources() -> bool:
+    """Whether viewports show what they show besides captures, which the graphics card draws whatever draws these."""
+    return not (bpy.app.background or state().problem)
+
+
+def problem(scene: bpy.types.Scene) -> str:
+    """Why a scene's viewports show points although the user's settings say splats; "" where they do not."""
+    return state().problem if scene.frog.viewport_drawing != "POINTS" else ""
 
 
 def add_source(source: Source) -> None:
@@ -108,7 +101,7 @@ def changed() -> None:
 
 
 def _from_sources(scene: bpy.types.Scene) -> list[Shown]:
-    found = (source(scene) for source in state().sources) if shows_sources(scene) else ()
+    found = (source(scene) for source in state().sources) if shows_sources() else ()
     return [shown for shown in found if shown is not None]
 
 
@@ -128,12 +121,20 @@ def _draw() -> None:
         if not (_from_sources(scene) or (_draws(scene, context.space_data) and playback.captures_in(scene))):
             return
         draw_in(context)
+    except TooManySplats as error:
+        _show_points(f"{error} Points are shown. Hide some captures, and choose In Viewports again.")
     except (FrogError, MemoryError) as error:
         reported_once.message(str(error) or "There is not enough memory to draw the splats.")
     except Exception as error:
         reported_once.unexpected("drawing splats", error)
-        state().has_failed = True
-        later(apply)
+        _show_points("The graphics card cannot draw splats here. Points are shown.")
+
+
+def _show_points(sentence: str) -> None:
+    """Shows points from now on, and why."""
+    reported_once.message(sentence)
+    state().problem = sentence
+    later(apply)
 
 
 def draw_in(context: bpy.types.Context) -> None:
@@ -144,10 +145,11 @@ def draw_in(context: bpy.types.Context) -> None:
         splats.card = GraphicsCard()
     picture = splats.pictures.setdefault(region.as_pointer(), Picture())
     if picture.looked_at != (looked_at := _looked_at(splats, context)):
-        _look(splats, picture, context, depsgraph)
+        captures = _shown(depsgraph, context.space_data) if _draws(context.scene, context.space_data) else []
+        picture.shown = [*captures, *_from_sources(context.scene)]
         picture.looked_at = looked_at
-        _match_points(context.scene)
-    splats.looks += 1
+        open_now = {region.as_pointer() for region in open_regions()} | {region.as_pointer()}
+        splats.pictures = {pointer: kept for pointer, kept in splats.pictures.items() if pointer in open_now}
     if not picture.shown:
         return
     drawn = splats.drawn
@@ -155,7 +157,7 @@ def draw_in(context: bpy.types.Context) -> None:
     splats.card.lay_over(picture.canvas, splats.colors.of(context.scene, splats.card))
     if splats.drawn > drawn:
         picture.pace.ended_at = time.perf_counter()  # laying over may wait for what was drawn
-    if not splats.sorter.is_idle:
+    if not splats.sorter.worker.is_idle:
         later(viewports, _SOON)
     elif picture.step > 1:
         later(viewports, STILL_AFTER + 0.05)
@@ -166,33 +168,8 @@ def _looked_at(splats: ViewportSplats, context: bpy.types.Context) -> tuple[Any,
     space = context.space_data
     kinds = *hiding.shown_kinds(space), space.local_view is None
     draws = _draws(context.scene, space)
-    shown = splats.changes, splats.left_out, context.scene.frame_current_final, draws, kinds
+    shown = splats.changes, context.scene.frame_current_final, draws, kinds
     return (*shown, context.scene.as_pointer(), context.view_layer.name)
-
-
-def _look(splats: ViewportSplats, picture: Picture, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
-    """Finds what a viewport shows, and which captures are too many for it."""
-    captures = _shown(depsgraph, context.space_data) if _draws(context.scene, context.space_data) else []
-    sources = _from_sources(context.scene)
-    counts = [(capture.uid, capture.time.scene.count) for capture in captures]
-    picture.too_many = too_many(counts, [source.time.scene.count for source in sources])
-    open_now = {region.as_pointer() for region in open_regions()} | {context.region.as_pointer()}
-    splats.pictures = {place: each for place, each in splats.pictures.items() if place in open_now}
-    splats.left_out = frozenset().union(*(drawn.too_many for drawn in splats.pictures.values()))
-    picture.shown = [*(capture for capture in captures if capture.uid not in splats.left_out), *sources]
-    if splats.left_out:
-        reported_once.message(_too_many(len(splats.left_out)))
-
-
-def problem(scene: bpy.types.Scene) -> str:
-    """Why a scene's viewports show other captures as points than the user's settings say; "" where they do not."""
-    count = sum(obj.session_uid in state().left_out for obj in playback.captures_in(scene))
-    return _too_many(count) if count and is_wanted(scene) else ""
-
-
-def _too_many(count: int) -> str:
-    found = f"{count:,} captures are" if count > 1 else "One capture is"
-    return f"{found} shown as points: a viewport draws at most {MOST:,} splats. Hide captures or lower their density."
 
 
 def _update(
@@ -216,22 +193,27 @@ def _update(
     size = max(1, -(-region.width // step)), max(1, -(-region.height // step))
     camera = view_camera(*matrices, *size, ratio)
     seen = [(capture, view_of(camera, capture.matrix, *matrices)) for capture in picture.shown]
-    order = splats.sorter.order(_request(splats, region.as_pointer(), seen, 1 / step))
+    request = _request(splats, region.as_pointer(), seen, 1 / step)
+    order = splats.sorter.order(request)
     if picture.key == key and picture.size == size and order is picture.order and not picture.is_final:
         return  # what is waited for is not there
     card = splats.card
     assert card is not None
-    layers = _layers(splats, seen, order)
+    layers = [
+        Layer(splats.clouds.of(shown.time.scene, card).at(shown.time), view, shown.time.scene.count, start)
+        for (shown, view), start in zip(seen, order.starts, strict=True)
+    ]
     if order is not picture.order:
         picture.order_texture = card.order(order.numbers)
-    if picture.canvas is None or picture.size != size or not card.has_room(layers):
-        later(viewports, _SOON)  # while textures are made, what else is drawn into the viewport may be lost
     if picture.canvas is None or picture.size != size:
-        picture.canvas, picture.size = card.canvas(size), size
-    depth = _depth_before(card, picture, context)
+        picture.canvas, picture.size = Canvas(size), size
+        later(viewports, _SOON)  # while textures are made, what else is drawn into the viewport may be lost
+    elif not card.has_room(layers):
+        later(viewports, _SOON)
+    depth = _depth_before(card, picture, context, camera, seen[0][1])
     card.draw(picture.canvas, layers, picture.order_texture, len(order.numbers), depth, through)
     picture.key, picture.step, picture.order = key, step, order
-    picture.is_final = step == 1 and order.key == _order_key(seen)
+    picture.is_final = step == 1 and order.key == request.key
     scenes = [other.time.scene for drawn in splats.pictures.values() for other in drawn.shown]
     tokens = {token for scene in scenes for token in (scene.token, scene.source.token)}
     splats.clouds.keep_only(tokens)
@@ -251,36 +233,20 @@ def _shown(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D) -> list
         except FrogError as error:
             reported_once.message(str(error))
             continue
-        found.append(Shown(obj.name, time_shown, matrix, obj.session_uid))
+        found.append(Shown(time_shown, matrix))
     return found
 
 
 def _request(splats: ViewportSplats, place: int, seen: list[tuple[Shown, SplatView]], share: float) -> OrderRequest:
     """The one order of all captures' splats, or of a share of them, for a viewport."""
     starts = starts_of([shown.time.scene.count for shown, _ in seen])
-    parts, kept_of = [], []
+    parts, key = [], []
     for (shown, view), start in zip(seen, starts, strict=True):
         scene = shown.time.scene
         kept = splats.ranks.most_important(scene.source, share)
         parts.append(Part(scene.column("means", shown.time.part()), view.plane, start, kept))
-        kept_of.append(None if kept is None else len(kept))
-    return OrderRequest(place, _order_key(seen, kept_of), tuple(parts))
-
-
-def _order_key(seen: list[tuple[Shown, SplatView]], counts: Sequence[int | None] = ()) -> tuple[Any, ...]:
-    """What determines the order of so many splats of each capture; None, and no counts, for all."""
-    wanted = counts or [None] * len(seen)
-    return tuple((*shown.time.key, view.plane, count) for (shown, view), count in zip(seen, wanted, strict=True))
-
-
-def _layers(splats: ViewportSplats, seen: list[tuple[Shown, SplatView]], order: Order) -> list[Layer]:
-    """What the graphics card draws; puts there what it lacks."""
-    card = splats.card
-    assert card is not None
-    return [
-        Layer(splats.clouds.of(shown.time.scene, card).at(shown.time), view, shown.time.scene.count, start)
-        for (shown, view), start in zip(seen, order.starts, strict=True)
-    ]
+        key.append((*shown.time.key, view.plane, None if kept is None else len(kept)))
+    return OrderRequest(place, tuple(key), tuple(parts))
 
 
 def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
@@ -301,26 +267,27 @@ def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
     return not np.array_equal(hiding.drawn_depth(), picture.depth)
 
 
-def _depth_before(card: GraphicsCard, picture: Picture, context: bpy.types.Context) -> Any:
+def _depth_before(
+    card: GraphicsCard, picture: Picture, context: bpy.types.Context, camera: Camera, view: SplatView
+) -> Any:
     """The texture of the depth of what hides splats, None for nothing. While the viewport's framebuffer is bound."""
     picture.depth, picture.checked_at = None, time.perf_counter()
     has_others = hiding.has_others(context)
     if has_others and hiding.is_drawn_without_depth(context.scene, context.space_data):
-        surfaces, shader, size = picture.surfaces, card.depth_shader(), picture.size
-        surfaces.update(shader, context, picture.looked_at, is_still=picture.pace.is_still(picture.checked_at))
-        if not surfaces.has_room(size):
-            later(viewports, _SOON)
+        surfaces = picture.surfaces
+        surfaces.update(context, picture.looked_at, is_still=picture.pace.is_still(picture.checked_at))
         if surfaces.is_outdated:
             later(viewports, STILL_AFTER + 0.05)
-        return surfaces.depth(shader, context.region_data.perspective_matrix, size)
-    picture.surfaces = hiding.Surfaces()
-    picture.depth = hiding.drawn_depth() if has_others else None
-    return None if picture.depth is None else card.depth(picture.depth)
+        depth = surfaces.depth(camera, view.clip)
+    else:
+        picture.surfaces = hiding.Surfaces()
+        depth = picture.depth = hiding.drawn_depth() if has_others else None
+    return None if depth is None else card.depth(depth)
 
 
 def choose() -> None:
     """What a scene's setting was changed to is tried, whatever failed before."""
-    state().has_failed = False
+    state().problem = ""
     apply()
 
 
@@ -348,7 +315,7 @@ def _own(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 def _wants_points(obj: bpy.types.Object, has_splats: bool) -> bool:
     """Whether viewports are to draw a capture as an object."""
-    return not has_splats or obj.frog.display != "POINTS" or obj.session_uid in state().left_out
+    return not has_splats or obj.frog.display != "POINTS"
 
 
 def _make_tables() -> None:
@@ -357,19 +324,17 @@ def _make_tables() -> None:
     viewports()
 
 
-@persistent
 def _on_change(*_: Any) -> None:
     """What a viewport shows may have changed."""
     state().changes += 1
 
 
-@persistent
 def _on_load(*_: Any) -> None:
     """Nothing of the file before is shown again."""
     splats = state()
     splats.changes += 1
+    splats.problem = ""
     splats.pictures.clear()
-    splats.left_out = frozenset()
     splats.clouds.keep_only(())
     splats.sorter.forget()
     if splats.card is not None:
@@ -396,7 +361,7 @@ def register() -> None:
 
 def unregister() -> None:
     splats = state()
-    splats.sorter.stop()
+    splats.sorter.worker.stop()
     not_later(viewports, apply, _make_tables)
     if splats.handler is not None:
         bpy.types.SpaceView3D.draw_handler_remove(splats.handler, "WINDOW")

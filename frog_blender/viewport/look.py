@@ -11,7 +11,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
@@ -19,10 +19,7 @@ from mathutils import Color
 
 from .. import reported_once
 from ..color_spaces import into_working_space, to_linear
-from .layout import texels_of
-
-if TYPE_CHECKING:
-    from .clouds import Card
+from .clouds import texels_of
 
 SIDE = 33
 """Entries along each of red, green and blue. Between them AgX is straight to less than a step of 8 bits."""
@@ -61,7 +58,7 @@ class Looks:
         self._wanted: dict[tuple[Any, ...], int] = {}
         self._shown: dict[int, tuple[Any, ...]] = {}
 
-    def of(self, scene: bpy.types.Scene, card: Card) -> Look:
+    def of(self, scene: bpy.types.Scene, card: Any) -> Look:
         """A scene's look; until its table was made with the one that it had before, if any."""
         settings = scene.view_settings
         plain = Look(2.0**settings.exposure, 1.0 / max(settings.gamma, 1e-3))

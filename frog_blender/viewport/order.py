@@ -1,23 +1,30 @@
 """The one order of all captures' splats for a view, the farthest first: found at once for a few, in a thread for many.
 
 Nothing here knows Blender. A new request replaces one that has not begun; whoever draws takes what is there, which for
-a moment is the order of the view before.
+a moment is the order of the view before. While one moves and the card is slow, the most important splats alone are
+drawn; which they are is found in a thread as well, once a scene.
 """
 
 from __future__ import annotations
 
-import sys
-import threading
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..engine.native.binding import depth_order
+from ..worker import Worker
 from .projection import NEAR
+
+if TYPE_CHECKING:
+    from ..engine.playback.player import ScenePlayer
 
 AT_ONCE = 60_000
 """So many are sorted sooner than a thread is asked and a viewport is drawn once more: a millisecond."""
+FEWEST = 20_000
+"""Scenes of fewer splats are never slow because of their number."""
 Plane = tuple[float, float, float, float]
 
 
@@ -37,17 +44,15 @@ class Part:
     start: int = 0
     kept: np.ndarray | None = None
 
-    @property
-    def count(self) -> int:
-        """How many are sorted."""
-        return len(self.points) if self.kept is None else len(self.kept)
-
-    def drawn(self) -> np.ndarray:
-        """(K, 3) the points that are sorted."""
-        return self.points if self.kept is None else np.ascontiguousarray(self.points[self.kept])
+    def depths(self) -> np.ndarray:
+        """(K,) of those that are to be drawn."""
+        points = self.points if self.kept is None else self.points[self.kept]
+        plane = np.array(self.plane, np.float32)
+        depths: np.ndarray = points @ plane[:3] + plane[3]
+        return depths
 
     def numbers(self) -> np.ndarray:
-        """(K,) float32 the numbers of the Gaussians that are sorted."""
+        """(K,) float32 of those that are to be drawn."""
         own = np.arange(len(self.points)) if self.kept is None else self.kept
         return (own + self.start).astype(np.float32)
 
@@ -69,7 +74,7 @@ class OrderRequest:
     @property
     def count(self) -> int:
         """How many are sorted."""
-        return sum(part.count for part in self.parts)
+        return sum(len(part.points if part.kept is None else part.kept) for part in self.parts)
 
     @property
     def starts(self) -> tuple[int, ...]:
@@ -78,22 +83,13 @@ class OrderRequest:
 
     def sort(self) -> Order:
         """The order; takes milliseconds."""
-        if len(self.parts) == 1 and self.parts[0].kept is None and self.parts[0].start == 0:
-            return Order(self.key, depth_order(self.parts[0].points, self.parts[0].plane, NEAR), self.starts)
-        is_whole = all(part.kept is None for part in self.parts)
-        # At their numbers the places found are the numbers. Rows between parts have depth zero, which is never seen.
-        last = self.parts[-1]
-        points = np.zeros((last.start + last.count if is_whole else self.count, 3), np.float32)
-        first = 0
-        for part in self.parts:
-            first = part.start if is_whole else first
-            plane = np.array(part.plane, np.float32)
-            points[first : first + part.count, 2] = part.drawn() @ plane[:3] + plane[3]
-            first += part.count
-        found = depth_order(points, (0.0, 0.0, 1.0, 0.0), NEAR)
-        if not is_whole:
-            found = np.concatenate([part.numbers() for part in self.parts])[found.astype(np.int32)]
-        return Order(self.key, found, self.starts)
+        first = self.parts[0]
+        if len(self.parts) == 1 and first.kept is None and first.start == 0:
+            return Order(self.key, depth_order(first.points, first.plane, NEAR), self.starts)
+        points = np.zeros((self.count, 3), np.float32)
+        np.concatenate([part.depths() for part in self.parts], out=points[:, 2])
+        found = depth_order(points, (0.0, 0.0, 1.0, 0.0), NEAR).astype(np.int32)
+        return Order(self.key, np.concatenate([part.numbers() for part in self.parts])[found], self.starts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,85 +106,33 @@ class Order:
 
 
 class Sorter:
-    """A thread that sorts; it starts with the first request for many and ends with ``stop``."""
+    """Finds orders, more than ``at_once`` splats in a thread."""
 
     def __init__(self, at_once: int = AT_ONCE) -> None:
         self.at_once = at_once
-        self._waiting: dict[Hashable, OrderRequest] = {}
-        self._busy: Hashable = None
+        self.worker = Worker("FRoG splat order", "splats could not be sorted")  # the order of before goes on being used
         self._found: dict[Hashable, Order] = {}
-        self._changed = threading.Condition()
-        self._thread: threading.Thread | None = None
 
     def order(self, request: OrderRequest) -> Order:
         """The order of a request, or of an earlier one of its place until it is there: then ask again later."""
-        with self._changed:
-            found = self._found.get(request.place)
-            if found is not None and found.key == request.key:
-                return found
-            if found is not None and request.count > self.at_once and _fits(found, request):
-                if self._busy != (request.place, request.key):
-                    self._waiting[request.place] = request
-                    self._start()
-                    self._changed.notify_all()
-                return found
-        found = request.sort()
-        with self._changed:
-            self._waiting.pop(request.place, None)
-            self._found[request.place] = found
+        found = self._found.get(request.place)
+        if found is None or found.key == request.key:
+            return self._sorted(request)
+        if request.count <= self.at_once or not _fits(found, request):
+            return self._sorted(request)
+        self.worker.ask({request.place: partial(self._sorted, request)})
         return found
 
-    @property
-    def is_idle(self) -> bool:
-        """Whether nothing is being sorted."""
-        with self._changed:
-            return not self._waiting and self._busy is None
-
-    def wait(self, seconds: float) -> bool:
-        """Waits until everything is sorted; False on timeout."""
-        with self._changed:
-            return self._changed.wait_for(lambda: not self._waiting and self._busy is None, seconds)
+    def _sorted(self, request: OrderRequest) -> Order:
+        found = self._found.get(request.place)
+        if found is None or found.key != request.key:  # it may have been asked for again while it was sorted
+            found = self._found[request.place] = request.sort()
+        return found
 
     def forget(self) -> None:
         """Drops every order."""
-        with self._changed:
-            self._found.clear()
-            self._waiting.clear()
-
-    def stop(self) -> None:
-        """Ends the thread after what it is sorting."""
-        with self._changed:
-            thread, self._thread = self._thread, None
-            self._waiting.clear()
-            self._changed.notify_all()
-        if thread is not None:
-            thread.join()
-
-    def _start(self) -> None:
-        if self._thread is None:
-            # A daemon, because Python joins other threads before it runs atexit.
-            self._thread = threading.Thread(target=self._work, name="FRoG splat order", daemon=True)
-            self._thread.start()
-
-    def _work(self) -> None:
-        me = threading.current_thread()
-        while True:
-            with self._changed:
-                self._busy = None
-                self._changed.notify_all()
-                self._changed.wait_for(lambda: self._waiting or self._thread is not me)
-                if self._thread is not me:
-                    return
-                place, request = next(iter(self._waiting.items()))
-                del self._waiting[place]
-                self._busy = (place, request.key)
-            try:
-                found = request.sort()
-            except Exception as error:  # the order of before goes on being used
-                print(f"FRoG: splats could not be sorted ({type(error).__name__}: {error}).", file=sys.stderr)
-                continue
-            with self._changed:
-                self._found[place] = found
+        self._found.clear()
+        self.worker.ask({}, instead=True)
 
 
 def _fits(found: Order, request: OrderRequest) -> bool:
@@ -197,3 +141,50 @@ def _fits(found: Order, request: OrderRequest) -> bool:
         return False
     last = request.parts[-1]
     return not len(found.numbers) or found.numbers.max() < last.start + len(last.points)
+
+
+def _ranking(scene: ScenePlayer) -> np.ndarray:
+    from ..engine.playback.importance import ranking
+
+    return ranking(scene)
+
+
+class Ranks:
+    """The scenes' Gaussians by importance, as far as they are known.
+
+    Args:
+        rank: gives (N,) the Gaussians of a scene, the most important first; takes a second for many.
+        fewest: scenes of fewer are drawn whole.
+    """
+
+    def __init__(self, rank: Callable[[ScenePlayer], np.ndarray] = _ranking, fewest: int = FEWEST) -> None:
+        self.worker = Worker("FRoG importance", "splats could not be ranked")  # all are drawn, as before
+        self._rank, self._fewest = rank, fewest
+        self._known: dict[str, np.ndarray | None] = {}
+        self._chosen: dict[tuple[str, int], np.ndarray] = {}
+
+    def most_important(self, scene: ScenePlayer, share: float) -> np.ndarray | None:
+        """(K,) a share of the Gaussians as ascending indices; None for all, also until it is known which."""
+        if share >= 1.0 or scene.count < self._fewest:
+            return None
+        if scene.token not in self._known:
+            self._known[scene.token] = None
+            self.worker.ask({scene.token: partial(self._find, scene)})
+        order = self._known[scene.token]
+        if order is None:
+            return None
+        key = scene.token, max(1, round(share * scene.count))
+        if key not in self._chosen:
+            self._chosen[key] = np.sort(order[: key[1]])
+        return self._chosen[key]
+
+    def keep_only(self, tokens: Iterable[str]) -> None:
+        """Drops the other scenes'."""
+        kept = set(tokens)
+        self._known = {token: order for token, order in self._known.items() if token in kept}
+        self._chosen = {key: chosen for key, chosen in self._chosen.items() if key[0] in kept}
+
+    def _find(self, scene: ScenePlayer) -> None:
+        order = self._rank(scene)
+        if scene.token in self._known:
+            self._known[scene.token] = order

@@ -1,29 +1,62 @@
-"""What a viewport shows, and its last image."""
+"""What a viewport shows, its last image, and how finely that is drawn while one moves."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .hiding import Surfaces
-from .pace import Pace
 
 if TYPE_CHECKING:
     from ..timeline.playback_cache import SceneTime
     from .order import Order
 
+STILL_AFTER = 0.2  # seconds without a change
+_COARSEST = 4  # pixels a side that one stands for at most
+_SLOW, _QUICK = 0.07, 0.025  # seconds from one image to the next
+_PAUSE = 1.0  # seconds: longer ones are no movement
 
-@dataclass(eq=False)
+
+@dataclass
+class Pace:
+    """The pace of one viewport.
+
+    Attributes:
+        step: pixels a side that one stands for while things move.
+        changed_at, drawn_at: seconds of the last change, and of the beginning of the last image.
+        ended_at: when the last image was drawn, as far as the processor is concerned.
+    """
+
+    step: int = 1
+    changed_at: float = -1e9
+    drawn_at: float = -1e9
+    ended_at: float = -1e9
+
+    def changed(self, now: float) -> int:
+        """The pixel size of an image of something new: coarser after slow ones, finer after quick ones."""
+        since, self.drawn_at = now - self.drawn_at, now
+        pause = now - max(self.changed_at, self.ended_at)
+        is_moving = pause < max(_PAUSE, (self.ended_at - self.changed_at) / 2)  # after a slow one all is slow
+        self.changed_at = now
+        if is_moving and since > _SLOW:
+            self.step = min(_COARSEST, self.step * 2)
+        elif is_moving and since < _QUICK:
+            self.step = max(1, self.step // 2)
+        return self.step if is_moving else 1
+
+    def is_still(self, now: float) -> bool:
+        """Whether nothing has changed for a while."""
+        return now - max(self.changed_at, self.ended_at) >= STILL_AFTER
+
+
+@dataclass(frozen=True, eq=False)
 class Shown:
-    """A capture in a viewport: an object, what it shows, and where; ``uid`` is the object's, None for a source's."""
+    """What a viewport shows of a capture, and where."""
 
-    name: str
     time: SceneTime
     matrix: np.ndarray
-    uid: int | None = None
 
 
 @dataclass(eq=False)
@@ -36,7 +69,6 @@ class Picture:
         step: pixels a side that one of its pixels stands for.
         is_final: nothing about it can become better.
         looked_at: what determined which captures it shows, and ``shown``, these.
-        too_many: objects whose splats have no room in it.
         canvas: on the graphics card, ``size`` pixels large.
         depth: of what the viewport has drawn that hides splats, None for nothing, and when it was looked at.
         surfaces: that hide splats where the viewport draws no depth.
@@ -55,4 +87,3 @@ class Picture:
     surfaces: Surfaces = field(default_factory=Surfaces)
     looked_at: Any = None
     shown: list[Shown] = field(default_factory=list)
-    too_many: frozenset[Hashable] = frozenset()

@@ -7,10 +7,11 @@ The first does what the engine's ``project_gaussian`` and ``make_splat`` do (eng
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..engine.native.options import ALPHA_MAX, ALPHA_MIN, RasterizeOptions
-from .layout import ROW
+from .clouds import ROW
 from .projection import NEAR
 
 if TYPE_CHECKING:
@@ -242,78 +243,47 @@ void main()
 
 def projection_shader() -> gpu.types.GPUShader:
     """Writes rows of the textures ``SPLATS``: one capture's Gaussians, a pixel each."""
-    import gpu
-
-    info = gpu.types.GPUShaderCreateInfo()
-    for name in (
+    constants = (
         *("to_right", "to_down", "to_front"),  # rows of the matrix from the capture's space to the camera's
         "lens",
         "clip",
         "eye",  # and the number of the colours' coefficients
         "screen",  # width, height and Gaussians of the moving textures
         "rows",  # the first one, how many, those of the textures, and the number of Gaussians
-    ):  # 128 bytes, which every graphics card has
-        info.push_constant("VEC4", name)
-    for slot, name in enumerate(f"{name}_{state}" for state in ("still", "moving") for name in TEXTURES):
-        info.sampler(slot, "FLOAT_2D", name)
-    for slot, name in enumerate(("place", "conic", "colour")):
-        info.fragment_out(slot, "VEC4", name)
-    return _made(info, None, _PROJECT_VERTEX, _PROJECT_FRAGMENT)
+    )  # 128 bytes, which every graphics card has
+    return _made(
+        dict.fromkeys(constants, "VEC4"),
+        [f"{name}_{state}" for state in ("still", "moving") for name in TEXTURES],
+        (_PROJECT_VERTEX, _PROJECT_FRAGMENT),
+        outputs=("place", "conic", "colour"),
+    )
 
 
 def splat_shader() -> gpu.types.GPUShader:
     """Draws quads of two triangles, one instance a splat."""
     import gpu
 
-    info = gpu.types.GPUShaderCreateInfo()
-    info.push_constant("VEC3", "screen")  # width, height, and 1 for what is hidden alone, 0 for the rest alone
-    for slot, name in enumerate([*SPLATS, "order", "scene_depth"]):
-        info.sampler(slot, "FLOAT_2D", name)
     between = gpu.types.GPUStageInterfaceInfo("frog_splat")
-    between.flat("VEC3", "colour")
-    between.flat("VEC4", "conic")
-    between.flat("VEC2", "centre")
-    between.flat("FLOAT", "depth")
-    info.fragment_out(0, "VEC4", "fragColor")
-    return _made(info, between, _SPLAT_VERTEX, _SPLAT_FRAGMENT)
+    for name, kind in (("colour", "VEC3"), ("conic", "VEC4"), ("centre", "VEC2"), ("depth", "FLOAT")):
+        between.flat(kind, name)
+    constants = {"screen": "VEC3"}  # width, height, and 1 for what is hidden alone, 0 for the rest alone
+    return _made(constants, [*SPLATS, "order", "scene_depth"], (_SPLAT_VERTEX, _SPLAT_FRAGMENT), between)
 
 
 def fading_shader() -> gpu.types.GPUShader:
     """Writes a share everywhere."""
-    import gpu
-
-    info = gpu.types.GPUShaderCreateInfo()
-    info.push_constant("FLOAT", "share")
-    info.fragment_out(0, "VEC4", "fragColor")
     vertex = f"void main()\n{{\n  gl_Position = vec4({_CORNER}, 0.0, 1.0);\n}}\n"
-    return _made(info, None, vertex, "void main()\n{\n  fragColor = vec4(share);\n}\n")
-
-
-def depth_shader() -> gpu.types.GPUShader:
-    """Writes how deep triangles lie, in [0, 1]."""
-    import gpu
-
-    info = gpu.types.GPUShaderCreateInfo()
-    info.push_constant("MAT4", "to_clip")
-    info.vertex_in(0, "VEC3", "place")
-    info.fragment_out(0, "VEC4", "found")
-    info.vertex_source("void main()\n{\n  gl_Position = to_clip * vec4(place, 1.0);\n}\n")
-    info.fragment_source("void main()\n{\n  found = vec4(gl_FragCoord.z);\n}\n")
-    return gpu.shader.create_from_info(info)
+    return _made({"share": "FLOAT"}, [], (vertex, "void main()\n{\n  fragColor = vec4(share);\n}\n"))
 
 
 def picture_shader() -> gpu.types.GPUShader:
     """Lays an image of splats, display-referred and premultiplied, over what is there."""
     import gpu
 
-    info = gpu.types.GPUShaderCreateInfo()
-    info.push_constant("VEC3", "look")  # a factor, an exponent, and the side of the table of colors; 0 for none
-    info.sampler(0, "FLOAT_2D", "picture")
-    info.sampler(1, "FLOAT_2D", "colors")
     between = gpu.types.GPUStageInterfaceInfo("frog_picture")
     between.smooth("VEC2", "place")
-    info.fragment_out(0, "VEC4", "fragColor")
-    return _made(info, between, _PICTURE_VERTEX, _PICTURE_FRAGMENT)
+    constants = {"look": "VEC3"}  # a factor, an exponent, and the side of the table of colors; 0 for none
+    return _made(constants, ["picture", "colors"], (_PICTURE_VERTEX, _PICTURE_FRAGMENT), between)
 
 
 def square(shader: gpu.types.GPUShader) -> gpu.types.GPUBatch:
@@ -323,12 +293,32 @@ def square(shader: gpu.types.GPUShader) -> gpu.types.GPUBatch:
     return batch_for_shader(shader, "TRI_STRIP", {_CORNER: [(-1, -1), (1, -1), (-1, 1), (1, 1)]})
 
 
-def _made(info: Any, between: Any, vertex: str, fragment: str) -> gpu.types.GPUShader:
+def _made(
+    constants: dict[str, str],
+    textures: Sequence[str],
+    sources: tuple[str, str],
+    between: Any = None,
+    outputs: Sequence[str] = ("fragColor",),
+) -> gpu.types.GPUShader:
+    """A shader of a vertex's and a fragment's source.
+
+    Args:
+        constants: types by names.
+        between: what the one gives to the other.
+    """
     import gpu
 
+    info = gpu.types.GPUShaderCreateInfo()
+    for name, kind in constants.items():
+        info.push_constant(kind, name)
+    for slot, name in enumerate(textures):
+        info.sampler(slot, "FLOAT_2D", name)
+    for slot, name in enumerate(outputs):
+        info.fragment_out(slot, "VEC4", name)
     info.vertex_in(0, "VEC2", _CORNER)
     if between is not None:
         info.vertex_out(between)
+    vertex, fragment = sources
     info.vertex_source(vertex)
     info.fragment_source(fragment)
     return gpu.shader.create_from_info(info)

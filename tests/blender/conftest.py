@@ -118,10 +118,9 @@ def composed(empty, static_rig):
 def in_a_window(monkeypatch):
     """A function after which renders run as they do in a window, as if in a thread that must not change the scene."""
 
-    from frog_blender.render.compositing import checks, renders
+    from frog_blender.render.compositing import renders
 
     def begin():
-        for module in (checks, renders):
-            monkeypatch.setattr(module, "in_main_thread", lambda: False)
+        monkeypatch.setattr(renders, "in_main_thread", lambda: False)
 
     return begin

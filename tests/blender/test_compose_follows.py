@@ -12,7 +12,6 @@ from support.composed_scene import (
     collection_in,
     compose,
     compose_anew,
-    name_of,
     nodes_of,
     splats_of,
     the_capture,
@@ -21,29 +20,29 @@ from support.composed_scene import (
 from support.small_scenes import read_png
 
 from frog_blender import point_cloud
-from frog_blender.render.compositing import checks, compositor, renders
+from frog_blender.render.compositing import compositor, renders
 from frog_blender.timeline import playback
+
+
+def write(block, **values):
+    for name, value in values.items():
+        setattr(block, name, value)
 
 
 def another_camera(scene):
     scene.camera = cameras(scene)[2]
 
 
-def a_camera_bound_to_a_marker(scene):
-    scene.timeline_markers.new("cut", frame=1).camera = cameras(scene)[2]
-
-
-def a_new_camera(scene):
-    scene.camera = cameras(scene)[0].copy()
-    scene.camera.location.z += 0.3
-    scene.collection.objects.link(scene.camera)
-
-
 def a_camera_that_is_not_rendered(scene):
     hidden = collection_in(scene.collection, "cameras")
-    scene.camera = cameras(scene)[2].copy()
+    scene.camera = cameras(scene)[1].copy()
+    scene.camera.location.z += 0.3
     hidden.objects.link(scene.camera)
     scene.view_layers[0].layer_collection.children["cameras"].exclude = True
+
+
+def a_camera_bound_to_a_marker(scene):
+    scene.timeline_markers.new("cut", frame=1).camera = cameras(scene)[-1]
 
 
 def a_cropped_region(scene):
@@ -51,46 +50,17 @@ def a_cropped_region(scene):
     scene.render.use_crop_to_border = True
 
 
-def no_region_after_one(scene):
-    a_region(scene)
-    compose(scene)
-    bpy.ops.render.render()
-    scene.render.use_border = False
-    scene.render.resolution_x = 80
+def no_region_and_another_size(scene):
+    write(scene.render, use_border=False, resolution_x=72, resolution_y=80, pixel_aspect_y=1.5)
 
 
-def another_resolution(scene):
-    scene.render.resolution_x, scene.render.resolution_y = 72, 80
-
-
-def half_size(scene):
-    scene.render.resolution_percentage = 50
-
-
-def oblong_pixels(scene):
-    scene.render.pixel_aspect_y = 1.5
-
-
-def another_frame(scene):
-    scene.frame_set(7)
-
-
-def between_frames(scene):
-    scene.frame_set(3, subframe=0.5)
-
-
-def stretched_time(scene):
-    scene.render.frame_map_old, scene.render.frame_map_new = 100, 25
-    scene.frame_set(8)
+def between_stretched_frames(scene):
+    write(scene.render, frame_map_old=100, frame_map_new=200)
+    scene.frame_set(8, subframe=0.5)
 
 
 def motion_blur(scene):
-    scene.render.use_motion_blur = True
-    scene.render.motion_blur_shutter = 3.0
-
-
-def an_object_added(scene):
-    card(scene.collection, (0.0, -0.6, -0.3), color=(0.2, 0.3, 0.9))
+    write(scene.render, use_motion_blur=True, motion_blur_shutter=3.0)
 
 
 def collections_added(scene):
@@ -105,66 +75,32 @@ def an_instance_added(scene):
     scene.collection.objects.link(instance)
 
 
-def a_collection_removed(scene):
-    scene.collection.children.unlink(bpy.data.collections["props"])
-
-
-def a_collection_excluded(scene):
-    scene.view_layers[0].layer_collection.children["props"].exclude = True
+def a_simplified_scene(scene):
+    obj = bpy.data.objects["card"]
+    obj.modifiers.new("round", "SUBSURF").render_levels = 3
+    write(scene.render, use_simplify=True, simplify_subdivision_render=0)
+    obj.scale, obj.location.y = (1.7, 1.0, 1.7), -1.0
 
 
 def a_collection_held_out(scene):
     scene.render.film_transparent = True
-    scene.view_layers[0].layer_collection.children["props"].holdout = True
-
-
-def an_object_deleted(scene):
-    bpy.data.objects.remove(bpy.data.objects["card"])
-
-
-def an_object_hidden(scene):
-    bpy.data.objects["card"].hide_render = True
-
-
-def an_object_moved(scene):
-    bpy.data.objects["card"].location.y = -1.0
-
-
-def a_simplified_scene(scene):
-    obj = bpy.data.objects["card"]
-    obj.modifiers.new("round", "SUBSURF").render_levels = 3
-    scene.render.use_simplify, scene.render.simplify_subdivision_render = True, 0
-    obj.scale = (1.7, 1.0, 1.7)
+    scene.view_layers[0].layer_collection.children["outer"].holdout = True
 
 
 def another_view_layer(scene):
     scene.view_layers[0].use = False
-    scene.view_layers.new("mine").layer_collection.children["props"].exclude = True
+    scene.view_layers.new("mine").layer_collection.children["outer"].exclude = True
     for node in nodes_of(scene, "R_LAYERS"):
         if node.scene == scene:
             node.layer = "mine"
 
 
-def another_world(scene):
-    scene.world = bpy.data.worlds.new("bright")
-    scene.world.color = (0.3, 0.5, 0.7)
-    if scene.world.node_tree is None:
-        scene.world.use_nodes = True
-    nodes = [node for node in scene.world.node_tree.nodes if node.type == "BACKGROUND"]
-    for node in nodes:
-        node.inputs["Color"].default_value = (0.3, 0.5, 0.7, 1.0)
-
-
-def a_transparent_film(scene):
-    scene.render.film_transparent = True
+def a_collection_removed(scene):
+    scene.collection.children.unlink(bpy.data.collections["props"])
 
 
 def another_view_transform(scene):
-    scene.view_settings.view_transform = "AgX"
-
-
-def another_exposure(scene):
-    scene.view_settings.exposure = 1.0
+    write(scene.view_settings, view_transform="AgX", exposure=1.0)
 
 
 def a_capture_added(scene):
@@ -177,41 +113,29 @@ def a_capture_added(scene):
 def a_capture_moved_to_another_collection(scene):
     obj = the_capture()
     (before,) = obj.users_collection
-    bpy.data.collections["props"].objects.link(obj)
+    collection_in(scene.collection, "late").objects.link(obj)
     before.objects.unlink(obj)
-    an_object_moved(scene)
-
-
-def a_capture_turned(scene):
-    the_capture().rotation_euler.z += 1.0
+    obj.rotation_euler.z += 1.0
 
 
 def points_switched_on(scene):
     """Which the other engine would draw, and FRoG once more."""
     point_cloud.draw_in_renders(the_capture(), True)
-    an_object_moved(scene)
-
-
-def captures_hidden(scene):
-    the_capture().hide_render = True
-
-
-def captures_deleted(scene):
-    bpy.data.objects.remove(the_capture())
+    bpy.data.objects["card"].location.y -= 0.3
 
 
 def renamed_scenes(scene):
     splats_of(scene).name = "Whatever"
     scene.name = "Shot 7"
-    another_camera(scene)
+    scene.timeline_markers.clear()
+    scene.camera = cameras(scene)[1]
 
 
 def the_splats_scene_tampered_with(scene):
     splats = splats_of(scene)
-    splats.render.engine, splats.render.film_transparent = "CYCLES", False
-    splats.render.use_border, splats.render.border_max_x, splats.render.resolution_x = True, 0.3, 20
+    write(splats.render, engine="CYCLES", film_transparent=False, use_border=True, border_max_x=0.3, resolution_x=20)
     splats.camera, splats.view_layers[0].use = None, False
-    another_frame(scene)
+    scene.frame_set(3)
 
 
 def undone(scene):
@@ -220,56 +144,45 @@ def undone(scene):
     bpy.context.view_layer.update()
     bpy.ops.ed.undo_push(message="a card")
     bpy.ops.ed.undo()
-    another_camera(bpy.context.scene)
+    bpy.context.scene.camera = cameras(bpy.context.scene)[0]
 
 
-FOLLOWED = [
-    *(another_camera, a_camera_bound_to_a_marker, a_new_camera, a_camera_that_is_not_rendered),
-    *(a_region, a_cropped_region, no_region_after_one, another_resolution, half_size, oblong_pixels),
-    *(another_frame, between_frames, stretched_time, motion_blur),
-    *(an_object_added, collections_added, an_instance_added, a_collection_removed, a_collection_excluded),
-    *(a_collection_held_out, an_object_deleted, an_object_hidden, an_object_moved, a_simplified_scene),
-    *(another_view_layer, another_world, a_transparent_film, another_view_transform, another_exposure),
-    *(
-        a_capture_added,
-        a_capture_moved_to_another_collection,
-        a_capture_turned,
-        points_switched_on,
-        captures_hidden,
-        captures_deleted,
-    ),
-    *(renamed_scenes, the_splats_scene_tampered_with, undone),
+CHANGES = [
+    *(another_camera, a_camera_that_is_not_rendered, a_camera_bound_to_a_marker, a_region, a_cropped_region),
+    *(no_region_and_another_size, between_stretched_frames, motion_blur, collections_added, an_instance_added),
+    *(a_simplified_scene, a_collection_held_out, another_view_layer, a_collection_removed, another_view_transform),
+    *(a_capture_added, a_capture_moved_to_another_collection, points_switched_on, renamed_scenes),
+    *(the_splats_scene_tampered_with, undone),
 ]
 
 
-# One of each kind by default: each renders four times, and every other kind of change takes the same way.
-OF_EACH_KIND = (another_camera, a_region, between_frames, an_object_added, another_view_layer, captures_deleted, undone)
-CHANGES = [pytest.param(change, marks=[] if change in OF_EACH_KIND else pytest.mark.slow) for change in FOLLOWED]
-
-
-@pytest.mark.parametrize("window", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["script", "window"])
-@pytest.mark.parametrize("change", CHANGES, ids=name_of)
-def test_it_is_followed(composed, rendered, change, window, in_a_window):
+@pytest.mark.parametrize("window", [False, True], ids=["script", "window"])
+def test_every_change_is_followed(composed, rendered, window, in_a_window):
+    """One after the other: each image is that of a scene that was composed after the change."""
     if window:
         in_a_window()
-    before = rendered(composed)
-    change(composed)
-    scene = bpy.context.scene  # which undo makes anew
-    found = rendered(scene)
-    assert not renders.problems() or change in (captures_hidden, captures_deleted)
-    assert found.shape != before.shape or (found != before).any(), "the change shows"
-    if change is captures_deleted:
-        assert not next(playback.captures(bpy.data.objects), None)
-        the_node_muted(scene)  # what the objects alone look like
-    else:
+    before, scene = rendered(composed), composed
+    for change in CHANGES:
+        change(scene)
+        scene = bpy.context.scene  # which undo makes anew
+        bpy.context.view_layer.update()
+        found = rendered(scene)
+        assert not renders.problems(), change.__name__
+        assert found.shape != before.shape or (found != before).any(), f"{change.__name__} shows"
         compose_anew(scene)
+        np.testing.assert_array_equal(found, rendered(scene), err_msg=change.__name__)
+        before = found
+    for obj in list(playback.captures(bpy.data.objects)):
+        bpy.data.objects.remove(obj)
+    found = rendered(scene)
+    the_node_muted(scene)  # what the objects alone look like
     np.testing.assert_array_equal(found, rendered(scene))
 
 
 def the_node_unlinked(scene):
     (over,) = nodes_of(scene, "ALPHAOVER")
     target = over.outputs[0].links[0].to_socket
-    (own,) = (node for node in nodes_of(scene, "R_LAYERS") if node.scene == scene)
+    own = next(node for node in nodes_of(scene, "R_LAYERS") if node.scene == scene)
     compositor.tree_of(scene).links.new(own.outputs["Image"], target)
 
 
@@ -286,19 +199,7 @@ def the_nodes_deleted(scene):
     scene.render.use_compositing = False
 
 
-MORE_WAYS_TO_END = (the_node_muted, compositing_switched_off, the_nodes_deleted)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        the_node_unlinked,
-        the_splats_scene_deleted,
-        *(pytest.param(change, marks=pytest.mark.slow) for change in MORE_WAYS_TO_END),
-    ],
-    ids=name_of,
-)
-def test_captures_that_frog_no_longer_draws_are_drawn_by_the_other_engine(empty, static_rig, rendered, change):
+def test_captures_that_frog_no_longer_draws_are_drawn_by_the_other_engine(empty, static_rig, rendered):
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     card(empty.collection, (0.4, 0.0, 0.0))
     empty.render.engine, empty.cycles.samples, empty.cycles.use_denoising = "CYCLES", 1, False
@@ -306,10 +207,13 @@ def test_captures_that_frog_no_longer_draws_are_drawn_by_the_other_engine(empty,
     compose(empty)
     both = rendered(empty)
     assert (both != before).any() and not point_cloud.is_drawn_in_renders(the_capture())
-    change(empty)
-    np.testing.assert_array_equal(rendered(empty), before)
-    compose(empty)
-    np.testing.assert_array_equal(rendered(empty), both)
+    for change in (
+        *(the_node_unlinked, the_splats_scene_deleted, the_node_muted, compositing_switched_off, the_nodes_deleted),
+    ):
+        change(empty)
+        np.testing.assert_array_equal(rendered(empty), before, err_msg=change.__name__)
+        compose(empty)
+        np.testing.assert_array_equal(rendered(empty), both, err_msg=change.__name__)
 
 
 @pytest.mark.parametrize("link", [False, True], ids=["appended", "linked"])
@@ -323,11 +227,11 @@ def test_a_capture_from_a_composed_file_is_drawn_by_the_other_engine(composed, t
     assert (capture.library is not None) == link
     assert not capture.frog.laid_over and point_cloud.is_drawn_in_renders(capture)
     scene.render.engine = "CYCLES"
-    assert checks.trouble(scene) == ""
+    assert renders.trouble(scene) == ""
 
 
-def test_an_animation_follows_cameras_sizes_and_time(composed, rendered, tmp_path):
-    """Its frames are those that stills have; the images' size stays the first one's."""
+def test_an_animation_follows_cameras_and_settings(composed, rendered, tmp_path):
+    """Its frames are those that stills have."""
     for frame, camera in zip((1, 2), (cameras(composed)[0], cameras(composed)[2]), strict=True):
         composed.timeline_markers.new("cut", frame=frame).camera = camera
     composed.render.use_motion_blur = True
@@ -335,64 +239,48 @@ def test_an_animation_follows_cameras_sizes_and_time(composed, rendered, tmp_pat
         composed.render.motion_blur_shutter = shutter
         composed.render.keyframe_insert("motion_blur_shutter", frame=frame)
     composed.frame_start, composed.frame_end = 1, 2
+    write(composed.render, filepath=str(tmp_path / "out_"))
     composed.render.image_settings.file_format = "PNG"
-    composed.render.filepath = str(tmp_path / "out_")
     assert bpy.ops.render.render(animation=True) == {"FINISHED"}
     images = [read_png(path) for path in sorted(tmp_path.glob("out_*.png"))]
     assert len(images) == 2
     for frame, image in enumerate(images, start=1):
         composed.frame_set(frame)
         compose_anew(composed)
-        found = rendered(composed)
-        np.testing.assert_array_equal(image[..., :3], found[..., :3])
+        np.testing.assert_array_equal(image[..., :3], rendered(composed)[..., :3])
 
 
-@pytest.fixture
-def eyes(tmp_path):
-    """A function that renders a scene in stereo: the images of the left and the right eye."""
-
-    def render(scene):
-        scene.render.use_multiview, scene.render.views_format = True, "STEREO_3D"
-        scene.render.image_settings.file_format = "PNG"
-        scene.render.image_settings.views_format = "INDIVIDUAL"
-        scene.render.filepath = str(tmp_path / "stereo.png")
-        assert bpy.ops.render.render(write_still=True, scene=scene.name) == {"FINISHED"}
+def test_each_eye_has_its_own_splats(composed, rendered, tmp_path):
+    def eyes():
+        write(composed.render, use_multiview=True, views_format="STEREO_3D", filepath=str(tmp_path / "stereo.png"))
+        write(composed.render.image_settings, file_format="PNG", views_format="INDIVIDUAL")
+        assert bpy.ops.render.render(write_still=True, scene=composed.name) == {"FINISHED"}
         return [read_png(tmp_path / f"stereo_{eye}.png") for eye in "LR"]
 
-    return render
-
-
-def test_each_eye_has_its_own_splats(composed, eyes, rendered):
     camera = composed.camera
-    stereo = camera.data.stereo
-    left, right = eyes(composed)
+    left, right = eyes()
     assert (left != right).any()
-    stereo.convergence_mode, stereo.pivot = "PARALLEL", "CENTER"
-    left, right = eyes(composed)
+    write(camera.data.stereo, convergence_mode="PARALLEL", pivot="CENTER")
+    left, right = eyes()
     composed.render.use_multiview = False
     place = camera.matrix_world.copy()
     for image, sign in ((left, -0.5), (right, 0.5)):
         moved = place.copy()
-        moved.translation += place.col[0].to_3d() * (sign * stereo.interocular_distance)
+        moved.translation += place.col[0].to_3d() * (sign * camera.data.stereo.interocular_distance)
         camera.matrix_world = moved
         found = rendered(composed).astype(int)
         assert np.abs(found - image).max() <= 2, "an eye is a camera that stands beside the other one"
 
 
-def test_images_put_together_by_hand_have_the_region_of_the_scene_that_is_rendered(empty, static_rig, rendered):
+def test_images_put_together_by_hand_have_the_region_of_the_scene_that_is_rendered(composed, rendered):
     """FRoG's scene follows none, but Blender renders it by the other one's size and region all the same."""
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    compose(empty)
-    whole = rendered(empty)
-    splats_of(empty).frog.composed_with = None
+    whole = rendered(composed)
+    splats_of(composed).frog.composed_with = None
     bpy.context.view_layer.update()
     point_cloud.draw_in_renders(the_capture(), False)
-    a_region(empty)
-    found = rendered(empty)
+    a_region(composed)
+    found = rendered(composed)
     height, width = whole.shape[:2]
-    inside = (
-        slice(round(0.1 * height) + 1, round(0.9 * height) - 1),
-        slice(int(0.2 * width) + 1, int(0.7 * width) - 1),
-    )
+    inside = np.s_[round(0.1 * height) + 1 : round(0.9 * height) - 1, int(0.2 * width) + 1 : int(0.7 * width) - 1]
     np.testing.assert_array_equal(found[inside], whole[inside])
     assert found[inside][..., :3].std() > 10

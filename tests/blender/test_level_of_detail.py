@@ -15,7 +15,8 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.nodes import ellipsoid_nodes
 from frog_blender.render.collect_instances import gather
 from frog_blender.scene_import.capture_objects import active_capture
-from frog_blender.timeline import level_of_detail, open_scenes, playback
+from frog_blender.timeline import open_scenes, playback
+from frog_blender.timeline.render_thread import rendering
 
 
 @pytest.fixture
@@ -100,7 +101,7 @@ def test_renders_of_other_engines_have_their_own(empty, capture, counting):
     assert counting == [300] * 4 and point_cloud.count(capture) == 40
     capture.frog.render_density = 10
     bpy.ops.render.render()
-    assert counting[-1] == 40 and not level_of_detail.is_for_render()
+    assert counting[-1] == 40 and not rendering().has_render_density
 
 
 def test_two_captures_of_one_file(empty, capture, many):

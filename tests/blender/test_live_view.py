@@ -12,12 +12,10 @@ from support.training_panel import switched_off
 
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
-from frog_blender.engine.spherical_harmonics import SH_DC
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import LiveView, TrainingTask, watch_live
 from frog_blender.timeline import playback_cache
-from frog_blender.timeline.playback_cache import SceneTime
-from frog_blender.viewport import drawing, live
+from frog_blender.viewport import live
 
 CAPTURE = "/films/room"
 
@@ -97,22 +95,3 @@ def test_watchers_are_told_when_it_begins_and_ends(live_view):
     with switched_off():
         """Who watches is forgotten with the add-on."""
     assert told == [1, 1]
-
-
-def test_points_are_the_seen_gaussians_in_their_colours(empty, live_view, monkeypatch):
-    player = offer(live_view)
-    shown = SceneTime(player, 0.5)
-    gaussians = player.at(0.5)
-    places, colors = live.points(player, shown)
-    seen = gaussians.opacities >= 0.1
-    assert 0 < seen.sum() < player.count
-    np.testing.assert_allclose(places, gaussians.means[seen], rtol=1e-6)
-    np.testing.assert_allclose(colors[:, :3], np.clip(0.5 + SH_DC * gaussians.sh[seen, 0], 0, 1), atol=1e-6)
-    monkeypatch.setattr(live, "_MOST_POINTS", 20)
-    assert 10 < len(live.points(player, shown)[0]) <= 20
-
-
-def test_sources_are_for_windows(empty):
-    for choice in ("AUTO", "CARD", "POINTS"):
-        empty.frog.viewport_drawing = choice
-        assert not drawing.shows_sources(empty)

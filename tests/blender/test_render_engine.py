@@ -8,14 +8,20 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
+from bpy_extras.object_utils import world_to_camera_view
 from support.observed_players import observed
 from support.small_scenes import expected_png, moving_camera, passes_of, read_png, rig_of_three, write_scene
 
 from frog_blender import reported_once
+from frog_blender.cameras import apply_lens, engine_camera, pose_of
+from frog_blender.color_spaces import to_linear
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.gaussians import joined
 from frog_blender.engine.native import binding
 from frog_blender.engine.notices import Notice
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
+from frog_blender.render.blur import shutter_frames
 from frog_blender.scene_import.capture_objects import active_capture
 
 
@@ -35,29 +41,17 @@ def assert_same_image(pixels, expected):
     np.testing.assert_allclose(pixels[..., :3].astype(float), expected, atol=1.0)
 
 
-@pytest.mark.parametrize("index", range(3))
-def test_still_through_each_camera(empty, static_rig, rendered, index):
-    import_scene(static_rig)
-    look_through(empty, f"cam0{index}")
-    empty.frame_set(4)
-    pixels = rendered(empty)
-    assert_same_image(pixels, expected_png(static_rig, rig_of_three()[index], 3.0))
-    assert pixels[..., 3].min() == 255
-
-
-def test_subframe(empty, static_rig, rendered):
-    import_scene(static_rig)
-    empty.frame_set(4, subframe=0.25)
-    assert_same_image(rendered(empty), expected_png(static_rig, rig_of_three()[0], 3.25))
-
-
-def test_root_that_is_turned_scaled_and_moved_sees_the_same(empty, static_rig, rendered):
+def test_stills_through_each_camera_wherever_its_root_stands(empty, static_rig, rendered):
     root = import_scene(static_rig).parent
     turn = mathutils.Euler((0.3, -0.8, 1.9)).to_matrix().to_4x4()
-    root.matrix_world = mathutils.Matrix.Translation((5.0, 2.0, -1.0)) @ turn @ mathutils.Matrix.Scale(2.5, 4)
-    look_through(empty, "cam02")
-    empty.frame_set(7)
-    assert_same_image(rendered(empty), expected_png(static_rig, rig_of_three()[2], 6.0))
+    elsewhere = mathutils.Matrix.Translation((5.0, 2.0, -1.0)) @ turn @ mathutils.Matrix.Scale(2.5, 4)
+    for index, frame, place in ((0, 4.25, None), (1, 5, None), (2, 7, elsewhere)):
+        root.matrix_world = place or mathutils.Matrix()
+        look_through(empty, f"cam0{index}")
+        empty.frame_set(int(frame), subframe=frame % 1)
+        pixels = rendered(empty)
+        assert_same_image(pixels, expected_png(static_rig, rig_of_three()[index], frame - 1))
+        assert pixels[..., 3].min() == 255
 
 
 def test_moving_the_root_alone_moves_the_image(empty, static_rig, rendered):
@@ -67,9 +61,14 @@ def test_moving_the_root_alone_moves_the_image(empty, static_rig, rendered):
     assert np.abs(rendered(empty).astype(int) - before).max() > 20
 
 
-def test_uneven_scale_is_refused_in_a_sentence(empty, static_rig, rendered):
-    import_scene(static_rig).scale = (1.0, 2.0, 1.0)
+def test_what_cannot_be_drawn_is_refused_in_a_sentence(empty, static_rig, rendered):
+    capture = import_scene(static_rig)
+    capture.scale = (1.0, 2.0, 1.0)
     with pytest.raises(RuntimeError, match="can only be scaled evenly"):
+        rendered(empty)
+    capture.scale = (1.0, 1.0, 1.0)
+    static_rig.unlink()
+    with pytest.raises(RuntimeError, match="found no file"):
         rendered(empty)
 
 
@@ -120,8 +119,6 @@ def test_orthographic_camera_sees_no_perspective(empty, static_rig, tmp_path):
     data = empty.camera.data
     data.type, data.ortho_scale, data.shift_x, data.shift_y, data.frog.focal_ratio = "ORTHO", 3.0, 0.0, 0.0, 1.0
     combined, depth = passes_of(empty, tmp_path)
-    from frog_blender.engine.playback.player import ScenePlayer
-
     means = ScenePlayer.load(static_rig).at_frame(0.0).means
     to_eye = np.linalg.inv(np.array(empty.camera.matrix_world))
     seen = means @ to_eye[:3, :3].T + to_eye[:3, 3]
@@ -139,9 +136,8 @@ def test_orthographic_camera_sees_no_perspective(empty, static_rig, tmp_path):
     assert np.quantile(change, 0.98) < 5e-3  # at edges another Gaussian may take transmittance through a half
 
 
-@pytest.mark.parametrize(("position", "around"), [("CENTER", 0.0), ("START", 0.5), ("END", -0.5)])
-def test_motion_blur_is_the_light_of_the_open_shutter(empty, static_rig, tmp_path, position, around):
-    """Against 200 frames over the same time; cameras move as well as Gaussians."""
+def test_motion_blur_is_the_light_of_the_open_shutter(empty, static_rig, tmp_path):
+    """Against 60 frames over the same time; cameras move as well as Gaussians."""
     import_scene(static_rig)
     camera = empty.camera
     for frame, x in ((1, -1.0), (10, 1.0)):
@@ -149,35 +145,26 @@ def test_motion_blur_is_the_light_of_the_open_shutter(empty, static_rig, tmp_pat
         camera.keyframe_insert("location", index=0, frame=frame)
     empty.frame_set(5)
     sharp, depth = passes_of(empty, tmp_path)
-    empty.render.use_motion_blur, empty.render.motion_blur_shutter = True, 1.0
-    empty.render.motion_blur_position = position
+    empty.render.motion_blur_position, empty.render.motion_blur_shutter = "START", 1.0
+    empty.render.use_motion_blur = True
     blurred, same_depth = passes_of(empty, tmp_path)
     assert empty.frame_current_final == 5.0
     empty.render.use_motion_blur = False
     expected = np.zeros_like(sharp)
-    for frame in 5.0 + around + (np.arange(200) + 0.5) / 200 - 0.5:
+    for frame in 5.0 + (np.arange(60) + 0.5) / 60:
         empty.frame_set(int(frame), subframe=frame % 1.0)
-        expected += passes_of(empty, tmp_path)[0] / 200
+        expected += passes_of(empty, tmp_path)[0] / 60
     change = np.abs(expected - sharp).max()
     assert change > 0.05, "nothing moves"
-    assert np.abs(blurred - expected).max() < 0.02 * change + 2e-3
+    assert np.abs(blurred - expected).max() < 0.03 * change + 2e-3
     np.testing.assert_array_equal(depth, same_depth)
 
 
 def test_the_shutter_is_open_where_blender_says():
-    from frog_blender.render.blur import shutter_frames
-
     for position, first, last in (("START", 7.0, 7.5), ("CENTER", 6.75, 7.25), ("END", 6.5, 7.0)):
         frames = shutter_frames(7.0, 0.5, position, 16)
         assert len(frames) == 16 and first < frames[0] < frames[-1] < last
         assert np.mean(frames) == pytest.approx((first + last) / 2)
-
-
-def test_missing_file_is_refused_in_a_sentence(empty, static_rig, rendered):
-    import_scene(static_rig)
-    static_rig.unlink()
-    with pytest.raises(RuntimeError, match="found no file"):
-        rendered(empty)
 
 
 def test_moving_capture_becomes_one_animated_camera(empty, moving_rig, rendered):
@@ -190,8 +177,6 @@ def test_moving_capture_becomes_one_animated_camera(empty, moving_rig, rendered)
 
 
 def test_animation_is_frame_exact(empty, static_rig, tmp_path):
-    from support.small_scenes import read_png
-
     import_scene(static_rig)
     empty.frame_start, empty.frame_end = 2, 4
     empty.render.image_settings.file_format = "PNG"
@@ -203,9 +188,6 @@ def test_animation_is_frame_exact(empty, static_rig, tmp_path):
 
 
 def test_two_captures_are_drawn_together(empty, static_rig, tmp_path, rendered):
-    from frog_blender.engine.gaussians import joined
-    from frog_blender.engine.playback.player import ScenePlayer
-
     other = write_scene(tmp_path / "other.frog", rig_of_three(), seed=1, sh_count=1)
     import_scene(static_rig)
     import_scene(other)
@@ -217,8 +199,6 @@ def test_two_captures_are_drawn_together(empty, static_rig, tmp_path, rendered):
 
 
 def test_depth_is_planar_and_in_world_units(empty, static_rig, tmp_path):
-    from frog_blender.engine.playback.player import ScenePlayer
-
     root = import_scene(static_rig).parent
     root.scale = (2.0, 2.0, 2.0)
     bpy.context.view_layer.use_pass_z = True
@@ -232,23 +212,7 @@ def test_depth_is_planar_and_in_world_units(empty, static_rig, tmp_path):
     assert np.mean(np.abs(depth[both] - 2.0 * expected[both]) < 1e-3) > 0.98
 
 
-def test_depth_arrives_in_a_file(empty, static_rig, tmp_path):
-    import_scene(static_rig)
-    bpy.context.view_layer.use_pass_z = True
-    settings = empty.render.image_settings
-    if hasattr(settings, "media_type"):
-        settings.media_type = "MULTI_LAYER_IMAGE"
-    settings.file_format = "OPEN_EXR_MULTILAYER"
-    empty.render.filepath = str(tmp_path / "still.exr")
-    bpy.ops.render.render(write_still=True)
-    content = (tmp_path / "still.exr").read_bytes()[:4000]
-    assert b"Depth.Z" in content and b"Combined.A" in content
-
-
 def test_transparent_film_is_premultiplied_linear(empty, static_rig, tmp_path):
-    from frog_blender.color_spaces import to_linear
-    from frog_blender.engine.playback.player import ScenePlayer
-
     import_scene(static_rig)
     empty.render.film_transparent = True
     combined, _ = passes_of(empty, tmp_path)
@@ -274,8 +238,6 @@ def test_world_colour_is_the_background(empty, static_rig, tmp_path):
 
 
 def test_any_camera_survives_the_way_through_blender(empty):
-    from frog_blender.cameras import apply_lens, engine_camera, pose_of
-
     scene = empty
     for camera in rig_of_three():
         obj = bpy.data.objects.new(camera.name, bpy.data.cameras.new(camera.name))
@@ -286,57 +248,41 @@ def test_any_camera_survives_the_way_through_blender(empty):
         np.testing.assert_allclose(back.world_to_camera, camera.world_to_camera, atol=1e-6)
 
 
-@pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
 @pytest.mark.parametrize("size", [(80, 50), (50, 80)])
 @pytest.mark.parametrize("aspect", [(1.0, 1.0), (2.0, 1.0), (1.0, 1.5)])
-def test_camera_projects_as_blender_does(empty, fit, size, aspect):
-    from bpy_extras.object_utils import world_to_camera_view
-
-    from frog_blender.cameras import engine_camera
-
-    scene = empty
+def test_camera_projects_as_blender_does(empty, size, aspect):
     data = bpy.data.cameras.new("made by hand")
     obj = bpy.data.objects.new("made by hand", data)
-    scene.collection.objects.link(obj)
-    data.sensor_fit, data.sensor_width, data.sensor_height = fit, 32.0, 20.0
+    empty.collection.objects.link(obj)
+    data.sensor_width, data.sensor_height = 32.0, 20.0
     data.lens, data.shift_x, data.shift_y = 41.0, 0.13, -0.07
     obj.location, obj.rotation_euler = (0.5, -3.0, 1.0), (1.2, 0.1, 0.3)
-    scene.render.resolution_x, scene.render.resolution_y = size
-    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = aspect
-    bpy.context.view_layer.update()
-    camera = engine_camera(obj, obj.matrix_world, scene.render, *size)
+    empty.render.resolution_x, empty.render.resolution_y = size
+    empty.render.pixel_aspect_x, empty.render.pixel_aspect_y = aspect
     points = np.array([[0.0, 0.0, 0.0], [0.4, 0.2, 0.3], [-0.3, 0.1, 0.8]])
-    pixels, depth = camera.project(points)
-    for point, pixel, z in zip(points, pixels, depth, strict=True):
-        x, y, distance = world_to_camera_view(scene, obj, mathutils.Vector(point))
-        np.testing.assert_allclose(pixel, (x * size[0], (1.0 - y) * size[1]), atol=1e-3)
-        assert z == pytest.approx(distance, rel=1e-5)
+    for fit in ("AUTO", "HORIZONTAL", "VERTICAL"):
+        data.sensor_fit = fit
+        bpy.context.view_layer.update()
+        pixels, depth = engine_camera(obj, obj.matrix_world, empty.render, *size).project(points)
+        for point, pixel, z in zip(points, pixels, depth, strict=True):
+            x, y, distance = world_to_camera_view(empty, obj, mathutils.Vector(point))
+            np.testing.assert_allclose(pixel, (x * size[0], (1.0 - y) * size[1]), atol=1e-3)
+            assert z == pytest.approx(distance, rel=1e-5)
 
 
-@pytest.mark.parametrize("share", [k / 100 for k in (7, 29, 35, 57, 58, 70, 95)])
-def test_a_render_region_has_the_size_that_blender_expects(empty, static_rig, rendered, share):
+def test_a_render_region_is_that_part_of_the_image(empty, static_rig, rendered):
     import_scene(static_rig)
     empty.render.resolution_x, empty.render.resolution_y = 100, 60
-    empty.render.border_min_x, empty.render.border_max_x = share, 1.0
-    empty.render.border_min_y, empty.render.border_max_y = 0.0, share
-    whole, part = rendered(empty), rendered(empty, use_border=True, use_crop_to_border=True)
-    np.testing.assert_array_equal(part, whole[-part.shape[0] :, -part.shape[1] :])
-
-
-@pytest.mark.parametrize("crop", [True, False])
-def test_a_render_region_is_that_part_of_the_image(empty, static_rig, rendered, crop):
-    import_scene(static_rig)
     whole = rendered(empty)
-    empty.render.border_min_x, empty.render.border_max_x = 0.25, 0.75
-    empty.render.border_min_y, empty.render.border_max_y = 0.5, 1.0
-    part = rendered(empty, use_border=True, use_crop_to_border=crop)
-    height, width = whole.shape[:2]
-    expected = whole[: height - height // 2, width // 4 : int(0.75 * width)]
-    if not crop:
-        assert part.shape == whole.shape
-        assert not part[height - height // 2 :].any(), "outside the region nothing is drawn"
-        part = part[: expected.shape[0], width // 4 : int(0.75 * width)]
-    np.testing.assert_array_equal(part, expected)
+    for share in (0.07, 0.29, 0.57, 0.58, 0.7, 0.95):
+        empty.render.border_min_x, empty.render.border_max_x = share, 1.0
+        empty.render.border_min_y, empty.render.border_max_y = 0.0, share
+        part = rendered(empty, use_border=True, use_crop_to_border=True)
+        height, width = part.shape[:2]
+        np.testing.assert_array_equal(part, whole[-height:, -width:])
+        image = rendered(empty, use_crop_to_border=False)
+        assert image.shape == whole.shape and not image[:-height].any(), "outside the region nothing is drawn"
+        np.testing.assert_array_equal(image[-height:, -width:], part)
 
 
 def test_a_strip_of_the_sequencer_has_a_camera_of_its_own(empty, static_rig, tmp_path, rendered):
@@ -358,25 +304,20 @@ def test_a_strip_of_the_sequencer_has_a_camera_of_its_own(empty, static_rig, tmp
 
 
 def test_nothing_behind_an_orthographic_camera_is_drawn(empty, static_rig, tmp_path):
-    from mathutils import Matrix
-
     import_scene(static_rig)
     empty.render.film_transparent = True
     empty.camera.data.type, empty.camera.data.ortho_scale = "ORTHO", 4.0
-    empty.camera.matrix_world = Matrix.Translation((0.0, 0.0, 50.0))
-    combined, _ = passes_of(empty, tmp_path)
-    assert combined[..., 3].max() > 0.3
-    empty.camera.matrix_world = Matrix.Translation((0.0, 0.0, -50.0))
-    assert not passes_of(empty, tmp_path)[0].any()
+    for height, is_seen in ((50.0, True), (-50.0, False)):
+        empty.camera.matrix_world = mathutils.Matrix.Translation((0.0, 0.0, height))
+        assert (passes_of(empty, tmp_path)[0][..., 3].max() > 0.3) == is_seen
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="Blender 5 has other working spaces")
-@pytest.mark.parametrize("space", ["Linear Rec.2020", "ACEScg"])
-def test_colours_are_the_same_in_any_working_space(empty, static_rig, rendered, space):
+def test_colours_are_the_same_in_any_working_space(empty, static_rig, rendered):
     import_scene(static_rig)
     expected = rendered(empty).astype(float)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    bpy.ops.wm.set_working_color_space(working_space=space, convert_colors=False)
+    bpy.ops.wm.set_working_color_space(working_space="Linear Rec.2020", convert_colors=False)
     try:
         import_scene(static_rig)
         scene = bpy.context.scene
@@ -400,26 +341,19 @@ def test_a_capture_in_edit_mode_is_drawn(empty, static_rig, rendered):
         bpy.ops.object.mode_set(mode="OBJECT")
 
 
-def test_cycles_sees_through_all_layers(empty, static_rig):
-    import_scene(static_rig)
-    assert empty.cycles.transparent_max_bounces == 1024
-
-
-@pytest.mark.parametrize("most", [0, 10**9])
-@pytest.mark.parametrize("blurred", [False, True])
+@pytest.mark.parametrize(("most", "blurred"), [(0, False), (0, True), (10**9, True)])
 def test_an_image_that_takes_long_says_so_once(empty, static_rig, rendered, monkeypatch, capfd, most, blurred):
     """Here every image does, or none."""
     import_scene(static_rig)
+    assert empty.cycles.transparent_max_bounces == 1024, "Cycles sees through all layers"
     empty.render.use_motion_blur = blurred
     monkeypatch.setattr(binding, "MANY_INSTANCES", most)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         assert rendered(empty).std() > 10
-    written = "".join(capfd.readouterr())
-    assert written.count("Warning: Many of the 60 Gaussians cover most of the image; drawing it takes seconds.") == (
-        most == 0
-    )
-    assert not [each for each in told if each.category is Notice], "said twice"
+    sentence = "Warning: Many of the 60 Gaussians cover most of the image; drawing it takes seconds."
+    assert "".join(capfd.readouterr()).count(sentence) == (most == 0)
+    assert not [warning for warning in told if warning.category is Notice], "said twice"
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError("of a kind"), FrogError("a.frog: found nothing."), MemoryError()])

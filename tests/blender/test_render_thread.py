@@ -90,14 +90,20 @@ def test_never_for_the_frog_engine(empty, capture, in_window):
         handlers.on_render_end()
 
 
-def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(
-    empty, capture, static_rig, tmp_path, monkeypatch
-):
-    written = []
-    write = point_cloud.write_attribute
-    monkeypatch.setattr(
-        point_cloud, "write_attribute", lambda *given: written.append(render_thread.is_rendering()) or write(*given)
-    )
+@pytest.fixture
+def written(capture, monkeypatch):
+    """Whether a render was under way, for each attribute that was written."""
+    found, write = [], point_cloud.write_attribute
+
+    def noting(*given):
+        found.append(render_thread.rendering().is_under_way)
+        write(*given)
+
+    monkeypatch.setattr(point_cloud, "write_attribute", noting)
+    return found
+
+
+def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(empty, capture, static_rig, tmp_path, written):
     empty.render.use_motion_blur = True
     empty.frame_start, empty.frame_end = 3, 5
     empty.render.resolution_percentage = 25
@@ -108,12 +114,7 @@ def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(
     np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(shown).means)
 
 
-def test_cycles_still_gets_the_points_of_its_frames(empty, capture, monkeypatch, tmp_path):
-    written = []
-    write = point_cloud.write_attribute
-    monkeypatch.setattr(
-        point_cloud, "write_attribute", lambda *given: written.append(render_thread.is_rendering()) or write(*given)
-    )
+def test_cycles_still_gets_the_points_of_its_frames(empty, written, tmp_path):
     empty.render.engine, empty.cycles.samples = "CYCLES", 1
     empty.frame_start, empty.frame_end, empty.render.resolution_percentage = 3, 4, 25
     empty.render.filepath = str(tmp_path / "film_")
@@ -128,15 +129,15 @@ def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypat
     bake_file = SimpleNamespace(close=lambda: None, problem="")
     # Reading takes long and is not looked at here.
     addon_state.put(open_scenes.OpenScenes(lambda path: copy.copy(ready), lambda *_: bake_file))
-    paths = [tmp_path / f"{number}.frog" for number in range(200)]
+    paths = [tmp_path / f"{index}.frog" for index in range(40)]
     for path in (*paths, bake := tmp_path / "x.frogbake"):
         path.touch()
     capture.frog.density = 10
     stop, raised = threading.Event(), []
 
-    def ask(number):
-        for turn in range(80):
-            path = paths[(50 * number + turn) % len(paths)]
+    def ask(index):
+        for turn in range(20):
+            path = paths[(10 * index + turn) % len(paths)]
             scene = open_scenes.scene(path)
             assert level_of_detail.thinned(capture, scene)[0].count == 6
             assert open_scenes.bake(bake, path, scene) is not None and open_scenes.bake_problem(bake, path) == ""
@@ -157,7 +158,7 @@ def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypat
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     try:
-        askers = [threading.Thread(target=guarded, args=(ask, number)) for number in range(4)]
+        askers = [threading.Thread(target=guarded, args=(ask, index)) for index in range(4)]
         dropper = threading.Thread(target=guarded, args=(drop,))
         for thread in (*askers, dropper):
             thread.start()

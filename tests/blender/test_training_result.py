@@ -91,7 +91,7 @@ def test_the_question_says_what_the_scene_becomes(addon, static_rig):
 def test_the_finished_scene_is_read_where_it_was_trained(empty, static_rig):
     finished = events.Finished(str(static_rig), 9, 1.0, 20.0, 5)
     task = TrainingTask(lambda control: iter([finished]), ResultImporter(empty)).start()
-    assert task.join(20.0) and open_scenes.is_known(static_rig) and not files(empty)
+    assert task.join(20.0) and static_rig in open_scenes.paths() and not files(empty)
     task.pump_all()
     assert files(empty) == ["figure.frog"]
 

@@ -7,13 +7,14 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from mathutils import Matrix
 from support.blender_windows import viewport
 
+from frog_blender import reported_once
+from frog_blender.cameras import view_camera
 from frog_blender.render import holdout
-from frog_blender.render.holdout import Surface
 from frog_blender.viewport import drawing, hiding
 from frog_blender.viewport.picture import Picture
+from frog_blender.viewport.projection import view_of
 
 
 def mesh_object(name, *, triangles=1):
@@ -25,7 +26,8 @@ def mesh_object(name, *, triangles=1):
     return bpy.data.objects.new(name, mesh)
 
 
-def test_instances_share_a_mesh_that_is_converted_once(empty, monkeypatch):
+def test_instances_share_a_mesh_that_is_converted_once(empty, monkeypatch, capsys):
+    reported_once.forget()
     inside = bpy.data.collections.new("inside")
     mesh, curve = mesh_object("fan"), bpy.data.objects.new("disk", bpy.data.curves.new("disk", "CURVE"))
     curve.data.dimensions, curve.data.fill_mode = "2D", "BOTH"
@@ -46,52 +48,51 @@ def test_instances_share_a_mesh_that_is_converted_once(empty, monkeypatch):
     bpy.context.view_layer.update()
     converted, convert = [], holdout._mesh_of
     monkeypatch.setattr(holdout, "_mesh_of", lambda obj: converted.append((obj.name, obj.type)) or convert(obj))
-    found = list(holdout.surfaces(bpy.context.evaluated_depsgraph_get()))
+    vertices, triangles = holdout.mesh_of(bpy.context.evaluated_depsgraph_get())
     # Blender gives a filled curve's mesh besides the curve.
     assert sorted(converted) == [("alone", "MESH"), ("disk", "CURVE"), ("disk", "MESH"), ("fan", "MESH")]
-    assert len(found) == 10 and len({id(surface.vertices) for surface in found}) == 4
-    places = {tuple(surface.placed().astype(np.float64).mean(axis=0).round(3).tolist()) for surface in found}
-    fans = {(k + 1.333, 0.0, 8.189) for k in range(3)}
-    disks = {(round(k + 2 / 3, 3), 0.667, 0.0) for k in range(3)}
-    assert {place for place in places if place[2] > 5} == fans, "each where it stands"
-    assert disks <= places
-
-
-def test_too_many_triangles_are_boxes(capsys):
-    random = np.random.default_rng(0)
-    meshes = [random.normal(size=(count, 3)).astype(np.float32) for count in (30, 90, 60, 50)]
-    turned = np.array(Matrix.Rotation(0.7, 4, "Z") @ Matrix.Translation((1, 2, 3)))
-    found = [Surface(points, np.arange(len(points) // 3 * 3).reshape(-1, 3), turned) for points in meshes]
-    whole = hiding.within(found)
-    assert [len(points) for points, _ in whole] == [30, 90, 60, 50] and not capsys.readouterr().err
-    parts = hiding.within(found, most=100)
-    assert [len(points) for points, _ in parts] == [30, 8, 60, 8]
-    assert "bounding boxes" in capsys.readouterr().err
-    for k in (1, 3):
-        points, corners = parts[k]
-        local = (points - turned[:3, 3]) @ turned[:3, :3]
-        np.testing.assert_allclose([local.min(0), local.max(0)], [meshes[k].min(0), meshes[k].max(0)], atol=1e-5)
-        sides = local[corners]
-        area = np.linalg.norm(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1).sum() / 2
-        a, b, c = np.ptp(meshes[k], axis=0)
-        assert area == pytest.approx(2 * (a * b + b * c + c * a), rel=1e-5), "closed"
-    assert [len(points) for points, _ in hiding.within(found, most=100, most_boxes=0)] == [30]
+    seen = {tuple(place) for place in vertices[triangles].astype(float).mean(axis=1).round(2).tolist()}
+    fans = {(k + 1.33, 0.0, 8.19) for k in range(3)}
+    disks = {(round(k + 2 / 3, 2), 0.67, 0.0) for k in range(3)}
+    assert fans | disks <= seen and len(triangles) == 3 * (1 + 2) + 5, "each where it stands"
+    assert len(holdout.mesh_of(bpy.context.evaluated_depsgraph_get(), most=4)[1]) <= 4
+    assert "hide no splats" in capsys.readouterr().err
 
 
 @pytest.fixture
 def read(empty, monkeypatch):
     """A function that brings a viewport's surfaces up to date, and how often they were read until then."""
-    batches = []
-    monkeypatch.setattr(hiding, "surface_batch", lambda _shader, found: batches.append(len(found)) or len(found))
+    times, mesh_of = [], holdout.mesh_of
+    monkeypatch.setattr(hiding, "mesh_of", lambda *given: times.append(1) or mesh_of(*given))
     empty.collection.objects.link(mesh_object("first"))
     bpy.context.view_layer.update()
 
     def update(surfaces, looked_at, *, is_still=False):
         context = SimpleNamespace(evaluated_depsgraph_get=bpy.context.evaluated_depsgraph_get, **viewport())
-        surfaces.update(None, context, looked_at, is_still=is_still)
-        return len(batches)
+        surfaces.update(context, looked_at, is_still=is_still)
+        return len(times)
 
     return update
+
+
+def test_the_depth_of_surfaces_is_that_of_a_viewport(read):
+    """Of the triangle (0, 0, 0), (1, 0, 0), (1, 0, 2 pi), 5 before an eye that looks along y."""
+    surfaces = hiding.Surfaces()
+    read(surfaces, 0)
+    view, window = np.eye(4), np.zeros((4, 4))
+    view[:3] = (1, 0, 0, -0.5), (0, 0, 1, -1.0), (0, -1, 0, -5.0)
+    window[0, 0] = window[1, 1] = 1.5
+    window[2, 2], window[2, 3], window[3, 2] = -1.01, -0.2, -1
+    camera = view_camera(view, window, 60, 60)
+    clip = view_of(camera, np.eye(4), view, window).clip
+    found = surfaces.depth(camera, clip)
+    expected = 0.5 + 0.5 * (window[2, 2] * -5 + window[2, 3]) / 5
+    assert (found[0] == 1).any() and found.dtype == np.float32
+    np.testing.assert_allclose(found[found < 1], expected, atol=1e-6)
+    rows, columns = np.nonzero(found < 1)
+    assert 20 < len(rows) < 1800 and columns.min() >= 30 - 0.5 * 1.5 / 5 * 30 - 1
+    assert rows.min() >= 30 - 1.5 / 5 * 30 - 1, "the rows lie from the bottom"
+    assert hiding.Surfaces().depth(camera, clip) is None
 
 
 def test_slow_surfaces_are_read_when_nothing_moves(read, monkeypatch):

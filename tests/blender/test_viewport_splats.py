@@ -10,12 +10,11 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from mathutils import Matrix
 from support.blender_windows import viewport
 from support.builders import scene_file
 from support.small_scenes import rig_of_three, write_scene
 
-from frog_blender import point_cloud, redrawing
+from frog_blender import point_cloud, reported_once
 from frog_blender.cameras import pose_of, view_camera
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.gaussians import joined
@@ -27,12 +26,10 @@ from frog_blender.render.collect_instances import visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import playback
 from frog_blender.timeline.playback_cache import SceneTime
-from frog_blender.viewport import drawing, hiding, layout, shaders
-from frog_blender.viewport.card import GraphicsCard, Layer
-from frog_blender.viewport.clouds import Clouds
-from frog_blender.viewport.layout import starts_of
+from frog_blender.viewport import clouds, drawing
+from frog_blender.viewport.card import Canvas, GraphicsCard, Layer
+from frog_blender.viewport.clouds import Clouds, starts_of
 from frog_blender.viewport.order import OrderRequest, Part
-from frog_blender.viewport.picture import Picture
 from frog_blender.viewport.projection import view_of
 
 NEAR, FAR = 0.05, 200.0
@@ -88,21 +85,21 @@ def drawn_together(card, captures, camera, depth=None, through=0.0):
     view_matrix, window_matrix = matrices(camera)
     eye = view_camera(view_matrix, window_matrix, camera.width, camera.height)
     starts = starts_of([player.count for player, *_ in captures])
-    parts, layers, clouds = [], [], Clouds()
+    parts, layers, kept = [], [], Clouds()
     for (player, time, matrix), start in zip(captures, starts, strict=True):
         view = view_of(eye, matrix, view_matrix, window_matrix)
         parts.append(Part(np.ascontiguousarray(player.at(time).means), view.plane, start))
-        textures = clouds.of(player, card).at(SceneTime(player, time))
+        textures = kept.of(player, card).at(SceneTime(player, time))
         layers.append(Layer(textures, view, player.count, start))
     numbers = OrderRequest("test", 0, tuple(parts)).sort().numbers
-    canvas, hidden = card.canvas(view.size), None
+    canvas, hidden = Canvas(view.size), None
     if depth is not None:
         a, b, c, d = view.clip
         with np.errstate(invalid="ignore"):
             window_depth = np.where(np.isinf(depth), 1.0, 0.5 + 0.5 * (a * depth + b) / (c * depth + d))
         hidden = card.depth(window_depth[::-1])
     card.draw(canvas, layers, card.order(numbers), len(numbers), hidden, through)
-    return np.array(canvas.texture_color.read(), np.float32).reshape(camera.height, camera.width, 4)[::-1]
+    return np.array(canvas.textures[0].read(), np.float32).reshape(camera.height, camera.width, 4)[::-1]
 
 
 def psnr(pixels: np.ndarray, expected: np.ndarray) -> float:
@@ -212,24 +209,6 @@ def test_in_x_ray_a_share_of_what_is_hidden_is_seen(card, tmp_path, through):
     assert psnr(pixels[..., 3], before.alpha + through * hidden[1]) >= LEAST
 
 
-def test_the_depth_of_surfaces_is_that_of_a_viewport(card):
-    camera = ring(3, np.zeros(3), 5.0)[1]
-    corners = np.array([[-1.0, -0.8, 0.2], [1.2, -0.6, 0.1], [1.0, 0.9, -0.4], [-0.7, 0.8, 0.5]])
-    triangles = np.array([[0, 1, 2], [0, 2, 3]])
-    view_matrix, window_matrix = matrices(camera)
-    shader = shaders.depth_shader()
-    batch = hiding.surface_batch(shader, [(corners[:3], triangles[:1]), (corners, triangles[1:])])
-    target = hiding.Target((camera.width, camera.height))
-    texture = target.draw(shader, batch, Matrix((window_matrix @ view_matrix).tolist()))
-    found = np.array(texture.read(), np.float32).reshape(camera.height, camera.width)[::-1]
-    depth = mesh_depth(corners, triangles, camera)
-    a, b = -window_matrix[2, 2], window_matrix[2, 3]
-    with np.errstate(invalid="ignore"):
-        expected = np.where(np.isinf(depth), 1.0, 0.5 + 0.5 * (a * depth + b) / depth)
-    is_near = np.abs(found - expected) < 1e-4
-    assert is_near.mean() > 0.99 and (found < 1).any() and (found == 1).any()
-
-
 def test_points_give_way_in_viewports_and_stay_in_renders(empty, static_rig):
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
     capture = active_capture(bpy.context)
@@ -267,60 +246,28 @@ def test_without_a_window_nothing_is_drawn(empty, static_rig):
     assert drawing.state().handler is None
 
 
-@pytest.fixture
-def look(empty, monkeypatch):
-    """A function that does what drawing a viewport begins with, and gives the names of what is shown."""
-    monkeypatch.setattr(drawing, "is_wanted", lambda _scene: True)
-    splats, picture = drawing.state(), Picture()
-
-    def find():
-        there = viewport()
-        there["space_data"].shading.type = "SOLID"
-        context = SimpleNamespace(scene=empty, view_layer=bpy.context.view_layer, **there)
-        splats.pictures[there["region"].as_pointer()] = picture
-        drawing._look(splats, picture, context, bpy.context.evaluated_depsgraph_get())
-        return {shown.name for shown in picture.shown}
-
-    yield find
-    drawing._on_load()
-
-
-def test_captures_without_room_are_points_and_the_panel_says_so(empty, static_rig, look, monkeypatch, capsys):
+def test_too_many_splats_are_points_and_the_panel_says_so(empty, static_rig, monkeypatch, capsys):
     for _ in range(3):
         assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    captures = playback.captures_in(empty)
-    names = {obj.name for obj in captures}
-    assert look() == names and not drawing.problem(empty)
+    captures, splats = playback.captures_in(empty), drawing.state()
+    monkeypatch.setattr(drawing, "shows_sources", lambda: not splats.problem)
+    monkeypatch.setattr(drawing, "draw_in", lambda _context: starts_of([60, 60, 60]))
+    empty.frog.viewport_drawing = "CARD"
     drawing.apply()
     assert not any(point_cloud.is_drawn_in_viewports(obj) for obj in captures)
-
-    monkeypatch.setattr(layout, "MOST", 2 * layout.ROW)
-    shown = look()
-    left = next(obj for obj in captures if obj.name not in shown)
-    drawing.apply()
-    assert len(shown) == 2 and look() == shown, "what is drawn as points does not change that"
-    assert {obj.name for obj in captures if point_cloud.is_drawn_in_viewports(obj)} == {left.name}
-    assert "One capture is shown as points" in drawing.problem(empty)
-    assert capsys.readouterr().err.count("shown as points") == 1
-
-    other = next(obj for obj in captures if obj != left)
-    other.hide_set(True)
-    bpy.context.view_layer.update()
-    assert look() == names - {other.name} and not drawing.problem(empty)
-    drawing.apply()
-    assert not point_cloud.is_drawn_in_viewports(left)
-
-
-def test_a_viewport_that_is_closed_leaves_no_capture_out(empty, static_rig, look):
-    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    obj = active_capture(bpy.context)
-    splats = drawing.state()
-    splats.pictures[next(region for region in redrawing.open_regions() if region.type == "UI").as_pointer()] = Picture(
-        too_many=frozenset([obj.session_uid])
-    )
-    assert look() == set(), "an object is points in all viewports"
-    splats.pictures = {1: Picture(too_many=frozenset([obj.session_uid]))}
-    assert look() == {obj.name} and 1 not in splats.pictures
+    monkeypatch.setattr(clouds, "MOST", 2 * clouds.ROW)
+    reported_once.forget()
+    there = viewport()
+    there["space_data"].shading.type = "SOLID"
+    with bpy.context.temp_override(**there):
+        drawing._draw()
+        drawing._draw()
+    drawing.apply()  # which a timer does
+    assert all(point_cloud.is_drawn_in_viewports(obj) for obj in captures)
+    assert "180 splats in 3 captures" in drawing.problem(empty)
+    assert capsys.readouterr().err.count("Points are shown") == 1
+    drawing.choose()
+    assert not drawing.problem(empty) and not any(point_cloud.is_drawn_in_viewports(obj) for obj in captures)
 
 
 def test_textures_that_are_larger_than_needed_are_used_again():
@@ -329,8 +276,8 @@ def test_textures_that_are_larger_than_needed_are_used_again():
     many, few = [Layer(None, None, 200_000)], [Layer(None, None, 1000), Layer(None, None, 9, start=1024)]
     card._projected = None
     assert not card.has_room(few)
-    card._projected = SimpleNamespace(size=(layout.ROW, layout.rows_for(200_000)))
+    card._projected = SimpleNamespace(size=(clouds.ROW, clouds.rows_for(200_000)))
     assert card.has_room(many) and card.has_room(few)
-    assert not card.has_room([*many, Layer(None, None, 100_000, start=200 * layout.ROW)])
+    assert not card.has_room([*many, Layer(None, None, 100_000, start=200 * clouds.ROW)])
     card.free()
     assert not card.has_room(few)

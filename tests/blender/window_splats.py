@@ -54,7 +54,7 @@ def note():
     name = wanted.pop()
     picture = drawing.state().pictures[context.region.as_pointer()]
     width, height = picture.size
-    pixels = np.array(picture.canvas.texture_color.read(), np.float32).reshape(height, width, 4)[::-1]
+    pixels = np.array(picture.canvas.textures[0].read(), np.float32).reshape(height, width, 4)[::-1]
     view = context.region_data
     gaussians = playback.gaussians_at(capture(), context.scene.frame_current)
     expected = draw(gaussians, view_camera(view.view_matrix, view.window_matrix, width, height))
@@ -107,7 +107,7 @@ def steps():
     scene.frog.viewport_drawing = "POINTS"
     yield 0.5
     found["points"]["points"] = point_cloud.is_drawn_in_viewports(capture())
-    found["failed"] = drawing.state().has_failed
+    found["failed"] = drawing.state().problem
     frog_blender.unregister()
     frog_blender.register()
     yield 0.5

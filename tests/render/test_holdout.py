@@ -8,6 +8,7 @@ from support.builders import odd_camera, plain_camera, random_gaussians
 
 from frog_blender.engine.native.options import RasterizeOptions
 from frog_blender.engine.playback.render import draw
+from frog_blender.render import holdout
 from frog_blender.render.holdout import draw_before, limits_of_mesh
 
 WHOLE = RasterizeOptions()
@@ -67,12 +68,13 @@ def test_a_slanted_surface_is_one():
 
 
 @pytest.mark.parametrize("region", [None, (5, 3, 31, 20)])
-def test_an_image_is_mixed_of_both(region):
+def test_an_image_is_mixed_of_both(region, monkeypatch):
+    monkeypatch.setattr(holdout, "MOST_DEPTHS", 5000)  # several bands
     camera = odd_camera()
     gaussians, options = random_gaussians(camera, 60), RasterizeOptions(region=region)
     depths = np.sort(gaussians.means @ camera.rotation[2] + camera.world_to_camera[2, 3])
     mesh = card(camera, 11.5, 20.75, depths[20])
-    limits = limits_of_mesh(*mesh, camera, options, most_depths=5000)  # several bands
+    limits = limits_of_mesh(*mesh, camera, options)
     drawing = draw_before(limits, gaussians, camera, options)
     before, open_ = (draw(gaussians, camera, options=options, depth_limit=limit) for limit in (limits.front, None))
     first = region[0] if region else 0

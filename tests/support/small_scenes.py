@@ -160,6 +160,20 @@ def expected_png(path: Path, camera: Camera, frame: float) -> np.ndarray:
     return np.clip(drawing.rgb, 0.0, 1.0) * 255.0
 
 
+def assert_shows(obj, path, frame):
+    """Bit for bit what a new player of the file computes."""
+    from frog_blender import point_cloud
+    from frog_blender.engine.playback.player import ScenePlayer
+
+    shown, gaussians = point_cloud.read(obj), ScenePlayer.load(path).at_frame(frame)
+    columns = {"position": gaussians.means, "rotation": gaussians.quaternions, "scale": gaussians.scales}
+    columns["radiance:base"] = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
+    columns |= {f"radiance:sh_{k - 1}": gaussians.sh[:, k] for k in range(1, gaussians.sh.shape[1])}
+    assert columns.keys() <= shown.keys()
+    for name, values in columns.items():
+        np.testing.assert_array_equal(shown[name], values, err_msg=name)
+
+
 def passes_of(scene, tmp_path):
     """Combined (H, W, 4) and Depth (H, W) of the current frame as a render stores them, rows from the top."""
     from support.exr import pass_of, render_channels

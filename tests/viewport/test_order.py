@@ -1,15 +1,17 @@
-"""Orders of splats: at once for a few, later for many, and never one that does not fit."""
+"""Orders of splats: at once for a few, later for many, never one that does not fit; the most important ones alone."""
 
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from frog_blender.viewport import order
-from frog_blender.viewport.order import OrderRequest, Part, Sorter
+from frog_blender.viewport.order import OrderRequest, Part, Ranks, Sorter
 
 
 def request(key: int, count: int = 1000, place: str = "left", kept: np.ndarray | None = None) -> OrderRequest:
@@ -30,7 +32,7 @@ def together(*counts: int, key: int = 0) -> OrderRequest:
 def sorter():
     made = Sorter(at_once=100)
     yield made
-    made.stop()
+    made.worker.stop()
 
 
 def test_few_are_sorted_at_once(sorter: Sorter) -> None:
@@ -38,14 +40,14 @@ def test_few_are_sorted_at_once(sorter: Sorter) -> None:
         asked = request(key, 100)
         found = sorter.order(asked)
         assert found.key == key and np.array_equal(found.numbers, asked.sort().numbers)
-        assert sorter.order(asked) is found and sorter.is_idle
+        assert sorter.order(asked) is found and sorter.worker.is_idle
 
 
 def test_the_first_order_is_waited_for_and_later_ones_come_later(sorter: Sorter) -> None:
     first = sorter.order(request(0))
     assert first.key == 0
     assert sorter.order(request(1)) is first, "nobody waits"
-    assert sorter.wait(20.0)
+    assert sorter.worker.wait(20.0)
     found = sorter.order(request(1))
     assert found.key == 1 and np.array_equal(found.numbers, request(1).sort().numbers)
 
@@ -64,20 +66,16 @@ def test_the_newest_request_is_the_one_that_counts(sorter: Sorter, monkeypatch: 
     for key in range(1, 8):
         assert sorter.order(request(key)).key == 0
     gate.set()
-    assert sorter.wait(20.0)
+    assert sorter.worker.wait(20.0)
     assert sorter.order(request(7)).key == 7 and len(sorted_keys) <= 3 and sorted_keys[-1] == 7
 
 
-def test_viewports_do_not_take_each_other_s_orders(sorter: Sorter) -> None:
-    assert sorter.order(request(1, place="left")).key == 1
-    assert sorter.order(request(2, place="right")).key == 2
-    assert sorter.order(request(1, place="left")).key == 1
-
-
-def test_an_order_of_another_scene_is_not_used(sorter: Sorter) -> None:
-    sorter.order(request(0, 2000))
-    found = sorter.order(request(1, 1000))
-    assert found.key == 1 and found.numbers.max() < 1000
+def test_orders_of_another_viewport_and_another_scene_are_not_used(sorter: Sorter) -> None:
+    assert sorter.order(request(1, 2000, place="left")).key == 1
+    assert sorter.order(request(2, 2000, place="right")).key == 2
+    assert sorter.order(request(1, 2000, place="left")).key == 1
+    found = sorter.order(request(3, 1000, place="left"))
+    assert found.key == 3 and found.numbers.max() < 1000
     sorter.forget()
     assert sorter.order(request(2, 1000)).key == 2
 
@@ -116,7 +114,7 @@ def test_an_order_of_other_captures_is_not_used(sorter: Sorter) -> None:
     for counts in ((300,), (300, 200, 50), (300, 150)):
         asked = together(*counts, key=2)
         assert sorter.order(asked).key == asked.key
-        assert sorter.wait(20.0)
+        assert sorter.worker.wait(20.0)
         sorter.forget()
         sorter.order(together(300, 200))
 
@@ -124,6 +122,51 @@ def test_an_order_of_other_captures_is_not_used(sorter: Sorter) -> None:
 def test_it_ends(sorter: Sorter) -> None:
     sorter.order(request(0))
     sorter.order(request(1))
-    sorter.stop()
+    sorter.worker.stop()
     assert not [thread for thread in threading.enumerate() if thread.name == "FRoG splat order" and thread.is_alive()]
-    assert order.AT_ONCE > 0
+
+
+def until(condition: Any) -> Any:
+    deadline = time.monotonic() + 20.0
+    while (found := condition()) is None and time.monotonic() < deadline:
+        time.sleep(0.005)
+    return found
+
+
+def test_all_are_drawn_until_the_most_important_are_known() -> None:
+    gate = threading.Event()
+
+    def rank(_scene: Any) -> np.ndarray:
+        gate.wait(20.0)
+        return np.arange(100)[::-1]
+
+    ranks, scene = Ranks(rank, fewest=50), SimpleNamespace(token="a", count=100)
+    assert ranks.most_important(SimpleNamespace(token="b", count=49), 0.25) is None, "small ones are never ranked"
+    assert ranks.most_important(scene, 0.25) is None
+    gate.set()
+    found = until(lambda: ranks.most_important(scene, 0.25))
+    assert found.tolist() == list(range(75, 100))
+    assert ranks.most_important(scene, 0.25) is found
+    assert set(found) < set(ranks.most_important(scene, 0.5)), "nothing flickers"
+    assert ranks.most_important(scene, 1.0) is None
+
+
+def test_each_scene_is_ranked_once_and_an_error_leaves_all(capfd: pytest.CaptureFixture[str]) -> None:
+    ranked = []
+
+    def rank(scene: Any) -> np.ndarray:
+        ranked.append(scene.token)
+        if scene.token == "bad":
+            raise MemoryError("too many")
+        return np.arange(scene.count)
+
+    ranks = Ranks(rank, fewest=1)
+    scenes = {token: SimpleNamespace(token=token, count=8) for token in ("a", "b", "bad")}
+    for token in ("a", "b"):
+        assert until(lambda token=token: ranks.most_important(scenes[token], 0.5)).tolist() == [0, 1, 2, 3]
+    ranks.keep_only("b")
+    for token in ("a", "b"):
+        assert until(lambda token=token: ranks.most_important(scenes[token], 0.25)).tolist() == [0, 1]
+    assert ranks.most_important(scenes["bad"], 0.5) is None and ranks.worker.wait(20.0)
+    assert ranks.most_important(scenes["bad"], 0.5) is None and ranked == ["a", "b", "a", "bad"]
+    assert "splats could not be ranked (MemoryError: too many)" in capfd.readouterr().err

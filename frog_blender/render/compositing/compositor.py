@@ -25,37 +25,38 @@ def shown_scenes(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
     tree = tree_of(scene)
     if tree is None:
         return []
-    nodes = (node for node in _reaching(tree) if node.type == "R_LAYERS" and node.scene is not None)
+    nodes = (node for node in _upstream(_outputs(tree)) if node.type == "R_LAYERS" and node.scene is not None)
     return list(dict.fromkeys(node.scene for node in nodes))
 
 
 def rendered_scenes(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
     """The scenes that Blender renders for a scene's compositor. Blender does not look into node groups."""
-    tree = tree_of(scene)
-    nodes = () if tree is None else tree.nodes
+    nodes = getattr(tree_of(scene), "nodes", ())
     return [node.scene for node in nodes if node.type == "R_LAYERS" and not node.mute]
 
 
-def _reaching(tree: bpy.types.NodeTree) -> Iterator[bpy.types.Node]:
-    """The nodes that reach a tree's output, including those in groups."""
-    sockets = _outputs(tree)
+def _upstream(sockets: list[bpy.types.NodeSocket], *, only_shown: bool = True) -> Iterator[bpy.types.Node]:
+    """The nodes before sockets, nearest first.
+
+    Args:
+        only_shown: those whose image arrives there, including those in groups.
+    """
     seen: set[int] = set()
     for socket in sockets:  # grows
         for link in socket.links:
             node = link.from_node
-            if link.is_muted or not link.is_valid:
+            if only_shown and (link.is_muted or not link.is_valid):
                 continue
-            if node.mute:
-                sockets.extend(
-                    inside.from_socket for inside in node.internal_links if inside.to_socket == link.from_socket
-                )
+            if only_shown and node.mute:
+                inside = (inner for inner in node.internal_links if inner.to_socket == link.from_socket)
+                sockets.extend(inner.from_socket for inner in inside)
                 continue
             if node.as_pointer() in seen:  # which also ends a circle
                 continue
             seen.add(node.as_pointer())
             yield node
             sockets.extend(node.inputs)
-            if node.type == "GROUP" and node.node_tree is not None:
+            if only_shown and node.type == "GROUP" and node.node_tree is not None:
                 sockets.extend(_outputs(node.node_tree))
 
 
@@ -78,13 +79,15 @@ def overlay_scene(scene: bpy.types.Scene, other: bpy.types.Scene) -> None:
         over = tree.nodes.new("CompositorNodeAlphaOver")
         over.label = _LABEL
     over.mute = False
-    if over not in list(_reaching(tree)):
+    if over not in list(_upstream(_outputs(tree))):
         target = output.inputs["Image"]
         shown = target.links[0].from_socket if target.is_linked else _layers(tree, scene).outputs["Image"]
         tree.links.new(shown, _images(over)[0])
         tree.links.new(over.outputs[0], target)
     above = _images(over)[1]
-    layers = next((node for node in _before(above) if node.type == "R_LAYERS" and node.scene != scene), None)
+    layers = next(
+        (node for node in _upstream([above], only_shown=False) if node.type == "R_LAYERS" and node.scene != scene), None
+    )
     if layers is None:
         layers = _layers(tree, scene)
         tree.links.new(layers.outputs["Image"], above)
@@ -135,7 +138,7 @@ def _over_node(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
 def _shadow_node(tree: bpy.types.NodeTree) -> bpy.types.Node | None:
     """The node that darkens the image that is laid over another one; None where nothing does."""
     over = _over_node(tree)
-    before = () if over is None else _before(_images(over)[1])
+    before = () if over is None else _upstream([_images(over)[1]], only_shown=False)
     return next((node for node in before if node.label == _SHADOWS), None)
 
 
@@ -157,18 +160,6 @@ def own_tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, bpy.types.Node
             tree.nodes.clear()
     output = next((node for node in tree.nodes if node.bl_idname == kind), None)
     return tree, output if output is not None else tree.nodes.new(kind)
-
-
-def _before(socket: bpy.types.NodeSocket) -> list[bpy.types.Node]:
-    """The nodes upstream of a socket, nearest first: the user may have inserted others."""
-    found: list[bpy.types.Node] = []
-    sockets = [socket]
-    for reached in sockets:
-        for node in (link.from_node for link in reached.links):
-            if node not in found:  # which also ends a circle
-                found.append(node)
-                sockets.extend(node.inputs)
-    return found
 
 
 def _images(over: bpy.types.Node) -> tuple[bpy.types.NodeSocket, bpy.types.NodeSocket]:

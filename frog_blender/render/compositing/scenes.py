@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 import bpy
-from bpy.app.handlers import persistent
 
 from ... import addon_state, app_handlers, point_cloud
 from ...timeline import playback
@@ -181,7 +180,6 @@ def catches_shadows(objects: Iterable[bpy.types.Object]) -> bool:
     return any(obj.frog.is_proxy and obj.is_shadow_catcher for obj in objects)
 
 
-@persistent
 def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if not addon_state.get(Following).is_needed or bpy.app.is_job_running("RENDER"):
         return
@@ -206,7 +204,6 @@ def begin() -> None:
     follow_all()
 
 
-@persistent
 def _on_other_file(*_: Any) -> None:
     """Data that was opened, appended, pasted, undone or redone may be out of date."""
     begin()
