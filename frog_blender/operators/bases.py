@@ -11,7 +11,7 @@ import numpy as np
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture
 from ..tasks.background_task import BackgroundTask
-from ..timeline import edits_in_progress, playback
+from ..timeline import edited_scenes, playback
 from ..timeline.edits import SETTINGS, marks_of, store_marks
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class EditOperator(FrogOperator):
         return missing
 
     def act(self, context: bpy.types.Context) -> str | None:
-        with edits_in_progress.several():
+        with edited_scenes.changing_several():
             said = self.edit(context, active_capture(context))
         playback.refresh(context.scene)
         return said

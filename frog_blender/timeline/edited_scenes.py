@@ -61,13 +61,6 @@ class EditedScenes:
         with self._lock:
             self._scenes.pop(scene.token, None)
 
-    def note_crops(self, session_uid: int, count: int) -> None:
-        """Notes how many crops a capture has."""
-        if count:
-            self.cropped.add(session_uid)
-        else:
-            self.cropped.discard(session_uid)
-
     def weights(self, scene: ScenePlayer) -> np.ndarray:
         """(C, N) ``importance.camera_weights`` of a scene, found once."""
         from ..engine.playback.importance import camera_weights

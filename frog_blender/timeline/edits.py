@@ -42,7 +42,8 @@ def edits_of(
         FrogError: for a crop object that cannot crop.
     """
     settings = getattr(obj if evaluated is None else evaluated, SETTINGS)
-    addon_state.get(EditedScenes).note_crops(obj.session_uid, len(settings.crops))
+    cropped = addon_state.get(EditedScenes).cropped
+    (cropped.add if len(settings.crops) else cropped.discard)(obj.session_uid)
     if not (settings.use or even_unused) or not has_any(settings):
         return None
     from ..engine.editing.edits import Edits

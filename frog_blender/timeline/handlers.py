@@ -69,17 +69,15 @@ def on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         playback.show_cropped(changed, depsgraph.scene.original)
 
 
-def drop_points_before_saving(*_: Any) -> None:
-    """Removes points before saving: the .frog file has them, and they would add 60 bytes a Gaussian to the .blend."""
+def before_saving(*_: Any) -> None:
+    """Removes points: the .frog file has them, and they would add 60 bytes a Gaussian to the .blend. Gives captures a
+    volume, so that Blender can manage their paths.
+    """
     for obj in playback.captures(bpy.data.objects):
         if obj.library is not None or getattr(obj.data, "is_editmode", False):
             continue  # Blender refuses to change what is being edited
         if open_scenes.version(file_of(obj)) is not None and not open_scenes.problem(file_of(obj)):
             point_cloud.clear(obj)
-
-
-def adopt_before_saving(*_: Any) -> None:
-    """Gives captures a volume before saving, so that Blender can manage their paths."""
     capture_files.adopt()
 
 
@@ -103,8 +101,8 @@ def on_render_end(*_: Any) -> None:
 
 
 def compute_ahead(scene: bpy.types.Scene, *_: Any) -> None:
-    """Prefetches frames during playback and scrubbing."""
-    if prefetch.is_watched():
+    """Prefetches frames during playback and scrubbing, for a user. A render needs all cores for its current frame."""
+    if not (bpy.app.background or bpy.app.is_job_running("RENDER")):
         prefetch.prefetch(scene)
 
 
@@ -127,9 +125,8 @@ def every_handler() -> app_handlers.Handlers:
         (on.blend_import_post, take_over),
         (on.undo_post, refresh_all),
         (on.redo_post, refresh_all),
-        (on.save_pre, drop_points_before_saving),
-        (on.save_pre, adopt_before_saving),
-        (on.save_pre, relative_paths.on_save_pre),  # after them, which look for the files
+        (on.save_pre, before_saving),
+        (on.save_pre, relative_paths.on_save_pre),  # after it, which looks for the files
         (on.save_post, relative_paths.on_save_post),
         (on.save_post, refresh_all),
         (on.save_post_fail, relative_paths.on_save_post),

@@ -110,11 +110,6 @@ def _range(scene: bpy.types.Scene) -> tuple[int, int]:
     return scene.frame_start, scene.frame_end
 
 
-def is_watched() -> bool:
-    """Whether there is a user to prefetch for. A render needs all cores for its current frame."""
-    return not (bpy.app.background or bpy.app.is_job_running("RENDER"))
-
-
 def forget() -> None:
     """Forgets the playback direction of all scenes."""
     addon_state.get(Playing).before.clear()

@@ -83,8 +83,7 @@ def playing_frames(obj: bpy.types.Object, scene: bpy.types.Scene, frame_count: i
     first, last = min(ends), max(ends)
     if obj.frog.use_range:
         first, last = max(first, obj.frog.range_start), min(last, obj.frog.range_end - stretched(scene, 1))
-    stretch = scene.render.frame_map_new / scene.render.frame_map_old
-    return (first * stretch, last * stretch) if first <= last else None
+    return (first / stretched(scene, 1), last / stretched(scene, 1)) if first <= last else None
 
 
 def span(obj: bpy.types.Object, frame_count: int) -> tuple[float, float] | None:
@@ -126,8 +125,7 @@ def frame_rate(scene: bpy.types.Scene) -> float:
 
 def real_time_speed(scene: bpy.types.Scene, frames_per_second: float) -> float:
     """The speed with which a capture of that rate plays as fast as it was filmed."""
-    stretch = scene.render.frame_map_new / scene.render.frame_map_old
-    return frames_per_second * scene.render.fps_base / scene.render.fps * stretch
+    return frames_per_second / frame_rate(scene) / stretched(scene, 1)
 
 
 def problem(obj: bpy.types.Object, scene_frame: float) -> str:

@@ -117,7 +117,8 @@ def _draw() -> None:
         scene, splats = context.scene, state()
         if splats.matched != (matched := (splats.changes, scene.as_pointer())):
             splats.matched = matched
-            _match_points(scene)  # also where FROG's own image shows the splats
+            if _mismatched(scene):  # also where FROG's own image shows the splats
+                later(apply)
         if not (_from_sources(scene) or (_draws(scene, context.space_data) and playback.captures_in(scene))):
             return
         draw_in(context)
@@ -294,28 +295,16 @@ def choose() -> None:
 def apply() -> None:
     """Hides the points of captures where viewports show splats, before which they would lie; shows the others."""
     for scene in bpy.data.scenes:
-        wanted = is_wanted(scene)
-        for obj in _own(scene):
-            if point_cloud.is_drawn_in_viewports(obj) != _wants_points(obj, wanted):
-                point_cloud.draw_in_viewports(obj, _wants_points(obj, wanted))
+        for obj in _mismatched(scene):
+            point_cloud.draw_in_viewports(obj, not point_cloud.is_drawn_in_viewports(obj))
     viewports()
 
 
-def _match_points(scene: bpy.types.Scene) -> None:
-    """Sees to it that soon the points of a scene's captures are hidden or shown as they are to be."""
-    wanted = is_wanted(scene)
-    if any(point_cloud.is_drawn_in_viewports(obj) != _wants_points(obj, wanted) for obj in _own(scene)):
-        later(apply)
-
-
-def _own(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The captures of a scene that this file may change."""
-    return [obj for obj in playback.captures_in(scene) if obj.library is None]
-
-
-def _wants_points(obj: bpy.types.Object, has_splats: bool) -> bool:
-    """Whether viewports are to draw a capture as an object."""
-    return not has_splats or obj.frog.display != "POINTS"
+def _mismatched(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The captures of a scene, but for those of another file, whose points are hidden or shown and are not to be."""
+    has_splats, own = is_wanted(scene), (obj for obj in playback.captures_in(scene) if obj.library is None)
+    hidden = ((obj, has_splats and obj.frog.display == "POINTS") for obj in own)
+    return [obj for obj, is_hidden in hidden if point_cloud.is_drawn_in_viewports(obj) == is_hidden]
 
 
 def _make_tables() -> None:

@@ -57,15 +57,15 @@ def saved(empty, static_rig, tmp_path):
 
 
 def test_frames_are_the_same_in_one_run_and_in_two(saved, tmp_path):
-    for out, parts in (("whole", [(1, 10)]), ("parts", [(6, 10), (1, 5)])):
+    for out, parts in (("whole", [(1, 6)]), ("parts", [(4, 6), (1, 3)])):
         for first, last in parts:
             ended = render(saved, tmp_path / out, first, last)
             assert ended.returncode == 0, ended.stdout + ended.stderr
     whole, parts = (sorted((tmp_path / out).iterdir()) for out in ("whole", "parts"))
-    assert [path.name for path in whole] == [path.name for path in parts] == [f"{n:04}.png" for n in range(1, 11)]
+    assert [path.name for path in whole] == [path.name for path in parts] == [f"{n:04}.png" for n in range(1, 7)]
     pixels = [read_png(path).tobytes() for path in whole]  # the files have their dates
     assert pixels == [read_png(path).tobytes() for path in parts]
-    assert len(set(pixels)) > 5, "something moves"
+    assert len(set(pixels)) > 3, "something moves"
 
 
 def test_a_missing_scene_file_is_an_exit_status(saved, static_rig, tmp_path):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import bpy
 import pytest
@@ -145,15 +148,6 @@ def test_memory_is_bounded_and_said(empty, capture, static_rig):
     assert_shows(capture, static_rig, 6.0)
 
 
-def test_another_version_of_a_file_is_another_scene(empty, capture, static_rig):
-    prefetch.prefetch(empty)
-    assert playback_cache.worker().wait(20.0)
-    write_scene(static_rig, rig_of_three(), count=60, seed=8)
-    empty.frame_set(3)
-    assert_shows(capture, static_rig, 2.0)
-    assert len(playback_cache.frames()) == 1, "frames of the former version are gone"
-
-
 @pytest.mark.parametrize("how", ["another file", "add-on off"])
 def test_the_thread_ends(addon, empty, capture, how):
     prefetch.prefetch(empty)
@@ -186,10 +180,6 @@ def test_the_thread_survives_what_cannot_be_computed(empty, capture, static_rig,
 
 
 def test_blender_quits_with_a_thread_at_work(tmp_path):
-    import subprocess
-    import sys
-    from pathlib import Path
-
     if bpy.app.binary_path:
         pytest.skip("a real Blender runs no second interpreter with bpy")
     path = write_scene(tmp_path / "x.frog", rig_of_three(), count=30_000)

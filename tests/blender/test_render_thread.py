@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor, wait
 from types import SimpleNamespace
 
 import bpy
@@ -43,19 +44,8 @@ def in_window(monkeypatch):
 
 
 def in_another_thread(function):
-    raised = []
-
-    def run():
-        try:
-            function()
-        except BaseException as error:
-            raised.append(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join()
-    if raised:
-        raise raised[0]
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(function).result()
 
 
 def points(obj):
@@ -133,7 +123,7 @@ def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypat
     for path in (*paths, bake := tmp_path / "x.frogbake"):
         path.touch()
     capture.frog.density = 10
-    stop, raised = threading.Event(), []
+    stop = threading.Event()
 
     def ask(index):
         for turn in range(20):
@@ -149,24 +139,15 @@ def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypat
             open_scenes.let_go_of_bake(bake)
             open_scenes.forget()
 
-    def guarded(function, *given):
-        try:
-            function(*given)
-        except BaseException as error:
-            raised.append(error)
-
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     try:
-        askers = [threading.Thread(target=guarded, args=(ask, index)) for index in range(4)]
-        dropper = threading.Thread(target=guarded, args=(drop,))
-        for thread in (*askers, dropper):
-            thread.start()
-        for thread in askers:
-            thread.join()
-        stop.set()
-        dropper.join()
+        with ThreadPoolExecutor(5) as pool:
+            dropping, asking = pool.submit(drop), [pool.submit(ask, index) for index in range(4)]
+            wait(asking)
+            stop.set()
+            for done in (dropping, *asking):
+                done.result()
     finally:
         sys.setswitchinterval(before)
         addon_state.reset(open_scenes.OpenScenes)
-    assert not raised, raised

@@ -8,8 +8,11 @@ import pytest
 from support.exr import pass_of, render_channels
 from support.small_scenes import rig_of_three
 
+from frog_blender.cameras import engine_camera
+from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.native.options import RasterizeOptions
 from frog_blender.render.collect_instances import gather
+from frog_blender.render.compositing.compositor import own_tree
 from frog_blender.render.passes import vector_pass
 
 SIZE = (64, 48)
@@ -37,8 +40,6 @@ def frog_vectors(scene, path):
 
 def cycles_vectors(scene, path):
     """(4,) at the middle of a still card 5 before the moving camera."""
-    from frog_blender.render.compositing.compositor import own_tree
-
     bpy.ops.mesh.primitive_plane_add(size=30, rotation=(np.pi / 2, 0, 0))
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples, scene.cycles.use_denoising = "CPU", 1, False
@@ -54,18 +55,14 @@ def cycles_vectors(scene, path):
     return pixels[SIZE[1] // 2, SIZE[0] // 2]
 
 
-def test_it_is_what_cycles_says(empty, tmp_path):
-    from frog_blender.cameras import engine_camera
-    from frog_blender.engine.gaussians import GaussianArrays
+def one_gaussian(place, size, opacity):
+    arrays = [[place], [(1, 0, 0, 0)], [size], [opacity], [[(0, 0, 0)]]]
+    return GaussianArrays(*(np.array(array, np.float32) for array in arrays))
 
+
+def test_it_is_what_cycles_says(empty, tmp_path):
     moving_eye(empty)
-    wide = GaussianArrays(
-        np.zeros((1, 3), np.float32),
-        np.array([[1, 0, 0, 0]], np.float32),
-        np.array([[5, 1e-3, 5]], np.float32),
-        np.full(1, 0.99, np.float32),
-        np.zeros((1, 1, 3), np.float32),
-    )
+    wide = one_gaussian((0, 0, 0), (5, 1e-3, 5), 0.99)
 
     def snapshot_at(offset):
         empty.frame_set(2 + offset)
@@ -92,24 +89,20 @@ def test_a_still_scene_before_a_moving_camera(empty, static_rig, tmp_path):
     assert seen.mean() > 0.1
     for columns, step in ((slice(0, 2), (0.1, 0.05)), (slice(2, 4), (0.3, 0.15))):
         nearest, farthest = (unit / depth * np.array(step) for depth in (depths.min(), depths.max()))
-        ways = found[seen][:, columns]
-        assert (ways[np.abs(ways).sum(1) > 0.01] <= nearest * 1.05).all()
-        assert np.median(ways[:, 0]) == pytest.approx(float((nearest + farthest)[0] / 2), rel=0.4)
-        assert np.median(ways[:, 1] / ways[:, 0]) == pytest.approx(0.5, abs=0.02)
+        motions = found[seen][:, columns]
+        assert (motions[np.abs(motions).sum(1) > 0.01] <= nearest * 1.05).all()
+        assert np.median(motions[:, 0]) == pytest.approx(float((nearest + farthest)[0] / 2), rel=0.4)
+        assert np.median(motions[:, 1] / motions[:, 0]) == pytest.approx(0.5, abs=0.02)
 
 
 def test_what_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
     """It is not where its way leads then (see playback.groups)."""
-    from frog_blender.engine.gaussians import GaussianArrays
-
     camera = rig_of_three()[0]
     ahead = camera.rotation.T @ (np.array([0, 0, 4.0]) - camera.world_to_camera[:3, 3])
     aside = camera.rotation.T @ np.array([0.05, 0, 0])
 
     def snapshot(offset, opacity):
-        place = np.float32([ahead + offset * aside])
-        turn, size = np.float32([[1, 0, 0, 0]]), np.full((1, 3), 0.5, np.float32)
-        return GaussianArrays(place, turn, size, np.full(1, opacity, np.float32), np.zeros((1, 1, 3), "f")), camera
+        return one_gaussian(ahead + offset * aside, (0.5, 0.5, 0.5), opacity), camera
 
     def middle(before, after):
         snapshots = {-1: before, 1: after, 0: snapshot(0, 0.9)}
@@ -127,15 +120,3 @@ def test_what_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
 def test_nothing_is_still(empty):
     camera = rig_of_three()[0]
     assert not vector_pass(lambda _: (None, camera), RasterizeOptions()).any()
-
-
-def test_it_arrives_in_a_file(empty, static_rig, tmp_path):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    bpy.context.view_layer.use_pass_vector = True
-    settings = empty.render.image_settings
-    if hasattr(settings, "media_type"):
-        settings.media_type = "MULTI_LAYER_IMAGE"
-    settings.file_format = "OPEN_EXR_MULTILAYER"
-    empty.render.filepath = str(tmp_path / "still.exr")
-    bpy.ops.render.render(write_still=True)
-    assert b"Vector.X" in (tmp_path / "still.exr").read_bytes()[:4000]

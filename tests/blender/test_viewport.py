@@ -17,7 +17,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.render import viewport
 from frog_blender.render.collect_instances import gather, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
-from frog_blender.timeline import edits, open_scenes, playback
+from frog_blender.timeline import edits, playback
 
 SIZE = (120, 70)
 
@@ -67,7 +67,17 @@ def test_a_mirrored_view_is_refused(empty):
         view_camera(view, np.eye(4), *SIZE)
 
 
-def seen_through(path, name):
+def region_of(camera, size=SIZE, perspective="PERSP"):
+    """What Blender gives of a region that looks through a camera."""
+    view, window = matrices(camera, *size)
+    return SimpleNamespace(view_matrix=view, window_matrix=window, view_perspective=perspective)
+
+
+def drawn_in(memory, region, size=SIZE, space=None):
+    return viewport.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, size, space)
+
+
+def seen_through(path):
     """The Gaussians, background and engine camera of a view through an imported camera."""
     assert bpy.ops.import_scene.frog(filepath=str(path)) == {"FINISHED"}
     bpy.context.scene.frame_set(4)
@@ -82,7 +92,7 @@ def sharp_viewport():
 
 
 def test_coarse_while_things_move_and_sharp_when_still(empty, static_rig):
-    gaussians, background, camera_of = seen_through(static_rig, "cam00")
+    gaussians, background, camera_of = seen_through(static_rig)
     # 1,600 pixels fit the time, and a machine that stalls does not make a second pass.
     memory, size = viewport.Viewport(seconds_per_pixel=1e-5, still_after=1e6), (96, 64)
 
@@ -109,7 +119,7 @@ def srgb(pixels):
 
 
 def test_the_sharp_image_is_the_rendered_one(empty, static_rig):
-    gaussians, background, camera_of = seen_through(static_rig, "cam00")
+    gaussians, background, camera_of = seen_through(static_rig)
     memory = viewport.Viewport(seconds_per_pixel=1e-12)
     pixels = viewport.draw_view(memory, 1, gaussians, camera_of, (96, 64), background).pixels[::-1]
     display = srgb(pixels)
@@ -125,11 +135,10 @@ def test_another_background_is_another_image(empty, static_rig):
     if world.node_tree is None:
         world.use_nodes = True
     shader = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
-    view, window = matrices(empty.camera, *SIZE)
-    region = SimpleNamespace(view_matrix=view, window_matrix=window)
+    region = region_of(empty.camera)
 
     def drawn():
-        return viewport.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
+        return drawn_in(memory, region)
 
     captured = drawn()
     assert drawn() is captured
@@ -148,11 +157,10 @@ def test_it_follows_edits_and_shows_what_is_selected(empty, static_rig, monkeypa
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     capture, memory = active_capture(bpy.context), sharp_viewport()
     space = blender_windows.viewport()["space_data"]
-    view, window = matrices(empty.camera, *SIZE)
-    region = SimpleNamespace(view_matrix=view, window_matrix=window, view_perspective="PERSP")
+    region = region_of(empty.camera)
 
     def drawn():
-        return viewport.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE, space)
+        return drawn_in(memory, region, space=space)
 
     plain = drawn()
     assert drawn() is plain
@@ -181,14 +189,10 @@ def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, capfd)
 
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
     reported_once.forget()
-    view, window = matrices(empty.camera, *SIZE)
-    region, data = (
-        SimpleNamespace(width=SIZE[0], height=SIZE[1]),
-        SimpleNamespace(view_matrix=view, window_matrix=window),
-    )
     header = []
     engine = SimpleNamespace(viewport=None, update_stats=lambda *texts: header.append(texts[1]))
-    context = SimpleNamespace(region=region, region_data=data, space_data=None)
+    region = SimpleNamespace(width=SIZE[0], height=SIZE[1])
+    context = SimpleNamespace(region=region, region_data=region_of(empty.camera), space_data=None)
     with observed(giving=exhausted):
         for _ in range(2):
             viewport.draw(engine, context, bpy.context.evaluated_depsgraph_get())
@@ -201,12 +205,11 @@ def test_one_capture_that_is_refused_hides_no_other_and_mended_it_is_forgotten(e
         bpy.ops.import_scene.frog(filepath=str(path))
     first, second = playback.captures(empty.objects)
     memory, header = sharp_viewport(), []
-    view, window = matrices(empty.camera, *SIZE)
-    region = SimpleNamespace(view_matrix=view, window_matrix=window)
+    region = region_of(empty.camera)
     engine = SimpleNamespace(update_stats=lambda *texts: header.append(texts))
 
     def drawn():
-        image = viewport.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, SIZE)
+        image = drawn_in(memory, region)
         viewport.show_problems(engine, memory.problems)
         return image.pixels
 
@@ -230,34 +233,14 @@ def test_one_capture_that_is_refused_hides_no_other_and_mended_it_is_forgotten(e
         gather(bpy.context.evaluated_depsgraph_get())
 
 
-def test_an_empty_scene_is_its_background(empty):
-    memory = viewport.Viewport()
-    image = viewport.draw_view(memory, 1, None, lambda w, h: None, (8, 6), None)
-    assert not image.pixels.any()
-
-
-def test_the_captures_that_are_seen(empty, static_rig):
-    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    capture = active_capture(bpy.context)
-    (found,) = visible_captures(bpy.context.evaluated_depsgraph_get())
-    assert found[0] == capture
-    before = open_scenes.version(playback.file_of(capture))
-    assert before == open_scenes.version(playback.file_of(capture)) is not None
-    capture.hide_set(True)
-    assert visible_captures(bpy.context.evaluated_depsgraph_get()) == []
-
-
 def test_pixels_that_are_not_square_through_the_camera(empty, static_rig):
     """As F12 has them, though Blender's matrices do not."""
     bpy.ops.import_scene.frog(filepath=str(static_rig))
     camera = empty.camera = bpy.data.objects["cam02"]
     assert camera.data.frog.focal_ratio < 0.96
-    view, window = matrices(camera, 80, 64)
-    region = SimpleNamespace(view_matrix=view, window_matrix=window, view_perspective="CAMERA")
-    space = blender_windows.viewport()["space_data"]
+    region, space = region_of(camera, (80, 64), "CAMERA"), blender_windows.viewport()["space_data"]
     empty.frame_set(4)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    pixels = viewport.image_of(sharp_viewport(), depsgraph, region, (80, 64), space).pixels[::-1]
+    pixels = drawn_in(sharp_viewport(), region, (80, 64), space).pixels[::-1]
     display = srgb(pixels)
     np.testing.assert_allclose(255 * display[..., :3], expected_png(static_rig, rig_of_three()[2], 3.0), atol=1.5)
 
@@ -267,9 +250,11 @@ def test_local_view(empty, static_rig):
     there = blender_windows.viewport()
     space = there["space_data"]
     bpy.ops.mesh.primitive_cube_add()
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    assert len(visible_captures(depsgraph, space)) == 1
+    (capture,) = playback.captures(empty.objects)
+    assert [obj for obj, *_ in visible_captures(bpy.context.evaluated_depsgraph_get(), space)] == [capture]
     with bpy.context.temp_override(**there):
         bpy.ops.view3d.localview()
     depsgraph = bpy.context.evaluated_depsgraph_get()
     assert not visible_captures(depsgraph, space) and len(visible_captures(depsgraph)) == 1
+    capture.hide_set(True)
+    assert not visible_captures(bpy.context.evaluated_depsgraph_get())

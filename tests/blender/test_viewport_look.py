@@ -47,11 +47,9 @@ def looked_up(table: np.ndarray, colors: np.ndarray) -> np.ndarray:
 
 
 LOOKS = {
-    "AgX": {"view_transform": "AgX"},
     "AgX, brighter": {"view_transform": "AgX", "exposure": 1.3, "gamma": 1.2},
     "a look": {"view_transform": "AgX", "look": "AgX - High Contrast"},
     "curves": {"view_transform": "Standard", "use_curve_mapping": True},
-    "plain, brighter": {"view_transform": "Standard", "exposure": -0.7, "gamma": 0.8},
 }
 
 
