@@ -150,16 +150,6 @@ def test_edits_of_a_part_are_those_of_its_gaussians():
         np.testing.assert_allclose(getattr(part.at(0.3), name), getattr(whole.at(0.3), name)[both], atol=1e-6)
 
 
-def test_other_edits_of_the_same_scene_look_for_nothing_again():
-    scene = ScenePlayer(scene_file(100))
-    some = Marks.of(scene, np.arange(100) < 10)
-    first = EditedScene(scene, Edits(some))
-    graded = EditedScene(scene, Edits(some, grades=(GRADE,)), first)
-    assert graded.source is first.source and graded.token != first.token
-    other = EditedScene(scene, Edits(Marks.of(scene, np.arange(100) < 11)), first)
-    assert other.source is not first.source and other.count == 89
-
-
 def test_a_crop_that_moves_brings_back_what_others_do_not_keep():
     scene = ScenePlayer(scene_file(100, moving=40))
     still, moving = Crop("box", middle_of(scene)), Crop("box", placed(100.0), is_still=False)

@@ -28,7 +28,7 @@ from frog_blender.engine.scene.quantization import (
     unpack,
     unpack_scene,
 )
-from frog_blender.engine.scene.scene_file import read_scene, scene_bytes, write_scene
+from frog_blender.engine.scene.scene_file import read_scene, write_scene
 
 
 @pytest.mark.parametrize("name", [name for name, bits in BITS.items() if bits > 1])
@@ -88,11 +88,6 @@ def test_a_packed_scene_plays_as_the_plain_one(tmp_path: Path, moving: int) -> N
     for time in (0.0, 0.4, 1.0):
         for name, values in vars(plain.at(time)).items():
             np.testing.assert_allclose(getattr(packed.at(time), name), values, rtol=0.05, atol=0.06, err_msg=name)
-
-
-def test_even_random_numbers_take_a_third_of_their_bytes() -> None:
-    scene = scene_file(5000, moving=1000)
-    assert len(scene_bytes(scene, compact=True)) < 0.33 * len(scene_bytes(scene))
 
 
 def with_packing(path: Path, change: dict | str) -> None:
@@ -236,15 +231,6 @@ def test_what_a_scene_ends_with_or_holds_often(name: str) -> None:
         array = np.float32(np.resize(values, (2 * BLOCK + 7, 3)))
         found, _ = back(name, array)
         np.testing.assert_allclose(found, array, atol=1e-6 + 2e-3 * np.ptp(values))
-
-
-def test_two_halves_that_lie_far_apart_are_both_kept() -> None:
-    """Neither half of a block is nobody: at most half of the numbers stand apart, and none is moved."""
-    array = ordinary("means", BLOCK)
-    array[::2] += 1e6
-    found, apart = back("means", array)
-    assert apart == array.size // 2
-    np.testing.assert_allclose(found, array, atol=1e-3)
 
 
 def one_apart() -> tuple[np.ndarray, dict]:

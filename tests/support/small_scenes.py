@@ -79,20 +79,9 @@ def write_scene(
     """A scene of ``count`` moving Gaussians around the origin."""
     random = np.random.default_rng(seed)
     arrays = gaussian_arrays(random, count, sh_count)
+    seen = tuple(shots or [tuple(range(frame_count)) for _ in cameras])
     header = SceneHeader(
-        method="frog",
-        recipe={},
-        model=MODEL,
-        cameras=tuple(cameras),
-        camera_shots=tuple(shots or [tuple(range(frame_count)) for _ in cameras]),
-        test_cameras=(),
-        test_frames=(),
-        frame_count=frame_count,
-        frames_per_second=24.0,
-        background=background,
-        capture_path="",
-        capture_format="n3dv",
-        scale=1.0,
+        "frog", {}, MODEL, tuple(cameras), seen, (), (), frame_count, 24.0, background, "", "n3dv", 1.0
     )
     write_file(path, SceneFile(header, arrays))
     return path

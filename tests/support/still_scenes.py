@@ -23,21 +23,7 @@ def write_still(path: Path, means, scales, colors, quaternion=(1.0, 0.0, 0.0, 0.
     arrays["log_scales"] = np.log(np.broadcast_to(scales, (count, 3))).astype(np.float32)
     arrays["opacity_logits"] = np.full(count, np.log(opacity / (1 - opacity)), np.float32)
     arrays["sh"] = ((np.asarray(colors) - 0.5) / SH_DC).astype(np.float32)[:, None, :]
-    cameras = rig_of_three()
-    header = SceneHeader(
-        method="frog",
-        recipe={},
-        model=MODEL,
-        cameras=tuple(cameras),
-        camera_shots=tuple((0, 1) for _ in cameras),
-        test_cameras=(),
-        test_frames=(),
-        frame_count=2,
-        frames_per_second=24.0,
-        background=(0.0, 0.0, 0.0),
-        capture_path="",
-        capture_format="n3dv",
-        scale=1.0,
-    )
+    cameras = tuple(rig_of_three())
+    header = SceneHeader("frog", {}, MODEL, cameras, ((0, 1),) * 3, (), (), 2, 24.0, (0.0, 0.0, 0.0), "", "n3dv", 1.0)
     write_scene(path, SceneFile(header, arrays))
     return path

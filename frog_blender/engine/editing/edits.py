@@ -63,7 +63,7 @@ class Edits:
         hidden: Gaussians that are not shown; None for none.
         crops: see ``crops.kept_of_all``.
         grades: applied one after the other.
-        timing: for those who go through frames (see ``retimed_scene``); None for the capture's own.
+        timing: for those who go through frames (see ``RetimedScene``); None for the capture's own.
     """
 
     hidden: Marks | None = None

@@ -130,7 +130,7 @@ def drawn(kind: str, screen: OnScreen, path: Iterable[Place], radius: float) -> 
 
 
 class _Brush:
-    """Hits what lies within a radius of the way that the mouse went."""
+    """Hits what lies within a radius of the path of the mouse."""
 
     def __init__(self, screen: OnScreen, radius: float) -> None:
         self._x, self._y = screen.places
@@ -144,9 +144,9 @@ class _Brush:
         low, high = np.minimum(start, end) - self.radius, np.maximum(start, end) + self.radius
         near = np.flatnonzero((self._x >= low[0]) & (self._x <= high[0]) & (self._y >= low[1]) & (self._y <= high[1]))
         points = np.array([self._x[near], self._y[near]], np.float64)
-        way = end - start
-        along = way @ (points - start[:, None]) / max(float(way @ way), 1e-12)
-        offsets = points - start[:, None] - np.clip(along, 0, 1) * way[:, None]
+        step = end - start
+        along = step @ (points - start[:, None]) / max(float(step @ step), 1e-12)
+        offsets = points - start[:, None] - np.clip(along, 0, 1) * step[:, None]
         self.hit[near[np.einsum("ik,ik->k", offsets, offsets) <= self.radius**2]] = True
 
 

@@ -126,6 +126,19 @@ def column_of(gaussians: NumpyGaussians, name: str, count: int | None = None) ->
     return _coefficient(gaussians.sh[:count], int(name.removeprefix("sh_")))
 
 
+def put_columns(arrays: dict[str, Array], columns: dict[str, Array], count: int) -> None:
+    """Puts columns of the first ``count`` Gaussians into arrays of all; one that has all of them takes its place."""
+    for name, column in columns.items():
+        if name == "base":
+            arrays["sh"][:count, 0], arrays["opacities"][:count] = column[:, :3], column[:, 3]
+        elif name.startswith("sh_"):
+            arrays["sh"][:count, int(name.removeprefix("sh_"))] = column
+        elif count < len(arrays[name]):
+            arrays[name][:count] = column
+        else:
+            arrays[name] = column
+
+
 def column_view(gaussians: NumpyGaussians, name: str) -> Array:
     """(N, width) a column to be read once: not a copy, but for ``base``."""
     if name.startswith("sh_"):

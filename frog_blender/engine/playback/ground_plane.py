@@ -27,10 +27,7 @@ _SAMPLES = 600  # planes that are tried
 _DRAWN = 8_000  # Gaussians, at most, that vote
 _THICKNESS = 0.015  # of the scene's size: how far from the plane its Gaussians may lie
 _LEAST_SHARE = 0.04  # of all Gaussians' weight that a floor must hold
-_TILT_KNOWN, _TILT_UNKNOWN = (
-    15.0,
-    40.0,
-)  # degrees between up and a floor: cameras around the scene, cameras side by side
+_TILT_KNOWN, _TILT_UNKNOWN = 15.0, 40.0  # degrees between up and a floor: cameras around the scene, side by side
 _BENEATH = 3.0  # what a Gaussian under the floor takes from it, in Gaussians in it: tables have much beneath
 _SPREAD = 0.04  # the cameras' lines span a plane when their second moment is above this share of the first
 _LEVEL = 0.1  # sine of the roll of a camera that was meant to be level
@@ -65,10 +62,8 @@ def static_points(scene: ScenePlayer) -> tuple[Array, Array]:
     """
     start, middle, end = (scene.at(time) for time in (0.0, 0.5, 1.0))
     extent = _size(middle.means)
-    way = np.maximum(
-        np.linalg.norm(start.means - middle.means, axis=1), np.linalg.norm(end.means - middle.means, axis=1)
-    )
-    kept = (way < _MOVES * extent) & (middle.opacities > _LEAST_OPACITY)
+    moved = np.max([np.linalg.norm(other.means - middle.means, axis=1) for other in (start, end)], axis=0)
+    kept = (moved < _MOVES * extent) & (middle.opacities > _LEAST_OPACITY)
     if not kept.any():
         kept[:] = True
     area = np.sort(middle.scales[kept].astype(np.float64), axis=1)[:, 1:].prod(1)

@@ -8,7 +8,7 @@ import threading
 import uuid
 from collections import OrderedDict
 from collections.abc import Collection
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
@@ -33,6 +33,7 @@ from .frame_delta import (
     column_width,
     extract_columns,
     normalize,
+    put_columns,
 )
 from .groups import VisibilityMask
 
@@ -57,15 +58,9 @@ class PlayableSequence:
 
     def at(self, time: float) -> NumpyGaussians:
         """The Gaussians at a time in [0, 1], activated, with unit quaternions; arrays that may be written."""
-        found = GaussianArrays(*(array.copy() for array in vars(self._still).values()))
-        for name, column in self._columns(time).items():
-            if name == "base":
-                found.sh[: self.num_dynamic, 0], found.opacities[: self.num_dynamic] = column[:, :3], column[:, 3]
-            elif name.startswith("sh_"):
-                found.sh[: self.num_dynamic, int(name.removeprefix("sh_"))] = column
-            else:
-                getattr(found, name)[: self.num_dynamic] = column
-        return found
+        arrays = {name: array.copy() for name, array in vars(self._still).items()}
+        put_columns(arrays, self._columns(time), self.num_dynamic)
+        return GaussianArrays(**arrays)
 
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
         """The columns ``names`` of the dynamic Gaussians at a time in [0, 1]."""
@@ -293,20 +288,8 @@ class ScenePlayer:
         return BufferPool({name: getattr(self._still, name) for name in [*plain, *opacities, *colors]})
 
     def _joined(self, part: FrameDelta) -> NumpyGaussians:
-        arrays = {field.name: getattr(self._still, field.name) for field in fields(GaussianArrays)}
-        arrays |= self._joined_memory.take()
-        for name, column in part.columns.items():
-            if name == "base":
-                arrays["sh"][: self.num_dynamic, 0], arrays["opacities"][: self.num_dynamic] = (
-                    column[:, :3],
-                    column[:, 3],
-                )
-            elif name.startswith("sh_"):
-                arrays["sh"][: self.num_dynamic, int(name.removeprefix("sh_"))] = column
-            elif self.num_dynamic < self.count:
-                arrays[name][: self.num_dynamic] = column
-            else:
-                arrays[name] = column
+        arrays = vars(self._still) | self._joined_memory.take()
+        put_columns(arrays, part.columns, self.num_dynamic)
         return GaussianArrays(**arrays)
 
     def compute(self, time: float) -> NumpyGaussians:

@@ -75,13 +75,13 @@ def make_proxy(
     low, high = _seen_box(views)
     proxy, eyes = Proxy(_NOTHING, voxel=float((high - low).max()) / resolution), [camera for camera, _ in views]
     room = _ROOM * float((high - low).max())
-    look = _Look(eyes, proxy.voxel, low - room, high + room)
+    viewing = _Viewing(eyes, proxy.voxel, low - room, high + room)
     moves = motion.moves(proxy.voxel)
     if len(frames) == 1:
         moves = np.zeros(len(first), bool)
     elif moves is None:
         moves = np.ones(len(first), bool)
-    proxy.still = yield from _surface(_part(first, ~moves), look, done)
+    proxy.still = yield from _surface(_part(first, ~moves), viewing, done)
     yield done + 1
     known: dict[bytes, Mesh] = {}  # frames that are held or repeated
     for number, frame in enumerate(frames if moves.any() else ()):
@@ -89,7 +89,7 @@ def make_proxy(
         moving = _part(gaussians, moves) if len(gaussians) == len(moves) else gaussians
         key = _digest(moving)
         if key not in known:
-            known[key] = yield from _surface(moving, look, done + 1 + number)
+            known[key] = yield from _surface(moving, viewing, done + 1 + number)
         proxy.moving.append(known[key])
         yield done + 2 + number
     if not len(proxy.still.quads) and not any(len(mesh.quads) for mesh in proxy.moving):
@@ -98,8 +98,8 @@ def make_proxy(
 
 
 @dataclass(frozen=True)
-class _Look:
-    """How a scene is looked at in all its frames.
+class _Viewing:
+    """From where a scene is seen in all its frames.
 
     Attributes:
         cameras: with images as fine as a mesh needs.
@@ -142,8 +142,8 @@ class Motion:
         have different numbers of Gaussians."""
         if self._low is None or self._high is None or not self._is_comparable:
             return None
-        way = np.linalg.norm(self._high[0] - self._low[0], axis=1)
-        result: Array = (way > distance) | (self._high[1] - self._low[1] > _FADES)
+        distances = np.linalg.norm(self._high[0] - self._low[0], axis=1)
+        result: Array = (distances > distance) | (self._high[1] - self._low[1] > _FADES)
         return result
 
 
@@ -159,17 +159,17 @@ def _part(gaussians: NumpyGaussians, kept: Array) -> NumpyGaussians:
     return GaussianArrays(*(array[kept] for array in vars(gaussians).values()))
 
 
-def _surface(gaussians: NumpyGaussians, look: _Look, done: int) -> Generator[int, None, Mesh]:
+def _surface(gaussians: NumpyGaussians, viewing: _Viewing, done: int) -> Generator[int, None, Mesh]:
     """The mesh of Gaussians as cameras see them."""
     if not len(gaussians):
         return _NOTHING
-    views = yield from _views(gaussians, look.cameras, done)
+    views = yield from _views(gaussians, viewing.cameras, done)
     if not any(np.isfinite(depth).any() for _, depth in views):
         return _NOTHING
-    low, high = look.box(*_seen_box(views))
+    low, high = viewing.box(*_seen_box(views))
     if (high < low).any():
         return _NOTHING
-    steps = fuse(Grid.around(low, high, look.voxel), views)
+    steps = fuse(Grid.around(low, high, viewing.voxel), views)
     while True:
         try:
             next(steps)
