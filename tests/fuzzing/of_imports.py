@@ -10,6 +10,7 @@ import json
 import os
 import zipfile
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -46,9 +47,10 @@ class Imports(Kind):
 
     def __init__(self, folder: Path) -> None:
         self.target, self._scene = folder / "made.frog", partly_static(folder)
-        self.keep(folder / f"mutated{self.suffix}", *self.made(folder))
+        self.keep(folder / f"mutated{self.suffix}", *self.made(self._scene, folder))
 
-    def made(self, folder: Path) -> list[bytes]:
+    @staticmethod
+    def made(scene: ScenePlayer, folder: Path) -> list[bytes]:
         """The contents of undamaged files."""
         raise NotImplementedError
 
@@ -99,109 +101,51 @@ class InProcess(Imports):
             raise FrogError(answer["error"])
 
 
-class BinaryUsd(InProcess):
-    suffix = ".usdc"
+def usd(scene: ScenePlayer, folder: Path, name: str = "whole.usdc") -> list[bytes]:
+    from frog_blender.engine.interchange.usd_export import write_usd
 
-    def made(self, folder: Path) -> list[bytes]:
-        from frog_blender.engine.interchange.usd_export import write_usd
-
-        path, contents = folder / f"whole{self.suffix}", []
-        for full in (False, True):
-            list(write_usd(path, SceneTake(self._scene, "x", range(3)), full_precision=full))
-            contents.append(path.read_bytes())
-        return contents
+    contents = []
+    for full in (False, True):
+        list(write_usd(folder / name, SceneTake(scene, "x", range(3)), full_precision=full))
+        contents.append((folder / name).read_bytes())
+    return contents
 
 
-class TextUsd(BinaryUsd):
-    suffix = ".usda"
+def packed_usd(scene: ScenePlayer, folder: Path) -> list[bytes]:
+    from pxr import UsdUtils
+
+    usd(scene, folder)
+    assert UsdUtils.CreateNewUsdzPackage(str(folder / "whole.usdc"), str(folder / "whole.usdz"))
+    return [(folder / "whole.usdz").read_bytes()]
 
 
-class PackedUsd(InProcess):
-    suffix = ".usdz"
+def spz(scene: ScenePlayer, folder: Path) -> list[bytes]:
+    from frog_blender.engine.interchange.spz import write_spz
 
-    def made(self, folder: Path) -> list[bytes]:
-        from pxr import UsdUtils
-
-        from frog_blender.engine.interchange.usd_export import write_usd
-
-        inner, path = folder / "whole.usdc", folder / "whole.usdz"
-        list(write_usd(inner, SceneTake(self._scene, "x", range(3))))
-        assert UsdUtils.CreateNewUsdzPackage(str(inner), str(path))
-        return [path.read_bytes()]
+    path = folder / "whole.spz"
+    write_spz(path, scene.at_frame(2))
+    packed = path.read_bytes()
+    write_spz(path, scene.at_frame(2), version=4)
+    return [packed, zlib.decompress(packed, 31), path.read_bytes(), path.read_bytes()]
 
 
-class ForeignUsd(InProcess):
-    """As other programs write it: prims that are moved, shared, time-sampled in some attributes, and cameras."""
+def glb(scene: ScenePlayer, folder: Path) -> list[bytes]:
+    from frog_blender.engine.interchange.gltf import write_glb
 
-    suffix = ".usda"
-
-    def made(self, folder: Path) -> list[bytes]:
-        return [foreign_files.usd(self._scene.at_frame(2)).encode()]
+    write_glb(folder / "whole.glb", scene.at_frame(2))
+    return [(folder / "whole.glb").read_bytes()]
 
 
-class Spz(Imports):
-    suffix = ".spz"
-
-    def made(self, folder: Path) -> list[bytes]:
-        from frog_blender.engine.interchange.spz import write_spz
-
-        path = folder / "whole.spz"
-        write_spz(path, self._scene.at_frame(2))
-        packed = path.read_bytes()
-        write_spz(path, self._scene.at_frame(2), version=4)
-        return [packed, zlib.decompress(packed, 31), path.read_bytes(), path.read_bytes()]
-
-
-class Gltf(Imports):
-    suffix = ".glb"
-
-    def made(self, folder: Path) -> list[bytes]:
-        from frog_blender.engine.interchange.gltf import write_glb
-
-        path = folder / "whole.glb"
-        write_glb(path, self._scene.at_frame(2))
-        return [path.read_bytes()]
-
-
-class TextGltf(Imports):
+def gltf(scene: ScenePlayer, folder: Path) -> list[bytes]:
     """With a buffer in the text, and one in a file beside it."""
-
-    suffix = ".gltf"
-
-    def made(self, folder: Path) -> list[bytes]:
-        beside, buffer = foreign_files.gltf(folder, self._scene.at_frame(2), "beside.bin")
-        (folder / "beside.bin").write_bytes(buffer)
-        within, _ = foreign_files.gltf(folder, self._scene.at_frame(2), None)
-        return [within.encode(), beside.encode()]
+    beside, buffer = foreign_files.gltf(folder, scene.at_frame(2), "beside.bin")
+    (folder / "beside.bin").write_bytes(buffer)
+    within, _ = foreign_files.gltf(folder, scene.at_frame(2), None)
+    return [within.encode(), beside.encode()]
 
 
-class Splat(Imports):
-    suffix = ".splat"
-
-    def made(self, folder: Path) -> list[bytes]:
-        return [foreign_files.splat(self._scene.at_frame(2))]
-
-
-class Ksplat(Imports):
-    suffix = ".ksplat"
-
-    def made(self, folder: Path) -> list[bytes]:
-        return [foreign_files.ksplat(self._scene.at_frame(2), level) for level in (0, 1, 2)]
-
-
-class Sog(InProcess):
-    suffix = ".sog"
-
-    def made(self, folder: Path) -> list[bytes]:
-        return [foreign_files.sog(self._scene.at_frame(2))]
-
-
-class Ply(Imports):
-    suffix = ".ply"
-
-    def made(self, folder: Path) -> list[bytes]:
-        gaussians = self._scene.at_frame(2)
-        return [splat_bytes(gaussians), foreign_files.double_ply(gaussians)]
+def plys(scene: ScenePlayer, _: Path) -> list[bytes]:
+    return [make(scene.at_frame(2)) for make in (splat_bytes, foreign_files.double_ply)]
 
 
 class SavedEdits(Imports):
@@ -209,9 +153,10 @@ class SavedEdits(Imports):
 
     suffix = ".json"
 
-    def made(self, folder: Path) -> list[bytes]:
-        count, box = self._scene.count, tuple(np.eye(4).ravel().tolist())
-        some = Marks.of(self._scene, np.arange(count) % 3 == 0)
+    @staticmethod
+    def made(scene: ScenePlayer, folder: Path) -> list[bytes]:
+        count, box = scene.count, tuple(np.eye(4).ravel().tolist())
+        some = Marks.of(scene, np.arange(count) % 3 == 0)
         crops = (
             Crop("box", box, feather=0.5),
             Crop("sphere", box, keep_inside=False, time=0.5),
@@ -231,27 +176,26 @@ class SavedEdits(Imports):
         return True
 
 
-class Plys(Imports):
-    suffix = ".zip"
-
-    def made(self, folder: Path) -> list[bytes]:
-        return [
-            foreign_files.zipped(self._scene, compression) for compression in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-        ]
-
-
-KINDS: dict[str, type[Kind]] = {
-    "usdc": BinaryUsd,
-    "usda": TextUsd,
-    "spz": Spz,
-    "glb": Gltf,
-    "splat": Splat,
-    "ksplat": Ksplat,
-    "sog": Sog,
-    "ply": Ply,
-    "plys": Plys,
-    "usdz": PackedUsd,
-    "foreign usd": ForeignUsd,
-    "gltf": TextGltf,
-    "edits": SavedEdits,
+# By name: how a file ends, what makes undamaged ones, and whether a library that may end its process reads it.
+FORMATS: dict[str, tuple[str, Callable[[ScenePlayer, Path], list[bytes]], bool]] = {
+    "usdc": (".usdc", usd, True),
+    "usda": (".usda", lambda scene, folder: usd(scene, folder, "whole.usda"), True),
+    "usdz": (".usdz", packed_usd, True),
+    "foreign usd": (".usda", lambda scene, _: [foreign_files.usd(scene.at_frame(2)).encode()], True),
+    "spz": (".spz", spz, False),
+    "glb": (".glb", glb, False),
+    "gltf": (".gltf", gltf, False),
+    "splat": (".splat", lambda scene, _: [foreign_files.splat(scene.at_frame(2))], False),
+    "ksplat": (".ksplat", lambda scene, _: [foreign_files.ksplat(scene.at_frame(2), n) for n in range(3)], False),
+    "sog": (".sog", lambda scene, _: [foreign_files.sog(scene.at_frame(2))], True),
+    "ply": (
+        ".ply",
+        lambda scene, _: [make(scene.at_frame(2)) for make in (splat_bytes, foreign_files.double_ply)],
+        False,
+    ),
+    "plys": (".zip", lambda scene, _: [foreign_files.zipped(scene, kind) for kind in (0, zipfile.ZIP_DEFLATED)], False),
+}
+KINDS: dict[str, type[Kind]] = {"edits": SavedEdits} | {
+    name: type(name, (InProcess if in_process else Imports,), {"suffix": suffix, "made": staticmethod(made)})
+    for name, (suffix, made, in_process) in FORMATS.items()
 }

@@ -279,8 +279,7 @@ class FrameStore:
         Raises:
             FrogError: if it is damaged, and the capture is not there any more.
         """
-        kept = self._kept.get((_IMAGE, shot_index))
-        return self._keep(_IMAGE, shot_index, self._read(_IMAGE, shot_index)) if kept is None else kept
+        return self._whole(_IMAGE, shot_index)
 
     def part(self, shot_index: int, region: Region, is_half: bool = False) -> ImageArray:
         """A region (left, top, width, height) of an image, or of the one of half its size; errors as of ``image``."""
@@ -361,10 +360,17 @@ class FrameStore:
             return halved_image(self._anew(_IMAGE, shot))
 
     def _mask(self, name: str, shot: int) -> ImageArray | None:
-        if not self._files.has(name):
-            return None
+        return self._whole(name, shot) if self._files.has(name) else None
+
+    def _whole(self, name: str, shot: int) -> ImageArray:
+        """Kept, unless the capture is large."""
         kept = self._kept.get((name, shot))
-        return self._keep(name, shot, self._read(name, shot)) if kept is None else kept
+        if kept is None:
+            kept = self._read(name, shot)
+            if not self.is_large:
+                with self._lock:
+                    self._kept[name, shot] = kept
+        return kept
 
     def _read(self, name: str, shot: int, region: Region | None = None) -> ImageArray:
         row = self._rows[shot]
@@ -374,12 +380,6 @@ class FrameStore:
             left, top, width, height = region or (0, 0, *self._shapes[shot][::-1])
             image = self._anew(name, shot)[top : top + height, left : left + width]
         image.flags.writeable = False
-        return image
-
-    def _keep(self, name: str, shot: int, image: ImageArray) -> ImageArray:
-        if not self.is_large:
-            with self._lock:
-                self._kept[name, shot] = image
         return image
 
     def _anew(self, name: str, shot: int) -> ImageArray:

@@ -58,7 +58,7 @@ def read(path: Path) -> Capture:
         raise found_instead(path, "no COLMAP model", "cameras.bin and images.bin in sparse/0")
     model = read_model(folder)
     warnings: list[str] = []
-    others = [each.name for each in folder.parent.iterdir() if each != folder and has_model(each)]
+    others = [other.name for other in folder.parent.iterdir() if other != folder and has_model(other)]
     if folder.name == "0" and others:
         warnings.append(f"{folder}: model 0 is taken, of {len(others) + 1} that COLMAP found to be apart.")
     model.images.sort(key=lambda image: natural(image.name))
@@ -104,7 +104,9 @@ def _by_camera(model: Model) -> Group:
 
 def _by_rig(model: Model) -> Group:
     """The images by the camera of their rig, which ``frames`` tells the times of."""
-    order = {frame: rank for rank, frame in enumerate(dict.fromkeys(model.frames[each.name] for each in model.images))}
+    order = {
+        frame: rank for rank, frame in enumerate(dict.fromkeys(model.frames[image.name] for image in model.images))
+    }
     groups: Group = {}
     for image in model.images:
         groups.setdefault(f"camera{image.camera}", []).append((image, order[model.frames[image.name]]))
@@ -123,7 +125,7 @@ def _grouped(path: Path, model: Model, root: Path, groups: Group, warnings: list
     footage: list[Footage] = []
     lacking = 0
     for name, image in standing.items():
-        files = {root / each.name: number for each, number in groups[name] if (root / each.name).is_file()}
+        files = {root / posed.name: number for posed, number in groups[name] if (root / posed.name).is_file()}
         lacking += len(groups[name]) - len(files)
         if files:
             whole = images_in((root / image.name).parent) if "/" in image.name else None
@@ -177,7 +179,7 @@ def _beside(path: Path, model: Model) -> list[Footage]:
     """Videos or folders of frames of which most images of the model are the names."""
     stems = [PurePosixPath(image.name).stem for image in model.images]
     for folder in _BESIDE:
-        footage = [each for each in find_footage(path / folder) if f"{each.name}" not in _IMAGES]
+        footage = [filmed for filmed in find_footage(path / folder) if f"{filmed.name}" not in _IMAGES]
         try:
             found = of_cameras(path, stems, footage)[0] if footage else {}
         except FrogError:

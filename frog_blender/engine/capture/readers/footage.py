@@ -114,7 +114,7 @@ def find_footage(folder: Path) -> list[Footage]:
     if not folder.is_dir():
         return []
     found: dict[str, Footage] = {}
-    for entry in sorted(folder.iterdir(), key=lambda each: natural(each.name)):
+    for entry in sorted(folder.iterdir(), key=lambda below: natural(below.name)):
         if entry.is_dir() and not entry.name.startswith("."):
             footage = images_in(entry)
             if footage is not None:
@@ -155,7 +155,7 @@ def of_cameras(
     """
     found = _same_name(names, footage) or _part_of_name(names, footage) or _same_number(names, footage)
     if not found:
-        filmed = ", ".join(each.name for each in footage[:4]) + (" ..." if len(footage) > 4 else "")
+        filmed = ", ".join(of_camera.name for of_camera in footage[:4]) + (" ..." if len(footage) > 4 else "")
         shown = ", ".join(names[:4]) + (" ..." if len(names) > 4 else "")
         have = f"videos or folders of images {filmed}" if footage else "no video and no folder of images"
         raise found_instead(calibration, f"cameras {shown} and beside them {have}", "footage of the cameras' names")
@@ -165,8 +165,8 @@ def of_cameras(
         warnings.append(
             f"{calibration}: {len(lacking)} of {len(names)} cameras are left out, without footage: {shown}."
         )
-    used = {each.name for each in found.values()}
-    if extra := [each.name for each in footage if each.name not in used]:
+    used = {of_camera.name for of_camera in found.values()}
+    if extra := [of_camera.name for of_camera in footage if of_camera.name not in used]:
         warnings.append(f"{calibration}: footage of no calibrated camera is left out: {', '.join(extra[:8])}.")
     return found, warnings
 
@@ -177,9 +177,9 @@ def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
     Raises:
         FrogError: if some are videos and some folders, or a file cannot be used.
     """
-    videos = [each for each in footage if each.is_video]
+    videos = [of_camera for of_camera in footage if of_camera.is_video]
     if videos and len(videos) < len(footage):
-        folders = next(each for each in footage if not each.is_video)
+        folders = next(of_camera for of_camera in footage if not of_camera.is_video)
         found = f"the video {videos[0].name} and the folder of images {folders.name}"
         raise found_instead(path, found, "footage of one kind: all videos or all images")
     if videos:
@@ -189,17 +189,17 @@ def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
         sizes = tuple((fact.width, fact.height) for fact in facts)
         turns = tuple(fact.turn // 90 for fact in facts)
         return Filmed(paired.shots, paired.frame_count, paired.frames_per_second, sizes, turns, tuple(paired.warnings))
-    check_images(path, sum(len(each.files) for each in footage))
-    images = [(camera, file) for camera, each in enumerate(footage) for file in each.files]
-    shots, count = at_times(images, [number for each in footage for number in each.numbers], path)
-    strays = sum(each.strays for each in footage)
+    check_images(path, sum(len(of_camera.files) for of_camera in footage))
+    images = [(camera, file) for camera, of_camera in enumerate(footage) for file in of_camera.files]
+    shots, count = at_times(images, [number for of_camera in footage for number in of_camera.numbers], path)
+    strays = sum(of_camera.strays for of_camera in footage)
     warnings = [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
     filled = len({shot.frame for shot in shots})
     if missing := filled * len(footage) - len(shots):
         warnings.append(f"{path}: {missing:,} of {filled * len(footage):,} images are missing; their places stay gaps.")
     if filled < count:
         warnings.append(f"{path}: {count - filled:,} of {count:,} frames have no image and stay gaps.")
-    first = [each.files[0] for each in footage]
+    first = [of_camera.files[0] for of_camera in footage]
     sizes, turns = tuple(image_size(file) for file in first), tuple(image_turns(file) for file in first)
     return Filmed(tuple(shots), count, 30.0, sizes, turns, tuple(warnings))
 
@@ -255,11 +255,11 @@ def _in_order(name: str, images: list[Path]) -> Footage:
         if (prefix, image.suffix.lower()) == kind and number is not None:
             numbered.setdefault(number, image)
     numbers = sorted(numbered)
-    return Footage(name, tuple(numbered[each] for each in numbers), tuple(numbers), len(images) - len(numbers))
+    return Footage(name, tuple(numbered[number] for number in numbers), tuple(numbers), len(images) - len(numbers))
 
 
 def _same_name(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
-    by_name = {each.name: each for each in footage}
+    by_name = {of_camera.name: of_camera for of_camera in footage}
     return {name: by_name[composed(name)] for name in names if composed(name) in by_name}
 
 
@@ -269,12 +269,14 @@ def _part_of_name(names: Sequence[str], footage: Sequence[Footage]) -> dict[str,
     """
     found: dict[str, Footage] = {}
     for name in names:
-        fitting = [each for each in footage if _contains(each.name, name) or _contains(name, each.name)]
+        fitting = [
+            of_camera for of_camera in footage if _contains(of_camera.name, name) or _contains(name, of_camera.name)
+        ]
         if len(fitting) > 1:
             return {}
         if fitting:
             found[name] = fitting[0]
-    return found if len({each.name for each in found.values()}) == len(found) else {}
+    return found if len({of_camera.name for of_camera in found.values()}) == len(found) else {}
 
 
 def _contains(whole: str, part: str) -> bool:
@@ -289,7 +291,7 @@ def _contains(whole: str, part: str) -> bool:
 def _same_number(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, Footage]:
     """Footage whose last number is the camera's (``image1`` and ``cam01``); {} where two have the same."""
     of_names = {name: number_of(name) for name in names}
-    by_number = {number_of(each.name): each for each in footage}
+    by_number = {number_of(of_camera.name): of_camera for of_camera in footage}
     if len(by_number) < len(footage) or len(set(of_names.values())) < len(of_names):
         return {}
     return {name: by_number[number] for name, number in of_names.items() if number is not None and number in by_number}

@@ -42,7 +42,7 @@ def read(path: Path) -> Capture:
     """
     footage = _footage(path)
     if not footage:
-        raise found_instead(path, f"{_POSES} and no video", "a video for each pose: cam00.mp4, cam01.mp4, ...")
+        raise found_instead(path, f"{_POSES} and no video", "a video for filmed pose: cam00.mp4, cam01.mp4, ...")
     capture, near_far = read_rows(path, "n3dv", path / _POSES, footage)
     first, *others = (camera.name for camera in capture.cameras)
     return replace(
@@ -55,9 +55,9 @@ def read(path: Path) -> Capture:
 def _footage(path: Path) -> list[Footage]:
     """What each row's camera filmed, in the plain order of names, as LLFF sorts them."""
     found = find_footage(path)
-    of_cameras = [each for each in found if each.name.lower().startswith("cam")]
+    of_cameras = [filmed for filmed in found if filmed.name.lower().startswith("cam")]
     if not of_cameras:
-        of_cameras = [each for each in found if each.is_video]
+        of_cameras = [filmed for filmed in found if filmed.is_video]
     if not of_cameras and (path / "images").is_dir():
         of_cameras = [Footage(image.stem, (image,), (0,)) for image in find_images(path / "images")]
     return sorted(of_cameras, key=lambda footage: footage.name)
@@ -81,7 +81,7 @@ def read_rows(path: Path, layout: str, file: Path, footage: Sequence[Footage]) -
     if len(rows) != len(footage):
         names = f"{footage[0].name} to {footage[-1].name}"
         found = f"{len(rows)} rows for {len(footage)} videos or folders of frames ({names})"
-        raise found_instead(file, found, "one row for each")
+        raise found_instead(file, found, "one row for filmed")
     filmed = on_common_frames(path, footage)
     warnings: list[str] = []
     cameras = [

@@ -146,19 +146,19 @@ def _archives(folder: _Folder) -> Iterator[_Sentence]:
 
 def _footage(folder: _Folder) -> Iterator[_Sentence]:
     """Videos or images without cameras."""
-    footage = [each for each in find_footage(folder.path) if each.name not in _MASKS]
+    footage = [filmed for filmed in find_footage(folder.path) if filmed.name not in _MASKS]
     place = folder.path
     for below in (folder.path / "videos", folder.path / "images"):
-        if not any(each.is_video for each in footage) and (found := find_footage(below)):
+        if not any(filmed.is_video for filmed in footage) and (found := find_footage(below)):
             footage, place = found, below
-    if videos := sum(each.is_video for each in footage):
+    if videos := sum(filmed.is_video for filmed in footage):
         calibrate = f"poses of the cameras: run `frog calibrate {place}` (or Calibrate in the panel)"
         yield f"{_some(videos, 'video')} without calibration", calibrate
     if len(footage) > 1:
         expected = "cameras_opencv.json, a COLMAP model in sparse/0, or videos made of them for `frog calibrate`"
         yield f"{len(footage)} folders of images without calibration", expected
     images = [name for name in folder.names if Path(name).suffix.lower() in IMAGE_SUFFIXES]
-    count = len(images) or sum(len(each.files) for each in footage)
+    count = len(images) or sum(len(filmed.files) for filmed in footage)
     if count > 1:
         yield f"{count} images without poses", "a COLMAP model in sparse/0, or transforms.json (nerfstudio)"
 

@@ -91,11 +91,11 @@ def pair_videos(
         FrogError: if the videos share no time, or there are too many frames or images.
     """
     films = [_film(fact, clock) for fact, clock in zip(facts, clocks or [Clock()] * len(facts), strict=True)]
-    looks = _looks(videos, facts)
+    said = _said_of_images(videos, facts)
     if _in_step(films):
         count, warnings = _shared_frame_count(path, videos, facts)
         rate = facts[0].frames_per_second if clocks is None else films[0].rate
-        return Pairing(_shots_of_videos(videos, count), count, rate, looks + warnings)
+        return Pairing(_shots_of_videos(videos, count), count, rate, said + warnings)
     rate = statistics.median_low(film.rate for film in films)
     frames, offsets = _on_grid(films, rate)
     first, last = _shared(frames)
@@ -112,7 +112,7 @@ def pair_videos(
         shots += [
             Shot(camera, int(of[index]) - first, videos[camera], int(index), float(late[index])) for index in chosen
         ]
-    warnings = looks + _warnings(path, videos, films, clocks is None)
+    warnings = said + _warnings(path, videos, films, clocks is None)
     if crowded:
         warnings.append(
             f"{path}: {_some(crowded)} took more images than {rate:g} a second, of which the nearest in time are used."
@@ -230,7 +230,7 @@ def _nearest(frames: Ints, late: Float64s, inside: Ints) -> Ints:
     return np.sort(order[first])
 
 
-def _looks(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> list[str]:
+def _said_of_images(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> list[str]:
     """What is done to the films' images."""
     warnings = []
     for transfer, name in NAMES.items():
