@@ -18,8 +18,7 @@ from ..gaussians import NumpyGaussians
 from ..playback.importance import camera_weights, sampled_views
 from ..playback.player import ScenePlayer
 from ..playback.render import draw
-from .clusters import clusters
-from .selections import SEEN
+from .selections import SEEN, by_cluster
 
 DEFAULT_STRENGTH = 0.5
 _LEAST_SHARE = 0.004  # of a scene's Gaussians, at full strength, that a cluster must have
@@ -78,12 +77,7 @@ def floaters(scene: ScenePlayer, least_share: float = _LEAST_SHARE * DEFAULT_STR
 
     What touches something at one of these times belongs to it: an arm is no floater when it is thrown up.
     """
-    alone = np.ones(scene.count, bool)
-    for time in (0.0, 0.5, 1.0) if scene.num_dynamic else (0.0,):
-        cluster = clusters(scene.at(time))
-        alone &= np.bincount(cluster)[cluster] < least_share * scene.count
-        if not alone.any():
-            break
+    alone = by_cluster(scene, least_share * scene.count)
     return alone if not alone.all() else np.zeros(scene.count, bool)
 
 

@@ -23,6 +23,7 @@ from ..scene.header import SceneHeader
 from .crops import Crop, kept_of_all
 from .edits import Edits, Timing
 from .grades import NOTHING, Grade, of_coefficients
+from .marks import Marks
 
 
 @dataclass(frozen=True)
@@ -112,8 +113,7 @@ def _graded(grades: Iterable[Grade], scene: ScenePlayer) -> list[_Graded]:
             continue
         rows = None
         if grade.only is not None:
-            marked = grade.only.chosen()
-            rows = np.flatnonzero(marked if scene.rows is None else marked[scene.rows])
+            rows = np.flatnonzero(_marked_rows(scene, grade.only))
         colors, offsets = grade.colors()
         matrix, shift = of_coefficients(colors, offsets)
         stay = np.array_equal(colors, np.eye(3)) and not offsets.any()
@@ -230,8 +230,10 @@ class EditedScene(ScenePlayer):
     @cached_property
     def _marked(self) -> Array | None:
         """(N,) bool, what marks hide though it is played: one Gaussian, if nothing else is left; None for nothing."""
-        hidden = _hidden_rows(self.source, self.edits)
-        return hidden if hidden is not None and hidden.any() else None
+        if self.edits.hidden is None:
+            return None
+        hidden = _marked_rows(self.source, self.edits.hidden)
+        return hidden if hidden.any() else None
 
     def _without_marked(self, kept: Array) -> Array:
         """What is kept of the first Gaussians, and nothing of those that marks hide."""
@@ -264,20 +266,17 @@ def _places(scene: ScenePlayer, crop: Crop) -> Array:
     return scene.at(0.0 if crop.time is None else crop.time).means
 
 
-def _hidden_rows(scene: ScenePlayer, edits: Edits) -> Array | None:
-    """(N,) bool, the rows that marks hide; None for none."""
-    if edits.hidden is None:
-        return None
-    marked = edits.hidden.chosen()
+def _marked_rows(scene: ScenePlayer, marks: Marks) -> Array:
+    """(N,) bool, the rows of a scene that are marked."""
+    marked = marks.chosen()
     return marked if scene.rows is None else marked[scene.rows]
 
 
 def _without_hidden(scene: ScenePlayer, edits: Edits) -> ScenePlayer:
     """The scene without what nothing shows at any time; with one Gaussian, if nothing is left."""
     kept = np.ones(scene.count, bool)
-    hidden = _hidden_rows(scene, edits)
-    if hidden is not None:
-        kept &= ~hidden
+    if edits.hidden is not None:
+        kept &= ~_marked_rows(scene, edits.hidden)
     moves = scene.num_dynamic if "means" in scene.changing else 0
     for rows, crops in (
         (slice(moves, None), [crop for crop in edits.crops if crop.is_still]),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -89,36 +88,74 @@ def _extent(gaussians: NumpyGaussians, rows: Array, direction: Array) -> Array:
 
 
 BRUSH, LASSO, BOX = "BRUSH", "LASSO", "BOX"
-GESTURES = (BRUSH, LASSO, BOX)
 Place = tuple[float, float]
 """x and y in pixels, as in ``OnScreen.places``."""
 
 
-class Gesture(Protocol):
-    """What is drawn with the mouse.
+class Gesture:
+    """What is drawn with the mouse over what a view shows.
+
+    Args:
+        radius: of the brush, in pixels.
 
     Attributes:
         path: the places so far.
         hit: (K,) bool, which of those that can be hit.
     """
 
-    path: list[Place]
-    hit: Array
+    def __init__(self, screen: OnScreen, radius: float) -> None:
+        self.places, self.radius = screen.places, radius
+        self.path: list[Place] = []
+        self.hit = self.open = np.zeros(len(screen.rows), bool)
 
     def move(self, place: Place) -> None:
         """Goes on to a place; the first one is where the gesture begins."""
-        ...
+        raise NotImplementedError
+
+
+class _Brush(Gesture):
+    """Hits what lies within a radius of the path of the mouse."""
+
+    def move(self, place: Place) -> None:
+        start, end = np.array(self.path[-1] if self.path else place), np.array(place)
+        self.path.append(place)
+        low, high = np.minimum(start, end) - self.radius, np.maximum(start, end) + self.radius
+        (x, y), step = self.places, end - start
+        near = np.flatnonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
+        points = np.array([x[near], y[near]], np.float64)
+        along = step @ (points - start[:, None]) / max(float(step @ step), 1e-12)
+        offsets = points - start[:, None] - np.clip(along, 0, 1) * step[:, None]
+        self.hit[near[np.einsum("ik,ik->k", offsets, offsets) <= self.radius**2]] = True
+
+
+class _Lasso(Gesture):
+    """Hits what lies in the outline that the mouse drew, closed by a straight line; where it overlaps itself, what an
+    odd number of its loops encloses."""
+
+    def move(self, place: Place) -> None:
+        if self.path:
+            self.open = self.open ^ _crosses(self.places, self.path[-1], place)
+        self.path.append(place)
+        self.hit = self.open ^ _crosses(self.places, place, self.path[0])
+
+
+class _Box(Gesture):
+    """Hits what lies between where the mouse was first and where it is."""
+
+    def move(self, place: Place) -> None:
+        self.path = [self.path[0] if self.path else place, place]
+        (left, right), (top, bottom) = (sorted(pair) for pair in zip(*self.path, strict=True))
+        x, y = self.places
+        self.hit = (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
+
+
+_KINDS = {BRUSH: _Brush, LASSO: _Lasso, BOX: _Box}
+GESTURES = tuple(_KINDS)
 
 
 def gesture(kind: str, screen: OnScreen, radius: float) -> Gesture:
-    """A new one of GESTURES over what a view shows.
-
-    Args:
-        radius: of the brush, in pixels.
-    """
-    if kind == BRUSH:
-        return _Brush(screen, radius)
-    return _Lasso(screen) if kind == LASSO else _Box(screen)
+    """A new one of GESTURES over what a view shows; ``radius`` of the brush, in pixels."""
+    return _KINDS[kind](screen, radius)
 
 
 def drawn(kind: str, screen: OnScreen, path: Iterable[Place], radius: float) -> Gesture:
@@ -127,58 +164,6 @@ def drawn(kind: str, screen: OnScreen, path: Iterable[Place], radius: float) -> 
     for place in path:
         found.move(place)
     return found
-
-
-class _Brush:
-    """Hits what lies within a radius of the path of the mouse."""
-
-    def __init__(self, screen: OnScreen, radius: float) -> None:
-        self._x, self._y = screen.places
-        self.radius = radius
-        self.path: list[Place] = []
-        self.hit = np.zeros(len(screen.rows), bool)
-
-    def move(self, place: Place) -> None:
-        start, end = np.array(self.path[-1] if self.path else place), np.array(place)
-        self.path.append(place)
-        low, high = np.minimum(start, end) - self.radius, np.maximum(start, end) + self.radius
-        near = np.flatnonzero((self._x >= low[0]) & (self._x <= high[0]) & (self._y >= low[1]) & (self._y <= high[1]))
-        points = np.array([self._x[near], self._y[near]], np.float64)
-        step = end - start
-        along = step @ (points - start[:, None]) / max(float(step @ step), 1e-12)
-        offsets = points - start[:, None] - np.clip(along, 0, 1) * step[:, None]
-        self.hit[near[np.einsum("ik,ik->k", offsets, offsets) <= self.radius**2]] = True
-
-
-class _Lasso:
-    """Hits what lies in the outline that the mouse drew, closed by a straight line; where it overlaps itself, what an
-    odd number of its loops encloses."""
-
-    def __init__(self, screen: OnScreen) -> None:
-        self._places = screen.places
-        self.path: list[Place] = []
-        self._open = np.zeros(len(screen.rows), bool)
-        self.hit = self._open
-
-    def move(self, place: Place) -> None:
-        if self.path:
-            self._open = self._open ^ _crosses(self._places, self.path[-1], place)
-        self.path.append(place)
-        self.hit = self._open ^ _crosses(self._places, place, self.path[0])
-
-
-class _Box:
-    """Hits what lies between where the mouse was first and where it is."""
-
-    def __init__(self, screen: OnScreen) -> None:
-        self._x, self._y = screen.places
-        self.path: list[Place] = []
-        self.hit = np.zeros(len(screen.rows), bool)
-
-    def move(self, place: Place) -> None:
-        self.path = [self.path[0] if self.path else place, place]
-        (left, right), (top, bottom) = (sorted(pair) for pair in zip(*self.path, strict=True))
-        self.hit = (self._x >= left) & (self._x <= right) & (self._y >= top) & (self._y <= bottom)
 
 
 def _crosses(places: Array, start: Place, end: Place) -> Array:

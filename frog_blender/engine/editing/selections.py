@@ -69,7 +69,7 @@ def by_cameras(weights: Array, fewer_than: int) -> Array:
     return seen_by(weights) < fewer_than
 
 
-def by_cluster(scene: ScenePlayer, fewer_than: int) -> Array:
+def by_cluster(scene: ScenePlayer, fewer_than: float) -> Array:
     """(N,) bool: those in clusters of fewer Gaussians, at the beginning, the middle and the end."""
     alone = np.ones(scene.count, bool)
     for time in _times(scene):

@@ -14,15 +14,14 @@ import threading
 from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ..arrays import Array
 from ..errors import FrogError, brief, found_instead
 from ..io.atomic_files import remove_partial_files
 from ..io.plain_values import UnfitValue, items, number, plain_json
 from ..io.regular_file import regular_file
 from ..io.tensor_files import opened_tensors, read_header, write_rows
-from .frame_delta import FrameDelta, column_width
+from ..scene.scene_file import RowLayout
+from .frame_delta import FrameDelta
 from .player import ScenePlayer
 
 SUFFIX = ".frogbake"
@@ -50,6 +49,7 @@ def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[flo
     """
     identity = fingerprint(source)
     metadata = {"scene": identity, "columns": json.dumps(scene.changing), "times": json.dumps(list(times))}
+    layout = RowLayout(scene.changing, scene.num_dynamic, half=False, keeps_identity=True)
     needed = bytes_needed(scene, len(times))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -62,8 +62,7 @@ def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[flo
 
     def rows() -> Iterator[bytes]:
         for time in times:
-            columns = scene.delta_at(time).columns.values()
-            yield b"".join(np.ascontiguousarray(column, "<f4").data for column in columns)
+            yield layout.packed(scene.delta_at(time).columns)
         if fingerprint(source) != identity:
             raise FrogError(f"{source}: found another version of it than when baking began; bake again.")
 
@@ -88,8 +87,7 @@ class Bake:
     def __init__(self, path: Path, source: Path, scene: ScenePlayer) -> None:
         self.problem = ""
         self._path, self._lock = path, threading.Lock()
-        self._columns = [(name, column_width(name)) for name in scene.changing]
-        self._num_dynamic, self._row = scene.num_dynamic, scene.delta_bytes // 4
+        self._layout = RowLayout(scene.changing, scene.num_dynamic, half=False, keeps_identity=True)
         with opened_tensors(path, _KIND, kept=True) as self._file:  # not buffered: what is read is on the disk now
             self._begin, times, identity = self._read_header()
             self.bytes = path.stat().st_size
@@ -111,10 +109,10 @@ class Bake:
         place = self._places.get(time)
         if place is None or self.problem:
             return None
-        content = bytearray(4 * self._row)
+        content = bytearray(self._layout.size)
         try:
             with self._lock:
-                self._file.seek(self._begin + 4 * place * self._row)
+                self._file.seek(self._begin + place * len(content))
                 length = self._file.readinto(content)
         except (OSError, ValueError) as error:  # ValueError: closed meanwhile
             self.problem = (
@@ -124,14 +122,9 @@ class Bake:
         if length != len(content):
             self.problem = f"{self._path}: found a bake that was cut short; frames are computed instead."
             return None
-        row = np.frombuffer(content, "<f4")
-        columns, begin = {}, 0
-        for name, width in self._columns:
-            end = begin + self._num_dynamic * width
-            column = row[begin:end].reshape(self._num_dynamic, width)
-            columns[name] = column if rows is None else column.take(rows, axis=0)  # indexing takes four times as long
-            begin = end
-        return FrameDelta(columns)
+        found = self._layout.unpacked(content).items()
+        # Indexing takes four times as long.
+        return FrameDelta({name: column if rows is None else column.take(rows, axis=0) for name, column in found})
 
     def close(self) -> None:
         """Lets go of the file, which some systems ask for before it can be replaced or deleted."""
@@ -143,12 +136,12 @@ class Bake:
         tensors, metadata = read_header(self._file)
         if tensors.keys() != {_TENSOR} or "scene" not in metadata:
             raise UnfitValue("other arrays or texts", "those of a bake")
-        tensor, row = tensors[_TENSOR], self._row
+        tensor = tensors[_TENSOR]
         said = (plain_json(metadata.get(name, ""), name) for name in ("times", "columns"))
         times, columns = (items(value, "times or columns", _MOST_TIMES) for value in said)
         if tensor.dtype != "F32" or len(tensor.shape) != 2 or tensor.shape[0] != len(times):
             raise UnfitValue(f"{len(times)} times of {tensor.shape} numbers", "a row of floats for each")
-        if tensor.shape[1] != row or columns != [name for name, _ in self._columns]:
+        if 4 * tensor.shape[1] != self._layout.size or columns != list(self._layout.columns):
             return 0, [], ""  # another scene's
         return tensor.begin, [number(time, "a time", 0, 1) for time in times], metadata["scene"]
 

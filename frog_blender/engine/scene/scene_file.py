@@ -14,6 +14,7 @@ float16.
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -80,6 +81,15 @@ class RowLayout:
         """A row of the columns' float32."""
         return b"".join(self._bytes(columns[name], self.kind(name)) for name in self.columns)
 
+    def unpacked(self, row: bytes | bytearray) -> dict[str, Array]:
+        """(M, width) by column of a row, as they are stored; views of it."""
+        columns, start = {}, 0
+        for name in self.columns:
+            shape = self.num_dynamic, _WIDTHS[name]
+            columns[name] = np.frombuffer(row, self.kind(name), math.prod(shape), start).reshape(shape)
+            start += columns[name].nbytes
+        return columns
+
     @staticmethod
     def _bytes(column: Array, kind: str) -> bytes:
         bounded = column.clip(-_LARGEST_HALF, _LARGEST_HALF) if kind == "<f2" else column
@@ -144,13 +154,11 @@ class FrameRows:
             raise FrogError(f"{self.path}: a frame could not be read ({error.strerror or error}).") from error
         if len(content) != size:
             raise found_instead(self.path, f"{len(content):,} bytes of frame {frame}", f"{size:,}")
-        found, start = {}, 0
-        for name in layout.columns:
-            shape = layout.num_dynamic, _WIDTHS[name]
-            column = np.frombuffer(content, layout.kind(name), shape[0] * shape[1], start).reshape(shape)
-            start += column.nbytes
-            found[name] = (column if self.kept is None else column[self.kept]).astype(np.float32)
-        return found
+        found = layout.unpacked(content)
+        return {name: self._wanted(column).astype(np.float32) for name, column in found.items()}
+
+    def _wanted(self, column: Array) -> Array:
+        return column if self.kept is None else column[self.kept]
 
 
 def find_rows(path: str | Path, header: SceneHeader, num_gaussians: int) -> FrameRows:
