@@ -105,10 +105,10 @@ def test_what_joints_leave_open_is_refused() -> None:
 # --- clocks from joints
 
 
-def starts_of(tracks: Sequence[NamedTracks]) -> list[Float64s]:
+def start_of(tracks: Sequence[NamedTracks]) -> Float64s:
     """Offsets (C,) at which the tracks of all films fit together."""
     lags = {(lag.first, lag.second): lag.lag for lag in track_lags(tracks, TALL[1])}
-    return [np.array([0.0, *(lags[0, film] for film in range(1, len(tracks)))])]
+    return np.array([0.0, *(lags[0, film] for film in range(1, len(tracks)))])
 
 
 def frames_off(found: Float64s, truth: Sequence[float]) -> float:
@@ -125,7 +125,7 @@ def test_films_that_began_at_different_times(offsets: list[float], swapped: tupl
     films = [filmed(c, offsets[i], i, swapped=swapped if i == 1 else (0, 0)) for i, c in enumerate(cameras)]
     tracks = moving_tracks(facts_of(cameras), films)
 
-    calibration, found = calibrate_unsynchronised(facts_of(cameras), tracks, starts_of(tracks), FRAME)
+    calibration, found = calibrate_unsynchronised(facts_of(cameras), tracks, start_of(tracks), FRAME)
 
     centers, rotation, _, _ = rig_errors(calibration, cameras)
     assert frames_off(found, offsets) < 0.3 and found.min() == 0.0
@@ -135,7 +135,7 @@ def test_films_that_began_at_different_times(offsets: list[float], swapped: tupl
 def test_films_in_step_stay_exactly_in_step(run: Run) -> None:
     cameras = around(SPREAD[:3], TALL, 1680.0, distance=4.0)
     tracks = [filmed(camera, 0.0, i) for i, camera in enumerate(cameras)]
-    wrong = [np.array([0.0, 0.4, -0.3])]  # that all are in step is tried as well
+    wrong = np.array([0.0, 0.4, -0.3])  # that all are in step is tried as well
 
     calibration, found = run.in_child(calibrate_unsynchronised, facts_of(cameras), tracks, wrong, FRAME)
 
@@ -157,7 +157,7 @@ def test_nothing_is_made_up_where_the_films_say_too_little() -> None:
     with pytest.raises(CalibrationRefused, match="cam00 nothing tells left from right"):
         moving_tracks(facts[:1], [turned])
     assert track_lags([walk, nobody], TALL[1]) == []
-    apart = [np.array([0.0, 99.0])]
+    apart = np.array([0.0, 99.0])
     with pytest.raises(CalibrationRefused):
         calibrate_unsynchronised(facts, [walk, nobody], apart, FRAME)
 
@@ -168,7 +168,7 @@ def test_cameras_in_a_line_are_refused_or_right() -> None:
     offsets = [0.3, 0.0, 0.15]
     tracks = [filmed(camera, offsets[i], i) for i, camera in enumerate(cameras)]
     try:
-        calibration, found = calibrate_unsynchronised(facts_of(cameras), tracks, starts_of(tracks), FRAME)
+        calibration, found = calibrate_unsynchronised(facts_of(cameras), tracks, start_of(tracks), FRAME)
     except CalibrationRefused as error:
         assert "film one person who walks about alone" in str(error)
     else:

@@ -15,7 +15,7 @@ from frog_blender.engine.arrays import Float64s, ImageArray
 from frog_blender.engine.capture.calibration import joint_rig, landmark_file, landmarks
 from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, find_joints
 from frog_blender.engine.capture.calibration.landmarks import JOINTS, Box, LandmarkNetwork, Person
-from frog_blender.engine.capture.calibration.views import View, ViewFile
+from frog_blender.engine.capture.calibration.views import CameraFacts, View
 from frog_blender.engine.capture.synchronization.films import find_films
 from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
 from frog_blender.engine.errors import FrogError
@@ -88,7 +88,7 @@ def test_films_are_read_at_the_times_that_are_asked_for(tmp_path: Path, monkeypa
 
     rate = films[0].facts.frames_per_second
     times = [1 / rate, 4 / rate, 9 / rate]
-    found = joint_rig.calibrate_joint_films(run, films, [ViewFile("one", films[0].size, "0")], times, tmp_path)
+    found = joint_rig.calibrate_joint_films(run, films, [CameraFacts("one", *films[0].size, key="0")], times, tmp_path)
 
     assert np.allclose(found[0, :, 0, 0], [69.5, 189.5, np.nan], atol=1.5, equal_nan=True)  # type: ignore[index]
     assert len(asked) == 3

@@ -18,8 +18,8 @@ from frog_blender.engine.capture.calibration import sources
 from frog_blender.engine.capture.calibration.board_detection import Board
 from frog_blender.engine.capture.calibration.calibration import Calibration
 from frog_blender.engine.capture.calibration.pipeline import Options, Outcome, calibrate
-from frog_blender.engine.capture.calibration.points import calibrate_clicks, facts_of, read_points
-from frog_blender.engine.capture.calibration.views import ViewFile
+from frog_blender.engine.capture.calibration.points import calibrate_clicks, read_points
+from frog_blender.engine.capture.calibration.views import CameraFacts, facts_of
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.films import Film, find_films
 from frog_blender.engine.capture.synchronization.run import NAME, CalibrationRefused
@@ -184,7 +184,7 @@ def test_a_person_is_looked_for_last(
     network = tmp_path / "network"
 
     def of_joints(
-        _run: object, films: Sequence[Film], views: Sequence[ViewFile], times: object, file: Path
+        _run: object, films: Sequence[Film], views: Sequence[CameraFacts], times: object, file: Path
     ) -> Calibration:
         assert file == network and [view.name for view in views] == ["cam00", "cam01"]
         seen = np.random.default_rng(2).uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.8), (30, 3))

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from frog_blender.engine.capture.calibration.views import View, ViewFile
+from frog_blender.engine.capture.calibration.views import CameraFacts, View
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.synchronization.run import Run, key_of
 
@@ -112,11 +112,11 @@ def center_errors(found: list[Camera], true: list[Camera]) -> np.ndarray:
     return np.linalg.norm(scale * ours @ turn.T + shift - theirs, axis=1) / diameter
 
 
-def kept(run: Run, cameras: list[Camera], views: list[View]) -> list[ViewFile]:
+def kept(run: Run, cameras: list[Camera], views: list[View]) -> list[CameraFacts]:
     """The views in the work folder."""
     files = []
     for seen_by, view in zip(cameras, views, strict=True):
         key = key_of(seen_by.name, *view.arrays.values())
         run.work.keep("view", key, view.arrays)
-        files.append(ViewFile(seen_by.name, (seen_by.width, seen_by.height), key))
+        files.append(CameraFacts(seen_by.name, seen_by.width, seen_by.height, key=key))
     return files

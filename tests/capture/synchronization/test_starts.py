@@ -10,17 +10,13 @@ from support.films import copied, encode
 
 from frog_blender.engine.capture.readers.footage import film_facts
 from frog_blender.engine.capture.synchronization.films import Film
-from frog_blender.engine.capture.synchronization.pairs import PairLag
 from frog_blender.engine.capture.synchronization.starts import (
     RATE,
     Signal,
     audio_lag,
     energy_lag,
     energy_signal,
-    preferred,
     read_audio,
-    read_timecode,
-    timecode_lag,
 )
 
 
@@ -137,20 +133,3 @@ def test_energy_is_change_by_second_across_a_gap() -> None:
     times, values = energy_signal(np.array([0.0, 0.1, 0.4, 0.5]), [28.0, 28.0, 28.0])
     np.testing.assert_allclose(times, [0.05, 0.25, 0.45])
     np.testing.assert_allclose(values, [280, 28 / 0.3, 280])
-
-
-# --- timecodes
-
-
-def test_a_timecode_is_read_and_counts_across_midnight() -> None:
-    assert read_timecode({"timecode": "01:02:03:12"}, 24.0) == 3723.5
-    assert read_timecode({"timecode": "01:02:03;15"}, 30.0) == 3723.5
-    assert read_timecode({"timecode": "1:2", "creation_time": "2024-05-06T07:08:09Z"}, 30.0) is None
-    assert timecode_lag(100.0, 103.5) == 3.5 and timecode_lag(86_399.0, 2.0) == 3.0
-
-
-def test_timecodes_choose_between_maxima() -> None:
-    lag = PairLag(0, 1, 5.0, 0.0, 0.01, 0.9, "energy", others=((1.0, 0.8), (3.0, 0.7)))
-    chosen = preferred(lag, 50.0, 53.4)
-    assert (chosen.lag, chosen.score, chosen.others) == (3.0, 0.7, ((5.0, 0.9), (1.0, 0.8)))
-    assert preferred(lag, None, 53.4) is lag and preferred(lag, 50.0, 58.0) is lag

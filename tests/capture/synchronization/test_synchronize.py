@@ -111,8 +111,6 @@ def test_sound_alone_and_named_points_are_asked_in_the_child(tmp_path: Path) -> 
     found = find_clocks(run, films, tracks={"cam00": seen(0, 1.0, 60, 1.5), "cam01": seen(2, 1.287, 60, 1.5)})
     assert found.clocks["cam01"][0] - found.clocks["cam00"][0] == pytest.approx(0.287, abs=0.34 / 30)
     assert found.refusal is None and not found.by_sound
-    first, *moved = found.likely_offsets(3)
-    assert first.tolist() == [offset for offset, _ in found.clocks.values()] and len(moved) <= 2
     closer = {"cam00": (0.0, 1.0), "cam01": (0.29, 1.0)}
     assert found.with_clocks(closer).clocks == closer
 

@@ -17,10 +17,9 @@ from .board_rig import BoardRig, Corners3D, adjust_rig
 from .calibration import Calibration
 from .colmap import Adjusted
 from .model import Lens, Model
-from .points import CameraFacts
 from .support import calibration_of, camera_support
 from .tracks import Tracks
-from .views import images_at
+from .views import CameraFacts, images_at
 
 TIMES = 60
 """Common times at which the board is looked at: more of them cost time and win little."""

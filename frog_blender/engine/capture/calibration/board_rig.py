@@ -13,7 +13,7 @@ import numpy as np
 from ...arrays import Bools, Float64s, Ints
 from .colmap import MODELS, colmap_camera, load_pycolmap
 from .model import Lens
-from .points import CameraFacts
+from .views import CameraFacts
 
 _NEAREST = 1e-6  # depth below which a point counts as behind the camera
 _BEHIND = 1e3  # pixels of residual of a point behind its camera: worse than any in front of it

@@ -1,6 +1,6 @@
 """The films' clocks for calibration: synchronisation by sound and by what moves, as a stage of the pipeline.
 
-Moving cameras are timed by sound, else by timecode: what moves in their images is the cameras themselves.
+Moving cameras are timed by sound alone: what moves in their images is the cameras themselves.
 """
 
 from __future__ import annotations
@@ -9,11 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from ...io.child_process import Progress
-from ..media import film_tags
 from ..synchronization import NamedTracks, Synchronization, synchronize
 from ..synchronization.films import Film
 from ..synchronization.run import Run, WorkFolder
-from ..synchronization.starts import read_timecode, timecode_lag
 from ..synchronization.synchronization import in_step
 from ..synchronization.synchronize import Cameras
 from ..video import load_opencv
@@ -58,16 +56,9 @@ def find_moving_clocks(run: Run, films: Sequence[Film]) -> Synchronization:
     if found.refusal is None:
         sentence = "The films were synchronised by their sound alone, which is right to about a frame."
         return replace(found, warnings=(*found.warnings, sentence))
-    codes = [read_timecode(film_tags(film.path), film.facts.frames_per_second) for film in films]
-    starts = [code - float(film.stamps[0]) for film, code in zip(films, codes, strict=True) if code is not None]
-    if len(starts) < len(films):
-        sentence = (
-            "Neither sound nor timecode tells when the films of moving cameras began: they were taken to be in step. "
-            "If they are not, give their clocks (--clock CAMERA=SECONDS)."
-        )
-        clocks = {film.name: (0.0, 1.0) for film in films}
-    else:
-        lags = [timecode_lag(starts[0], start) for start in starts]
-        sentence = "The films were synchronised by their timecodes, which have whole frames."
-        clocks = {film.name: (lag - min(lags), 1.0) for film, lag in zip(films, lags, strict=True)}
+    sentence = (
+        "Sound does not tell when the films of moving cameras began: they were taken to be in step. If they are not, "
+        "give their clocks (--clock CAMERA=SECONDS)."
+    )
+    clocks = {film.name: (0.0, 1.0) for film in films}
     return replace(found.with_clocks(clocks), warnings=(sentence,), refusal=None)

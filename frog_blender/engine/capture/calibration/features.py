@@ -18,7 +18,7 @@ from ..synchronization.films import resized
 from ..synchronization.run import WorkFolder, key_of
 from ..video import load_opencv, read_gray
 from .colmap import load_pycolmap
-from .views import LONGEST_SIDE, View, ViewFile
+from .views import LONGEST_SIDE, CameraFacts, View
 
 BACKGROUND = -1
 """The moment of features that are there at all times."""
@@ -43,11 +43,11 @@ class Features:
     moments: Ints
 
 
-def view_features(work: WorkFolder, camera: ViewFile) -> Features:
+def view_features(work: WorkFolder, camera: CameraFacts) -> Features:
     """All features of a standing camera, in pixels of its film, of an earlier run or new."""
 
     def found() -> dict[str, Array]:
-        view = camera.load(work)
+        view = camera.view(work)
         moments = range(BACKGROUND, len(view.images))
         parts = [_of_moment(view, moment) for moment in moments]
         pixels, descriptors = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -60,7 +60,7 @@ def view_features(work: WorkFolder, camera: ViewFile) -> Features:
     return Features(**work.kept("features", camera.key, found))
 
 
-def find_features(cameras: Sequence[ViewFile], work: WorkFolder, tell: Progress) -> None:
+def find_features(cameras: Sequence[CameraFacts], work: WorkFolder, tell: Progress) -> None:
     """Keeps the features of standing cameras, for ``view_features``."""
     load_opencv().setNumThreads(1)  # the other processors are taken by the other processes
     for index, camera in enumerate(cameras):

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -35,8 +34,8 @@ from .joints import (
 )
 from .landmarks import JOINTS, LandmarkNetwork
 from .model import Model
-from .points import CameraFacts, PointRig, PointViews, solve_points
-from .views import ViewFile, common_times, images_at
+from .points import PointRig, PointViews, solve_points
+from .views import CameraFacts, common_times, images_at
 
 TIMES = 40
 """Common times at which joints are looked for: 30 are enough, and each costs a quarter of a second a camera."""
@@ -46,14 +45,13 @@ _SIDE_ROUNDS = 2  # of asking the other cameras which side is left
 _MOST_IMAGES = 80  # of each film
 _INTERVALS = (1 / 30, 0.1)  # seconds between them: a walking person's joints are known between them
 _LONGEST_GAP = 0.25  # seconds between two images across which a joint is interpolated
-_MOST_STARTS = 4
 _ROUNDS = 6  # of reading joints at corrected times
 _SETTLED = 0.02  # of the interval
 _FIRST_TIMES = 30  # at which joints are compared in the first round
 
 
 def calibrate_joint_films(
-    run: Run, films: Sequence[Film], views: Sequence[ViewFile], times: Sequence[float], network: Path
+    run: Run, films: Sequence[Film], views: Sequence[CameraFacts], times: Sequence[float], network: Path
 ) -> Calibration:
     """The cameras of films in which one person walks about, from their joints at common capture times in seconds.
 
@@ -66,11 +64,11 @@ def calibrate_joint_films(
         FrogError: for a film that cannot be decoded, or another file than the network's.
     """
     joints = _joints_of_films(run, films, views, [times] * len(films), network)
-    return run.in_child(calibrate_joints, _facts(views), np.stack(joints))
+    return run.in_child(calibrate_joints, views, np.stack(joints))
 
 
 def calibrate_unsynchronised_films(
-    run: Run, films: Sequence[Film], views: Sequence[ViewFile], network: Path
+    run: Run, films: Sequence[Film], views: Sequence[CameraFacts], network: Path
 ) -> tuple[Calibration, Synchronization]:
     """The cameras and the clocks of films in which one person walks about, whenever each film began.
 
@@ -95,31 +93,26 @@ def calibrate_unsynchronised_films(
         times.append(film.stamps[np.unique(np.minimum(after, len(film.stamps) - 1))])
     unplaced = [replace(film, offset=0.0, rate=1.0) for film in films]
     joints = _joints_of_films(run, unplaced, views, [stamps.tolist() for stamps in times], network)
-    facts = _facts(views)
-    tracks = moving_tracks(facts, [NamedTracks(*film) for film in zip(times, joints, strict=True)])
+    tracks = moving_tracks(views, [NamedTracks(*film) for film in zip(times, joints, strict=True)])
     found = find_clocks(run, films, tracks={film.name: track for film, track in zip(films, tracks, strict=True)})
     if found.refusal is not None:
         raise CalibrationRefused(f"The joints do not tell when the films began: {REMEDY}. {found.refusal}")
     frame = 1 / min(film.facts.frames_per_second for film in films)
-    starts = found.likely_offsets(_MOST_STARTS)
-    calibration, offsets = run.in_child(calibrate_unsynchronised, facts, tracks, starts, frame)
+    start = np.array([found.clocks[film.name][0] for film in films])
+    calibration, offsets = run.in_child(calibrate_unsynchronised, views, tracks, start, frame)
     clocks = {film.name: (offset, 1.0) for film, offset in zip(films, offsets.tolist(), strict=True)}
     return calibration, replace(found.with_clocks(clocks), warnings=())
 
 
-def _facts(views: Sequence[ViewFile]) -> list[CameraFacts]:
-    return [CameraFacts(view.name, *view.size, view.group) for view in views]
-
-
 def _joints_of_films(
-    run: Run, films: Sequence[Film], views: Sequence[ViewFile], times: Sequence[Sequence[float]], network: Path
+    run: Run, films: Sequence[Film], views: Sequence[CameraFacts], times: Sequence[Sequence[float]], network: Path
 ) -> list[Float64s]:
     """(T, 16, 2) joints of whoever moves in each film, at ascending capture times in seconds."""
     loaded = LandmarkNetwork(network)
     joints = []
     for index, (film, file, film_times) in enumerate(zip(films, views, times, strict=True)):
         run.progress("joints", index, len(films))
-        view = file.load(run.work)
+        view = file.view(run.work)
         joints.append(find_joints(loaded, images_at(film, film_times, run.check), view.background, view.changing))
     return joints
 
@@ -239,64 +232,49 @@ def moving_tracks(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks]) -
     return clean
 
 
-class _Timed(NamedTuple):
-    """A rig, the offsets (C,) in seconds at which the films were read for it, and the seconds that all films share."""
-
-    rig: PointRig
-    offsets: Float64s
-    shared: float
-
-
 def calibrate_unsynchronised(
-    facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks], starts: Sequence[Float64s], frame: float
+    facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks], start: Float64s, frame: float
 ) -> tuple[Calibration, Float64s]:
     """The rig, and the offsets (C,) in seconds that explain a person's joints best, the least of them 0.
 
     Args:
         facts: of the cameras.
         tracks: each film's joints (``moving_tracks``).
-        starts: offsets (C,) in seconds that may be right to a frame or two; that all are 0 is tried as well.
+        start: offsets (C,) in seconds that may be right to a frame or two; that all are 0 is tried as well.
         frame: seconds between frames of the slowest film.
 
     Raises:
-        CalibrationRefused: if the joints fit no rig, or several, or leave an offset open.
+        CalibrationRefused: if the joints fit no rig, or two, or leave an offset open.
     """
-    answers: list[_Timed] = []
-    refused: CalibrationRefused | None = None
+    answers: list[tuple[PointRig, Float64s]] = []
+    refused: list[CalibrationRefused] = []
     in_step = np.zeros(len(tracks))
-    for start in (*starts, in_step) if all(np.ptp(start) >= frame for start in starts) else starts:
+    for offsets in (start, in_step) if np.ptp(start) >= frame else (start,):
         try:
-            answers.append(_timed(facts, tracks, start))
+            answers.append(_timed(facts, tracks, offsets))
         except CalibrationRefused as error:
-            refused = refused or error
+            refused.append(error)
     if not answers:
-        raise refused or CalibrationRefused(f"The films share too few joints of a person: {REMEDY}.")
-    least = min(answer.rig.cost for answer in answers)
-    good = sorted(
-        (answer for answer in answers if answer.rig.cost <= limits.JOINTS_AS_GOOD * least), key=lambda one: one.rig.cost
-    )
-    # A person who walks repeats themselves: for a second or so, cameras about them fit as well at a stride's distance
-    # in time and elsewhere in space. Of answers as good, those that explain a short time have been tested less.
-    longest = max(answer.shared for answer in good)
-    best, *rivals = [answer for answer in good if answer.shared >= limits.JOINTS_AS_LONG * longest]
-    for rival in rivals:
-        if np.ptp(rival.offsets - best.offsets) >= frame:
+        raise refused[0]
+    (best, offsets), *rivals = sorted(answers, key=lambda answer: answer[0].cost)
+    for rival, other in rivals:
+        if rival.cost <= limits.JOINTS_AS_GOOD * best.cost and np.ptp(other - offsets) >= frame:
             raise CalibrationRefused(f"The joints fit at several offsets of the films equally well: {REMEDY}.")
-    sigmas = limits.JOINT_CORRELATED * best.rig.delay_sigmas
+    sigmas = limits.JOINT_CORRELATED * best.delay_sigmas
     worst = int(np.argmax(sigmas))
     if not sigmas[worst] <= limits.JOINT_UNSURE * frame:
         raise CalibrationRefused(
             f"The joints leave open when the film of camera {facts[worst].name} began, within "
             f"{1000 * sigmas[worst]:.0f} ms: {REMEDY}."
         )
-    is_in_step = np.ptp(best.offsets) <= max(limits.JOINT_SHIFT * frame, 2 * float(sigmas.max()))
-    offsets = in_step if is_in_step else best.offsets - best.offsets.min()
+    is_in_step = np.ptp(offsets) <= max(limits.JOINT_SHIFT * frame, 2 * float(sigmas.max()))
+    offsets = in_step if is_in_step else offsets - offsets.min()
     pixels, _ = _read(tracks, offsets, _MOST_IMAGES)
-    return _judged(facts, _rig_of(facts, pixels, start=best.rig.model, halves=True)), offsets
+    return _judged(facts, _rig_of(facts, pixels, start=best.model, halves=True)), offsets
 
 
-def _timed(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks], start: Float64s) -> _Timed:
-    """Bundle adjustments of cameras and clocks, each from joints read at the offsets that the one before corrected."""
+def _timed(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks], start: Float64s) -> tuple[PointRig, Float64s]:
+    """Adjustments of cameras and clocks, each from joints read at the offsets (C,) that the one before corrected."""
     offsets, rig, interval = start, None, max(track.interval for track in tracks)
     for turn in range(_ROUNDS):
         pixels, moving = _read(tracks, offsets, _MOST_IMAGES if turn else _FIRST_TIMES)
@@ -305,19 +283,14 @@ def _timed(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks], start: F
         if turn and np.ptp(rig.delays) < _SETTLED * interval:
             break
     assert rig is not None  # there is at least one round
-    first, last = _common(tracks, offsets)
-    return _Timed(rig, offsets, last - first)
-
-
-def _common(tracks: Sequence[NamedTracks], offsets: Float64s) -> tuple[float, float]:
-    """Capture times, in seconds, from which on and until when all films show something."""
-    ends = np.array([track.times[[0, -1]] for track in tracks]) + offsets[:, None]
-    return float(ends[:, 0].max()), float(ends[:, 1].min())
+    return rig, offsets
 
 
 def _read(tracks: Sequence[NamedTracks], offsets: Float64s, most: int) -> tuple[Float64s, Float64s]:
     """(C, T, 16, 2) joints at common times, and by how many pixels a second they move."""
-    (start, end), interval = _common(tracks, offsets), max(track.interval for track in tracks)
+    interval = max(track.interval for track in tracks)
+    start = max(float(track.times[0] + offset) for track, offset in zip(tracks, offsets, strict=True))
+    end = min(float(track.times[-1] + offset) for track, offset in zip(tracks, offsets, strict=True))
     if end < start:
         raise CalibrationRefused(f"The films share no time at which they show a person: {REMEDY}.")
     times = np.linspace(start, end, int(np.clip(round((end - start) / interval) + 1, 2, most)))

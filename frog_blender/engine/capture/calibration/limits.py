@@ -53,7 +53,6 @@ JOINTS_APART, DOUBTFUL_JOINTS_APART = 0.05, 0.01  # of the rig, between two halv
 JOINT_IMAGES, JOINTS_MOVING = 10, 6  # of a joint, and joints that must move: uu_voxel (0 move)
 JOINT_RANGE = 0.02  # of the person's height, how far a joint that moves goes, as a median: uu_voxel
 JOINTS_AS_GOOD = 1.1  # times the least cost, which another answer may have: chance does as much (walk_shifted)
-JOINTS_AS_LONG = 0.9  # of the longest time that answers as good explain: less is easier to fit (walk_shifted)
 JOINT_CORRELATED = 4.0  # times the standard deviation: joints of successive images err together
 JOINT_SHIFT = 0.2  # frames by which films in step may differ: walk
 JOINT_UNSURE = 0.5  # frames of standard deviation of an offset

@@ -84,7 +84,7 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     calibration = replace(calibration, warnings=warnings)
     cameras = write_cameras(out, calibration, films)
     quiet = replace(run, progress=lambda *_: None, cancelled=lambda: False)
-    views = [view.load(run.work) for view in views_of(quiet, films)]
+    views = [view.view(run.work) for view in views_of(quiet, films)]
     report, page = write_report(out, calibration, films, views, clocks)
     return Outcome(cameras, report, page, "found" in cameras.stem, warnings)
 

@@ -21,12 +21,12 @@ from .sequences import ImageSequence
 from .structure import Images, Solution, agreeing, solve
 from .support import calibration_of, support_of, sure_points
 from .tracks import Pairs
-from .views import ViewFile
+from .views import CameraFacts
 
 _MOST_PROCESSES = 8  # each holds pycolmap and a camera's images
 
 
-def place_views(run: Run, views: Sequence[ViewFile], sequences: Sequence[ImageSequence] = ()) -> Calibration:
+def place_views(run: Run, views: Sequence[CameraFacts], sequences: Sequence[ImageSequence] = ()) -> Calibration:
     """The cameras of standing views.
 
     Args:
@@ -45,7 +45,7 @@ def place_views(run: Run, views: Sequence[ViewFile], sequences: Sequence[ImageSe
 
 
 def place_standing(
-    views: Sequence[ViewFile], sequences: Sequence[ImageSequence], work: WorkFolder, tell: Progress
+    views: Sequence[CameraFacts], sequences: Sequence[ImageSequence], work: WorkFolder, tell: Progress
 ) -> Calibration:
     """The standing cameras in their own world, in the child; the images of a walk-through only connect them."""
     solution, images, matches = _solved(views, sequences, work, tell)
@@ -91,7 +91,7 @@ def place_moving(sequences: Sequence[ImageSequence], work: WorkFolder, tell: Pro
 
 
 def _solved(
-    views: Sequence[ViewFile], sequences: Sequence[ImageSequence], work: WorkFolder, tell: Progress
+    views: Sequence[CameraFacts], sequences: Sequence[ImageSequence], work: WorkFolder, tell: Progress
 ) -> tuple[Solution, Images, Pairs]:
     """Structure from motion of standing views, of image sequences, or of both in one world; and the matches."""
     files = [(path, sequence) for sequence in sequences for path in sequence.images]

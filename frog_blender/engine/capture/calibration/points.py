@@ -16,7 +16,6 @@ from ...arrays import Array, Bools, Float64s, Ints
 from ...errors import brief, found_instead
 from ...io.plain_values import JsonList, UnfitValue, entries, items, number, plain_json
 from ...io.regular_file import regular_file
-from ..synchronization.films import Film, kinds_of
 from ..synchronization.run import CalibrationRefused
 from . import limits
 from .calibration import Calibration
@@ -26,42 +25,13 @@ from .model import Lens, Model, disagreement
 from .structure import Images, agreeing, propose
 from .support import calibration_of, camera_support
 from .tracks import Tracks, join
+from .views import CameraFacts
 
 _LEAST_PAIR = 8  # points that two cameras share, before they are asked how they stand
 _MANY = 60  # points of a pair, of which some may be false
 _CLICK_REMEDY = "click more points, nearer and farther than these"
 _MOST_BYTES = 2**22
 _MOST_POINTS = 10_000
-
-
-@dataclass(frozen=True)
-class CameraFacts:
-    """What is known of a camera before its calibration: its name, its size in pixels, and its group.
-
-    Cameras of one group are of one kind and share their focal length.
-    """
-
-    name: str
-    width: int
-    height: int
-    group: int = 0
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height in pixels."""
-        return self.width, self.height
-
-    @property
-    def side(self) -> int:
-        """Pixels of the longer side."""
-        return max(self.size)
-
-
-def facts_of(films: Sequence[Film], alike: float = 0.0) -> list[CameraFacts]:
-    """What films say of their cameras; ``alike`` is as of ``kinds_of``."""
-    return [
-        CameraFacts(film.name, *film.size, group) for film, group in zip(films, kinds_of(films, alike), strict=True)
-    ]
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,9 +27,9 @@ from .joint_rig import TIMES as JOINT_TIMES
 from .joint_rig import calibrate_joint_films, calibrate_unsynchronised_films
 from .landmark_file import landmark_file
 from .placing import place_views
-from .points import calibrate_clicks, facts_of, read_points
+from .points import calibrate_clicks, read_points
 from .sequences import sharp_images
-from .views import common_times, views_of
+from .views import common_times, facts_of, views_of
 
 AUTO = Path("auto")
 """A board whose layout is found in the films."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,34 +53,52 @@ def view_of(arrays: Mapping[str, Array]) -> View:
 
 
 @dataclass(frozen=True)
-class ViewFile:
-    """A standing camera, whose view the work folder holds.
+class CameraFacts:
+    """What is known of a standing camera before its calibration.
 
     Attributes:
-        name, size: of the camera; width and height in pixels of its film.
-        key: of the stage "view".
+        name, width, height: of its film, pixels.
         group: cameras of one group are of one kind and share their focal length.
+        key: of the work folder's stage "view", where its view is kept; else "".
     """
 
     name: str
-    size: tuple[int, int]
-    key: str
+    width: int
+    height: int
     group: int = 0
+    key: str = ""
 
-    def load(self, work: WorkFolder) -> View:
-        """The view; FrogError where it is not there, or not as it was."""
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.width, self.height
+
+    @property
+    def side(self) -> int:
+        """Pixels of the longer side."""
+        return max(self.size)
+
+    def view(self, work: WorkFolder) -> View:
+        """Its view; FrogError where it is not there, or not as it was."""
         arrays = work.load("view", self.key)
         if arrays is None:
             raise found_instead(work.file("view", self.key), "a damaged view, or none", "what calibration kept there")
         return view_of(arrays)
 
 
-def views_of(run: Run, films: Sequence[Film], times: Sequence[float] = (), alike: float = 0.0) -> list[ViewFile]:
-    """The films' backgrounds and what moves at common times, in the work folder, of an earlier run or new.
+def facts_of(films: Sequence[Film], alike: float = 0.0) -> list[CameraFacts]:
+    """What films say of their cameras.
 
     Films whose sizes differ by less than ``alike`` share a focal length, which few points leave open otherwise. For
     features, which are exact, the middles of such images lie too far apart.
     """
+    return [
+        CameraFacts(film.name, *film.size, group) for film, group in zip(films, kinds_of(films, alike), strict=True)
+    ]
+
+
+def views_of(run: Run, films: Sequence[Film], times: Sequence[float] = (), alike: float = 0.0) -> list[CameraFacts]:
+    """The same with the films' backgrounds and what moves at common times, in the work folder, of this run or before."""
 
     def of_film(film: Film) -> str:
         key = key_of(film.state, [round(film.frame_at(time)) for time in times])
@@ -88,8 +106,7 @@ def views_of(run: Run, films: Sequence[Film], times: Sequence[float] = (), alike
         return key
 
     keys = run.in_threads("images", of_film, films, _MOST_DECODED)
-    groups = kinds_of(films, alike)
-    return [ViewFile(film.name, film.size, key, group) for film, key, group in zip(films, keys, groups, strict=True)]
+    return [replace(facts, key=key) for facts, key in zip(facts_of(films, alike), keys, strict=True)]
 
 
 def is_standing(film: Film) -> bool:

@@ -1,15 +1,13 @@
-"""The first lags of two films: by their sound, else by how much moves in them when; timecodes choose between several.
+"""The first lags of two films: by their sound, else by how much moves in them when.
 
 Sound is right to about a frame, for it travels 3 ms a metre. Motion energy needs neither cameras nor sound, but views
-must see the same motion: far apart it is a frame or more wrong. A timecode has whole frames and free-running clocks: it
-is a window to look for lags in, and an answer only where nothing else is.
+must see the same motion: far apart it is a frame or more wrong.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,8 +22,6 @@ from .run import Run
 
 RATE = 16_000
 """Samples of sound a second."""
-_TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)[:;.](\d\d)")
-_DAY = 86_400.0
 
 Signal = tuple[Float64s, Float64s]
 """Film times in seconds, and values there."""
@@ -288,32 +284,3 @@ def _normalized_correlation(first: Float64s, second: Float64s, least: int) -> tu
     scores = scores * np.sqrt(np.maximum(1 - 4.0 / np.maximum(safe, 4), 0))
     shifts = np.arange(-(count_b - 1), count_a)
     return shifts[enough].astype(np.float64), scores[enough]
-
-
-# --- timecodes
-
-
-def read_timecode(tags: Mapping[str, str], frames_per_second: float) -> float | None:
-    """The second of a day at which a film's timecode says that it began; None without one."""
-    said = _TIMECODE.fullmatch(tags.get("timecode", ""))
-    if said is None:
-        return None
-    hours, minutes, seconds, frames = (int(part) for part in said.groups())
-    return 3600 * hours + 60 * minutes + seconds + frames / max(frames_per_second, 1.0)
-
-
-def timecode_lag(first: float, second: float) -> float:
-    """Seconds by which the second film began after the first by their timecodes; across midnight, the shorter way."""
-    return (second - first + _DAY / 2) % _DAY - _DAY / 2
-
-
-def preferred(lag: PairLag, first: float | None, second: float | None) -> PairLag:
-    """The best maximum near what two films' timecodes say; without one there, or timecodes, the best of all."""
-    if first is None or second is None:
-        return lag
-    said, slack = timecode_lag(first, second), limits.TIMECODE_SLACK
-    inside = [other for other in lag.others if abs(other[0] - said) <= slack]
-    if abs(lag.lag - said) <= slack or not inside:
-        return lag
-    rest = ((lag.lag, lag.score), *(other for other in lag.others if other != inside[0]))
-    return replace(lag, lag=inside[0][0], score=inside[0][1], others=rest)

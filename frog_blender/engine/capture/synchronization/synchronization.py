@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Float64s
 from ...io.plain_values import UnfitValue, number, typed
 from . import limits
 from .films import Clocks, Film
@@ -89,16 +88,6 @@ class Synchronization:
             replace(camera, offset=clocks[camera.name][0], rate=clocks[camera.name][1]) for camera in self.cameras
         )
         return replace(self, cameras=tuple(cameras))
-
-    def likely_offsets(self, most: int) -> list[Float64s]:
-        """At most so many (C,) offsets in seconds: the clocks', then with one film where it fits nearly as well."""
-        offsets = np.array([camera.offset for camera in self.cameras])
-        rivals = [(c.runner_up, i) for i, c in enumerate(self.cameras) if c.runner_up and c.runner_up.is_as_likely]
-        moved = []
-        for runner_up, film in sorted(rivals, key=lambda rival: -rival[0].share):
-            moved.append(offsets.copy())
-            moved[-1][film] = runner_up.offset
-        return [offsets, *moved][:most]
 
 
 def read_synchronization(value: object) -> Synchronization:

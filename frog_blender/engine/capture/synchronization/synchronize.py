@@ -9,7 +9,6 @@ from itertools import combinations
 from ...errors import found_instead
 from ..camera import Camera
 from ..capture import Distortion
-from ..media import film_tags
 from . import limits
 from .films import Film
 from .motion import Rig, coarse_lags, find_points, fine_lags, straightened
@@ -17,7 +16,7 @@ from .moving_points import MovingPoints
 from .pairs import PairLag, Solution, solve
 from .report import reported
 from .run import Run
-from .starts import Motion, audio_lag, energy_lag, motion_of, preferred, read_audio, read_timecode
+from .starts import Motion, audio_lag, energy_lag, motion_of, read_audio
 from .synchronization import Synchronization
 from .tracks import NamedTracks, track_lags
 
@@ -83,16 +82,13 @@ def _heard(films: Sequence[Film], run: Run) -> list[PairLag]:
 
 
 def _alike(films: Sequence[Film], motions: Sequence[Motion], heard: set[tuple[int, int]]) -> list[PairLag]:
-    """Lags of the other films, by how much moves in them; a timecode chooses between several."""
-    codes = [read_timecode(film_tags(film.path), 1 / film.interval) for film in films]
+    """Lags of the other films, by how much moves in them."""
     lags = []
     for pair in combinations(range(len(films)), 2):
-        if pair in heard:
-            continue
-        first, second = pair
-        step = min(films[first].interval, films[second].interval)
-        lag = energy_lag(pair, (motions[first].energy, motions[second].energy), step)
-        lags += [] if lag is None else [preferred(lag, codes[first], codes[second])]
+        if pair not in heard:
+            step = min(films[index].interval for index in pair)
+            lag = energy_lag(pair, (motions[pair[0]].energy, motions[pair[1]].energy), step)
+            lags += [] if lag is None else [lag]
     return lags
 
 
