@@ -7,11 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from support.films import encode, numbered, photograph
 
-from frog_blender.engine.capture.calibration.views import common_times, images_at, is_standing, view_film, views_of
-from frog_blender.engine.capture.synchronization.films import Film, find_films, kind_by, kind_of, kinds_of
-from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
+from frog_blender.engine.capture.calibration.views import common_times, images_at, is_standing, view_film
+from frog_blender.engine.capture.synchronization.films import Film, find_films, kinds_of
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
@@ -95,36 +93,7 @@ def test_a_folder_without_videos_says_what_is_expected(tmp_path: Path) -> None:
         find_films(tmp_path)
 
 
-def sized(width: int, height: int, kind: str = "") -> Film:
-    return Film("a", Path("a"), VideoFacts(width, height, 30, 10.0, np.arange(30) / 10.0), kind=kind)
-
-
-def test_films_of_one_size_and_make_are_of_one_kind() -> None:
-    sizes = [sized(1080, 1920), sized(1088, 1920), sized(640, 480), sized(1080, 1920)]
-    assert kinds_of(sizes) == [1, 2, 0, 1] and kinds_of(sizes, 0.01) == [1, 1, 0, 1]
-    makes = ["Apple, iPhone 13", "Google, Pixel 7", "", "Apple, iPhone 13"]
-    assert kinds_of([sized(64, 48, make) for make in makes]) == [1, 2, 0, 1]
-
-
-@pytest.mark.parametrize(
-    ("tags", "kind"),
-    [
-        ({"com.apple.quicktime.make": "Apple", "com.apple.quicktime.model": "iPhone 13"}, "Apple, iPhone 13"),
-        ({"com.android.manufacturer": "Google", "com.android.model": "Pixel 7"}, "Google, Pixel 7"),
-        ({"firmware": "HD9.01.01.60.00"}, "HD9"),
-        ({"major_brand": "isom", "encoder": "Lavf59.27.100"}, ""),
-    ],
-)
-def test_make_and_model_are_read_from_a_films_tags(tags: dict[str, str], kind: str) -> None:
-    assert kind_by(tags) == kind
-
-
-def test_make_and_model_are_read_from_files(tmp_path: Path) -> None:
-    pixels = np.random.default_rng(0).integers(0, 255, (24, 32, 3), np.uint8)
-    for name, make in {"a": "Sony", "b": "Canon", "c": "Sony"}.items():
-        (tmp_path / name).mkdir()
-        for number in range(3):
-            photograph(tmp_path / name / f"{number:04d}.jpg", pixels, make=make, model="X", focal_length=35)
-    films, run = find_films(tmp_path), Run(WorkFolder(tmp_path / "work"), lambda *_: None, lambda: False)
-    assert films[0].kind == "Sony, X, 35" and [view.group for view in views_of(run, films)] == [1, 0, 1]
-    assert kind_of(encode(tmp_path / "a.mkv", numbered(3), tags={"MAKE": "Sony", "MODEL": "A7"})) == "Sony, A7"
+def test_films_of_almost_one_size_are_of_one_kind_where_that_is_asked_for() -> None:
+    sizes = [(1080, 1920), (1088, 1920), (640, 480), (1080, 1920)]
+    films = [Film("a", Path("a"), VideoFacts(*size, 30, 10.0, np.arange(30) / 10.0)) for size in sizes]
+    assert kinds_of(films) == [1, 2, 0, 1] and kinds_of(films, 0.01) == [1, 1, 0, 1]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from frog_blender.cli.info_command import _checked
-from frog_blender.engine.capture.calibration.calibration import MovingCameras
+from frog_blender.engine.capture.calibration.calibration import MovingCamera
 from frog_blender.engine.capture.calibration.camera_files import write_cameras
 from frog_blender.engine.capture.calibration.model import Lens
 from frog_blender.engine.capture.calibration.report import REPORT, report_lines, write_moving_report, write_report
@@ -76,8 +76,8 @@ def test_a_report_of_other_cameras_says_so(capture: Capture) -> None:
 
 def test_a_moving_cameras_report(capture: Capture) -> None:
     pose = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
-    lenses, told = (Lens(640, 480, 500.0),), ("One image could not be placed.",)
-    found = MovingCameras(lenses, tuple(range(86)), np.array([pose] * 86), np.empty((0, 3)), 0.41, 0.001, 0.002, told)
+    lens, told = Lens(640, 480, 500.0), ("One image could not be placed.",)
+    found = MovingCamera(lens, tuple(range(86)), np.array([pose] * 86), np.empty((0, 3)), 0.41, 0.001, 0.002, told)
     write_moving_report(capture.path, found)
     assert report_lines(capture) == [
         "one moving camera, 86 images, median residual 0.41 px, two halves of what was seen put the cameras 0.2 % of "

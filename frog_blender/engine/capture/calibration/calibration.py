@@ -85,11 +85,11 @@ class Calibration:
 
 
 @dataclass(frozen=True, eq=False)
-class MovingCameras:
-    """The posed images of cameras that move, and a lens for each of those.
+class MovingCamera:
+    """The posed images of a camera that moves.
 
     Attributes:
-        lenses: of the cameras.
+        lens: of the camera.
         placed: the images that have a pose, by their index among all.
         poses: (images, 3, 4) world to camera, of those.
         points: (N, 3) on surfaces.
@@ -99,7 +99,7 @@ class MovingCameras:
         warnings: one sentence each.
     """
 
-    lenses: tuple[Lens, ...]
+    lens: Lens
     placed: tuple[int, ...]
     poses: Float64s
     points: Float64s

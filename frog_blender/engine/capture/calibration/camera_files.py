@@ -1,6 +1,6 @@
 """The files that a calibration writes and readers take: never over one that is there, and back again.
 
-``cameras_opencv.json`` holds standing cameras, ``transforms.json`` the posed images of moving ones. What is in use has
+``cameras_opencv.json`` holds standing cameras, ``transforms.json`` the posed images of a moving one. What is in use has
 the name that readers look for. What is set aside keeps its name with ``_given`` or ``_found`` at its end, and a number
 where another file has that name. No content is ever lost.
 """
@@ -19,10 +19,8 @@ from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ..readers import layout_of
-from ..readers.frame_times import frame_times
 from ..synchronization.films import Film
-from .calibration import Calibration, MovingCameras
-from .model import Lens
+from .calibration import Calibration, MovingCamera
 from .sequences import ImageSequence
 
 _CAMERAS, _FOUND = "cameras_opencv.json", "cameras_found"
@@ -49,20 +47,30 @@ def write_cameras(folder: Path, calibration: Calibration, films: Sequence[Film])
 
 
 def write_transforms(
-    folder: Path, sequences: Sequence[ImageSequence], times: Sequence[float], found: MovingCameras, *, timed: bool
+    folder: Path, sequence: ImageSequence, times: Sequence[float], found: MovingCamera, *, timed: bool
 ) -> Path:
     """Writes the list of posed images that every reader of captures knows, and returns the file.
 
+    nerfstudio's list: camera to world in OpenGL's axes, and a time for each image.
+
     Args:
-        times: of each image of each sequence, in seconds where they are ``timed``.
-        found: the cameras.
+        times: of each image, in seconds where they are ``timed``.
+        found: the camera.
 
     Raises:
         FrogError: if it cannot be written.
     """
-    rate = _rate(times, folder / _TRANSFORMS) if timed else _FRAMES_PER_SECOND
-    listed = _transforms(folder, sequences, times, found) | {"fps": rate}
-    return _written(folder, _TRANSFORMS, _TRANSFORMS_FOUND, listed)
+    frames = []
+    for image, pose in zip(found.placed, found.poses, strict=True):
+        matrix: Float64s = np.vstack([pose, [[0.0, 0.0, 0.0, 1.0]]])
+        path = sequence.images[image].resolve().relative_to(folder.resolve())
+        pose_in_world = (np.linalg.inv(matrix) @ _FLIP).tolist()
+        frames.append({"file_path": path.as_posix(), "transform_matrix": pose_in_world, "time": times[image]})
+    lens, span = found.lens, max(times) - min(times)
+    rate = (len(times) - 1) / span if timed and span > 0 else _FRAMES_PER_SECOND
+    size = {"camera_model": "OPENCV", "w": lens.width, "h": lens.height, "fl_x": lens.focal, "fl_y": lens.focal}
+    middle = {"cx": lens.width / 2, "cy": lens.height / 2, "k1": lens.k1, "k2": lens.k2, "p1": 0.0, "p2": 0.0}
+    return _written(folder, _TRANSFORMS, _TRANSFORMS_FOUND, size | middle | {"frames": frames, "fps": rate})
 
 
 def _written(folder: Path, name: str, other: str, plain: JsonObject) -> Path:
@@ -217,38 +225,3 @@ def _path_from(folder: Path, video: Path) -> str:
         return Path(os.path.relpath(video.resolve(), folder.resolve())).as_posix()
     except ValueError:  # two drives of Windows
         return str(video.resolve())
-
-
-def _rate(times: Sequence[float], path: Path) -> float:
-    """Frames a second as readers will count them: those of several cameras may lie between each other."""
-    frames = frame_times(times, [0] * len(times), path).frames
-    span = max(times) - min(times)
-    return float((frames.max() - frames.min()) / span) if span > 0 else _FRAMES_PER_SECOND
-
-
-def _transforms(
-    out: Path, sequences: Sequence[ImageSequence], times: Sequence[float], found: MovingCameras
-) -> JsonObject:
-    """nerfstudio's list: camera to world in OpenGL's axes, and a time for each image.
-
-    The lens of one camera is everyone's; of several each image has its own.
-    """
-    lenses = [_lens(lens) for lens in found.lenses]
-    images = [(path, index) for index, sequence in enumerate(sequences) for path in sequence.images]
-    frames = []
-    for image, pose in zip(found.placed, found.poses, strict=True):
-        matrix: Float64s = np.vstack([pose, [[0.0, 0.0, 0.0, 1.0]]])
-        path, sequence = images[image]
-        frame = {
-            "file_path": path.resolve().relative_to(out.resolve()).as_posix(),
-            "transform_matrix": (np.linalg.inv(matrix) @ _FLIP).tolist(),
-            "time": times[image],
-        }
-        frames.append(frame if len(sequences) == 1 else frame | lenses[sequence])
-    return (lenses[0] if len(sequences) == 1 else {}) | {"frames": frames}
-
-
-def _lens(lens: Lens) -> JsonObject:
-    size = {"camera_model": "OPENCV", "w": lens.width, "h": lens.height, "fl_x": lens.focal, "fl_y": lens.focal}
-    middle = {"cx": lens.width / 2, "cy": lens.height / 2}
-    return {**size, **middle, "k1": lens.k1, "k2": lens.k2, "p1": 0.0, "p2": 0.0}

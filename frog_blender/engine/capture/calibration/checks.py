@@ -56,14 +56,13 @@ def refusal(solution: Solution, support: Support) -> str | None:
     return _open(solution, max(camera.focal_uncertainty for camera in cameras), "the cameras", "the rig's size", remedy)
 
 
-def moving_refusal(solution: Solution, sequences: Sequence[tuple[str, int]]) -> str | None:
-    """The same for moving cameras, by name and number of images."""
+def moving_refusal(solution: Solution, count: int) -> str | None:
+    """The same for a moving camera of so many images."""
     if solution.adjusted is None:
         return f"No two images of the moving camera could be placed. {_MOVING_REMEDY}."
-    for sentence, lost, count in _unplaced(solution, sequences):
-        if lost > (1 - limits.LEAST_PLACED) * count:
-            beside = " beside those of the other cameras: film past the same things" if len(sequences) > 1 else ""
-            return f"{sentence}{beside}. {_MOVING_REMEDY}."
+    lost = count - len(solution.adjusted.model.placed)
+    if lost > (1 - limits.LEAST_PLACED) * count:
+        return f"{lost} of {count} images could not be placed. {_MOVING_REMEDY}."
     return _open(solution, _path_uncertainty(solution), "the camera", "its path", _MOVING_REMEDY)
 
 
@@ -81,9 +80,11 @@ def warnings(solution: Solution, support: Support) -> list[str]:
     return found
 
 
-def moving_warnings(solution: Solution, sequences: Sequence[tuple[str, int]], moving: float) -> list[str]:
-    """The same for moving cameras; ``moving`` is the share of matches that ``moving_share`` tells."""
-    found = [f"{sentence}." for sentence, lost, _ in _unplaced(solution, sequences) if lost]
+def moving_warnings(solution: Solution, count: int, moving: float) -> list[str]:
+    """The same for a moving camera; ``moving`` is the share of matches that ``moving_share`` tells."""
+    assert solution.adjusted is not None
+    lost = count - len(solution.adjusted.model.placed)
+    found = [f"{lost} of {count} images could not be placed."] if lost else []
     found += _doubts(solution, _path_uncertainty(solution), "the path's size")
     if moving > limits.MOST_MOVING:
         found.append(
@@ -171,17 +172,6 @@ def _unseen(solution: Solution, support: Support, lost: Sequence[str]) -> str:
     )
 
 
-def _unplaced(solution: Solution, sequences: Sequence[tuple[str, int]]) -> list[tuple[str, int, int]]:
-    """For each sequence a sentence about its images without a pose, how many those are, and how many there are."""
-    placed, start, found = solution.adjusted.model.placed if solution.adjusted is not None else [], 0, []
-    for name, count in sequences:
-        lost = count - sum(start <= index < start + count for index in placed)
-        start += count
-        whose = f" of {name}" if len(sequences) > 1 else ""
-        found.append((f"{lost} of {count} images{whose} could not be placed", lost, count))
-    return found
-
-
 def _path_uncertainty(solution: Solution) -> float:
     assert solution.adjusted is not None
     return float(solution.adjusted.uncertainty[solution.adjusted.model.placed].max())
@@ -191,21 +181,14 @@ def _percent(share: float) -> str:
     return f"{100 * share:.1f} %" if share < float("inf") else "any amount"
 
 
-def moving_share(images: Images, model: Model, matches: Pairs, lengths: Sequence[int]) -> float:
+def moving_share(images: Images, model: Model, matches: Pairs) -> float:
     """Median share of the matches of two near images that contradict the cameras' poses, and do so in one way.
 
     A fundamental matrix follows whatever has most features. Where a large subject has them, poses are relative to it,
     or to neither, and fit all the same: their residuals, costs and halves look as they do where nothing moves.
-
-    Args:
-        lengths: images of each sequence.
     """
-    placed, sequence = set(model.placed), np.repeat(np.arange(len(lengths)), lengths)
-    near = [
-        pair
-        for pair in sorted(matches)
-        if pair[1] - pair[0] in _GAPS and sequence[pair[0]] == sequence[pair[1]] and placed.issuperset(pair)
-    ]
+    placed = set(model.placed)
+    near = [pair for pair in sorted(matches) if pair[1] - pair[0] in _GAPS and placed.issuperset(pair)]
     shares = []
     for pair in near[:: max(1, -(-len(near) // _MOST_PAIRS))]:
         found = matches[pair]

@@ -164,13 +164,6 @@ def _mapper_options(limit: float, images: int) -> Any:  # pycolmap.IncrementalPi
     return pipeline
 
 
-def _fundamental(one: Float64s, other: Float64s) -> Float64s | None:
-    """(3, 3) the fundamental matrix of verified matches (M, 2) each; None where they do not fix it."""
-    cv2 = load_opencv()
-    found, _ = cv2.findFundamentalMat(one, other, cv2.FM_8POINT)
-    return None if found is None or found.shape != (3, 3) else np.asarray(found, np.float64)
-
-
 def _write_database(
     path: Path, lenses: Sequence[Lens], groups: Sequence[int], pixels: Sequence[Float64s], pairs: Pairs
 ) -> None:
@@ -194,8 +187,9 @@ def _write_database(
                 geometry = pycolmap.TwoViewGeometry(
                     config=pycolmap.TwoViewGeometryConfiguration(_UNCALIBRATED), inlier_matches=indices
                 )
-                fundamental = _fundamental(pixels[one][matches[:, 0]], pixels[other][matches[:, 1]])
-                if fundamental is None:
+                first, second = pixels[one][matches[:, 0]], pixels[other][matches[:, 1]]
+                fundamental, _ = load_opencv().findFundamentalMat(first, second, load_opencv().FM_8POINT)
+                if fundamental is None or fundamental.shape != (3, 3):
                     continue
                 geometry.F = fundamental
                 database.write_two_view_geometry(one + 1, other + 1, geometry)
@@ -260,7 +254,9 @@ def _solve(
     options.ceres.loss_function_scale = SOFT * min(lens.limit for lens in model.lenses)
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
     adjuster.solve()
-    covariance = pycolmap.estimate_ba_covariance(_intrinsics_only(), reconstruction, adjuster)
+    intrinsics = pycolmap.BACovarianceOptions()
+    intrinsics.params = pycolmap.BACovarianceOptionsParams.ALL
+    covariance = pycolmap.estimate_ba_covariance(intrinsics, reconstruction, adjuster)
     _, used, _, distances = seen
     noise = np.sqrt(np.mean(distances[used] ** 2) / 2)  # a coordinate's
     poses, lenses = model.poses.copy(), list(model.lenses)
@@ -275,13 +271,6 @@ def _solve(
         if found is not None and parameters[0] > 0:
             uncertainty[index] = noise * np.sqrt(max(float(found[0, 0]), 0.0)) / parameters[0]
     return Model(poses, tuple(lenses)), uncertainty
-
-
-def _intrinsics_only() -> Any:  # pycolmap.BACovarianceOptions
-    pycolmap = load_pycolmap()
-    options = pycolmap.BACovarianceOptions()
-    options.params = pycolmap.BACovarianceOptionsParams.ALL
-    return options
 
 
 def _reconstruction(
@@ -300,8 +289,9 @@ def _reconstruction(
         group = groups[index]
         if group not in known:
             known.add(group)
-            lens = _within(model.lenses[index], coefficients[index])
-            camera = colmap_camera(lens, group + 1, MODELS[coefficients[index]])
+            lens, free = model.lenses[index], coefficients[index]
+            lens = replace(lens, k1=lens.k1 if free > 0 else 0.0, k2=lens.k2 if free > 1 else 0.0)
+            camera = colmap_camera(lens, group + 1, MODELS[free])
             reconstruction.add_camera_with_trivial_rig(camera)
         own = np.flatnonzero(used & (tracks.cameras == index))
         places[own] = np.arange(len(own))
@@ -318,8 +308,3 @@ def _reconstruction(
         reconstruction.add_point3D(points[tracks.points[own[0]]], track)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     return reconstruction, config
-
-
-def _within(lens: Lens, coefficients: int) -> Lens:
-    """The lens without the coefficients that are not free."""
-    return replace(lens, k1=lens.k1 if coefficients > 0 else 0.0, k2=lens.k2 if coefficients > 1 else 0.0)

@@ -20,9 +20,9 @@ from ..epipolar import fundamental
 from ..synchronization import NamedTracks, Synchronization
 from ..synchronization.films import Film, with_clocks
 from ..synchronization.run import CalibrationRefused, Run
+from ..synchronization.synchronize import find_clocks
 from . import limits
 from .calibration import Calibration
-from .clocks import find_clocks
 from .joints import (
     agreed_sides,
     find_joints,

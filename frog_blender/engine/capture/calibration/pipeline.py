@@ -15,7 +15,6 @@ from ..synchronization.films import Film, find_films, with_clocks
 from ..synchronization.run import NAME, CalibrationRefused, Run, WorkFolder
 from .calibration import Calibration
 from .camera_files import write_cameras, write_transforms
-from .clocks import find_moving_clocks
 from .landmark_file import landmark_file
 from .placing import place_moving
 from .report import write_moving_report, write_report
@@ -65,16 +64,13 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     run = Run(WorkFolder(out / NAME), progress, cancelled)
     images = still_images(folder)
     if images:
-        return _of_moving(images, Synchronization(), out, run)
+        return _of_moving(images, out, run)
     films = with_clocks(find_films(folder), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
     standing = run.in_threads("films", lambda film: _is_standing(film, run), films, _MOST_DECODED)
     if not any(standing):
-        clocks = Synchronization()
-        if len(films) > 1 and not (options.in_step or options.clocks):
-            clocks = find_moving_clocks(run, films)
-        return _of_moving(with_clocks(films, clocks.clocks), clocks, out, run)
+        return _of_moving(films, out, run)
     connecting, told = walk_throughs(folder, films, standing)
     films = [film for film in films if film not in connecting]
     tried = sources(folder, films, connecting, options, run)
@@ -95,16 +91,21 @@ def _is_standing(film: Film, run: Run) -> bool:
     return bool(run.work.kept("standing", film.key, lambda: {"standing": np.array(is_standing(film))})["standing"])
 
 
-def _of_moving(footage: Sequence[Path] | Sequence[Film], clocks: Synchronization, out: Path, run: Run) -> Outcome:
-    """The result for moving cameras: images of one, in order, or films of one or several, with their clocks."""
+def _of_moving(footage: Sequence[Path] | Sequence[Film], out: Path, run: Run) -> Outcome:
+    """The result for a moving camera: its images in order, or its film."""
     films = [film for film in footage if isinstance(film, Film)]
+    if len(films) > 1:
+        names = ", ".join(film.name for film in films)
+        raise FrogError(
+            f"{films[0].path.parent}: found {names} all moving, expected standing cameras, or one that moves."
+        )
     if films:
-        sequences, times, warnings = film_images(run, films, out)
+        sequence, times, warnings = film_images(run, films[0], out)
     else:
-        sequences, times, warnings = image_files([path for path in footage if isinstance(path, Path)], out)
-    found = run.in_child(place_moving, sequences, run.work)
-    path = write_transforms(out, sequences, times, found, timed=bool(films))
-    found = replace(found, warnings=(*clocks.warnings, *warnings, *found.warnings))
+        sequence, times, warnings = image_files([path for path in footage if isinstance(path, Path)], out)
+    found = run.in_child(place_moving, sequence, run.work)
+    path = write_transforms(out, sequence, times, found, timed=bool(films))
+    found = replace(found, warnings=(*warnings, *found.warnings))
     report, page = write_moving_report(out, found)
     return Outcome(path, report, page, "found" in path.stem, found.warnings)
 

@@ -12,7 +12,7 @@ from ...arrays import Array
 from ...io.child_process import Progress
 from ..readers.footage import state_of
 from ..synchronization.run import CalibrationRefused, Run, WorkFolder, key_of
-from .calibration import Calibration, MovingCameras
+from .calibration import Calibration, MovingCamera
 from .checks import moving_refusal, moving_share, moving_warnings, refusal, warnings
 from .features import find_features, image_features, view_features
 from .matching import match_pairs, pairs_to_match
@@ -59,34 +59,30 @@ def place_standing(
     return replace(found, pairs=tuple(support.pairs), halves_apart=solution.halves_apart, warnings=told)
 
 
-def place_moving(sequences: Sequence[ImageSequence], work: WorkFolder, tell: Progress) -> MovingCameras:
-    """A pose for each image of moving cameras that has one, and a lens for each camera, in the child.
+def place_moving(sequence: ImageSequence, work: WorkFolder, tell: Progress) -> MovingCamera:
+    """A pose for each image of a moving camera that has one, and its lens, in the child.
 
     Raises:
-        CalibrationRefused: if the images do not fix their cameras.
+        CalibrationRefused: if the images do not fix their camera.
         FrogError: for an image that cannot be read.
     """
-    solution, images, matches = _solved((), sequences, work, tell)
-    named = [(sequence.name, len(sequence.images)) for sequence in sequences]
-    if why := moving_refusal(solution, named):
+    solution, images, matches = _solved((), [sequence], work, tell)
+    if why := moving_refusal(solution, len(images.lenses)):
         raise CalibrationRefused(why)
     adjusted = solution.adjusted
     assert adjusted is not None
-    lengths = [count for _, count in named]
-    share = moving_share(images, adjusted.model, matches, lengths)
+    share = moving_share(images, adjusted.model, matches)
     model, points = oriented(adjusted.model, adjusted.points)
     agree = agreeing(adjusted, solution.tracks)
-    sequence_of = np.repeat(np.arange(len(lengths)), lengths)[model.placed].tolist()
-    firsts = [model.placed[sequence_of.index(sequence)] for sequence in range(len(lengths))]  # each has images placed
-    return MovingCameras(
-        tuple(model.lenses[first] for first in firsts),
+    return MovingCamera(
+        model.lenses[model.placed[0]],
         tuple(model.placed),
         model.poses[model.placed],
         sure_points(points, solution.tracks, agree, 3),
         float(np.median(adjusted.distances[agree])),
         float(adjusted.uncertainty[model.placed].max()),
         solution.halves_apart,
-        tuple(moving_warnings(solution, named, share)),
+        tuple(moving_warnings(solution, len(images.lenses), share)),
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import Array, Bools, Float64s, Ints
 from ...errors import brief, found_instead
-from ...io.plain_values import JsonList, UnfitValue, entries, items, number, plain_json
+from ...io.plain_values import UnfitValue, entries, items, number, plain_json
 from ...io.regular_file import regular_file
 from ..synchronization.run import CalibrationRefused
 from . import limits
@@ -188,11 +188,9 @@ def read_points(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, A
         if path.stat().st_size > _MOST_BYTES:
             raise UnfitValue(f"a file of {path.stat().st_size} bytes", f"at most {_MOST_BYTES}")
         listed = entries(plain_json(path.read_text("utf-8"), "a text"), "clicked points")
-        clicks: dict[str, Array] = {}
-        for name, points in listed.items():
-            if name not in sizes:
-                raise UnfitValue(f"camera {brief(name)}", f"one of {', '.join(sizes)}")
-            clicks[name] = _clicked(items(points, f"points of {name}", _MOST_POINTS), name, sizes[name])
+        if other := listed.keys() - sizes.keys():
+            raise UnfitValue(f"camera {brief(min(other))}", f"one of {', '.join(sizes)}")
+        clicks = {name: _clicked(points, name, sizes[name]) for name, points in listed.items()}
         counts = {len(points) for points in clicks.values()}
         if len(counts) != 1 or 0 in counts:
             numbers = ", ".join(f"{len(points)} of {name}" for name, points in clicks.items()) or "no points"
@@ -204,16 +202,15 @@ def read_points(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, A
     return clicks
 
 
-def _clicked(listed: JsonList, name: str, size: tuple[int, int]) -> Array:
-    points = np.full((len(listed), 2), np.nan)
-    for row, pair in enumerate(listed):
-        if pair is None:
-            continue
-        what = f"point {row + 1} of {name}"
-        if type(pair) is not list or len(pair) != 2:
+def _clicked(points: object, name: str, size: tuple[int, int]) -> Array:
+    found = []
+    for row, pair in enumerate(items(points, f"points of {name}", _MOST_POINTS), 1):
+        what = f"point {row} of {name}"
+        if pair is not None and (type(pair) is not list or len(pair) != 2):
             raise UnfitValue(f"{what} = {brief(pair)}", "[x, y] or null")
-        points[row] = [number(value, what, 0, most) for value, most in zip(pair, size, strict=True)]
-    return points
+        known = zip(pair or [], size, strict=False)
+        found.append([number(value, what, 0, most) for value, most in known] or [np.nan, np.nan])
+    return np.array(found, np.float64).reshape(-1, 2)
 
 
 def _found(views: PointViews, images: Images, pairs: Mapping[tuple[int, int], Ints], tracks: Tracks) -> Adjusted:

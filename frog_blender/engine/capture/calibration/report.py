@@ -17,7 +17,7 @@ from ..capture import Capture
 from ..readers.checks import read_json
 from ..synchronization import Synchronization, draw_curves
 from ..synchronization.films import Film
-from .calibration import Calibration, MovingCameras
+from .calibration import Calibration, MovingCamera
 from .drawings import camera_image, rig_from_above, wide_image
 from .views import View
 
@@ -91,14 +91,13 @@ def write_report(
     return _write(folder, facts, parts)
 
 
-def write_moving_report(folder: Path, found: MovingCameras) -> tuple[Path, Path]:
-    """The same for moving cameras."""
-    count = len(found.lenses)
+def write_moving_report(folder: Path, found: MovingCamera) -> tuple[Path, Path]:
+    """The same for a moving camera."""
     facts = plain(
         {
-            "kind": "one moving camera" if count == 1 else f"{count} moving cameras",
+            "kind": "one moving camera",
             "images": len(found.poses),
-            "lenses": found.lenses,
+            "lens": found.lens,
             "focal_uncertainty": found.focal_uncertainty,
             "residual": found.residual,
             "halves_apart": found.halves_apart,
@@ -107,7 +106,7 @@ def write_moving_report(folder: Path, found: MovingCameras) -> tuple[Path, Path]
     )
     centers = -np.einsum("nji,nj->ni", found.poses[:, :, :3], found.poses[:, :, 3])
     drawn = rig_from_above([""] * len(centers), centers[:, :2], found.poses[:, 2, :2], found.points)
-    return _write(folder, facts, [drawn, f"<h2>Lenses</h2>{_table(facts['lenses'])}"])
+    return _write(folder, facts, [drawn, f"<h2>Lens</h2>{_table([facts['lens']])}"])
 
 
 def _write(folder: Path, facts: JsonObject, parts: Sequence[str]) -> tuple[Path, Path]:

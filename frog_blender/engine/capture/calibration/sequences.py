@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Array, ImageArray
-from ...errors import FrogError
+from ...errors import FrogError, found_instead
 from ...io.atomic_files import write_atomically
 from ..synchronization.films import Film, kinds_of
 from ..synchronization.run import Run
 from ..video import decode, find_images, find_videos, image_size, load_opencv
 
 _LEAST_IMAGES = 8  # of a camera, below which it is not taken for a moving one
-_MOST_IMAGES = 300  # of all cameras together
+_MOST_IMAGES = 300
 _FOLDERS = (".", "images", "input", "frames")
 _NAME = re.compile(r"scan(_.*)?", re.IGNORECASE)  # of a walk-through
 _SHARP_RATE = 3.0  # images a second of a walk-through
@@ -95,26 +95,25 @@ def sharp_images(run: Run, films: Sequence[Film]) -> list[ImageSequence]:
     return sequences
 
 
-def film_images(run: Run, films: Sequence[Film], out: Path) -> tuple[list[ImageSequence], list[float], list[str]]:
-    """The images of moving cameras' films below ``out``, when each was taken in seconds, and warnings.
+def film_images(run: Run, film: Film, out: Path) -> tuple[ImageSequence, list[float], list[str]]:
+    """The images of a moving camera's film below ``out``, when each was taken in seconds, and warnings.
 
     Raises:
         Stopped: if the run was cancelled.
         FrogError: for a film of too few frames, or one that cannot be decoded.
     """
-    frames, step = sampled(films)
-    names = ", ".join(film.path.name for film in films)
-    warnings = [f"{names}: every {step}. frame is used."] if step > 1 else []
-    sequences, times = [], []
-    for film, own, group in zip(films, frames, kinds_of(films), strict=True):
-        paths = _written(run, film, own, out / f"{film.name}_images")
-        sequences.append(ImageSequence(film.name, tuple(paths), film.size, group))
-        times += [film.time_of(frame) for frame in own]
-    first = min(times)
-    return sequences, [round(time - first, 6) for time in times], warnings  # to what readers tell apart
+    count = film.facts.frame_count
+    if count < _LEAST_IMAGES:
+        raise found_instead(film.path, f"{count} frames", f"at least {_LEAST_IMAGES} of a moving camera")
+    step = max(1, ceil(count / _MOST_IMAGES))
+    frames = list(range(0, count, step))
+    warnings = [f"{film.path.name}: every {step}. frame is used."] if step > 1 else []
+    paths = _written(run, film, frames, out / f"{film.name}_images")
+    times = [round(float(time - film.stamps[0]), 6) for time in film.stamps[frames]]  # to what readers tell apart
+    return ImageSequence(film.name, tuple(paths), film.size), times, warnings
 
 
-def image_files(images: Sequence[Path], out: Path) -> tuple[list[ImageSequence], list[float], list[str]]:
+def image_files(images: Sequence[Path], out: Path) -> tuple[ImageSequence, list[float], list[str]]:
     """One camera's images, copied into ``out`` where they lie elsewhere, their times from 0 to 1, and no warnings."""
     sizes = {image_size(path) for path in images}
     if len(sizes) > 1:
@@ -127,39 +126,7 @@ def image_files(images: Sequence[Path], out: Path) -> tuple[list[ImageSequence],
             if not copy.is_file():
                 shutil.copyfile(image, copy)
     times = (np.arange(len(listed)) / max(len(listed) - 1, 1)).tolist()
-    return [ImageSequence("camera", tuple(listed), sizes.pop())], times, []
-
-
-def sampled(films: Sequence[Film]) -> tuple[list[list[int]], int]:
-    """The frames of each film to use, ascending, and every which frame of the slowest film that makes.
-
-    Those of several films lie as near to each other in time as their frames do.
-
-    Raises:
-        FrogError: for a film of too few frames.
-    """
-    for film in films:
-        if film.facts.frame_count < _LEAST_IMAGES:
-            raise FrogError(
-                f"{film.path}: found {film.facts.frame_count} frames, expected at least {_LEAST_IMAGES} of a moving "
-                "camera."
-            )
-    first = films[0]
-    coarsest = max(film.rate / film.facts.frames_per_second for film in films)
-    seconds = sum(film.rate * film.facts.frame_count / film.facts.frames_per_second for film in films)
-    step = max(1, ceil(seconds / coarsest / _MOST_IMAGES - 1e-6))
-    if len(films) == 1:
-        return [list(range(0, first.facts.frame_count, step))], step
-    interval = step * coarsest
-    start, end = min(film.time_of(0) for film in films), max(film.time_of(film.facts.frame_count) for film in films)
-    # At the first film's frames: films that are in step have theirs at the same times.
-    start = first.time_of(0) - interval * np.ceil((first.time_of(0) - start) / interval)
-    times = start + interval * np.arange(int((end - start) / interval) + 2)
-    nearest = [{round(film.frame_at(time)) for time in times.tolist()} for film in films]
-    return [
-        sorted(frame for frame in frames if 0 <= frame < film.facts.frame_count)
-        for film, frames in zip(films, nearest, strict=True)
-    ], step
+    return ImageSequence("camera", tuple(listed), sizes.pop()), times, []
 
 
 def _sharpest(run: Run, film: Film) -> dict[str, Array]:

@@ -17,12 +17,11 @@ from ..synchronization import Synchronization
 from ..synchronization.films import Clocks, Film, with_clocks
 from ..synchronization.run import CalibrationRefused, Run
 from ..synchronization.synchronization import differ
-from ..synchronization.synchronize import Cameras
+from ..synchronization.synchronize import Cameras, find_clocks
 from .board import TIMES as BOARD_TIMES
 from .board import board_in_films, calibrate_board, corners_in_films
 from .board_detection import Board, read_board
 from .calibration import Calibration
-from .clocks import find_clocks
 from .joint_rig import TIMES as JOINT_TIMES
 from .joint_rig import calibrate_joint_films, calibrate_unsynchronised_films
 from .landmark_file import landmark_file

@@ -98,7 +98,7 @@ def facts_of(films: Sequence[Film], alike: float = 0.0) -> list[CameraFacts]:
 
 
 def views_of(run: Run, films: Sequence[Film], times: Sequence[float] = (), alike: float = 0.0) -> list[CameraFacts]:
-    """The same with the films' backgrounds and what moves at common times, in the work folder, of this run or before."""
+    """The same with the films' backgrounds and what moves at common times, kept in the work folder."""
 
     def of_film(film: Film) -> str:
         key = key_of(film.state, [round(film.frame_at(time)) for time in times])

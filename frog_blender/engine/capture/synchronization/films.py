@@ -1,8 +1,7 @@
-"""The films of a shoot, a camera each: videos or folders of frames, their times, and the make of their cameras."""
+"""The films of a shoot, a camera each: videos or folders of frames, and their times."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,24 +10,12 @@ import numpy as np
 
 from ...arrays import Float64s, ImageArray
 from ...errors import found_instead
-from ..media import film_tags, read_photograph
-from ..readers.footage import decode_film, film_facts, find_footage, images_in, state_of
+from ..readers.footage import decode_film, film_facts, find_footage, state_of
 from ..video import VideoFacts, composed, find_videos, load_opencv
 from .run import key_of
 
 Clocks = Mapping[str, tuple[float, float]]
 """Offset in seconds and rate of each camera's film: capture time = offset + rate * film time."""
-_KINDS = {
-    "com.apple.quicktime.make": "make",
-    "com.apple.quicktime.model": "model",
-    "com.apple.quicktime.camera.focal_length.35mm_equivalent": "focal length",
-    "com.android.manufacturer": "make",
-    "com.android.model": "model",
-    "make": "make",
-    "model": "model",
-    "firmware": "firmware",  # GoPro's begins with its model: HD9.01.01.60.00
-}
-_FIRMWARE_MODEL = re.compile(r"[A-Z]+\d+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +26,6 @@ class Film:
         name: of the camera: the video's, without its ending, or the folder's.
         facts: of the video.
         offset, rate: capture time = offset + rate * film time, seconds.
-        kind: make and model of its camera, "" where the file does not say.
     """
 
     name: str
@@ -47,7 +33,6 @@ class Film:
     facts: VideoFacts
     offset: float = 0.0
     rate: float = 1.0
-    kind: str = ""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -130,7 +115,7 @@ def find_films(folder: Path) -> list[Film]:
     if len(set(names)) != len(names):
         twice = max(names, key=names.count)
         raise found_instead(folder, f"several videos named {twice}", "one video for each camera")
-    return [Film(n, path, film_facts(path), kind=kind_of(path)) for n, path in zip(names, paths, strict=True)]
+    return [Film(n, path, film_facts(path)) for n, path in zip(names, paths, strict=True)]
 
 
 def with_clocks(films: Sequence[Film], clocks: Clocks) -> list[Film]:
@@ -141,47 +126,17 @@ def with_clocks(films: Sequence[Film], clocks: Clocks) -> list[Film]:
     ]
 
 
-def kind_of(path: Path) -> str:
-    """Make, model, and the lens where a phone has several, of a video or a folder of frames; "" where it is not said.
-
-    Raises:
-        FrogError: if the first frame cannot be read.
-    """
-    if not path.is_dir():
-        return kind_by(film_tags(path))
-    footage = images_in(path)
-    photograph = None if footage is None else read_photograph(footage.files[0])
-    return "" if photograph is None else ", ".join(photograph.camera)
-
-
-def kind_by(tags: Mapping[str, str]) -> str:
-    """The same by a film's tags."""
-    found: dict[str, str] = {}
-    for tag, value in tags.items():
-        name = _KINDS.get(tag)
-        if name is not None and value:
-            found.setdefault(name, value)
-    firmware = _FIRMWARE_MODEL.match(found.pop("firmware", ""))
-    if firmware is not None:
-        found.setdefault("model", firmware[0])
-    return ", ".join(found[name] for name in ("make", "model", "focal length") if name in found)
-
-
 def kinds_of(films: Sequence[Film], alike: float = 0.0) -> list[int]:
-    """A number for each film: equal for those of one kind of camera, of one size, make and model.
+    """A number for each film: equal for those of one size.
 
     Args:
         alike: by what part of a side sizes may differ within a kind; encoders pad some films by a few pixels.
     """
     sizes: list[tuple[int, int]] = []
-
-    def like(film: Film) -> int:
-        fits = (all(abs(a - b) <= alike * max(a, b) for a, b in zip(film.size, size, strict=True)) for size in sizes)
-        return next((index for index, is_alike in enumerate(fits) if is_alike), -1)
-
-    for film in sorted(films, key=lambda film: film.size):
-        if like(film) < 0:
-            sizes.append(film.size)
-    kinds = [(like(film), film.kind) for film in films]
-    order = sorted(set(kinds))
-    return [order.index(kind) for kind in kinds]
+    kinds: dict[tuple[int, int], int] = {}
+    for size in sorted({film.size for film in films}):
+        near = (all(abs(a - b) <= alike * max(a, b) for a, b in zip(size, other, strict=True)) for other in sizes)
+        kinds[size] = next((kind for kind, is_near in enumerate(near) if is_near), len(sizes))
+        if kinds[size] == len(sizes):
+            sizes.append(size)
+    return [kinds[film.size] for film in films]

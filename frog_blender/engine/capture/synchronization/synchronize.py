@@ -7,17 +7,19 @@ from dataclasses import replace
 from itertools import combinations
 
 from ...errors import found_instead
+from ...io.child_process import Progress
 from ..camera import Camera
 from ..capture import Distortion
+from ..video import load_opencv
 from . import limits
 from .films import Film
 from .motion import Rig, coarse_lags, find_points, fine_lags, straightened
 from .moving_points import MovingPoints
 from .pairs import PairLag, Solution, solve
 from .report import reported
-from .run import Run
+from .run import Run, WorkFolder
 from .starts import Motion, audio_lag, energy_lag, motion_of, read_audio
-from .synchronization import Synchronization
+from .synchronization import Synchronization, in_step
 from .tracks import NamedTracks, track_lags
 
 Cameras = Mapping[str, tuple[Camera, Distortion | None]]
@@ -62,6 +64,34 @@ def synchronize(
     if len(known) > 1:
         pairs, solution = _refined(_rig(films, motions, known, solution, run), pairs, solution, run)
     return reported(films, solution, pairs)
+
+
+def find_clocks(
+    run: Run, films: Sequence[Film], cameras: Cameras | None = None, tracks: Mapping[str, NamedTracks] | None = None
+) -> Synchronization:
+    """The films' clocks, by sound, by points known by name, or by motion and moving points, in a process of its own.
+
+    Args:
+        cameras: that are known, by name.
+        tracks: points that have the same names in all films, as a person's joints have.
+
+    Raises:
+        Stopped: if the run was cancelled.
+        FrogError: if a film cannot be decoded, or the process of the synchronisation died.
+    """
+    return in_step(run.in_child(synchronized, films, cameras, tracks, run.work), films)
+
+
+def synchronized(
+    films: Sequence[Film],
+    cameras: Cameras | None,
+    tracks: Mapping[str, NamedTracks] | None,
+    work: WorkFolder,
+    tell: Progress,
+) -> Synchronization:
+    """``synchronize`` in the child, whose matrix library has one thread, for the matrices are small."""
+    load_opencv().setNumThreads(1)  # films and pairs of them share the processors
+    return synchronize(films, Run(work, tell, lambda: False), cameras, tracks)
 
 
 def _solved(films: Sequence[Film], pairs: Sequence[PairLag]) -> Solution:
