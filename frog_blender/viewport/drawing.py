@@ -251,14 +251,9 @@ def _request(splats: ViewportSplats, place: int, seen: list[tuple[Shown, SplatVi
 
 
 def _has_new_depth(picture: Picture, shading: str, now: float) -> bool:
-    """Whether something else lies before the splats since they were drawn: surfaces that could not be read while
-    something moved; or in viewports of engines that take a while to show what there is. There it looks now and then, as
-    long as those engines draw.
+    """Whether something else lies before the splats since they were drawn, in viewports of engines that take a while to
+    show what there is. There it looks now and then, as long as those engines draw.
     """
-    if picture.surfaces.is_outdated:
-        if not (is_still := picture.pace.is_still(now)):
-            later(viewports, STILL_AFTER + 0.05)
-        return is_still
     if picture.depth is None or shading not in _SLOW_SHADINGS:
         return False
     if now - picture.checked_at < _LOOK_AGAIN:
@@ -275,11 +270,7 @@ def _depth_before(
     picture.depth, picture.checked_at = None, time.perf_counter()
     has_others = hiding.has_others(context)
     if has_others and hiding.is_drawn_without_depth(context.scene, context.space_data):
-        surfaces = picture.surfaces
-        surfaces.update(context, picture.looked_at, is_still=picture.pace.is_still(picture.checked_at))
-        if surfaces.is_outdated:
-            later(viewports, STILL_AFTER + 0.05)
-        depth = surfaces.depth(camera, view.clip)
+        depth = picture.surfaces.depth(context, picture.looked_at, camera, view)
     else:
         picture.surfaces = hiding.Surfaces()
         depth = picture.depth = hiding.drawn_depth() if has_others else None

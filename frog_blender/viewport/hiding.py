@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -13,12 +12,12 @@ from ..render.holdout import mesh_of
 
 if TYPE_CHECKING:
     from ..engine.capture.camera import Camera
+    from .projection import SplatView
 
 _HIDING = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL", "GPENCIL")
 """Types of objects that can lie before splats; empties can show images and collections."""
 _KINDS = ("mesh", "curve", "surf", "meta", "font", "curves", "pointcloud", "volume", "grease_pencil", "empty")
 _OF_BLENDER = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT", "BLENDER_WORKBENCH")
-_QUICK = 0.01  # seconds of reading surfaces, which an image may take longer
 MOST_TRIANGLES = 5_000_000  # of a viewport's surfaces, more of which take seconds
 _MOST_THROUGH_WIRES = 0.5
 """Of splats behind an object that is shown by its wires: the depth that it has is its faces', and splats that were seen
@@ -68,48 +67,28 @@ def drawn_depth() -> np.ndarray:
 
 
 class Surfaces:
-    """The surfaces of the objects in one viewport.
-
-    Attributes:
-        is_outdated: whether they may have changed since they were read.
-    """
+    """The surfaces of the objects in one viewport, read again when anything in it may have changed."""
 
     def __init__(self) -> None:
         self._key: Any = None
         self._mesh: tuple[np.ndarray, np.ndarray] | None = None
-        self._seconds = 0.0
-        self.is_outdated = False
 
-    def update(self, context: bpy.types.Context, looked_at: Any, *, is_still: bool) -> None:
-        """Reads what a viewport shows; sets ``is_outdated`` where that has to wait until nothing moves.
-
-        Every frame and every selection may have changed any object: whether it has is only known once all are read. So
-        playback goes on with the surfaces of before where reading them takes longer than an image may.
-
-        Args:
-            looked_at: what determined which captures the viewport shows, which includes whatever may have changed.
-            is_still: whether nothing has changed for a while.
-        """
-        space = context.space_data
-        key = looked_at, None if space.local_view is None else space.as_pointer()
-        self.is_outdated = key != self._key and self._key is not None and not is_still and self._seconds > _QUICK
-        if key == self._key or self.is_outdated:
-            return
-        begun = time.perf_counter()
-        self._key = key  # first: what memory does not hold is not tried again
-        self._mesh = mesh_of(context.evaluated_depsgraph_get(), space, MOST_TRIANGLES)
-        self._seconds = time.perf_counter() - begun
-
-    def depth(self, camera: Camera, clip: tuple[float, float, float, float]) -> np.ndarray | None:
+    def depth(self, context: bpy.types.Context, looked_at: Any, camera: Camera, view: SplatView) -> np.ndarray | None:
         """(H, W) how deep the surfaces lie, in [0, 1], rows from the bottom, 1 for nothing; None without any.
 
         Args:
-            clip: see ``SplatView``.
+            looked_at: what determined which captures the viewport shows, which includes whatever may have changed.
+            camera: of the viewport, and ``view`` one of a capture through it.
         """
         from ..engine.rasterizer.mesh_depth import mesh_depth
 
+        space = context.space_data
+        key = looked_at, None if space.local_view is None else space.as_pointer()
+        if key != self._key:
+            self._key = key  # first: what memory does not hold is not tried again
+            self._mesh = mesh_of(context.evaluated_depsgraph_get(), space, MOST_TRIANGLES)
         if self._mesh is None:
             return None
-        depth, (a, b, c, d) = mesh_depth(*self._mesh, camera)[::-1], clip
+        depth, (a, b, c, d) = mesh_depth(*self._mesh, camera)[::-1], view.clip
         with np.errstate(invalid="ignore"):
             return np.where(np.isinf(depth), 1.0, 0.5 + 0.5 * (a * depth + b) / (c * depth + d)).astype(np.float32)

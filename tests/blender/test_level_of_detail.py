@@ -20,14 +20,8 @@ from frog_blender.timeline.render_thread import rendering
 
 
 @pytest.fixture
-def many(tmp_path):
+def path(tmp_path):
     return write_scene(tmp_path / "many.frog", rig_of_three(), count=400)
-
-
-@pytest.fixture
-def capture(empty, many):
-    bpy.ops.import_scene.frog(filepath=str(many))
-    return active_capture(bpy.context)
 
 
 class CountingEngine(bpy.types.RenderEngine):
@@ -54,9 +48,9 @@ def kept_of(path, count):
     return scene, most_important(ranking(scene), count)
 
 
-def test_the_same_most_important_ones_at_every_frame(empty, capture, many):
+def test_the_same_most_important_ones_at_every_frame(empty, capture, path):
     capture.frog.density = 25
-    scene, kept = kept_of(many, 100)
+    scene, kept = kept_of(path, 100)
     for frame in (3, 9, 1, 6):
         empty.frame_set(frame)
         shown, all_of_them = point_cloud.read(capture), scene.at_frame(frame - 1)
@@ -104,19 +98,19 @@ def test_renders_of_other_engines_have_their_own(empty, capture, counting):
     assert counting[-1] == 40 and not rendering().has_render_density
 
 
-def test_two_captures_of_one_file(empty, capture, many):
-    bpy.ops.import_scene.frog(filepath=str(many))
+def test_two_captures_of_one_file(empty, capture, path):
+    bpy.ops.import_scene.frog(filepath=str(path))
     other = active_capture(bpy.context)
     capture.frog.density, other.frog.density = 20, 60
     empty.frame_set(7)
     assert (point_cloud.count(capture), point_cloud.count(other)) == (80, 240)
 
 
-def test_a_new_version_of_the_file(empty, capture, many):
+def test_a_new_version_of_the_file(empty, capture, path):
     capture.frog.density = 50
-    write_scene(many, rig_of_three(), count=90, seed=5)
+    write_scene(path, rig_of_three(), count=90, seed=5)
     empty.frame_set(3)
-    scene, kept = kept_of(many, 45)
+    scene, kept = kept_of(path, 45)
     np.testing.assert_allclose(point_cloud.read(capture)["position"], scene.at_frame(2).means[kept], atol=1e-5)
 
 

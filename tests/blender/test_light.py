@@ -16,15 +16,13 @@ from support.users_scene import users_scene
 from frog_blender.engine.playback.environment import environment
 from frog_blender.lighting import world
 from frog_blender.render.world import background_of
-from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import playback
 from frog_blender.ui.render_panel import FROG_PT_light
 
 
 @pytest.fixture
-def capture(empty, tmp_path):
-    bpy.ops.import_scene.frog(filepath=str(write_scene(tmp_path / "scene.frog", rig_of_three(), count=200)))
-    return active_capture(bpy.context)
+def path(tmp_path):
+    return write_scene(tmp_path / "scene.frog", rig_of_three(), count=200)
 
 
 def light(**settings):

@@ -10,15 +10,8 @@ from support.small_scenes import rig_of_three, write_scene
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.render import collect_instances
-from frog_blender.scene_import.capture_objects import active_capture
 
 draws_them = pytest.mark.skipif(not point_cloud.draws_splats(), reason="this Blender draws no splats itself")
-
-
-@pytest.fixture
-def capture(empty, static_rig):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    return active_capture(bpy.context)
 
 
 @draws_them

@@ -18,13 +18,6 @@ from frog_blender.timeline import handlers, level_of_detail, open_scenes, playba
 
 
 @pytest.fixture
-def capture(empty, static_rig):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    empty.frame_set(1)
-    return next(playback.captures(empty.objects))
-
-
-@pytest.fixture
 def in_window(monkeypatch):
     """As if the Blender that runs the tests had windows, where a render has a thread of its own."""
 

@@ -6,15 +6,8 @@ import bpy
 import pytest
 
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import playback
 from frog_blender.ui import timing_panel
-
-
-@pytest.fixture
-def capture(empty, static_rig):
-    bpy.ops.import_scene.frog(filepath=str(static_rig), set_up_scene=True)
-    return active_capture(bpy.context)
 
 
 def test_half_speed_takes_twice_the_frames(empty, capture):

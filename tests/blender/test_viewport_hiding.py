@@ -59,53 +59,30 @@ def test_instances_share_a_mesh_that_is_converted_once(empty, monkeypatch, capsy
     assert "hide no splats" in capsys.readouterr().err
 
 
-@pytest.fixture
-def read(empty, monkeypatch):
-    """A function that brings a viewport's surfaces up to date, and how often they were read until then."""
-    times, mesh_of = [], holdout.mesh_of
-    monkeypatch.setattr(hiding, "mesh_of", lambda *given: times.append(1) or mesh_of(*given))
+def test_the_depth_of_surfaces_is_that_of_a_viewport(empty, monkeypatch):
+    """Of the triangle (0, 0, 0), (1, 0, 0), (1, 0, 2 pi), 5 before an eye that looks along y; read once."""
+    read, mesh_of = [], holdout.mesh_of
+    monkeypatch.setattr(hiding, "mesh_of", lambda *given: read.append(1) or mesh_of(*given))
     empty.collection.objects.link(mesh_object("first"))
     bpy.context.view_layer.update()
-
-    def update(surfaces, looked_at, *, is_still=False):
-        context = SimpleNamespace(evaluated_depsgraph_get=bpy.context.evaluated_depsgraph_get, **viewport())
-        surfaces.update(context, looked_at, is_still=is_still)
-        return len(times)
-
-    return update
-
-
-def test_the_depth_of_surfaces_is_that_of_a_viewport(read):
-    """Of the triangle (0, 0, 0), (1, 0, 0), (1, 0, 2 pi), 5 before an eye that looks along y."""
-    surfaces = hiding.Surfaces()
-    read(surfaces, 0)
     view, window = np.eye(4), np.zeros((4, 4))
     view[:3] = (1, 0, 0, -0.5), (0, 0, 1, -1.0), (0, -1, 0, -5.0)
     window[0, 0] = window[1, 1] = 1.5
     window[2, 2], window[2, 3], window[3, 2] = -1.01, -0.2, -1
     camera = view_camera(view, window, 60, 60)
-    clip = view_of(camera, np.eye(4), view, window).clip
-    found = surfaces.depth(camera, clip)
+    splats = view_of(camera, np.eye(4), view, window)
+    context = SimpleNamespace(evaluated_depsgraph_get=bpy.context.evaluated_depsgraph_get, **viewport())
+    surfaces = hiding.Surfaces()
+    found = surfaces.depth(context, 0, camera, splats)
     expected = 0.5 + 0.5 * (window[2, 2] * -5 + window[2, 3]) / 5
     assert (found[0] == 1).any() and found.dtype == np.float32
     np.testing.assert_allclose(found[found < 1], expected, atol=1e-6)
     rows, columns = np.nonzero(found < 1)
     assert 20 < len(rows) < 1800 and columns.min() >= 30 - 0.5 * 1.5 / 5 * 30 - 1
     assert rows.min() >= 30 - 1.5 / 5 * 30 - 1, "the rows lie from the bottom"
-    assert hiding.Surfaces().depth(camera, clip) is None
-
-
-def test_slow_surfaces_are_read_when_nothing_moves(read, monkeypatch):
-    monkeypatch.setattr(hiding, "_QUICK", -1.0)
-    surfaces = hiding.Surfaces()
-    assert read(surfaces, 0) == 1 and not surfaces.is_outdated, "the first are waited for"
-    assert read(surfaces, 0) == 1 and read(surfaces, 0, is_still=True) == 1, "nothing has changed"
-    for frame in range(1, 5):
-        assert read(surfaces, frame) == 1 and surfaces.is_outdated
-    assert read(surfaces, 4, is_still=True) == 2 and not surfaces.is_outdated
-    assert read(surfaces, 5) == 2 and read(surfaces, 4) == 2 and not surfaces.is_outdated, "as they were"
-    monkeypatch.setattr(hiding, "_QUICK", 1e9)
-    assert read(surfaces, 6) == 3 and not surfaces.is_outdated
+    np.testing.assert_array_equal(surfaces.depth(context, 0, camera, splats), found)
+    bpy.data.objects.remove(bpy.data.objects["first"])
+    assert surfaces.depth(context, 1, camera, splats) is None and len(read) == 2
 
 
 def test_what_kinds_of_objects_a_viewport_shows_determines_its_surfaces(empty):
