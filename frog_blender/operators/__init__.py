@@ -4,46 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
+from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any
 
 import bpy
 
-from .. import edition
-
-_FAMILIES = (
-    "import_frog",
-    "import_ply",
-    "export_scene",
-    "open_capture",
-    "bake",
-    "relink",
-    "pick",
-    "clips",
-    "align",
-    "set_up_scene",
-    "show_result",
-    "retime",
-    "capture_sound",
-    "compose",
-    "render_film",
-    "light",
-    "make_proxy",
-    "edit_crops",
-    "edit_clean",
-    "select_by_hand",
-    "edit_file",
-    "train",
-    "install_torch",
-    "calibrate",
-    "capture_cameras",
-    "capture_scene",
-)
-
 
 def _families() -> list[ModuleType]:
-    names = [name for name in _FAMILIES if edition.has(f"operators.{name}")]
-    return [import_module(f".{name}", __package__) for name in names]
+    """Those of this edition, in the order of their names."""
+    return [import_module(f".{module.name}", __package__) for module in iter_modules(__path__)]
 
 
 def _classes(family: ModuleType) -> list[Any]:  # Any: Blender's classes

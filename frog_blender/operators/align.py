@@ -11,15 +11,14 @@ from ..engine.playback.ground_plane import Floor, camera_up, find_floor, min_hei
 from ..properties import number, switch
 from ..scene_import.capture_objects import active_capture, cameras_of, root_of
 from ..timeline import playback
-from .bases import UNDOABLE, FrogOperator
+from .bases import UndoableOperator
 
 
-class FROG_OT_align_to_floor(FrogOperator, bpy.types.Operator):
+class FROG_OT_align_to_floor(UndoableOperator, bpy.types.Operator):
     """Rotate and move the capture so that its floor lies on the grid, z points up and its center is at the origin"""
 
     bl_idname = "frog.align_to_floor"
     bl_label = "Align to Floor"
-    bl_options = UNDOABLE
     needs_capture = True
 
     use_floor: switch(

@@ -12,7 +12,7 @@ from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture
 from ..tasks.background_task import BackgroundTask
 from ..timeline import edited_scenes, playback
-from ..timeline.edits import SETTINGS, marks_of, store_marks
+from ..timeline.edits import marks_of, store_marks
 
 if TYPE_CHECKING:
     from ..engine.playback.player import ScenePlayer
@@ -64,6 +64,12 @@ class FrogOperator:
         return {"CANCELLED"}
 
 
+class UndoableOperator(FrogOperator):
+    """Base of those that change the file, as one undo step, and can be repeated with other settings."""
+
+    bl_options = UNDOABLE
+
+
 class ConfirmedOperator(FrogOperator):
     """Base of those that ask before they do it."""
 
@@ -95,10 +101,9 @@ class CancelOperator(FrogOperator):
             task.cancel()
 
 
-class EditOperator(FrogOperator):
+class EditOperator(UndoableOperator):
     """Base of those that edit the active capture."""
 
-    bl_options = UNDOABLE
     needs = ""
     """The marks without which there is nothing to do, a key of MISSING."""
 
@@ -129,33 +134,6 @@ def no_own_capture(context: bpy.types.Context) -> str:
 def scene_of(obj: bpy.types.Object) -> ScenePlayer:
     """The scene that a capture plays, without edits."""
     return playback.open_scene(playback.file_of(obj))
-
-
-def new_crop(
-    obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.Mesh | None = None
-) -> tuple[bpy.types.Object, Any]:  # Any: Blender's properties
-    """An object that crops a capture and hangs on it, an empty without data; and its settings."""
-    target = bpy.data.objects.new(f"{obj.name} Crop", data)
-    for collection in obj.users_collection or [scene.collection]:
-        collection.objects.link(target)
-    target.hide_render = True
-    target.parent = obj
-    settings = getattr(obj, SETTINGS).crops.add()
-    settings.object = target
-    return target, settings
-
-
-def remove_crop(obj: bpy.types.Object, index: int) -> None:
-    """Removes a crop of a capture, and the empty that hangs on the capture for it unless something else is cropped by
-    it. A mesh may be anybody's work, and stays.
-    """
-    crops = getattr(obj, SETTINGS).crops
-    target = crops[index].object
-    crops.remove(index)
-    if target is None or target.type != "EMPTY" or target.parent != obj:
-        return
-    if not any(crop.object == target for other in bpy.data.objects for crop in getattr(other, SETTINGS).crops):
-        bpy.data.objects.remove(target)
 
 
 def chosen_in(settings: Any, scene: ScenePlayer) -> np.ndarray:

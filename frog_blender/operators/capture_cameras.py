@@ -3,6 +3,7 @@
 # mypy: disable-error-code="valid-type"
 
 from pathlib import Path
+from typing import Any, ClassVar
 
 import bpy
 from bpy.props import StringProperty
@@ -86,15 +87,10 @@ class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
 class _UseCameras(FrogOperator):
     """Base of operators that train from the other one of two calibrations from now on."""
 
-    @staticmethod
-    def other(folder: Path) -> Path | None:
-        """The calibration that is not used; FrogError and OSError where that cannot be read."""
-        raise NotImplementedError
-
-    @staticmethod
-    def use(folder: Path) -> Path:
-        """Makes it the one in use, and returns its file; FrogError and OSError."""
-        raise NotImplementedError
+    other: ClassVar[Any]  # Any: a function of a folder, as is the other one
+    """Finds the calibration that is not used; FrogError and OSError where that cannot be read."""
+    use: ClassVar[Any]
+    """Makes it the one in use, and returns its file; FrogError and OSError."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
@@ -126,10 +122,7 @@ class FROG_OT_use_found_cameras(_UseCameras, bpy.types.Operator):
     bl_idname = "frog.use_found_cameras"
     bl_label = "Use Found Cameras"
     other = staticmethod(found_beside)
-
-    @staticmethod
-    def use(folder: Path) -> Path:
-        return use_found(folder)[0]
+    use = staticmethod(lambda folder: use_found(folder)[0])
 
 
 class FROG_OT_use_given_cameras(_UseCameras, bpy.types.Operator):

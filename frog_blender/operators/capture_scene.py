@@ -13,15 +13,14 @@ from ..scene_capture import placing
 from ..scene_capture.request import request_of
 from ..scene_import.capture_objects import finder
 from ..tasks.scene_capture import SceneCaptureTask
-from .bases import UNDOABLE, CancelOperator, FrogOperator
+from .bases import CancelOperator, FrogOperator, UndoableOperator
 
 
-class FROG_OT_place_rig(FrogOperator, bpy.types.Operator):
+class FROG_OT_place_rig(UndoableOperator, bpy.types.Operator):
     """Place cameras around the box, in a collection of their own. Around the selected objects if there is no box yet"""
 
     bl_idname = "frog.place_rig"
     bl_label = "Place Cameras"
-    bl_options = UNDOABLE
 
     fit: switch(
         "Fit to Selection",
@@ -41,12 +40,11 @@ class FROG_OT_place_rig(FrogOperator, bpy.types.Operator):
         return f"Placed {len(cameras):,} cameras around {settings.box.name}."
 
 
-class FROG_OT_remove_rig(FrogOperator, bpy.types.Operator):
+class FROG_OT_remove_rig(UndoableOperator, bpy.types.Operator):
     """Delete the rig's cameras and box. What was rendered stays"""
 
     bl_idname = "frog.remove_rig"
     bl_label = "Remove Rig"
-    bl_options = UNDOABLE
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:

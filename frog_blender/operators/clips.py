@@ -13,7 +13,7 @@ from ..properties import number, switch, text
 from ..scene_import.camera_clips import OPACITY, add_clips, begin_undistortion, hide_clip, refresh_drivers
 from ..scene_import.capture_objects import active_capture, cameras_of, find_by_uid
 from ..viewport import drawing
-from .bases import UNDOABLE, FrogOperator
+from .bases import UNDOABLE, UndoableOperator
 from .modal_operator import ModalOperator, Steps
 
 
@@ -132,12 +132,11 @@ def _is_covered(context: bpy.types.Context) -> bool:
     return is_viewport and (space.shading.type == "RENDERED" or drawing.is_wanted(context.scene))
 
 
-class FROG_OT_hide_clips(FrogOperator, bpy.types.Operator):
+class FROG_OT_hide_clips(UndoableOperator, bpy.types.Operator):
     """Hide the videos behind the capture's cameras"""
 
     bl_idname = "frog.hide_clips"
     bl_label = "Hide Clips"
-    bl_options = UNDOABLE
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:

@@ -17,16 +17,15 @@ from ..render.compositing import compositor, scenes
 from ..scene_import.capture_objects import active_capture
 from ..scene_import.scene_setup import has_world_of_its_own
 from ..timeline import playback
-from .bases import UNDOABLE, FrogOperator
+from .bases import UndoableOperator
 
 
-class FROG_OT_compose(FrogOperator, bpy.types.Operator):
+class FROG_OT_compose(UndoableOperator, bpy.types.Operator):
     """Render your objects with Cycles or EEVEE and the captures with FRoG into one image, with correct occlusion. \
 Later changes of camera, frame range, render region, resolution, collections and objects are followed"""
 
     bl_idname = "frog.compose"
     bl_label = "Render With My Objects"
-    bl_options = UNDOABLE
 
     engine: choice(
         "Objects",

@@ -17,18 +17,16 @@ from ..scene_import.camera_clips import clip_of
 from ..scene_import.capture_objects import cameras_of, select_capture
 from ..scene_import.create_objects import import_scene
 from ..scene_import.scene_setup import is_untouched
-from .bases import UNDOABLE, FrogOperator
+from .bases import UndoableOperator
 
 
-class ImportsFiles(FrogOperator, ImportHelper):
+class ImportsFiles(UndoableOperator, ImportHelper):
     """Base of importers: a dropped file needs no file browser, several can be selected, and two properties decide what
     else of the scene changes.
 
     Left alone these are on where the scene holds nothing of the user's, else off. They are not remembered from one
     import to the next, because the next scene is another.
     """
-
-    bl_options = UNDOABLE
 
     # Blender fills them with what was dropped or chosen; its ``invoke_popup`` asks for ``files``.
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})

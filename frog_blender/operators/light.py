@@ -11,18 +11,17 @@ from ..lighting import world
 from ..lighting.world import WIDTH, light_by
 from ..properties import choice
 from ..scene_import.capture_objects import active_capture
-from .bases import UNDOABLE, FrogOperator
+from .bases import UndoableOperator
 
 _WIDTHS = ("128", "256", "512", "1024", "2048", "4096")
 
 
-class FROG_OT_light_objects(FrogOperator, bpy.types.Operator):
+class FROG_OT_light_objects(UndoableOperator, bpy.types.Operator):
     """Light the objects of this scene with what the capture shows at the current frame. Cameras see the world as \
 before. Press again after changes to take the light anew"""
 
     bl_idname = "frog.light_objects"
     bl_label = "Light Objects by This Capture"
-    bl_options = UNDOABLE
     needs_capture = True
 
     place: choice(
@@ -47,13 +46,12 @@ before. Press again after changes to take the light anew"""
         return f"The objects of {scene.name} are lit by frame {context.scene.frame_current}."
 
 
-class FROG_OT_use_own_world(FrogOperator, bpy.types.Operator):
+class FROG_OT_use_own_world(UndoableOperator, bpy.types.Operator):
     """Light the objects of this scene with its own world again. What else was changed in the world while it was lit \
 stays in the lit one, which the .blend then keeps"""
 
     bl_idname = "frog.use_own_world"
     bl_label = "Use My Own World"
-    bl_options = UNDOABLE
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:

@@ -15,7 +15,7 @@ from ..properties import switch, text
 from ..relative_paths import library_of
 from ..scene_import.capture_objects import named_or_active_capture, stored_path
 from ..timeline import playback
-from .bases import UNDOABLE, FrogOperator
+from .bases import UndoableOperator
 
 
 def relink(obj: bpy.types.Object, path: Path, *, also_others: bool) -> list[bpy.types.Object]:
@@ -50,12 +50,11 @@ def _plays(path: Path) -> bool:
     return True
 
 
-class FROG_OT_relink(FrogOperator, ImportHelper, bpy.types.Operator):
+class FROG_OT_relink(UndoableOperator, ImportHelper, bpy.types.Operator):
     """Choose the current location of this capture's .frog file"""
 
     bl_idname = "frog.relink"
     bl_label = "Find Scene File"
-    bl_options = UNDOABLE
 
     filename_ext = ".frog"
     filter_glob: StringProperty(default="*.frog", options={"HIDDEN"})

@@ -15,7 +15,7 @@ from ..properties import number, whole
 from ..scene_import.capture_objects import active_capture, root_of, select_capture
 from ..timeline import playback, retiming, timing_curve
 from ..ui.captures_panel import chosen_capture
-from .bases import UNDOABLE, EditOperator, FrogOperator, scene_of
+from .bases import EditOperator, UndoableOperator, scene_of
 
 
 class _Retimes(EditOperator):
@@ -187,10 +187,8 @@ class FROG_OT_play_in_sequence(EditOperator, bpy.types.Operator):
         return f"{len(spans)} captures play in frames {begin:,} to {at - 1:,}."
 
 
-class _OfChosen(FrogOperator):
+class _OfChosen(UndoableOperator):
     """Base of operators on the capture that is chosen in the list, which moves."""
-
-    bl_options = UNDOABLE
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:

@@ -17,7 +17,7 @@ from ..scene_import.scene_setup import (
     show_colors_unchanged,
 )
 from ..timeline import playback
-from .bases import UNDOABLE, FrogOperator
+from .bases import UndoableOperator
 
 
 class ChoosesParts:
@@ -41,12 +41,11 @@ class ChoosesParts:
         return [part for part in PARTS if getattr(self, f"use_{part}")]
 
 
-class FROG_OT_set_up_scene(ChoosesParts, FrogOperator, bpy.types.Operator):
+class FROG_OT_set_up_scene(ChoosesParts, UndoableOperator, bpy.types.Operator):
     """Match the scene to the capture: frame range, frame rate, image size, camera, background and colors"""
 
     bl_idname = "frog.set_up_scene"
     bl_label = "Set Up Scene"
-    bl_options = UNDOABLE
     needs_capture = True
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
@@ -84,13 +83,12 @@ def _values(obj: bpy.types.Object) -> dict[str, str]:
     return found
 
 
-class FROG_OT_show_as_filmed(FrogOperator, bpy.types.Operator):
+class FROG_OT_show_as_filmed(UndoableOperator, bpy.types.Operator):
     """Show the colors of the videos unchanged: Standard view transform, no look and no dithering. It holds for \
 everything in the scene"""
 
     bl_idname = "frog.show_as_filmed"
     bl_label = "Show Colors as Filmed"
-    bl_options = UNDOABLE
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
@@ -102,12 +100,11 @@ everything in the scene"""
             raise FrogError("Blender's color configuration was replaced: it has no Standard view transform.")
 
 
-class FROG_OT_look_through(FrogOperator, bpy.types.Operator):
+class FROG_OT_look_through(UndoableOperator, bpy.types.Operator):
     """Make the selected camera active and render at the size of its captured images"""
 
     bl_idname = "frog.look_through"
     bl_label = "Look Through Camera"
-    bl_options = UNDOABLE
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:

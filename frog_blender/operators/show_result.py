@@ -13,17 +13,16 @@ from ..engine.errors import FrogError
 from ..properties import text
 from ..scene_import.capture_objects import cameras_of, root_of, select_capture, that_plays
 from ..scene_import.scene_setup import has_camera_of_its_own, start_cube
-from .bases import UNDOABLE, FrogOperator
+from .bases import UndoableOperator
 
 _FIELD = 3.0  # reaches of a capture without cameras that a view is away from it
 
 
-class FROG_OT_show_result(FrogOperator, bpy.types.Operator):
+class FROG_OT_show_result(UndoableOperator, bpy.types.Operator):
     """Select the capture and look at it as its first camera did"""
 
     bl_idname = "frog.show_result"
     bl_label = "Show"
-    bl_options = UNDOABLE
 
     filepath: text("Scene", "The .frog file that is shown", options={"SKIP_SAVE"})
 
@@ -64,12 +63,11 @@ def look_at(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     view.view_distance = max(_FIELD * reach * obj.matrix_world.median_scale, 0.01)
 
 
-class FROG_OT_hide_start_cube(FrogOperator, bpy.types.Operator):
+class FROG_OT_hide_start_cube(UndoableOperator, bpy.types.Operator):
     """Hide the cube of a new file in viewports and renders"""
 
     bl_idname = "frog.hide_start_cube"
     bl_label = "Hide the Default Cube"
-    bl_options = UNDOABLE
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:

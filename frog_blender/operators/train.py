@@ -5,7 +5,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import bpy
 
@@ -175,10 +175,8 @@ class _OfTraining(FrogOperator):
         task = TrainingTask.current()
         return task is not None and cls.applies(task)
 
-    @staticmethod
-    def applies(task: TrainingTask) -> bool:
-        """Whether there is anything to do."""
-        raise NotImplementedError
+    applies: ClassVar[Any]  # Any: a function of the task
+    """Whether there is anything to do."""
 
 
 class FROG_OT_dismiss_training(_OfTraining, bpy.types.Operator):
@@ -186,10 +184,7 @@ class FROG_OT_dismiss_training(_OfTraining, bpy.types.Operator):
 
     bl_idname = "frog.dismiss_training"
     bl_label = "Dismiss"
-
-    @staticmethod
-    def applies(task: TrainingTask) -> bool:
-        return not task.is_running and not task.waiting
+    applies = staticmethod(lambda task: not task.is_running and not task.waiting)
 
     def act(self, _context: bpy.types.Context) -> None:
         TrainingTask.forget()
@@ -218,10 +213,7 @@ class FROG_OT_pause_training(_OfTraining, bpy.types.Operator):
 
     bl_idname = "frog.pause_training"
     bl_label = "Pause"
-
-    @staticmethod
-    def applies(_task: TrainingTask) -> bool:
-        return TrainingTask.is_computing()
+    applies = staticmethod(lambda _task: TrainingTask.is_computing())
 
     def act(self, _context: bpy.types.Context) -> None:
         task = TrainingTask.current()
@@ -235,10 +227,7 @@ class FROG_OT_resume_training(_OfTraining, bpy.types.Operator):
 
     bl_idname = "frog.resume_training"
     bl_label = "Resume"
-
-    @staticmethod
-    def applies(task: TrainingTask) -> bool:
-        return task.paused
+    applies = staticmethod(lambda task: task.paused)
 
     def act(self, _context: bpy.types.Context) -> None:
         task = TrainingTask.current()
