@@ -39,7 +39,7 @@ def test_it_trains_and_renders(tmp_path, monkeypatch, has):
         (tmp_path / "enable.py").write_text(ENABLE)
         command = [word for word in another_blender(tmp_path / "enable.py") if word != "--factory-startup"]
         subprocess.run(command, env=environment, check=True, capture_output=True, timeout=120)
-    command = another_blender(ROOT / "examples" / "headless.py", capture, tmp_path / "out", "--steps", 20)
+    command = another_blender(ROOT / "examples" / "headless.py", capture, tmp_path / "out", "--steps", 4)
     command = [word for word in command if word != "--factory-startup"]
     if not bpy.app.binary_path:
         command[1:1] = ["-P"]  # or the folder beside the script could stand in for the extension
