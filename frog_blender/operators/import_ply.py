@@ -65,7 +65,6 @@ to a .frog file"""
     stop_keys = ("ESC",)  # one goes on working
     at_once = 0.5
     timer_seconds = 0.1
-    is_beside = True
     said = ""  # of the last file
     _written: Path | None = None  # and not added yet
 

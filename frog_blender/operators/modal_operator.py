@@ -33,8 +33,6 @@ class ModalOperator(FrogOperator):
     """Seconds of work between two checks of the keyboard, at least one step."""
     timer_seconds = 0.01
     """Between two steps in a window, or groups of steps."""
-    is_beside = False
-    """Whether the user works meanwhile: the cursor stays as it is then."""
     is_interactive = False
     """Whether a user asked for it, not a script: several steps are then done while Blender stays responsive."""
     has_changed_file = False
@@ -44,7 +42,6 @@ class ModalOperator(FrogOperator):
     timer: Any = None  # Any: of Blender; None while no window waits for the next step
     _done = 0
     _total = 0
-    _has_cursor = False  # whether the cursor shows the progress
     _workspaces: frozenset[int] = frozenset()  # session_uids of those that show a text
 
     def begin(self, context: bpy.types.Context) -> tuple[Steps, int]:
@@ -72,7 +69,7 @@ class ModalOperator(FrogOperator):
 
     def run_all_steps(self, context: bpy.types.Context, steps: Steps, total: int) -> set[str]:
         """Runs all steps now."""
-        self._begin(context, steps, total, with_cursor=True)
+        self._begin(steps, total)
         try:
             while not (ended := self._step(context)):
                 pass
@@ -82,7 +79,7 @@ class ModalOperator(FrogOperator):
 
     def run_in_window(self, context: bpy.types.Context, steps: Steps, total: int) -> set[str]:
         """Runs the steps from a timer, after those that ``at_once`` suffices for."""
-        self._begin(context, steps, total, with_cursor=not self.is_beside)
+        self._begin(steps, total)
         deadline = time.perf_counter() + self.at_once
         while time.perf_counter() < deadline:
             if ended := self._step(context):
@@ -126,11 +123,8 @@ class ModalOperator(FrogOperator):
     def restore(self) -> None:
         """Restore what the steps changed; not called when the file is closed."""
 
-    def _begin(self, context: bpy.types.Context, steps: Steps, total: int, *, with_cursor: bool) -> None:
-        self._steps, self._done, self._total = steps, 0, total
-        self._has_cursor, self.has_changed_file = with_cursor, False
-        if with_cursor:
-            context.window_manager.progress_begin(0, total)
+    def _begin(self, steps: Steps, total: int) -> None:
+        self._steps, self._done, self._total, self.has_changed_file = steps, 0, total, False
 
     def _step(self, context: bpy.types.Context) -> set[str]:
         """Runs one step; the empty set while there are more."""
@@ -150,8 +144,6 @@ class ModalOperator(FrogOperator):
         return set()
 
     def _show_progress(self, context: bpy.types.Context) -> None:
-        if self._has_cursor:
-            context.window_manager.progress_update(self._done)
         if self.timer is not None and context.workspace is not None:
             doing = self.doing.format(done=self._done, total=self._total)
             keys = "Esc, Right Mouse" if len(self.stop_keys) > 1 else "Esc"
@@ -174,8 +166,6 @@ class ModalOperator(FrogOperator):
             return
         self._steps.close()
         self._steps = None
-        if self._has_cursor:
-            context.window_manager.progress_end()
         if self.timer is not None:
             context.window_manager.event_timer_remove(self.timer)
             self.timer = None

@@ -26,7 +26,6 @@ class OpensCapture(ModalOperator):
 
     doing = "Reading the capture"
     stop_keys = ("ESC",)
-    is_beside = True
     at_once = 0.03  # seconds: for a folder whose films are long, of which nothing is decoded
     _said = ""
 

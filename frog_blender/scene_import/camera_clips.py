@@ -135,8 +135,7 @@ def _synchronize(
     data: bpy.types.Camera, background: bpy.types.CameraBackgroundImage, clip: Clip, obj: bpy.types.Object
 ) -> None:
     """Drive the index of the shown image. Image n is offset n - 1 of a clip that is one frame long."""
-    index = next(i for i, image in enumerate(data.background_images) if image == background)
-    path = f"background_images[{index}].image_user.frame_offset"
+    path = _offset_of(data, background)
     data.driver_remove(path)
     data[_MARK] = [clip.first, clip.step, clip.count]
     if clip.kind == "IMAGE":
@@ -167,33 +166,35 @@ def _expression(obj: bpy.types.Object, number: int, step: int, count: int) -> st
         loop = f"fmod(fmod({position},{played})+{played},{played})"
         turn = 2 * last
         there_and_back = f"{last}-abs({last}-fmod(fmod({position},{turn})+{turn},{turn}))"
-    shown = f"{position} if r==0 else {loop} if r==1 else {there_and_back}"
-    if played == count:
-        return f"floor(clamp(w if m else {shown},0,{last})+.5)*{step}+{number - 1}"
-    piece_shown = f"clamp({shown},0,{last})+{begin}"
-    return f"floor((clamp(w,0,{count - 1}) if m else {piece_shown})+.5)*{step}+{number - 1}"
+    shown = f"clamp({position} if r==0 else {loop} if r==1 else {there_and_back},0,{last})+{begin}"
+    return f"floor((clamp(w,0,{count - 1}) if m else {shown})+.5)*{step}+{number - 1}"
+
+
+def _offset_of(data: bpy.types.Camera, background: bpy.types.CameraBackgroundImage) -> str:
+    """The path of the property that a clip's driver drives."""
+    index = next(i for i, image in enumerate(data.background_images) if image == background)
+    return f"background_images[{index}].image_user.frame_offset"
+
+
+def _drivers_of(data: bpy.types.Camera) -> list[bpy.types.Driver]:
+    """The drivers of a camera's clips; none of a linked one, which cannot be changed."""
+    animation = data.animation_data if data.library is None else None
+    drivers = [curve.driver for curve in animation.drivers] if animation is not None else []
+    return [driver for driver in drivers if any(one.targets[0].data_path in TIMING for one in driver.variables)]
 
 
 def synchronize_again(obj: bpy.types.Object) -> None:
     """Fits the clips of a capture's cameras to the piece of it that is played now."""
     for camera in cameras_of(obj):
-        background, animation = clip_of(camera), camera.data.animation_data
-        if background is None or animation is None or camera.data.library is not None:
-            continue
-        numbers = camera.data.get(_MARK)
-        if numbers is None:  # somebody else put the clip there
-            continue
-        for curve in animation.drivers:
-            if any(variable.targets[0].data_path in TIMING for variable in curve.driver.variables):
-                curve.driver.expression = _expression(obj, *numbers.to_list())
+        for driver in _drivers_of(camera.data) if _MARK in camera.data else ():
+            driver.expression = _expression(obj, *camera.data[_MARK].to_list())
 
 
 def hide_clip(camera: bpy.types.Object) -> None:
     """Remove a camera object's clip and its driver."""
     background = clip_of(camera)
     if background is not None and camera.data.library is None:
-        index = next(i for i, image in enumerate(camera.data.background_images) if image == background)
-        camera.data.driver_remove(f"background_images[{index}].image_user.frame_offset")
+        camera.data.driver_remove(_offset_of(camera.data, background))
         camera.data.background_images.remove(background)
         camera.data.pop(_MARK, None)
 
@@ -201,6 +202,5 @@ def hide_clip(camera: bpy.types.Object) -> None:
 def refresh_drivers() -> None:
     """Blender disables drivers whose properties were unregistered. Setting their expressions again enables them."""
     for data in getattr(bpy.data, "cameras", ()):  # no data can be reached while Blender starts
-        for curve in data.animation_data.drivers if data.animation_data is not None and data.library is None else ():
-            if any(variable.targets[0].data_path in TIMING for variable in curve.driver.variables):
-                curve.driver.expression = str(curve.driver.expression)
+        for driver in _drivers_of(data):
+            driver.expression = str(driver.expression)
