@@ -225,7 +225,7 @@ def texts() -> Iterator[tuple[Path, str]]:
         records = read(path.with_suffix(""))
         suite = any(record.get("condition") for record in records)
         text = stability.stability_table(stability.outcome(records)) if suite else markdown(records)
-        yield path.with_name("tables.md"), text.replace("](stability.png)", "](../stability.svg)")
+        yield path.with_name("tables.md"), text.replace("](stability.svg)", "](../stability.svg)")
 
     def filled(block: re.Match[str]) -> str:
         if block[2] not in TABLES:
@@ -246,7 +246,7 @@ def write_figures() -> list[Path]:
     written = [FOLDER / f"{name}.svg" for name in [*FIGURES, "rasterizer"]]
     with tempfile.TemporaryDirectory() as folder:
         for path in written[:-1]:
-            charts.save_figure(FIGURES[path.stem](), Path(folder) / path.stem)
+            charts.save_figure(FIGURES[path.stem](), Path(folder) / path.name)
         raster_report.chart(raster_results(), Path(folder) / "rasterizer.svg")
         for path in written:
             shutil.copyfile(Path(folder) / path.name, path)

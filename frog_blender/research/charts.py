@@ -21,7 +21,6 @@ STYLES = {
 }
 _OTHERS = (("#56B4E9", "P"), ("#F0E442", "h"), ("#999999", "p"))
 _FARTHEST = 10.0  # dB below the best method: what lies farther is drawn there
-_LARGEST_SVG = 300_000  # bytes
 
 
 def write_report(folder: Path, published: str = "") -> list[Path]:
@@ -38,18 +37,15 @@ def write_report(folder: Path, published: str = "") -> list[Path]:
     if not grouped:
         raise FrogError(f"{folder}: found no finished run, expected at least one in runs.jsonl.")
     charts = write_charts(grouped, folder)
-    images = [path.name for path in charts if path.suffix == ".png"]
-    shown = "\n## Charts\n\n" + "\n\n".join(f"![{Path(name).stem}]({name})" for name in images) if images else ""
+    shown = "\n## Charts\n\n" + "\n\n".join(f"![{path.stem}]({path.name})" for path in charts) if charts else ""
     write_atomically(folder / "tables.md", ((markdown(records, published) + shown).rstrip() + "\n").encode())
     return [folder / "tables.md", *charts]
 
 
 def write_charts(grouped: Sequence[Section], folder: Path) -> list[Path]:
     """Writes the chart of every section that the results suffice for; returns their paths."""
-    charts = ((section.file_name, speed_chart(section)) for section in grouped)
-    return [
-        path for name, figure in charts if figure is not None for path in save_figure(figure, folder / f"speed_{name}")
-    ]
+    charts = {section.file_name: speed_chart(section) for section in grouped}
+    return [save_figure(chart, folder / f"speed_{name}.svg") for name, chart in charts.items() if chart is not None]
 
 
 def speed_chart(section: Section) -> Any:
@@ -128,20 +124,13 @@ def _plain_ticks(axes: Any) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def save_figure(figure: Any, stem: Path) -> list[Path]:
-    """Writes a figure as PNG, and as SVG if that is small; the same bytes for the same figure."""
+def save_figure(figure: Any, path: Path) -> Path:
+    """Writes a figure as SVG; the same bytes for the same figure."""
     import matplotlib
 
-    written = [stem.with_name(stem.name + ".png")]
-    drawing = stem.with_name(stem.name + ".svg")
     try:
-        figure.savefig(written[0], metadata={"Software": None})
         with matplotlib.rc_context({"svg.hashsalt": "frog"}):
-            figure.savefig(drawing, metadata={"Date": None})
+            figure.savefig(path, metadata={"Date": None})
     except OSError as error:
-        raise FrogError(f"{written[0]}: could not be written ({error.strerror}).") from error
-    if drawing.stat().st_size <= _LARGEST_SVG:
-        written.append(drawing)
-    else:
-        drawing.unlink()
-    return written
+        raise FrogError(f"{path}: could not be written ({error.strerror}).") from error
+    return path

@@ -47,7 +47,6 @@ N3DV = (
 _BROOM = "storage, time and FPS on broom with an RTX 3090"
 _RTX_3090 = "storage, time and FPS with an RTX 3090"
 HYPERNERF = (
-    Published("Nerfies", 22.23, None, 0.170, note=f"hours of training, FPS below 1; {_BROOM}"),
     Published("HyperNeRF", 22.29, 0.598, 0.153, 15, 1965, note=f"FPS below 1; {_BROOM}"),
     Published("TiNeuVox", 24.20, 0.616, 0.393, 48, 30, 1, note=_BROOM),
     Published("FRoG", 26.31, 0.721, 0.199, 37, 57, 146.50, note=_BROOM),

@@ -170,10 +170,9 @@ def write_stability(folder: Path) -> list[Path]:
         FrogError: if there is no finished run yet.
     """
     results = outcome(read(folder / "runs.jsonl"))
-    images = save_figure(heat_map(results), folder / "stability")
-    path = folder / "stability.md"
+    image, path = save_figure(heat_map(results), folder / "stability.svg"), folder / "stability.md"
     write_atomically(path, stability_table(results).encode())
-    return [path, *images]
+    return [path, image]
 
 
 def heat_map(results: Outcome) -> Any:
@@ -228,7 +227,7 @@ def stability_table(results: Outcome) -> str:
         failures += [f"- {row.name}, {label}, {said}" for label, cell in cells.items() for said in cell.failures]
     intro = (
         "PSNR of the held-out images in dB: median over seeds, their standard deviation, their number. Images of "
-        "less light are compared after brightening both by as much.\n\n![what each condition costs](stability.png)\n\n"
+        "less light are compared after brightening both by as much.\n\n![what each condition costs](stability.svg)\n\n"
     )
     shown = table(["condition", *results.labels, f"{frog} - {base}", f"{frog} - {static}"], lines)
     return f"# Stability\n\n{intro}{shown}\n\n## Failed runs\n\n" + ("\n".join(failures) or "None.") + "\n"

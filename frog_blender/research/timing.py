@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 from ..engine import (
     Camera,
@@ -35,11 +33,6 @@ from ..engine import (
 from .grid import Run
 from .results import Record, append, made_on
 from .runs import RunEnvironment, failure, identity
-
-if TYPE_CHECKING:
-    import torch
-
-    from ..engine import Capture
 
 NUM_TIMES, WARM_UP = 40, 5
 """Frame times that are measured, and those (or training steps) before them that are not."""
@@ -117,16 +110,13 @@ def time_grid(
         cancelled: asked whether to stop.
     """
     chosen = timed_runs(runs)
-    prepared: dict[str, _Prepared] = {}
     records: list[Record] = []
     for done, run in enumerate(chosen):
         progress(done, len(chosen))
         if cancelled():
             break
         try:
-            if run.scene not in prepared:
-                prepared = {run.scene: _prepare(run, environment)}  # one at a time: frames take much memory
-            record = _time(run, environment, prepared[run.scene])
+            record = _time(run, environment)
         except (FrogError, TrainingDiverged) as error:
             record = failure(run, str(error))
         append(environment.results, record)
@@ -135,41 +125,23 @@ def time_grid(
     return records
 
 
-@dataclass(frozen=True)
-class _Prepared:
-    """What all timings on one scene share."""
-
-    capture: Capture
-    scale: float
-    store: FrameStore
-    device: torch.device
-
-    def session(self, run: Run, output: Path, steps: int) -> Session:
-        """A training of ``run`` that has not begun."""
-        recipe = run.plain_recipe()
-        job = TrainingJob(Path(run.capture), output, method=run.method, recipe=recipe, seed=run.seed)
-        sources = (self.capture, self.store, seeds_of(job, self.capture, self.store))
-        hooks = hooks_of(job, self.capture, self.store)
-        trainer = Trainer(*sources, recipe, run.method, Limits(steps), seed=run.seed, device=self.device, hooks=hooks)
-        return Session(job, trainer, self.scale)
-
-
-def _prepare(run: Run, environment: RunEnvironment) -> _Prepared:
+def _time(run: Run, environment: RunEnvironment) -> Record:
     capture, scale = prepare_capture(Path(run.capture), run.scale, run.holdout_frames, None, run.opened())
-    return _Prepared(capture, scale, FrameStore.open(capture), choose_device(environment.device)[0])
-
-
-def _time(run: Run, environment: RunEnvironment, prepared: _Prepared) -> Record:
-    capture = prepared.capture
-    camera = next((c for c in capture.cameras if c.name in capture.test_cameras), capture.cameras[0])
-    planned = run.steps or run.plain_recipe().steps_for(capture.frame_count)
+    store, device = FrameStore.open(capture), choose_device(environment.device)[0]
+    camera = next((camera for camera in capture.cameras if camera.name in capture.test_cameras), capture.cameras[0])
+    recipe = run.plain_recipe()
     with TemporaryDirectory() as folder:
         path = Path(folder) / "short.frog"
-        timed = prepared.session(run, path, STEPS)
-        training = time_steps(timed, planned)
-        export_scene(timed, path)
+        job = TrainingJob(Path(run.capture), path, method=run.method, recipe=recipe, seed=run.seed)
+        sources, hooks = (capture, store, seeds_of(job, capture, store)), hooks_of(job, capture, store)
+        trainer = Trainer(*sources, recipe, run.method, Limits(STEPS), seed=run.seed, device=device, hooks=hooks)
+        session = Session(job, trainer, scale)
+        training = time_steps(session, run.steps or recipe.steps_for(capture.frame_count))
         finished = environment.scene(run)
-        path = finished if finished.is_file() else path
+        if finished.is_file():
+            path = finished
+        else:
+            export_scene(session, path)
         playback = time_playback(ScenePlayer.load(path), camera)
     return {
         "kind": "timing",
@@ -177,7 +149,7 @@ def _time(run: Run, environment: RunEnvironment, prepared: _Prepared) -> Record:
         "training": training,
         "playback": playback,
         "scene_played": "finished" if path == finished else "short training",
-        "device": prepared.device.type,
+        "device": device.type,
         "threads": environment.threads,
         **made_on(),
     }

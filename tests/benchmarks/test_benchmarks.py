@@ -1,4 +1,4 @@
-"""The rasterizer benchmark: scenes that are the same every time, honest records, one sentence for each mistake."""
+"""The benchmarks run, on something tiny, and their records are honest."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support.builders import REPOSITORY, run_benchmark, run_python
+from support.builders import REPOSITORY, run_benchmark, run_python, scene_file
+
+from frog_blender.engine.playback.groups import pack_group_bits
+from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender.engine.scene.scene_file import VISIBILITY, SceneFile, write_scene
 
 BENCHMARKS = REPOSITORY / "benchmarks"
 KEYS = {
@@ -110,3 +114,64 @@ def test_the_gpu_check_without_a_gpu_says_so_and_stops(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert list(json.loads((tmp_path / "gpu.json").read_text())) == ["machine"]
     assert "torch sees no CUDA device" in done.stdout
+
+
+def records_of(name: str, *arguments: object) -> list[dict]:
+    done = run_benchmark(name, *arguments)
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_deformation_of_all_networks_and_paths() -> None:
+    records = records_of("deformation.py", "--counts", 300, "--threads", 1, "--repeats", 1, "--cold")
+    paths = ("training, forward", "training, forward and backward", "inference")
+    networks = ("shared 64", "shared 64, modulated", "five heads of 128")
+    expected = {(name, count, path) for name in networks for count in (1, 2) for path in paths}
+    assert {(record["network"], record["networks"], record["path"]) for record in records} == expected
+    for record in records:
+        assert record["seconds"] >= record["best"] > 0 and record["memory_bound"] > 0
+        # 300 Gaussians, 2 operations a multiply-add: embeddings of 32, and 14 outputs or 23 behind heads of 128.
+        is_shared = record["network"].startswith("shared")
+        forward = (32 * 64, 14 * 64) if is_shared else (32 * 128 + 640 * 128, 23 * 128)
+        kept = record["path"] == "inference" and record["network"] == "shared 64"
+        products = (sum(forward) - kept * forward[0]) * (3 if "backward" in record["path"] else 1)
+        assert abs(record["gflop"] - record["networks"] * 2 * 300 * products / 1e9) < 1e-6
+
+
+def test_packing_at_each_share_of_far_gaussians(tmp_path: Path) -> None:
+    """They ruin images in their blocks, and do no harm where they stand apart."""
+    write_scene(tmp_path / "x.frog", scene_file(600, moving=300))
+    none, some = records_of("packing.py", tmp_path / "x.frog", "--shares", 0, 0.02, "--seeds", 2)
+    assert none["apart kB"] == none["together kB"] and none["apart PSNR"] == none["together PSNR"] > 30
+    assert some["apart PSNR"] > some["together PSNR"] + 5 and some["apart % off"] < some["together % off"]
+
+
+def test_playback_of_each_scene(tmp_path: Path) -> None:
+    write_scene(tmp_path / "all.frog", scene_file(200))
+    write_scene(tmp_path / "some.frog", scene_file(200, moving=30, hidden_width=16))
+    first, second = records_of("playback.py", tmp_path / "all.frog", tmp_path / "some.frog", "--repeats", 3)
+    assert (first["scene"], first["gaussians"], first["moving"], first["units"]) == ("all.frog", 200, 200, 24)
+    assert (second["scene"], second["gaussians"], second["moving"], second["units"]) == ("some.frog", 200, 30, 16)
+    assert first["first over this"] == 1.0 and first["milliseconds"] > 0 and second["first over this"] > 0
+
+
+CUT = f"""
+import sys
+from pathlib import Path
+sys.path.insert(0, {str(BENCHMARKS)!r})
+import budget
+budget.without_transparent(Path(sys.argv[1]), Path(sys.argv[2]), 50)
+"""
+
+
+def test_a_budget_keeps_the_most_opaque(tmp_path: Path) -> None:
+    """Also of a scene whose groups have lifetimes."""
+    scene = scene_file(200, moving=120)
+    lives = pack_group_bits(np.ones((scene.header.frame_count - 1, 120), bool))
+    write_scene(tmp_path / "whole.frog", SceneFile(scene.header, scene.arrays | {VISIBILITY: lives}))
+    done = run_python(CUT, tmp_path / "whole.frog", tmp_path / "cut.frog")
+    assert done.returncode == 0, done.stderr
+    whole, cut = (ScenePlayer.load(tmp_path / name) for name in ("whole.frog", "cut.frog"))
+    kept = np.sort(np.argsort(-scene.arrays["opacity_logits"], kind="stable")[:50])
+    assert cut.count == 50 and cut.num_dynamic == int((kept < 120).sum())
+    np.testing.assert_allclose(cut.at(0.3).means, whole.at(0.3).means[kept], rtol=1e-5, atol=1e-6)

@@ -140,16 +140,6 @@ def test_a_resume_says_which_options_it_leaves_aside(run: Run, filmed: Path, tmp
     assert (header.scale, header.test_frames, header.steps) == (1.0, (), 6)
 
 
-def test_info_about_a_capture(run: Run, filmed: Path) -> None:
-    status, out, _ = run("info", filmed, "--json")
-    report = json.loads(out)
-    assert status == 0
-    assert (report["format"], report["cameras"], report["frames"]) == ("n3dv", 4, 6)
-    assert (report["size"], report["held out"], report["warning"]) == ("48 x 36", "cam00", [])
-    status, out, _ = run("info", filmed)
-    assert status == 0 and "n3dv" in out and "48 x 36" in out
-
-
 def test_the_cache_is_shown_limited_and_cleared(
     run: Run, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,10 +167,12 @@ def test_the_cache_is_shown_limited_and_cleared(
     assert status == 1 and not out and "found 'MUCH'" not in error and "a size such as 40GB" in error
 
 
-def test_info_checks_the_images_of_a_capture(run: Run, filmed: Path, trained: Path) -> None:
+def test_info_about_a_capture_and_its_images(run: Run, filmed: Path, trained: Path) -> None:
     status, out, _ = run("info", filmed, "--check", "--json")
     report = json.loads(out)
-    assert status == 0 and report["format"] == "n3dv"
+    assert status == 0 and (report["format"], report["cameras"], report["frames"]) == ("n3dv", 4, 6)
+    assert (report["size"], report["held out"], report["warning"]) == ("48 x 36", "cam00", [])
+    assert "48 x 36" in run("info", filmed)[1]
     assert report["found"] and sum("matches" in line for line in report["check"]) >= 2
     assert any(line.startswith("cam01: blur") for line in report["check"])
     refused(run("info", trained, "--check"), "--check looks at the images of a capture")

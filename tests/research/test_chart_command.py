@@ -49,7 +49,7 @@ def test_a_small_chart(chart: Chart, filmed: Path, tmp_path: Path, monkeypatch: 
     assert "4 runs, 4 to do" in text and "capture, FRoG, seed 0:" in err and "dB" in err
     tables = (out / "tables.md").read_text(encoding="utf-8")
     assert "| FRoG |" in tables and "| Narrow |" in tables and "As long as FRoG took" in tables
-    assert {path.name for path in out.glob("*.png")} == {"speed_capture_draft_4.png"}
+    assert [path.name for path in out.glob("*.svg")] == ["speed_capture_draft_4.svg"]
     assert (out / "scenes" / ".gitignore").read_text() == "*\n"
 
     status, text, err = chart(filmed, tmp_path / "gone", *options)

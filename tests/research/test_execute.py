@@ -18,7 +18,10 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.distributed import cluster as clusters
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.research import execute
+from frog_blender.engine.training.session.events import Event
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.output_paths import checkpoint_path
+from frog_blender.research import execute, runs
 from frog_blender.research.execute import Progress, run_grid
 from frog_blender.research.grid import Run, chart_grid
 from frog_blender.research.results import Record, append, read
@@ -175,40 +178,27 @@ def test_a_record_says_everything(filmed: Path, tmp_path: Path, quick_seeds: Non
     assert shares[-1] == 1.0 and str(filmed) not in json.dumps(record)
 
 
-def test_a_killed_training_goes_on_unless_its_settings_changed(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
-    environment = RunEnvironment(tmp_path, save_every=0.0)  # a checkpoint after every step
-    run = filmed_run(filmed)
+def test_a_killed_training_goes_on_unless_its_settings_changed(
+    filmed: Path, tmp_path: Path, quick_seeds: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, environment = filmed_run(filmed, steps=6), RunEnvironment(tmp_path)
+    resumed, run_training = list[bool](), runs.run_training
 
-    def kill() -> None:
-        asked = iter([False] * 13)
+    def watched(job: TrainingJob, cancelled: Callable[[], bool]) -> Iterator[Event]:
+        resumed.append(job.resume)
+        return run_training(job, cancelled)
 
-        def killed() -> bool:
-            for answer in asked:
-                return answer
-            raise KeyboardInterrupt
-
-        with pytest.raises(KeyboardInterrupt):
-            perform(run, environment, cancelled=killed)
-
-    def times_asked() -> int:
-        asked = 0
-
-        def count() -> bool:
-            nonlocal asked
-            asked += 1
-            return False
-
-        assert perform(run, environment, cancelled=count)["steps"] == 20
-        return asked
-
-    kill()
-    resumed = times_asked()
-    clean_up(run, environment)
-    assert [path.name for path in environment.scene(run).parent.iterdir()] == [f"{run.key}.frog"]
-    kill()
+    monkeypatch.setattr(runs, "run_training", watched)
+    perform(run, environment)  # was killed before its record was on disk
+    perform(run, environment)
     settings = Path(f"{environment.scene(run)}.settings")
     settings.write_text(settings.read_text().replace('"network_rate"', '"forgotten_rate"'))
-    assert times_asked() > resumed + 5, "trained anew"
+    perform(run, environment)
+    checkpoint_path(environment.scene(run)).write_bytes(b"damaged")
+    assert perform(run, environment)["steps"] == 6
+    assert resumed == [False, True, False, True, False]
+    clean_up(run, environment)
+    assert [path.name for path in environment.scene(run).parent.iterdir()] == [f"{run.key}.frog"]
 
 
 def test_an_opened_capture_is_trained_on(filmed: Path, tmp_path: Path, quick_seeds: None) -> None:
@@ -262,10 +252,13 @@ def test_a_cluster_does_all_once_though_a_worker_dies(
 def test_a_stopped_grid_keeps_what_was_learned(
     cluster: clusters.Cluster, filmed: Path, quick_seeds: None, tmp_path: Path
 ) -> None:
+    """Ctrl-C in a terminal reaches the workers as well."""
     environment, told = RunEnvironment(tmp_path, "cpu"), threading.Event()
 
     def started(progress: Progress) -> None:
-        if any(progress.shares.values()):
+        if any(progress.shares.values()) and not told.is_set():
+            for process in cluster._client.run(os.getpid).values():
+                os.kill(process, signal.SIGINT)
             told.set()
 
     with pytest.raises(Stopped):

@@ -117,7 +117,7 @@ def test_a_small_suite(stability: Callable[..., tuple[int, str, str]], filmed: P
     assert records["clean", "FRoG", 0]["psnr_bright"] is None
     page = (tmp_path / "stability.md").read_text(encoding="utf-8")
     assert "| points 10% |" in page
-    assert (tmp_path / "stability.png").stat().st_size > 10_000
+    assert (tmp_path / "stability.svg").stat().st_size > 10_000
     append(tmp_path / "runs.jsonl", {"kind": "other"})
     status, text, err = stability(*options, *chosen)
     assert (status, "6 runs, 0 to do" in text) == (0, True), "nothing is done twice"

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 LOCAL = "local"
 """The scheduler's address that stands for a cluster of this machine's own."""
 _CONNECT_SECONDS = 10.0
+_IGNORE_CTRL_C = "import signal\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+"""Run by each process of a local cluster: Ctrl-C reaches all of a terminal's processes, and the command decides."""
 _ASKED_EVERY = 1.0  # seconds between a worker's questions whether to stop: each goes to the scheduler and back
 
 Task = Mapping[str, Any]
@@ -185,6 +187,7 @@ def _local_cluster(workers: int) -> LocalCluster:
         n_workers=workers,
         threads_per_worker=1,
         memory_limit=None,  # trainings bound their memory themselves; Dask would pause them at a share of the machine's
+        preload=[_IGNORE_CTRL_C],
         host="127.0.0.1",
         dashboard_address="127.0.0.1:0",
         silence_logs=logging.CRITICAL,

@@ -6,12 +6,12 @@ import pytest
 import torch
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.model.interface import FINISHED, SceneModel
+from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.registry import METHODS
 from frog_blender.engine.training.methods import ModelInit
 from frog_blender.research.baselines import curves, d3dgs, hexplane
-from frog_blender.research.baselines.networks import bounds_of, through_visible_rows
+from frog_blender.research.baselines.networks import through_visible_rows
 
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
 BASELINES = ("d3dgs", "hexplane", "curves")
@@ -63,15 +63,6 @@ def test_gradients_reach_every_parameter(method: str, wide: bool) -> None:
         if parameter.numel():
             assert parameter.grad is not None and float(parameter.grad.abs().max()) > 0, name
         assert name.startswith("canonical.") != (id(parameter) in driven), "no rate drives it, or two do"
-
-
-@pytest.mark.parametrize("method", BASELINES)
-def test_what_the_model_says_it_changed_is_what_moved(method: str) -> None:
-    model = perturbed(built(method))
-    gaussians, changes = model.deform(0.3, FINISHED, 1)
-    assert gaussians.sh.shape == (COUNT, 1, 3)
-    torch.testing.assert_close(gaussians.means - model.canonical.means, changes["means"], atol=1e-5, rtol=1e-4)
-    assert float(changes["means"].detach().abs().max()) > 1e-3
 
 
 @pytest.mark.parametrize("method", BASELINES)
@@ -159,14 +150,6 @@ def test_hexplane_features_are_products_over_six_planes() -> None:
         torch.testing.assert_close(features, torch.cat(expected), atol=1e-6, rtol=1e-4)
 
 
-def test_hexplane_begins_as_its_paper_says() -> None:
-    field = built("hexplane").deformation
-    for space in field.space_planes.requires_grad_(False):
-        assert 0.1 <= float(space.min()) < 0.11 and 0.49 < float(space.max()) <= 0.5
-    for over_time in field.time_planes:
-        assert bool((over_time == 1).all()) and over_time.shape[2] == 5  # half of nine times
-
-
 def test_hexplane_pulls_its_planes_smooth_and_still() -> None:
     model = built("hexplane")
     field = model.deformation
@@ -200,15 +183,6 @@ def test_leaving_out_what_was_not_drawn_changes_no_gradient(method: str, rows: i
     found = torch.autograd.grad((through_visible_rows(field, means, 0.3) * weights).sum(), wanted)
     for one, other in zip(found, plain, strict=True):
         torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-4)
-
-
-def test_stray_points_do_not_blow_up_the_box() -> None:
-    points = torch.rand(1000, 3)
-    points[:5] = 1e6
-    low, high = bounds_of(points)
-    assert bool((low > -0.2).all()) and bool((high < 1.2).all()) and bool((high > low).all())
-    low, high = bounds_of(torch.full((1, 3), 2.0))
-    assert bool((high > low).all())
 
 
 def test_curves_are_the_formula_in_their_units() -> None:
