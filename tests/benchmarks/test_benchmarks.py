@@ -13,7 +13,7 @@ import pytest
 import torch
 from support.builders import REPOSITORY, run_benchmark, run_python, scene_file
 
-from frog_blender.engine.playback.groups import pack_group_bits
+from frog_blender.engine.playback.deformation import pack_group_bits
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import VISIBILITY, SceneFile, write_scene
 

@@ -96,7 +96,7 @@ def test_a_still_scene_before_a_moving_camera(empty, static_rig, tmp_path):
 
 
 def test_what_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
-    """It is not where its way leads then (see playback.groups)."""
+    """It is not where its way leads then (see playback.deformation)."""
     camera = rig_of_three()[0]
     ahead = camera.rotation.T @ (np.array([0, 0, 4.0]) - camera.world_to_camera[:3, 3])
     aside = camera.rotation.T @ np.array([0.05, 0, 0])

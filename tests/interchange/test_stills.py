@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import struct
 import zlib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -236,35 +237,33 @@ def imported(content: bytes, suffix: str, folder: Path) -> GaussianArrays:
     return ScenePlayer.load(import_scene(folder / f"foreign{suffix}", folder / "back.frog").path).at_frame(0)
 
 
-def test_splat_is_read(scene: ScenePlayer, tmp_path: Path) -> None:
-    before = scene.at_frame(3)
-    after = imported(foreign_files.splat(before), ".splat", tmp_path)
-    np.testing.assert_array_equal(after.means, before.means)
-    np.testing.assert_allclose(after.scales, before.scales, rtol=1e-5)
-    np.testing.assert_allclose(after.opacities, before.opacities, atol=0.5 / 255 + 1e-5)
-    assert turns_apart(after, before) < 1e-3 and after.sh.shape == (40, 1, 3)
+OTHERS = {
+    "splat": (".splat", foreign_files.splat, (0, 1e-5, 1e-3), None),
+    "ksplat, plain": (".ksplat", partial(foreign_files.ksplat, level=0), (0, 1e-5, 1e-5), (1, 1e-6)),
+    "ksplat, halved": (".ksplat", partial(foreign_files.ksplat, level=1), (1e-3, 1e-3, 1e-5), (1, 1e-3)),
+    "ksplat, in bytes": (".ksplat", partial(foreign_files.ksplat, level=2), (1e-3, 1e-3, 1e-5), (1, 0.01)),
+    "sog": (".sog", foreign_files.sog, (1e-3, 0.02, 1e-3), (0, 0.02)),
+}
+"""Ending and maker; by how much places, logarithms of sizes and turns may be off; the harmonics that are kept, from
+which one on, and by how much they may be off."""
 
 
-@pytest.mark.parametrize("level", [0, 1, 2])
-def test_ksplat_is_read(scene: ScenePlayer, tmp_path: Path, level: int) -> None:
-    before = scene.at_frame(3)
-    before.sh = before.sh.clip(-1.4, 1.4)
-    after = imported(foreign_files.ksplat(before, level), ".ksplat", tmp_path)
-    np.testing.assert_allclose(after.means, before.means, atol=0 if level == 0 else 1e-3)
-    np.testing.assert_allclose(after.scales, before.scales, rtol=1e-5 if level == 0 else 1e-3)
-    np.testing.assert_allclose(after.sh[:, 1:], before.sh[:, 1:], atol={0: 1e-6, 1: 1e-3, 2: 0.01}[level])
-    assert turns_apart(after, before) < 1e-5
-
-
-def test_sog_is_read(scene: ScenePlayer, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", OTHERS)
+def test_formats_of_others_are_read(scene: ScenePlayer, tmp_path: Path, kind: str) -> None:
     pytest.importorskip("cv2")
+    suffix, made, (places, sizes, turns), harmonics = OTHERS[kind]
     before = scene.at_frame(3)
-    after = imported(foreign_files.sog(before), ".sog", tmp_path)
-    np.testing.assert_allclose(after.means, before.means, atol=1e-3)
-    np.testing.assert_allclose(np.log(after.scales), np.log(before.scales), atol=0.02)
-    np.testing.assert_allclose(after.sh, before.sh, atol=0.02)
+    if suffix == ".ksplat":
+        before.sh = before.sh.clip(-1.4, 1.4)
+    after = imported(made(before), suffix, tmp_path)
+    np.testing.assert_allclose(after.means, before.means, atol=places)
+    np.testing.assert_allclose(np.log(after.scales), np.log(before.scales), atol=sizes)
     np.testing.assert_allclose(after.opacities, before.opacities, atol=0.5 / 255 + 1e-5)
-    assert turns_apart(after, before) < 1e-3
+    assert turns_apart(after, before) < turns
+    if harmonics is None:
+        assert after.sh.shape == (40, 1, 3)
+    else:
+        np.testing.assert_allclose(after.sh[:, harmonics[0] :], before.sh[:, harmonics[0] :], atol=harmonics[1])
 
 
 def test_frames_by_the_command(scene: ScenePlayer, tmp_path: Path) -> None:

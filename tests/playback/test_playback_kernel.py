@@ -10,7 +10,7 @@ from support.deformation_fields import field_arrays, in_groups, output_arrays
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.native import binding
 from frog_blender.engine.native.deformation import FieldShape, PlaybackField, deform
-from frog_blender.engine.playback.groups import (
+from frog_blender.engine.playback.deformation import (
     GROUP_SIZE,
     VisibilityMask,
     mean_deformed_share,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from frog_blender.engine.native.deformation import FieldShape
-from frog_blender.engine.playback.groups import pack_lanes, transpose_weights
+from frog_blender.engine.playback.deformation import pack_lanes, transpose_weights
 
 
 def field_arrays(

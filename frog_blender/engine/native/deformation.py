@@ -69,7 +69,7 @@ class PlaybackField:
         shape: settings.
         arrays: as for ``deform``; kept, and not to be replaced. Without heads of their own, ``groups`` may stand for
             all attributes but ``means`` (which gives the number of Gaussians), with transposed weights; see
-            playback.groups for both.
+            playback.deformation for both.
         precomputed_first_layer: whether ``groups`` has the embeddings' products with the first layer in their place.
     """
 

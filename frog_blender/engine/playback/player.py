@@ -22,7 +22,7 @@ from ..gaussians import GaussianArrays, NumpyGaussians
 from ..registry import METHODS
 from ..scene.header import SceneHeader
 from ..scene.scene_file import KEEPS_IDENTITY, VISIBILITY, FrameRows, SceneFile, read_scene
-from .deformation import DeformationPlayer
+from .deformation import DeformationPlayer, VisibilityMask
 from .frame_delta import (
     BufferPool,
     FrameDelta,
@@ -35,7 +35,6 @@ from .frame_delta import (
     normalize,
     put_columns,
 )
-from .groups import VisibilityMask
 
 _LARGEST = 1e18  # its square is a float32 still
 

@@ -1,7 +1,7 @@
 """Arrays of a scene as few bytes: in Morton order, quantized in blocks, laid out by significance, compressed by zlib.
 
 A block is 256 rows in which each column is stored as whole numbers between its least and largest value. Gaussians that
-lie side by side in the file lie side by side in the scene, or are visible at the same times (see playback.groups),
+lie side by side in the file lie side by side in the scene, or are visible at the same times (see playback.deformation),
 so a block spans little and neighbours have bytes in common.
 
 One number far from all others of its block would widen the steps for the 255 others: a Gaussian that a training left at

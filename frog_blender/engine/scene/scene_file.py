@@ -2,7 +2,7 @@
 
 Tensors of a FRoG scene: ``means, log_scales, quaternions, opacity_logits, sh`` by Gaussian,
 ``embeddings`` of those that are deformed, which come first, ``temporal_table`` and ``network.*``, and where that saves
-time at playback VISIBILITY (see playback.groups). The header holds what playback and evaluation need besides.
+time at playback VISIBILITY (see playback.deformation). The header holds what playback and evaluation need besides.
 
 Frames that another program made stay on the disk: a scene of the method SEQUENCE holds each frame's changing columns
 as one row of the tensor ``frames`` (F, bytes of a row), which is read row by row: however long a sequence is, a frame
@@ -179,7 +179,7 @@ def _stamp(path: Path) -> tuple[int, int]:
 
 
 VISIBILITY = "lifetimes"
-"""Name of the array of bits that say when groups of Gaussians are visible (playback.groups)."""
+"""Name of the array of bits that say when groups of Gaussians are visible (playback.deformation)."""
 _HEADER_KEY = "frog"
 _PACKING_KEY = "packing"
 _NETWORK = re.compile(r"network\.[a-z0-9_.]{1,80}")

@@ -12,7 +12,7 @@ from support.builders import ATTRIBUTES, odd_camera, scene_file
 from support.played_scenes import assert_same_bits, flickering, in_four_threads, without_lifetimes
 
 from frog_blender.engine.model.torch_player import TorchScenePlayer
-from frog_blender.engine.playback.groups import mean_deformed_share
+from frog_blender.engine.playback.deformation import mean_deformed_share
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.compression_report import reduction_line

@@ -11,8 +11,13 @@ import torch
 from numpy.typing import NDArray
 
 from ...gaussians import TorchGaussians
-from ...playback.deformation import DeformationPlayer
-from ...playback.groups import mean_deformed_share, pack_group_bits, sort_by_visibility, visible_intervals
+from ...playback.deformation import (
+    DeformationPlayer,
+    mean_deformed_share,
+    pack_group_bits,
+    sort_by_visibility,
+    visible_intervals,
+)
 from ...playback.player import ScenePlayer, row_ranges
 from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind
@@ -30,7 +35,7 @@ def reorder_for_playback(
     """The scene with neighbours together, each kind of Gaussians in its place.
 
     When training is ``finished``, dynamic Gaussians that are visible at the same times come together, where that spares
-    playback some of them; the array ``lifetimes`` says when (see playback.groups).
+    playback some of them; the array ``lifetimes`` says when (see playback.deformation).
     """
     count, deformed = len(scene.arrays["means"]), len(scene.arrays.get("embeddings", ()))
     near = in_order(scene, morton_order_by_range(scene.arrays["means"], *({deformed} - {0, count})))
@@ -44,7 +49,7 @@ def reorder_for_playback(
 
 
 def in_groups(scene: SceneFile) -> bool:
-    """Whether playback deforms Gaussians of the scene in groups (see playback.groups), and it is FRoG's."""
+    """Whether playback deforms Gaussians of the scene in groups (see playback.deformation), and it is FRoG's."""
     moves, header = len(scene.arrays.get("embeddings", ())), scene.header
     return bool(moves and header.method == "frog" and not header.model["head_width"])
 
@@ -82,7 +87,7 @@ def playback_steps(
 
 
 def _lives(scene: SceneFile) -> NDArray[np.bool_]:
-    """(frames - 1, M) of the dynamic Gaussians, see playback.groups."""
+    """(frames - 1, M) of the dynamic Gaussians, see playback.deformation."""
     field = DeformationPlayer(scene.arrays, scene.header.model)
     return visible_intervals(lambda time_: field.at(time_).opacities[: field.num_dynamic], scene.header.frame_count)
 
