@@ -133,13 +133,12 @@ def gsplat_rasterize(
     background: tuple[float, float, float],
     options: RasterizeOptions,
     pose: torch.Tensor | None = None,
-    depth_limit: torch.Tensor | None = None,
 ) -> Image:
-    """A backend of ``rasterizer.rasterize``: gsplat, which knows no depth limits. Its poses get no gradients here."""
+    """A backend of ``rasterizer.rasterize``: gsplat. Its poses get no gradients here."""
     from gsplat import rasterization
 
-    if pose is not None or depth_limit is not None:
-        raise ValueError("found a pose or a depth limit, expected an ordinary image for gsplat")
+    if pose is not None:
+        raise ValueError("found a pose, expected an ordinary image for gsplat")
     device = gaussians.means.device
     camera = camera.cropped(*options.region_of(camera))
     rgb, alpha, info = rasterization(

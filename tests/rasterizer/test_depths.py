@@ -32,7 +32,6 @@ def test_two_layers(backend: str) -> None:
     np.testing.assert_allclose(image.rgb.numpy(), 0.3 * 0.2 + 0.7 * 0.6 * 1.0, atol=1e-4)
     np.testing.assert_allclose(image.alpha.numpy(), 1 - 0.7 * 0.4, atol=1e-4)
     np.testing.assert_allclose(image.median_depth.numpy(), np.sqrt(0.3**2 + 0.4**2 + 4.0**2), rtol=1e-5)
-    np.testing.assert_allclose(image.median_z.numpy(), 4.0, rtol=1e-6)
     np.testing.assert_allclose(image.mean_depth.numpy(), (0.3 * 2 + 0.7 * 0.6 * 4) / (1 - 0.7 * 0.4), rtol=1e-4)
     np.testing.assert_allclose(image.max_weights.numpy(), [0.7 * 0.6, 0.3], atol=1e-4)
 
@@ -41,13 +40,12 @@ def test_two_layers(backend: str) -> None:
 def test_the_front_layer_alone_can_cross_one_half(backend: str) -> None:
     image = drawn(join(sheet((0.3, 0.4, 4.0), 0.6), sheet((0.6, -0.2, 2.0), 0.55)), backend)
     np.testing.assert_allclose(image.median_depth.numpy(), np.sqrt(0.6**2 + 0.2**2 + 2.0**2), rtol=1e-5)
-    np.testing.assert_allclose(image.median_z.numpy(), 2.0, rtol=1e-6)
 
 
 @BACKENDS
 def test_no_median_where_less_than_half_is_covered(backend: str) -> None:
     image = drawn(join(sheet((0, 0, 4.0), 0.25), sheet((0, 0, 2.0), 0.3)), backend)
-    assert image.median_depth.isnan().all() and image.median_z.isnan().all()
+    assert image.median_depth.isnan().all()
     assert torch.isfinite(image.mean_depth).all()  # something was hit all the same
 
 
@@ -77,7 +75,7 @@ def test_the_layer_that_would_end_a_pixel_is_left_out(backend: str) -> None:
 @BACKENDS
 def test_extras_come_only_when_asked_for(backend: str) -> None:
     image = drawn(sheet((0, 0, 2.0), 0.5), backend, RasterizeOptions())
-    assert (image.median_depth, image.median_z, image.mean_depth, image.max_weights) == (None,) * 4
+    assert (image.median_depth, image.mean_depth, image.max_weights) == (None,) * 3
 
 
 @BACKENDS

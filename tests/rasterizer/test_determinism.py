@@ -10,7 +10,6 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-import torch
 from support.builders import join, odd_camera, one_gaussian, random_gaussians
 from support.torch_drawing import draw_with_gradients, native_image
 
@@ -110,8 +109,7 @@ def test_beside_a_busy_machine(crowd: GaussianArrays) -> None:
 def with_everything(gaussians: GaussianArrays) -> dict[str, np.ndarray]:
     """Gradients of every kind that there is."""
     pose = CAMERA.world_to_camera
-    limit = torch.full((CAMERA.height, CAMERA.width), 4.0)
-    return draw_with_gradients(gaussians, CAMERA, "cpu", options=RasterizeOptions(), pose=pose, depth_limit=limit)[1]
+    return draw_with_gradients(gaussians, CAMERA, "cpu", options=RasterizeOptions(), pose=pose)[1]
 
 
 @pytest.mark.parametrize("slots", [1, 500, 3000])

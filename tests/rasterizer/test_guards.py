@@ -87,7 +87,7 @@ def test_a_view_of_nothing(options: RasterizeOptions, backend: str) -> None:
         gaussians, camera, backend, options=options, pose=np.eye(4)[:3] @ camera.world_to_camera
     )
     torch.testing.assert_close(image.rgb.detach(), torch.tensor(BACKGROUND).expand_as(image.rgb))
-    assert not image.alpha.any() and not image.radii.any() and image.num_invalid == 0
+    assert not image.alpha.any() and not image.radii.any()
     for name, gradient in gradients.items():
         assert not gradient.any(), name
 

@@ -42,12 +42,11 @@ class Totals:
 
 def compare(scene: Scene, totals: Totals) -> None:
     camera, gaussians, options = scene.camera(), scene.gaussians(), scene.drawing()
-    more = {"pose": camera.world_to_camera if scene.posed else None, "depth_limit": scene.depth_limit()}
-    image, found = draw_with_gradients(gaussians, camera, "cpu", options=options, **more)
-    reference, expected = draw_with_gradients(gaussians, camera, "reference", torch.float64, options, **more)
+    pose = camera.world_to_camera if scene.posed else None
+    image, found = draw_with_gradients(gaussians, camera, "cpu", options=options, pose=pose)
+    reference, expected = draw_with_gradients(gaussians, camera, "reference", torch.float64, options, pose=pose)
     for name, gradient in found.items():
         assert np.isfinite(gradient).all(), name
-    assert image.num_invalid == reference.num_invalid == 0
     difference = (image.rgb.detach() - reference.rgb.detach()).abs()
     alpha_difference = (image.alpha.detach() - reference.alpha.detach()).abs()
     flips = int((difference.amax(-1) > FLIP).sum())

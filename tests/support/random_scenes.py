@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import torch
 from hypothesis import strategies as st
 from support.builders import random_gaussians, rotation_of
 
@@ -29,7 +28,6 @@ class Scene:
     kinds: tuple[str, ...]
     principal: tuple[float, float]
     turned: bool
-    limited: bool
     posed: bool
     cut: tuple[float, float, float, float] | None
     options: RasterizeOptions = field(default_factory=RasterizeOptions)
@@ -54,17 +52,6 @@ class Scene:
             size = 1 + int(self.cut[2] * (self.width - left - 1)), 1 + int(self.cut[3] * (self.height - top - 1))
             region = (left, top, *size)
         return RasterizeOptions(**{**vars(self.options), "region": region})
-
-    def depth_limit(self) -> torch.Tensor | None:
-        """(H, W) of the region; a tenth of the pixels unlimited, a tenth shut."""
-        if not self.limited:
-            return None
-        random = np.random.default_rng(self.seed + 1)
-        _, _, width, height = self.drawing().region_of(self.camera())
-        limit = random.uniform(0.5, 6, (height, width))
-        limit[random.uniform(size=limit.shape) < 0.1] = np.inf
-        limit[random.uniform(size=limit.shape) < 0.1] = 0
-        return torch.tensor(limit, dtype=torch.float32)
 
     def gaussians(self) -> GaussianArrays:
         random = np.random.default_rng(self.seed + 2)
@@ -117,7 +104,6 @@ def scenes() -> st.SearchStrategy[Scene]:
         kinds=st.lists(st.sampled_from(KINDS), min_size=1, max_size=4, unique=True).map(tuple),
         principal=st.tuples(st.floats(-0.5, 1.5, width=16), st.floats(-0.5, 1.5, width=16)),
         turned=st.booleans(),
-        limited=st.booleans(),
         posed=st.booleans(),
         cut=st.none() | st.tuples(share, share, share, share),
         options=options,

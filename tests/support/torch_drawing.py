@@ -44,13 +44,12 @@ def draw_with_gradients(
     options: RasterizeOptions = EVERYTHING,
     *,
     pose: np.ndarray | None = None,
-    depth_limit: torch.Tensor | None = None,
 ) -> tuple[Image, dict[str, np.ndarray]]:
     """The image, and gradients of a random linear loss on rgb and alpha by attribute, and by ``screen`` and ``pose``
     where there is one."""
     leaves = tensors(gaussians, dtype)
     moving = None if pose is None else torch.tensor(pose, dtype=torch.float32).to(dtype).requires_grad_()
-    image = rasterize(leaves, camera, BACKGROUND, options, pose=moving, depth_limit=depth_limit, backend=backend)
+    image = rasterize(leaves, camera, BACKGROUND, options, pose=moving, backend=backend)
     by_rgb, by_alpha = (cut(weights, options.region_of(camera)).to(dtype) for weights in image_weights(camera))
     ((image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()).backward()
     gradients = {name: getattr(leaves, name).grad.numpy() for name in ATTRIBUTES}
@@ -63,7 +62,7 @@ def draw_with_gradients(
 def native_image(gaussians: GaussianArrays, camera: Camera) -> dict[str, np.ndarray]:
     """Every output of the native library and every gradient, by name."""
     image, gradients = draw_with_gradients(gaussians, camera, "cpu")
-    names = ("rgb", "alpha", "radii", "median_depth", "median_z", "mean_depth", "max_weights")
+    names = ("rgb", "alpha", "radii", "median_depth", "mean_depth", "max_weights")
     return {**{name: getattr(image, name).detach().numpy() for name in names}, **gradients}
 
 

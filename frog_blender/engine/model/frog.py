@@ -192,14 +192,11 @@ class Frog(SceneModel):
     ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
         """``deform`` in plain torch, on any device and in any floating-point type; the fused one is tested against it.
 
-        The network and the embeddings may be of another type than the rest (half precision: model.torch_player).
-
         Args:
             temporal: (networks, T) fused temporal embedding.
         """
         c, s = self.canonical, self.settings
-        changes = self.deformation(temporal.to(c.embeddings.dtype), c.embeddings)
-        changes = {name: change.to(c.means.dtype) for name, change in changes.items()}
+        changes = self.deformation(temporal, c.embeddings)
         changes["means"] = changes["means"] * s.motion_unit
         # Nothing is added to static Gaussians.
         added = {name: functional.pad(change, (0, 0, 0, len(c) - c.num_dynamic)) for name, change in changes.items()}

@@ -223,8 +223,8 @@ class Frame:
         background: three floats, display-referred.
         options: how to draw.
         image: arrays by name, with (H, W) of the options' region: ``rgb`` (H, W, 3), ``alpha`` (H, W) and, where
-            wanted, ``median_index`` (H, W) int32 with ``mean_depth`` (H, W), ``max_weights`` (N,), ``radii`` (N,),
-            ``num_invalid`` (1,) int32. They are written here.
+            wanted, ``median_index`` (H, W) int32 with ``mean_depth`` (H, W), ``max_weights`` (N,), ``radii`` (N,).
+            They are written here.
         depth_limit: (H, W) planar depth beyond which nothing is drawn, or None.
         differentiable: whether ``backward`` will be called.
     """

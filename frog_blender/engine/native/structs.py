@@ -65,7 +65,7 @@ class Options(Structure):
     ]
 
 
-IMAGE = ("rgb", "alpha", "median_index", "mean_depth", "max_weights", "radii", "num_invalid")
+IMAGE = ("rgb", "alpha", "median_index", "mean_depth", "max_weights", "radii")
 Image = _struct("FrogImage", *[(name, c_void_p) for name in IMAGE])
 ImageGradient = _struct("FrogImageGradient", ("rgb", c_void_p), ("alpha", c_void_p), ("slot_limit", c_int64))
 GRADIENTS = (*ATTRIBUTES, "screen", "pose")

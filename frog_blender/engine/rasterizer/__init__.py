@@ -30,10 +30,8 @@ class Image:
         screen: (N, 2) zeros whose ``.grad`` becomes the gradient of the pixel positions (densification reads its norm).
         median_depth: (H, W) Euclidean distance to the centre of the Gaussian that takes transmittance through one half,
             NaN where none does (FRoG, section on canonical field sampling), or None.
-        median_z: (H, W) planar depth of the same centre, or None.
         mean_depth: (H, W) planar depth averaged by blending weight, NaN where nothing was hit, or None.
         max_weights: (N,) each Gaussian's largest blending weight, or None.
-        num_invalid: Gaussians that were dropped because a number in them is not finite or out of range.
     """
 
     rgb: torch.Tensor
@@ -41,10 +39,8 @@ class Image:
     radii: torch.Tensor
     screen: torch.Tensor
     median_depth: torch.Tensor | None = None
-    median_z: torch.Tensor | None = None
     mean_depth: torch.Tensor | None = None
     max_weights: torch.Tensor | None = None
-    num_invalid: int = 0
 
 
 class Backend(Protocol):
@@ -57,7 +53,6 @@ class Backend(Protocol):
         background: tuple[float, float, float],
         options: RasterizeOptions,
         pose: torch.Tensor | None = None,
-        depth_limit: torch.Tensor | None = None,
     ) -> Image: ...
 
 
@@ -68,7 +63,6 @@ def rasterize(
     options: RasterizeOptions | None = None,
     *,
     pose: torch.Tensor | None = None,
-    depth_limit: torch.Tensor | None = None,
     backend: Backend | str | None = None,
 ) -> Image:
     """Draws Gaussians (torch tensors) as ``camera`` sees and exposes them, differentiably in every Gaussian attribute.
@@ -79,20 +73,16 @@ def rasterize(
         background: three display-referred numbers.
         options: RasterizeOptions.
         pose: (3, 4) or (4, 4) world_to_camera to use in place of the camera's, which receives gradients too.
-        depth_limit: (H, W) planar depth of what hides Gaussians behind it, world units, infinite where nothing does.
         backend: what draws: a Backend, the name of one in ``registry.RASTERIZERS``, or None for the fastest that the
             tensors' device and type allow.
     """
     options = options or RasterizeOptions()
     red, green, blue = (float(value) for value in background)
-    size = options.region_of(camera)[3:1:-1]
-    if depth_limit is not None and depth_limit.shape != size:
-        raise ValueError(f"depth_limit: shape {tuple(depth_limit.shape)}, expected {size}")
     if backend is None:
         backend = default_backend(gaussians.means)
     elif isinstance(backend, str):
         backend = RASTERIZERS[backend]
-    drawn: Image = backend(gaussians, camera, (red, green, blue), options, pose, depth_limit)
+    drawn: Image = backend(gaussians, camera, (red, green, blue), options, pose)
     return exposed(drawn, camera)
 
 

@@ -56,11 +56,10 @@ class RasterPass:
         """What there is to see, of ``rgb`` and ``alpha`` with gradients."""
         extras = self.extras
         image = Image(rgb, alpha, extras["radii"], screen, max_weights=extras.get("max_weights"))
-        image.num_invalid = int(extras["num_invalid"])
         if "median_index" in extras:
             image.mean_depth = extras["mean_depth"]
             means = self.gaussians.means.detach()
-            image.median_depth, image.median_z = median_depths(extras["median_index"], means, self.camera)
+            image.median_depth = median_depth(extras["median_index"], means, self.camera)
         return image
 
 
@@ -69,7 +68,6 @@ def draw(
     camera: Camera,
     background: tuple[float, float, float],
     options: RasterizeOptions,
-    depth_limit: torch.Tensor | None = None,
     *,
     differentiable: bool = True,
 ) -> tuple[RasterPass, torch.Tensor, torch.Tensor]:
@@ -77,20 +75,20 @@ def draw(
 
     Args:
         gaussians: contiguous float32 tensors on the CPU.
-        camera, background, options, depth_limit: see ``rasterizer.rasterize``.
+        camera, background, options: see ``rasterizer.rasterize``.
         differentiable: whether ``RasterPass.backward`` will be called.
     """
     count, (_, _, width, height) = len(gaussians), options.region_of(camera)
     size = (height, width)
     rgb, alpha = torch.empty((*size, 3), **_FLOATS), torch.empty(size, **_FLOATS)
-    extras = {"radii": torch.empty(count, **_FLOATS), "num_invalid": torch.zeros(1, **_INTEGERS)}
+    extras = {"radii": torch.empty(count, **_FLOATS)}
     if options.depth:
         extras["median_index"] = torch.empty(size, **_INTEGERS)
         extras["mean_depth"] = torch.empty(size, **_FLOATS)
     if options.weights:
         extras["max_weights"] = torch.empty(count, **_FLOATS)
     outputs = {"rgb": rgb, "alpha": alpha, **extras}
-    frame = binding.Frame(gaussians, camera, background, options, outputs, depth_limit, differentiable=differentiable)
+    frame = binding.Frame(gaussians, camera, background, options, outputs, differentiable=differentiable)
     if not differentiable:  # a training's steps are many, and it tells its time itself
         say(frame.notice)
     return RasterPass(gaussians, camera, size, extras, frame), rgb, alpha
@@ -128,19 +126,16 @@ def rasterize(
     background: tuple[float, float, float],
     options: RasterizeOptions,
     pose: torch.Tensor | None = None,
-    depth_limit: torch.Tensor | None = None,
 ) -> Image:
     """As ``rasterizer.rasterize``, for float32 tensors on the CPU. The same bits for any number of threads."""
     gaussians.check_tensors(_CPU)
     if pose is not None:
         camera = camera.with_pose(pose.detach().numpy())
     screen = torch.zeros((len(gaussians), 2), requires_grad=True, **_FLOATS)
-    if depth_limit is not None:
-        depth_limit = depth_limit.detach().to("cpu", torch.float32).contiguous()
     differentiable, drawings = torch.is_grad_enabled(), list[RasterPass]()
 
     def draw_on(arrays: TorchGaussians) -> tuple[RasterPass, torch.Tensor, torch.Tensor]:
-        drawing, rgb, alpha = draw(arrays, camera, background, options, depth_limit, differentiable=differentiable)
+        drawing, rgb, alpha = draw(arrays, camera, background, options, differentiable=differentiable)
         drawings.append(drawing)
         return drawing, rgb, alpha
 
@@ -149,12 +144,8 @@ def rasterize(
     return drawings.pop().image(rgb, alpha, screen)
 
 
-def median_depths(index: torch.Tensor, means: torch.Tensor, camera: Camera) -> tuple[torch.Tensor, torch.Tensor]:
-    """Euclidean and planar depth (H, W) of the Gaussians named by ``index`` (H, W), NaN where it is -1."""
-    center = torch.as_tensor(camera.center, dtype=means.dtype)
-    forward = torch.as_tensor(camera.forward, dtype=means.dtype)
-    offsets = means - center
-    missing = torch.full((1,), float("nan"), dtype=means.dtype)
-    distances = torch.cat([offsets.norm(dim=1), missing])  # index -1 picks the last
-    planar = torch.cat([offsets @ forward, missing])
-    return distances[index.long()], planar[index.long()]
+def median_depth(index: torch.Tensor, means: torch.Tensor, camera: Camera) -> torch.Tensor:
+    """(H, W) Euclidean distance to the Gaussians named by ``index`` (H, W), NaN where it is -1."""
+    offsets = means - torch.as_tensor(camera.center, dtype=means.dtype)
+    missing = torch.full((1,), float("nan"), dtype=means.dtype)  # index -1 picks it
+    return torch.cat([offsets.norm(dim=1), missing])[index.long()]

@@ -63,7 +63,7 @@ def _clamped_tangents(local: torch.Tensor, camera: Camera) -> torch.Tensor:
 
 
 def _usable(g: TorchGaussians, local: torch.Tensor) -> torch.Tensor:
-    """(N,) True where the numbers are finite and in range; the others are dropped and counted."""
+    """(N,) True where the numbers are finite and in range; the others are dropped."""
     square = g.quaternions.square().sum(-1)
     usable = (square > 1e-24) & (square < 1e24) & (g.opacities.abs() < 1e30)
     usable &= (local.abs() < 1e30).all(-1) & (g.scales.abs() < 1e12).all(-1)
@@ -72,8 +72,7 @@ def _usable(g: TorchGaussians, local: torch.Tensor) -> torch.Tensor:
 
 def _project(
     g: TorchGaussians, screen: torch.Tensor, camera: Camera, options: RasterizeOptions, pose: torch.Tensor | None
-) -> tuple[_Splats, int]:
-    """The splats, and how many Gaussians were invalid."""
+) -> _Splats:
     like = kind_of(g.means)
     view = torch.as_tensor(camera.world_to_camera, **like) if pose is None else pose.to(**like)
     left, top, width, height = options.region_of(camera)
@@ -81,10 +80,8 @@ def _project(
     with torch.no_grad():
         local = g.means @ view[:3, :3].T + view[:3, 3]
         usable = _usable(g, local)
-        in_view = (local[:, 2] >= options.near_plane) & (g.opacities > ALPHA_MIN)
-        colored = torch.isfinite(g.sh).flatten(1).all(-1)
-        kept = (usable & in_view & colored).nonzero().squeeze(-1)
-        num_invalid = int((~usable | (in_view & ~colored)).sum())
+        usable &= (local[:, 2] >= options.near_plane) & (g.opacities > ALPHA_MIN)
+        kept = (usable & torch.isfinite(g.sh).flatten(1).all(-1)).nonzero().squeeze(-1)
 
     means, opacities = g.means[kept], g.opacities[kept].clamp(max=1.0)
     local = means @ view[:3, :3].T + view[:3, 3]
@@ -115,7 +112,7 @@ def _project(
     order = order[seen[order]]
     conics = torch.stack([yy, -xy, xx], -1) / determinant[:, None]
     splats = (kept, pixels + screen[kept], conics, opacities, colors, z, extents.amax(-1))
-    return _Splats(*(part[order] for part in splats)), num_invalid
+    return _Splats(*(part[order] for part in splats))
 
 
 @dataclass
@@ -127,16 +124,14 @@ class _Strip:
     heaviest: torch.Tensor  # (M,)
 
 
-def _blend(splats: _Splats, points: torch.Tensor, background: torch.Tensor, limits: torch.Tensor | None) -> _Strip:
-    """Blends all splats at pixel centres (P, 2), front to back, down to planar depths ``limits`` (P,)."""
+def _blend(splats: _Splats, points: torch.Tensor, background: torch.Tensor) -> _Strip:
+    """Blends all splats at pixel centres (P, 2), front to back."""
     dx = points[:, None, 0] - splats.pixels[None, :, 0]  # (P, M)
     dy = points[:, None, 1] - splats.pixels[None, :, 1]
     a, b, c = splats.conics.unbind(-1)
     power = -0.5 * (a * dx * dx + c * dy * dy) - b * dx * dy
     alpha = splats.opacities * torch.exp(power)
     alpha = torch.where(alpha >= ALPHA_MIN, alpha.clamp(max=ALPHA_MAX), torch.zeros_like(alpha))
-    if limits is not None:
-        alpha = torch.where(splats.depths[None] <= limits[:, None], alpha, torch.zeros_like(alpha))
     # A Gaussian that would take transmittance below the limit finishes the pixel: it and all behind it are left out.
     after = torch.cumprod(1 - alpha, dim=1)
     alpha = torch.where(after.detach() >= TRANSMITTANCE_MIN, alpha, torch.zeros_like(alpha))
@@ -160,7 +155,6 @@ def rasterize(
     background: tuple[float, float, float],
     options: RasterizeOptions,
     pose: torch.Tensor | None = None,
-    depth_limit: torch.Tensor | None = None,
 ) -> Image:
     """As ``rasterizer.rasterize``, on any device and in any floating-point type."""
     like = kind_of(gaussians.means)
@@ -169,27 +163,23 @@ def rasterize(
     count = len(gaussians)
     _, _, width, height = options.region_of(camera)
     screen = torch.zeros((count, 2), requires_grad=True, **like)
-    splats, num_invalid = _project(gaussians, screen, camera, options, pose)
+    splats = _project(gaussians, screen, camera, options, pose)
     color = torch.tensor(background, **like)
     y, x = torch.meshgrid(torch.arange(height, **like) + 0.5, torch.arange(width, **like) + 0.5, indexing="ij")
     points = torch.stack([x.flatten(), y.flatten()], -1)
     size = (height, width)
     piece = max(1, _STRIP_ELEMENTS // max(1, len(splats.index)))
-    pieces = points.split(piece)
-    limits = [None] * len(pieces) if depth_limit is None else depth_limit.detach().to(**like).flatten().split(piece)
-    strips = [_blend(splats, part, color, limit) for part, limit in zip(pieces, limits, strict=True)]
+    strips = [_blend(splats, part, color) for part in points.split(piece)]
     radii, weights = torch.zeros(count, **like), torch.zeros(count, **like)
     radii[splats.index] = splats.radii
     weights[splats.index] = torch.stack([strip.heaviest for strip in strips]).amax(0)
     rgb = torch.cat([strip.rgb for strip in strips]).reshape(*size, 3)
     image = Image(rgb, torch.cat([strip.alpha for strip in strips]).reshape(size), radii, screen)
-    image.num_invalid = num_invalid
     if options.depth:
         median = torch.cat([strip.median for strip in strips]).reshape(size)
         centers = (gaussians.means.detach() - torch.as_tensor(camera.center, **like))[splats.index]
         missing = torch.full((1,), math.nan, **like)  # index -1 picks it
         image.median_depth = torch.cat([centers.norm(dim=1), missing])[median]
-        image.median_z = torch.cat([splats.depths.detach(), missing])[median]
         image.mean_depth = torch.cat([strip.mean_depth for strip in strips]).reshape(size)
     if options.weights:
         image.max_weights = weights

@@ -60,18 +60,13 @@ def readable_report(value: object) -> JsonObject:
 
 
 def reduction_line(reduction: JsonMapping) -> str:
-    """``at 85 %, freeze: 20,704 -> 5,927 dynamic Gaussians; saves 1.9 MB, 1.2 ms a frame; costs 0.005 dB``."""
+    """``at 85 %, freeze: 20,704 -> 5,927 dynamic Gaussians; saves 1.9 MB; costs 0.005 dB``."""
     what = reduction["what"]
     label, unit = (_KNOWN[what].label, _KNOWN[what].unit) if what in _KNOWN else (what, "")
     counts = f"{reduction['before']:,} -> {reduction['after']:,} {unit}"
     parts = [f"at {100 * reduction['progress']:.0f} %, {label}: {counts}"]
-    saved = []
     if reduction.get("bytes", 0) > 0:
-        saved.append(f"{reduction['bytes'] / 1e6:.2f} MB")
-    if reduction.get("milliseconds", 0.0) >= 0.05:
-        saved.append(f"{reduction['milliseconds']:.1f} ms a frame")
-    if saved:
-        parts.append(f"saves {', '.join(saved)}")
+        parts.append(f"saves {reduction['bytes'] / 1e6:.2f} MB")
     if reduction.get("loss") is not None:
         parts.append(f"costs {max(0.0, reduction['loss']):.3f} dB")
     return "; ".join(part.rstrip() for part in parts)

@@ -14,7 +14,7 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
 
 EVERYTHING = RasterizeOptions(depth=True, weights=True)
-OUTPUTS = ("rgb", "alpha", "median_depth", "median_z", "mean_depth", "radii", "max_weights")
+OUTPUTS = ("rgb", "alpha", "median_depth", "mean_depth", "radii", "max_weights")
 # Where float32 decides a threshold the other way a whole contribution appears or goes, at the rim of a splat mostly.
 FLIPPED_SHARE = 3e-4
 GRADIENT_ERROR = 2e-5  # relative (L2), of any parameter's; CUDA's exponentials and divisions round a little less well
@@ -28,7 +28,6 @@ class Scene:
         camera, gaussians: as they are; gaussians float64 numpy.
         options: of the drawing.
         pose: the camera's own matrix is given as a tensor with gradients.
-        limit: planar depths between 1.5 and 5 hide what lies behind, without end at a fifth of the pixels.
         tolerance: of images and depths.
     """
 
@@ -36,7 +35,6 @@ class Scene:
     gaussians: GaussianArrays
     options: RasterizeOptions = EVERYTHING
     pose: bool = False
-    limit: bool = False
     tolerance: float = 2e-5
 
 
@@ -87,10 +85,7 @@ def scenes() -> dict[str, Scene]:
         "region": Scene(odd, crowd, replace(EVERYTHING, region=(23, 5, 50, 44))),
         "pose": Scene(odd, crowd, pose=True),
         "pose of one colour": Scene(small, random_gaussians(small, 300, 0, seed=8), pose=True),
-        "depth limit": Scene(odd, crowd, limit=True),
-        "depth limit, pose and region": Scene(
-            odd, crowd, RasterizeOptions(region=(3, 2, 60, 60)), pose=True, limit=True
-        ),
+        "pose and region": Scene(odd, crowd, RasterizeOptions(region=(3, 2, 60, 60)), pose=True),
         "wide low-pass, far near plane": Scene(
             odd, random_gaussians(odd, 200, 3, seed=10), replace(EVERYTHING, low_pass=2.0, near_plane=2.5)
         ),
@@ -121,39 +116,23 @@ def on_device_alone() -> dict[str, Scene]:
     """The kernels' other specialisations, which the emulator would compile for seconds each."""
     odd = odd_camera(97, 71)
     return {
-        f"degree {degree}, {options}": Scene(odd, random_gaussians(odd, 200, degree, seed=2), options, pose, limit)
+        f"degree {degree}, pose: {pose}": Scene(odd, random_gaussians(odd, 200, degree, seed=2), pose=pose)
         for degree in (1, 2)
-        for pose, limit, options in (
-            (True, True, RasterizeOptions(depth=True)),
-            (False, True, RasterizeOptions(weights=True)),
-        )
+        for pose in (False, True)
     }
 
 
-def depth_limit(scene: Scene) -> torch.Tensor | None:
-    """(H, W) float32 of the scene's region, or None."""
-    if not scene.limit:
-        return None
-    _, _, width, height = scene.options.region_of(scene.camera)
-    random = np.random.default_rng(3)
-    limit = random.uniform(1.5, 5.0, (height, width))
-    limit[random.random(limit.shape) < 0.2] = np.inf
-    return torch.tensor(limit, dtype=torch.float32)
-
-
 def draw(scene: Scene, backend: str, dtype: torch.dtype, device: str = "cpu") -> dict[str, np.ndarray]:
-    """Every output, ``num_invalid``, and every gradient as ``by_...``, of a random linear loss; float64 numpy."""
+    """Every output, and every gradient as ``by_...``, of a random linear loss; float64 numpy."""
     leaves = tensors(scene.gaussians, dtype)
     values = GaussianArrays(*[getattr(leaves, name).to(device) for name in ATTRIBUTES])
     pose = torch.tensor(scene.camera.world_to_camera, dtype=dtype, requires_grad=True) if scene.pose else None
-    limit = depth_limit(scene)
     image = rasterize(
         values,
         scene.camera,
         BACKGROUND,
         scene.options,
         pose=None if pose is None else pose.to(device),
-        depth_limit=None if limit is None else limit.to(device),
         backend=backend,
     )
     generator = torch.Generator().manual_seed(5)
@@ -163,15 +142,14 @@ def draw(scene: Scene, backend: str, dtype: torch.dtype, device: str = "cpu") ->
     found = {name: getattr(image, name) for name in OUTPUTS}
     found |= {f"by_{name}": getattr(leaves, name).grad for name in ATTRIBUTES}
     found |= {"by_screen": image.screen.grad}
-    found |= {"by_pose": None if pose is None else pose.grad, "num_invalid": torch.tensor(float(image.num_invalid))}
+    found |= {"by_pose": None if pose is None else pose.grad}
     return {name: tensor.detach().double().cpu().numpy() for name, tensor in found.items() if tensor is not None}
 
 
 def assert_equal(scene: Scene, found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:
     """Within the scene's tolerances; thresholds may fall the other way at a few pixels."""
     assert found.keys() == expected.keys()
-    assert found["num_invalid"] == expected["num_invalid"]
-    for name in ("rgb", "alpha", "median_depth", "median_z", "mean_depth"):
+    for name in ("rgb", "alpha", "median_depth", "mean_depth"):
         if name not in found:
             continue
         values, wanted = found[name], expected[name]

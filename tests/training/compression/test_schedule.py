@@ -22,7 +22,6 @@ from frog_blender.engine.training.compression.context import CompressionContext,
 from frog_blender.engine.training.compression.sensitivity import Motion, Sensitivity, peak_weights
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.optimize.training_images import Played
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.recovery import Recovery
@@ -298,12 +297,12 @@ def test_broken_gaussians_do_not_cost_the_scene(filmed: Path, tmp_path: Path, li
     counts: list[int] = []
 
     class Breaking(Trainer):
-        def evaluate(self, limit: int, *played: Played) -> tuple[float, str]:
+        def evaluate(self, limit: int) -> tuple[float, str]:
             if self.finished:
                 self.model.canonical.log_scales.data[7, 1] = float("nan")
                 self.model.canonical.means.data[-1, 0] = float("inf")
                 counts.append(self.count)
-            return super().evaluate(limit, *played)
+            return super().evaluate(limit)
 
     job = TrainingJob(filmed, tmp_path / "x.frog", recipe=lively(40, capacity="auto"))
     finished = list(run_training(job, trainer_type=Breaking))[-1]

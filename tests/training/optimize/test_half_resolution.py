@@ -19,7 +19,7 @@ from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.training.optimize.mattes import (
     halved,
-    halved_capture,
+    is_halved,
     sized,
 )
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
@@ -32,22 +32,13 @@ def test_a_halved_image_has_the_means_and_the_size_of_the_camera(size: tuple[int
     camera = halved(odd_camera(size[1], size[0]))
     assert found.shape == (camera.height, camera.width, 3) and found.dtype == np.uint8
     assert found.mean() == pytest.approx(pixels.mean(), abs=1)
+    whole = odd_camera(size[1], size[0])
+    assert sized(pixels, whole) is pixels
+    np.testing.assert_array_equal(sized(pixels, camera), found)
+    assert not is_halved(odd_camera(48, 36), 0.0, 0.5), "fewer than 64 pixels a side"
     if size == (64, 96):
         means = pixels.reshape(32, 2, 48, 2, 3).mean((1, 3))
         assert np.abs(found - means).max() <= 0.5
-
-
-def test_a_halved_capture_has_images_that_fit(capture: Capture) -> None:
-    """But for those of fewer than 64 pixels a side."""
-    (kept, *_) = halved_capture(capture).cameras
-    assert kept is capture.cameras[0]
-    pixels = np.random.default_rng(2).integers(0, 256, (kept.height, kept.width, 3)).astype(np.uint8)
-    assert sized(pixels, kept) is pixels
-    large = capture.scaled(2.0)
-    small = halved_capture(large)
-    assert small.shots == capture.shots and small.cameras[0].width == kept.width
-    pixels = np.random.default_rng(2).integers(0, 256, (2 * kept.height, 2 * kept.width, 3)).astype(np.uint8)
-    np.testing.assert_array_equal(sized(pixels, small.cameras[0]), halved_image(pixels))
 
 
 class Watched(Trainer):

@@ -31,8 +31,9 @@ Make = Callable[..., Trainer]
 Bits = Callable[[Trainer], dict[str, bytes]]
 
 
-@pytest.mark.parametrize("method", ["frog", "static", "auto"])
-@pytest.mark.parametrize("stop", [1, 33, 52, 75])  # before the first round, between rounds, within a burst
+@pytest.mark.parametrize(  # before the first round, between rounds, within a burst
+    ("method", "stop"), [("frog", 1), ("frog", 33), ("static", 33), ("auto", 52), ("auto", 75)]
+)
 def test_resumed_bits_are_those_of_an_undisturbed_training(
     make_trainer: Make, bits: Bits, tmp_path: Path, method: str, stop: int
 ) -> None:
@@ -113,32 +114,24 @@ def cut(array: np.ndarray) -> np.ndarray:
 
 
 DAMAGE: list[tuple[str, Callable[[np.ndarray], np.ndarray]]] = [
-    *[("adam.means.0.exp_avg", change) for change in (cut, whole, lambda array: array[:, :2].copy())],
-    *[("adam.network.0.exp_avg_sq", change) for change in (cut, whole)],
-    *[("adam.sh.0.step", change) for change in (negative, broken, whole, lambda array: array + 0.5)],
-    *[("model.canonical.means", change) for change in (cut, whole, broken, lambda array: array[:0])],
-    *[("model.canonical.embeddings", change) for change in (whole, broken, lambda array: array[:, :-1].copy())],
-    ("model.temporal_table", broken),
-    *[("density.seen", change) for change in (cut, whole)],
-    *[("regions.1", change) for change in (cut, whole, negative)],
-    *[("poses", change) for change in (cut, broken, lambda array: array.astype(np.float32))],
-    *[("poses.moved", change) for change in (cut, broken)],
-    *[("exposures", change) for change in (cut, broken, negative)],
-    *[("exposures.sums", change) for change in (cut, whole, broken)],
-    *[("removed", change) for change in (whole, lambda array: array.reshape(-1))],
-    *[(f"motion.{part}", change) for part in ("score", "rest_energy") for change in (cut, whole)],
-    *[("neighbourhood.anchors", change) for change in (cut, whole, negative, lambda array: array + 10_000)],
-    *[("neighbourhood.neighbours", change) for change in (cut, negative, lambda array: array + 10_000)],
-    *[("neighbourhood.weights", change) for change in (cut, whole)],
+    *[("adam.means.0.exp_avg", change) for change in (cut, whole)],
+    *[("adam.sh.0.step", change) for change in (negative, broken)],
+    *[("model.canonical.means", change) for change in (cut, broken, lambda array: array[:0])],
+    *[("model.canonical.embeddings", change) for change in (whole, lambda array: array[:, :-1].copy())],
+    *[("model.temporal_table", broken), ("density.seen", cut), ("regions.1", negative)],
+    *[("poses", change) for change in (cut, broken)],
+    *[("poses.moved", broken), ("exposures", negative), ("exposures.sums", broken)],
+    *[("removed", lambda array: array.reshape(-1)), ("motion.score", cut), ("motion.rest_energy", whole)],
+    *[("neighbourhood.anchors", change) for change in (cut, negative, lambda array: array + 10_000)],
+    *[("neighbourhood.neighbours", negative), ("neighbourhood.weights", cut)],
     *[("random", change) for change in (cut, lambda array: np.zeros_like(array))],
 ]
 VALUES: list[tuple[str, Any]] = [
-    *[("rate_factor", value) for value in (0, -1, 1e9, float("nan"), "x", None)],
+    *[("rate_factor", value) for value in (-1, 1e9, float("nan"), "x", None)],
     *[("step_count", value) for value in (-1, float("inf"), None)],
     *[("progress", -0.5), ("seconds", float("nan")), ("burst_shot", 10_000), ("loss", float("inf"))],
-    *[("version", 0), ("version", 12), ("version", None)],
+    *[("version", 12), ("version", None)],
     *[("parsimony", {"seed": 2**62, "reductions": []}), ("parsimony", {"seed": 0, "reductions": [{}]})],
-    ("parsimony", {"seed": 0, "reductions": [{"what": "pruned", "progress": "x", "before": 1, "after": 1}]}),
 ]
 
 
@@ -150,34 +143,37 @@ def trained(make_trainer: Make) -> Trainer:
     return trainer
 
 
-def refused(path: Path, trained: Trainer, make_trainer: Make, bits: Bits) -> None:
+def refused(path: Path, what: str, make_trainer: Make, bits: Bits) -> None:
     """In a sentence, and the training that was to go on from it can begin instead."""
     trainer = make_trainer(40, capacity="auto")
     before = bits(trainer)
-    with pytest.raises(FrogError) as caught:
+    try:
         load_checkpoint(path, trainer)
-    assert "\n" not in str(caught.value) and str(path) in str(caught.value)
-    assert bits(trainer) == before and trainer.step_count == 0 and trainer.optimizer.rate_factor == 1
+    except FrogError as error:
+        assert "\n" not in str(error) and str(path) in str(error), what
+    else:
+        pytest.fail(f"{what} was taken over")
+    assert bits(trainer) == before and trainer.step_count == 0 and trainer.optimizer.rate_factor == 1, what
     trainer.step()
 
 
-@pytest.mark.parametrize(("name", "damage"), DAMAGE)
 def test_damaged_arrays_never_reach_the_training(
-    trained: Trainer, make_trainer: Make, bits: Bits, tmp_path: Path, name: str, damage: Callable
+    trained: Trainer, make_trainer: Make, bits: Bits, tmp_path: Path
 ) -> None:
-    arrays, values = state_of(trained)
-    arrays[name] = np.array(damage(arrays[name]))
-    write_checkpoint(tmp_path / "c", (arrays, values))
-    refused(tmp_path / "c", trained, make_trainer, bits)
+    for name, damage in DAMAGE:
+        arrays, values = state_of(trained)
+        arrays[name] = np.array(damage(arrays[name]))
+        write_checkpoint(tmp_path / "c", (arrays, values))
+        refused(tmp_path / "c", name, make_trainer, bits)
 
 
-@pytest.mark.parametrize(("name", "value"), VALUES)
 def test_damaged_values_never_reach_the_training(
-    trained: Trainer, make_trainer: Make, bits: Bits, tmp_path: Path, name: str, value: Any
+    trained: Trainer, make_trainer: Make, bits: Bits, tmp_path: Path
 ) -> None:
-    arrays, values = state_of(trained)
-    write_checkpoint(tmp_path / "c", (arrays, {**values, name: value}))
-    refused(tmp_path / "c", trained, make_trainer, bits)
+    for name, value in VALUES:
+        arrays, values = state_of(trained)
+        write_checkpoint(tmp_path / "c", (arrays, {**values, name: value}))
+        refused(tmp_path / "c", f"{name}: {value}", make_trainer, bits)
 
 
 @pytest.mark.slow

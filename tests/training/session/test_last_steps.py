@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -75,29 +74,17 @@ def plays(task: TrainingJob) -> ScenePlayer:
     return scene
 
 
-def check(task: TrainingJob, monkeypatch: pytest.MonkeyPatch, what: tuple[Any, str], error: Exception) -> None:
-    broken(monkeypatch, what, error)
-    stream = list(run_training(task))
-    said = [event.message for event in stream if isinstance(event, events.WarningEvent)]
-    assert isinstance(stream[-1], events.Finished) and plays(task).header.steps == STEPS
-    assert all(message.endswith(".") and "\n" not in message for message in said)
-    assert len(said) == 1
-
-
 @pytest.mark.parametrize(("number", "what"), list(enumerate([*AT_THE_END, *ON_THE_WAY])), ids=name_of)
 def test_a_pass_that_fails_costs_no_scene(
     task: TrainingJob, monkeypatch: pytest.MonkeyPatch, number: int, what: tuple[Any, str]
 ) -> None:
     errors = ERRORS if what in AT_THE_END else ERRORS[:3]  # memory that ends in the middle costs Gaussians
-    check(task, monkeypatch, what, errors[number % len(errors)])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("what", "error"), list(itertools.product(AT_THE_END, ERRORS)), ids=str)
-def test_whatever_fails_at_the_end_costs_no_scene(
-    task: TrainingJob, monkeypatch: pytest.MonkeyPatch, what: tuple[Any, str], error: Exception
-) -> None:
-    check(task, monkeypatch, what, error)
+    broken(monkeypatch, what, errors[number % len(errors)])
+    stream = list(run_training(task))
+    said = [event.message for event in stream if isinstance(event, events.WarningEvent)]
+    assert isinstance(stream[-1], events.Finished) and plays(task).header.steps == STEPS
+    assert len(said) == 1 and said[0].endswith(".") and "\n" not in said[0]
+    assert [event.step for event in stream if isinstance(event, events.Evaluated)][-1:] in ([STEPS], [36])
 
 
 def test_what_a_failed_milestone_did_is_undone(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,15 +109,6 @@ def test_what_a_failed_milestone_did_is_undone(task: TrainingJob, monkeypatch: p
         np.testing.assert_array_equal(scene.arrays[name], value.numpy())
 
 
-def test_a_training_goes_on_after_a_milestone_that_failed(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
-    broken(monkeypatch, (schedule, "prune"), ValueError("no"))
-    stream = list(run_training(task))
-    assert isinstance(stream[-1], events.Finished)
-    (said,) = [event.message for event in stream if isinstance(event, events.WarningEvent)]
-    assert said == "Compression at 80 % failed (no). Continuing without it."
-    assert [event.step for event in stream if isinstance(event, events.Evaluated)][-1] == STEPS
-
-
 def test_a_failing_figure_is_told_as_such(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:
     broken(monkeypatch, (Trainer, "evaluate"), MemoryError("no more"))
     *_, end = run_training(task)
@@ -153,7 +131,5 @@ def test_a_second_saving_does_not_see_the_first(task: TrainingJob, make_trainer:
     session = Session(task, train(make_trainer(STEPS, capacity="auto")))
     metrics: Metrics = {"psnr": 12.5, "split": "held-out"}
     one, other = (build_scene(session, metrics).scene.header.capacity["reductions"] for _ in range(2))
-    assert one and len(one) == len(other)
-    for mine, each in zip(one, other, strict=True):
-        assert mine == {**each, "milliseconds": mine["milliseconds"]}
+    assert one and one == other
     assert metrics == {"psnr": 12.5, "split": "held-out"}

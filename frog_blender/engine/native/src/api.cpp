@@ -67,10 +67,7 @@ void each_band(FrogFrame &frame, Use use) {
 void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &image) {
   const int count = gaussians.count;
   frame.view.splats = frame.splats.resize(count);
-  std::atomic<int32_t> num_invalid{0};
-  frog::parallel_for(count, 1024,
-                     [&](int begin, int end) { num_invalid += kernels().project(frame.view, gaussians, begin, end); });
-  if (image.num_invalid) *image.num_invalid = num_invalid;
+  frog::parallel_for(count, 1024, [&](int begin, int end) { kernels().project(frame.view, gaussians, begin, end); });
   frog::bin_splats(frame);
   if (image.max_weights) begin_weights(frame);
   if (image.radii)

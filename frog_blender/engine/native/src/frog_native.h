@@ -21,7 +21,6 @@ typedef struct {
   float *mean_depth;      // (H, W) planar depth weighted by blending weight, NaN where nothing was hit (or null)
   float *max_weights;     // (N,) largest blending weight over the pixels (or null)
   float *radii;           // (N,) half the larger side of the splat's bounding box in pixels, 0 if not drawn (or null)
-  int32_t *num_invalid;   // (1,) Gaussians dropped because a number in them is not finite or out of range (or null)
 } FrogImage;
 
 typedef struct {

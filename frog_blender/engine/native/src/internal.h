@@ -41,7 +41,7 @@ constexpr int SSIM_STRIP = 32;  // rows of a strip
 
 struct Kernels {
   const char *name;
-  int (*project)(const FrameView &, const FrogGaussians &, int begin, int end);  // returns how many are invalid
+  void (*project)(const FrameView &, const FrogGaussians &, int begin, int end);
   void (*blend)(const FrameView &, const Tile &, const FrogImage &);
   int64_t (*count_blended)(const FrameView &, const Tile &);
   void (*blend_backward)(const FrameView &, const SlotView &, const Tile &, const FrogImageGradient &);

@@ -48,17 +48,15 @@ def bin_splats(
     splats: torch.Tensor,
     depths: torch.Tensor,
     tile_counts: torch.Tensor,
-    num_invalid: torch.Tensor,
     size: tuple[int, int],
-) -> tuple[Bins, int]:
-    """Lists every tile's splats, and fetches ``num_invalid`` with their number: the device is waited for once.
+) -> Bins:
+    """Lists every tile's splats; the device is waited for once, for their number.
 
     Args:
         launcher: of the tensors' device.
         splats: (N, 16) float32, ``Splat`` structs.
         depths: (N,) float32 planar depths; larger than any other where a Gaussian is not drawn.
         tile_counts: (N,) int32 tiles that each splat reaches.
-        num_invalid: (1,) int64.
         size: width and height of the image in pixels.
 
     Raises:
@@ -69,8 +67,7 @@ def bin_splats(
     tiles = columns * rows
     order = torch.sort(depths, stable=True).indices
     ends = tile_counts[order].cumsum(0, dtype=torch.int64)
-    numbers = torch.cat([num_invalid, ends[-1:]]).tolist()
-    pairs = numbers[1] if count else 0
+    pairs = int(ends[-1]) if count else 0
     _refuse_too_many(pairs, launcher.memory, size)
     short = tiles <= MOST_SHORT_TILES
     key = torch.int16 if short else torch.int32
@@ -83,7 +80,7 @@ def bin_splats(
     ordered, slots = torch.sort(keys, stable=True)
     bounds = torch.arange(tiles + 1, dtype=key, device=device)
     ranges = torch.searchsorted(ordered, bounds, out_int32=True)
-    return Bins(owners.index_select(0, slots), slots, ranges, first_slots), numbers[0]
+    return Bins(owners.index_select(0, slots), slots, ranges, first_slots)
 
 
 def _refuse_too_many(pairs: int, memory: int, size: tuple[int, int]) -> None:

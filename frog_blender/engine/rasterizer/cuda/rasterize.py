@@ -23,12 +23,10 @@ MOMENTS = 9  # numbers in a gradient slot: SPLAT_GRADIENTS in src/shared/types.h
 
 @dataclass(frozen=True)
 class _View:
-    """What is drawn of which camera, and whether there may be a backward pass; ``depth_limit`` is kept here because
-    ``options`` holds only its address."""
+    """What is drawn of which camera, and whether there may be a backward pass."""
 
     camera: structs.Camera
     options: structs.Options
-    depth_limit: torch.Tensor | None
     width: int
     height: int
     differentiable: bool
@@ -50,7 +48,6 @@ class _Outputs:
     median_index: torch.Tensor | None
     mean_depth: torch.Tensor | None
     max_weights: torch.Tensor | None
-    num_invalid: int = 0
 
 
 class _Rasterize(torch.autograd.Function):
@@ -69,23 +66,16 @@ class _Rasterize(torch.autograd.Function):
         splats = _floats(device, count, structs.SPLAT_FLOATS)
         depths = _floats(device, count)
         tile_counts = torch.empty(count, device=device, dtype=torch.int32)
-        num_invalid = torch.zeros(1, device=device, dtype=torch.int64)
         launcher.launch(
             kernel("project", SH_COUNT=attributes[4].shape[1]),
             blocks_for(count),
             *(structs.gaussians_struct(GaussianArrays(*attributes)), view.camera, view.options, pose),
-            *(splats, depths, tile_counts, outputs.radii, num_invalid),
+            *(splats, depths, tile_counts, outputs.radii),
         )
-        bins, outputs.num_invalid = bin_splats(
-            launcher, splats, depths, tile_counts, num_invalid, (view.width, view.height)
-        )
+        bins = bin_splats(launcher, splats, depths, tile_counts, (view.width, view.height))
         size = (view.height, view.width)
         rgb, alpha = _floats(device, *size, 3), _floats(device, *size)
-        constants = {
-            "DEPTH": outputs.median_index is not None,
-            "WEIGHTS": outputs.max_weights is not None,
-            "LIMIT": view.depth_limit is not None,
-        }
+        constants = {"DEPTH": outputs.median_index is not None, "WEIGHTS": outputs.max_weights is not None}
         final_transmittance = _floats(device, *size) if view.differentiable else None
         reached = torch.empty(size, device=device, dtype=torch.int32) if view.differentiable else None
         launcher.launch(
@@ -149,7 +139,6 @@ def rasterize(
     background: tuple[float, float, float],
     options: RasterizeOptions,
     pose: torch.Tensor | None = None,
-    depth_limit: torch.Tensor | None = None,
 ) -> Image:
     """As ``rasterizer.rasterize``, for float32 tensors on an NVIDIA GPU. The same bits in every run.
 
@@ -159,7 +148,6 @@ def rasterize(
         background: three display-referred numbers.
         options: what to draw.
         pose: (4, 4) or (3, 4) world_to_camera instead of the camera's, differentiable.
-        depth_limit: (H, W) planar depth beyond which nothing is drawn at a pixel, world units.
 
     Raises:
         ValueError: a tensor has another shape, type or device.
@@ -169,7 +157,7 @@ def rasterize(
     count, device = len(gaussians), means.device
     gaussians.check_tensors(device)
     rows = _pose_rows(pose, device)
-    view = _view(camera, background, options, depth_limit, device)
+    view = _view(camera, background, options)
     size = (view.height, view.width)
     screen = _floats(device, count, 2).zero_().requires_grad_()
     outputs = _Outputs(
@@ -182,14 +170,10 @@ def rasterize(
     apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
     rgb, alpha = apply(view, outputs, rows, screen, *attributes)
     image = Image(rgb, alpha, outputs.radii, screen)
-    image.mean_depth, image.max_weights, image.num_invalid = (
-        outputs.mean_depth,
-        outputs.max_weights,
-        outputs.num_invalid,
-    )
+    image.mean_depth, image.max_weights = outputs.mean_depth, outputs.max_weights
     if outputs.median_index is not None:
         matrix = torch.tensor(camera.world_to_camera[:3], device=device, dtype=torch.float32) if rows is None else rows
-        image.median_depth, image.median_z = _median_depths(outputs.median_index, means.detach(), matrix.detach())
+        image.median_depth = _median_depth(outputs.median_index, means.detach(), matrix.detach())
     return image
 
 
@@ -202,20 +186,10 @@ def _pose_rows(pose: torch.Tensor | None, device: torch.device) -> torch.Tensor 
     return pose[:3].to(device=device, dtype=torch.float32).contiguous()
 
 
-def _view(
-    camera: Camera,
-    background: tuple[float, float, float],
-    options: RasterizeOptions,
-    depth_limit: torch.Tensor | None,
-    device: torch.device,
-) -> _View:
-    left, top, width, height = options.region_of(camera)
-    if depth_limit is not None:
-        if depth_limit.shape != (height, width):
-            raise ValueError(f"depth_limit: shape {tuple(depth_limit.shape)}, expected {(height, width)}")
-        depth_limit = depth_limit.detach().to(device=device, dtype=torch.float32).contiguous()
-    packed = structs.options_struct(options, background, (left, top, width, height), depth_limit)
-    return _View(structs.camera_struct(camera), packed, depth_limit, width, height, torch.is_grad_enabled())
+def _view(camera: Camera, background: tuple[float, float, float], options: RasterizeOptions) -> _View:
+    region = options.region_of(camera)
+    packed = structs.options_struct(options, background, region, None)
+    return _View(structs.camera_struct(camera), packed, *region[2:], torch.is_grad_enabled())
 
 
 def _floats(device: torch.device, *shape: int) -> torch.Tensor:
@@ -223,10 +197,8 @@ def _floats(device: torch.device, *shape: int) -> torch.Tensor:
     return torch.empty(shape, device=device, dtype=torch.float32)
 
 
-def _median_depths(index: torch.Tensor, means: torch.Tensor, view: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Euclidean and planar depth (H, W) of the Gaussians named by ``index`` (H, W), NaN where it is -1."""
+def _median_depth(index: torch.Tensor, means: torch.Tensor, view: torch.Tensor) -> torch.Tensor:
+    """(H, W) Euclidean distance to the Gaussians named by ``index`` (H, W), NaN where it is -1."""
     local = (means[:, None, :] * view[:, :3]).sum(-1) + view[:, 3]  # no matrix product: those may run in TF32
-    missing = means.new_full((1,), float("nan"))
-    distances = torch.cat([local.norm(dim=1), missing])  # index -1 picks the last
-    planar = torch.cat([local[:, 2], missing])
-    return distances[index.long()], planar[index.long()]
+    missing = means.new_full((1,), float("nan"))  # index -1 picks it
+    return torch.cat([local.norm(dim=1), missing])[index.long()]

@@ -20,7 +20,7 @@ _OPTIONS = {"project": _EXACT, "emit": _EXACT, "blend": _QUICK, "blend_backward"
 _CHOICES: dict[str, dict[str, tuple[str, ...]]] = {
     "project": {"SH_COUNT": ("1", "4", "9", "16")},
     "emit": {"TILE_KEY": ("short", "int")},
-    "blend": {"DEPTH": ("0", "1"), "WEIGHTS": ("0", "1"), "LIMIT": ("0", "1")},
+    "blend": {"DEPTH": ("0", "1"), "WEIGHTS": ("0", "1")},
     "blend_backward": {},
     "project_backward": {"SH_COUNT": ("1", "4", "9", "16"), "POSE": ("0", "1")},
 }
@@ -64,7 +64,7 @@ class Kernel:
 
 
 def kernel(name: str, **constants: object) -> Kernel:
-    """The kernel ``name`` for these constants, such as ``kernel("blend", DEPTH=True, WEIGHTS=False, LIMIT=False)``.
+    """The kernel ``name`` for these constants, such as ``kernel("blend", DEPTH=True, WEIGHTS=False)``.
 
     KeyError or ValueError when there is no such kernel, constant or value.
     """

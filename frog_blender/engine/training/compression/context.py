@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -34,7 +32,6 @@ class CompressionStep:
         progress: of the training, 0 to 1.
         before, after: of what ``what.unit`` says.
         loss: dB that it cost on the validation images before training went on; None where nothing was measured.
-        milliseconds: that it saves a frame: of drawing, or of deformation.
         bytes: that it saves, of numbers as training has them.
     """
 
@@ -43,7 +40,6 @@ class CompressionStep:
     before: int
     after: int
     loss: float | None = None
-    milliseconds: float = 0.0
     bytes: int = 0
 
     @classmethod
@@ -66,7 +62,6 @@ class Proposal:
         apply: takes the first so many.
         count: of what ``kind.unit`` says, as the model stands.
         loss: dB that taking the first so many costs.
-        work: what becomes faster by it.
         allowed: dB.
         expected: (candidates,) about that loss for the first one, the first two and so on, ascending.
         forced: so many are taken whatever they cost.
@@ -76,7 +71,6 @@ class Proposal:
     apply: Callable[[int], None]
     count: Callable[[], int]
     loss: Callable[[int], float]
-    work: Callable[[], object]
     allowed: float = 0.0
     expected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
     forced: int = 0
@@ -210,42 +204,14 @@ class CompressionContext:
                 number, loss = proposal.forced, proposal.loss(proposal.forced)
             if not number:
                 continue
-            with self._logged(proposal, loss):
-                proposal.apply(number)
+            before, size = proposal.count(), self._size()
+            proposal.apply(number)
+            self.add_step(proposal.kind, before, proposal.count(), loss, size - self._size())
             evaluator.accept(loss)
 
-    @contextmanager
-    def _logged(self, proposal: Proposal, loss: float) -> Iterator[None]:
-        """Logs what is done inside, and how much faster ``proposal.work`` becomes."""
-        before, size, seconds = proposal.count(), self._size(), _median_seconds(proposal.work)
-        yield
-        milliseconds, saved = 1e3 * (seconds - _median_seconds(proposal.work)), size - self._size()
-        self.add_step(proposal.kind, before, proposal.count(), loss, milliseconds=milliseconds, saved=saved)
-
-    def add_step(
-        self,
-        kind: StepKind,
-        before: int,
-        after: int,
-        loss: float | None = None,
-        *,
-        milliseconds: float = 0.0,
-        saved: int = 0,
-    ) -> None:
+    def add_step(self, kind: StepKind, before: int, after: int, loss: float | None = None, saved: int = 0) -> None:
         """Adds a step to the log; ``saved`` bytes."""
-        step = CompressionStep(kind, self.training.progress, before, after, loss, milliseconds, saved)
-        self.record.log.append(step)
+        self.record.log.append(CompressionStep(kind, self.training.progress, before, after, loss, saved))
 
     def _size(self) -> int:
         return sum(parameter.nbytes for parameter in self.training.gaussians.model.parameters())
-
-
-def _median_seconds(work: Callable[[], object], times: int = 3) -> float:
-    seconds = []
-    for _ in range(times):
-        started = time.perf_counter()
-        work()
-        if torch.cuda.is_available():
-            torch.cuda.synchronize()
-        seconds.append(time.perf_counter() - started)
-    return float(np.median(seconds))

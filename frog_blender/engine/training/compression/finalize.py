@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -25,8 +23,6 @@ from ...scene.quantization import morton_order_by_range, unpack
 from ...scene.scene_file import VISIBILITY, SceneFile, packed_arrays
 from .context import CompressionContext, CompressionStep
 from .settings import DEFAULT
-
-_NUM_TIMED = 15  # frames
 
 
 def reorder_for_playback(
@@ -82,8 +78,8 @@ def playback_steps(
         return packing, None
     count = len(packed.arrays["embeddings"])
     deformed = round(count * mean_deformed_share(packed.arrays[VISIBILITY], count))
-    loss, saved = psnr - _psnr(context, player), _milliseconds_between(always, player)
-    return packing, CompressionStep(StepKind.VISIBILITY, 1.0, count, deformed, loss, saved)
+    loss = psnr - _psnr(context, player)
+    return packing, CompressionStep(StepKind.VISIBILITY, 1.0, count, deformed, loss)
 
 
 def _lives(scene: SceneFile) -> NDArray[np.bool_]:
@@ -112,15 +108,3 @@ def _played_by(scene: ScenePlayer, device: torch.device) -> Callable[[float], To
 def _psnr(context: CompressionContext, scene: ScenePlayer) -> float:
     """Of the scene as it is played, on the validation images."""
     return context.evaluator(played=_played_by(scene, context.training.gaussians.device)).now
-
-
-def _milliseconds_between(slow: ScenePlayer, fast: ScenePlayer) -> float:
-    """By which a frame of the one takes longer, in the median of some frames at which they take turns."""
-    longer = []
-    for time_ in np.linspace(0, 1, _NUM_TIMED):
-        started = time.perf_counter()
-        slow.at(time_)
-        between = time.perf_counter()
-        fast.at(time_)
-        longer.append(2 * between - started - time.perf_counter())
-    return 1e3 * statistics.median(longer)

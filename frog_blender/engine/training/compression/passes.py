@@ -202,7 +202,7 @@ def prune_unmissed(
 
 def _pruning(context: CompressionContext, evaluator: ValidationEvaluator, order: torch.Tensor) -> Proposal:
     """Removing the first of ``order``."""
-    training, gaussians = context.training, context.training.gaussians
+    gaussians = context.training.gaussians
     count = gaussians.count
 
     def loss(number: int) -> float:
@@ -215,13 +215,7 @@ def _pruning(context: CompressionContext, evaluator: ValidationEvaluator, order:
         context.record.removed = np.concatenate([context.record.removed, removed])
         gaussians.keep(keep.nonzero().squeeze(1))
 
-    return Proposal(
-        StepKind.PRUNE,
-        apply,
-        lambda: gaussians.count,
-        loss,
-        lambda: training.render_image(context.record.evaluated[0]),
-    )
+    return Proposal(StepKind.PRUNE, apply, lambda: gaussians.count, loss)
 
 
 def freeze_motion(context: CompressionContext, evaluator: ValidationEvaluator, allowed: float) -> Iterator[Proposal]:
@@ -287,5 +281,4 @@ def _freezing(
         lambda number: gaussian_state.freeze_motion(gaussians, order[:number].sort().values, state),
         lambda: gaussians.num_dynamic,
         loss,
-        lambda: context.gaussians_at(0.5),
     )

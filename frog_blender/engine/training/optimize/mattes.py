@@ -26,21 +26,12 @@ from ...frames.store import FrameStore
 
 def is_halved(camera: Camera, progress: float, until: float) -> bool:
     """True where ``camera`` is drawn at half its size at ``progress``, both fractions of the training."""
-    return progress < until and _is_large(camera)
-
-
-def _is_large(camera: Camera) -> bool:
-    return has_half(camera.height, camera.width)
+    return progress < until and has_half(camera.height, camera.width)
 
 
 def halved(camera: Camera) -> Camera:
     """The same view with half the pixels a side, rounded down."""
     return camera.resized(camera.width // 2, camera.height // 2)
-
-
-def halved_capture(capture: Capture) -> Capture:
-    """The same shots from cameras with half the pixels a side, but for those whose images stay as they are."""
-    return capture.with_cameras(halved(camera) if _is_large(camera) else camera for camera in capture.cameras)
 
 
 def sized(pixels: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:

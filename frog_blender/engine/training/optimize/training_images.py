@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -21,9 +20,6 @@ from .gaussian_state import GaussianState
 from .mattes import Color, Mattes, Truth, halved, is_halved
 from .schedule import ramp
 from .stateful import Tensors
-
-Played = Callable[[float], TorchGaussians]
-"""A scene's Gaussians at a time in [0, 1]."""
 
 
 class TrainingImages:
@@ -96,23 +92,19 @@ class TrainingImages:
         return self.model.canonical.gaussians(sh_count), {}
 
     @torch.no_grad()
-    def render_image(
-        self, shot_index: int, largest_side: int | None = None, played: Played | None = None
-    ) -> NDArray[np.float32]:
-        """(H, W, 3) float32 what a shot looks like as training stands, or as it is ``played``, at so many pixels a side
-        at most."""
+    def render_image(self, shot_index: int, largest_side: int | None = None) -> NDArray[np.float32]:
+        """(H, W, 3) float32 what a shot looks like as training stands, at so many pixels a side at most."""
         shot = self.capture.shots[shot_index]
         camera = self.capture.cameras[shot.camera]
         scale = (largest_side or math.inf) / max(camera.width, camera.height)
         if scale < 1:
             camera = camera.scaled(scale)
-        frame_time = self.capture.time_of(shot)
-        gaussians = played(frame_time) if played else self.deform(frame_time)[0]
+        gaussians = self.deform(self.capture.time_of(shot))[0]
         return rasterize(gaussians, camera, self.capture.background).rgb.cpu().numpy()
 
-    def evaluate(self, limit: int, played: Played | None = None) -> tuple[float, str]:
+    def evaluate(self, limit: int) -> tuple[float, str]:
         """Mean PSNR over at most ``limit`` evenly spread held-out images (training ones when none is held out), as
-        training stands or of Gaussians ``played`` at a time.
+        training stands.
 
         A figure for people: nothing in the training depends on it.
         """
@@ -121,6 +113,6 @@ class TrainingImages:
         chosen = [shots[int(i)] for i in np.linspace(0, len(shots) - 1, min(limit, len(shots)))]
         values = []
         for index in chosen:
-            image = self.render_image(index, None, played).clip(0, 1)
+            image = self.render_image(index).clip(0, 1)
             values.append(psnr_of(self.mattes.squared_error(index, image)))
         return float(np.mean(values)), "held-out" if held_out else "training"

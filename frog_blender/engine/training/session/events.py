@@ -10,10 +10,11 @@ from __future__ import annotations
 import base64
 import json
 import math
+import re
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -240,10 +241,6 @@ def _count(value: object, what: str) -> int:
     return whole(value, what, 0, _MOST)
 
 
-def _seconds(value: object, what: str) -> float:
-    return number(value, what, 0.0, 1e12)
-
-
 def _number(value: object, what: str) -> float:
     return number(value, what, -1e12, 1e12)
 
@@ -255,7 +252,7 @@ def _or_none(check: Check) -> Check:
 def _phases(value: object, what: str) -> dict[str, float]:
     found = entries(value, what)
     items(list(found), what, _MOST_PHASES)
-    return {_text(name, what): _seconds(seconds, what) for name, seconds in found.items()}
+    return {_text(name, what): _number(seconds, what) for name, seconds in found.items()}
 
 
 def _report(value: object, what: str) -> dict[str, Any]:
@@ -264,52 +261,30 @@ def _report(value: object, what: str) -> dict[str, Any]:
     return report
 
 
-_KINDS: Mapping[str, tuple[Callable[..., Event], Mapping[str, Check]]] = {
-    "stage": (Stage, {"name": _text, "done": _count, "total": _count}),
-    "started": (
-        Started,
-        {
-            "method": _text,
-            "steps": _or_none(_count),
-            "cameras": _count,
-            "frames": _count,
-            "gaussians": _count,
-            "device": _text,
-            "pixels": _count,
-            "images": _count,
-        },
-    ),
-    "progress": (
-        Progress,
-        {
-            "step": _count,
-            "steps": _count,
-            "seconds": _seconds,
-            "seconds_left": _seconds,
-            "loss": _number,
-            "gaussians": _count,
-            "num_dynamic": _count,
-        },
-    ),
-    "reduced": (Reduced, {"step": _count, "message": _text}),
-    "evaluated": (Evaluated, {"step": _count, "psnr": _number, "split": _text, "seconds": _seconds}),
-    "preview": (Preview, {"step": _count, "image": _image}),
-    "compression_preview": (CompressionPreview, {"path": _text, "image": _image}),
-    "warning": (WarningEvent, {"message": _text}),
-    "saved": (Saved, {"path": _text}),
-    "finished": (
-        Finished,
-        {
-            "path": _text,
-            "steps": _count,
-            "seconds": _seconds,
-            "psnr": _or_none(_number),
-            "gaussians": _count,
-            "capacity": _report,
-            "phases": _phases,
-        },
-    ),
-    "cancelled": (Cancelled, {"step": _count, "path": _or_none(_text)}),
+_CHECKS: Mapping[str, Check] = {
+    "str": _text,
+    "int": _count,
+    "float": _number,
+    "NDArray[np.uint8]": _image,
+    "JsonObject": _report,
+    "dict[str, float]": _phases,
+}
+"""By the type of a field, how it is read."""
+
+
+def _check_of(type_: str) -> Check:
+    plain = type_.removesuffix(" | None")
+    return _CHECKS[plain] if plain == type_ else _or_none(_CHECKS[plain])
+
+
+def _word(event: type[Event]) -> str:
+    """What stands for it in a line: ``CompressionPreview`` is "compression_preview"."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", event.__name__.removesuffix("Event")).lower()
+
+
+_KIND_OF: Mapping[type[Event], str] = {event: _word(event) for event in get_args(Event)}
+_KINDS: Mapping[str, tuple[type[Event], Mapping[str, Check]]] = {
+    word: (event, {field_.name: _check_of(str(field_.type)) for field_ in fields(event)})
+    for event, word in _KIND_OF.items()
 }
 """By the word in a line: the event, and how each of its fields is read."""
-_KIND_OF: Mapping[object, str] = {create: kind for kind, (create, _) in _KINDS.items()}

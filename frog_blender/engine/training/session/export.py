@@ -134,16 +134,6 @@ def fit_budget(session: Session) -> None:
         )
 
 
-def size_limit(session: Session) -> int:
-    """Bytes of the scene's file, at most, whatever the training still adds."""
-    scene = _scene(session)
-    rows = row_ranges(scene.arrays)
-    count = max(session.trainer.count, session.trainer.recipe.growth_limit_at(1.0))
-    of_each = sum(array.nbytes / max(len(array), 1) for name, array in scene.arrays.items() if name in rows)
-    rest = sum(array.nbytes for name, array in scene.arrays.items() if name not in rows)
-    return int(count * of_each) + rest + len(scene.header.to_json()) + _REPORT_BYTES
-
-
 def remove_non_finite(gaussians: GaussianState) -> None:
     """Removes Gaussians with non-finite parameters, unless there are no others."""
     canonical = gaussians.canonical

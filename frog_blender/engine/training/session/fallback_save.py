@@ -1,20 +1,13 @@
-"""Where a training's results go, and where else when the disk is full or fails: nothing that was learned is lost.
-
-Disk space is reserved for the scene from the first step on, so that whatever fills the disk meanwhile leaves it.
-"""
+"""Where a training's results go, and where else when the disk is full or fails: nothing that was learned is lost."""
 
 from __future__ import annotations
 
-import ctypes
 import errno
-import os
-import shutil
-import sys
 import tempfile
 from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import BinaryIO
 
 from ...errors import FrogError
 from ...frames.store import FrameStore
@@ -24,58 +17,6 @@ from . import events
 from .checkpoint import State, write_checkpoint
 from .events import Event
 from .output_paths import numbered_names
-
-_MAX_SHARE = 0.25  # of the free space: a nearly full disk is not filled by this
-
-
-def allocate(file: BinaryIO, size: int, system: str = sys.platform) -> None:
-    """Gives the file blocks of its own, which a hole would not have; OSError where the system cannot at once.
-
-    Not os.posix_fallocate: where the file system cannot, the C library writes into every block, for minutes.
-    """
-    if size <= 0:
-        return
-    if system != "linux":
-        raise OSError(errno.ENOTSUP, "no space can be reserved at once")
-    fallocate = ctypes.CDLL(None, use_errno=True).fallocate
-    fallocate.argtypes = [ctypes.c_int, ctypes.c_int, ctypes.c_int64, ctypes.c_int64]
-    if fallocate(file.fileno(), 0, 0, size):
-        raise OSError(ctypes.get_errno(), "no space can be reserved at once")
-
-
-class DiskReserve:
-    """An unnamed file beside ``output``, as large as its scene may become; it vanishes with the process.
-
-    Nothing is reserved where that would mean writing every byte: outside Linux, and on many network disks.
-
-    Args:
-        output: the scene.
-        size: bytes, at most a quarter of what the disk has.
-        allocate: gives a file so many bytes of the disk; OSError where it cannot at once.
-    """
-
-    def __init__(self, output: Path, size: int, allocate: Callable[[BinaryIO, int], None] = allocate) -> None:
-        self._file: BinaryIO | None = None
-        try:
-            size = min(size, int(_MAX_SHARE * shutil.disk_usage(output.parent).free))
-            self._file = tempfile.TemporaryFile(dir=output.parent, buffering=0)  # noqa: SIM115
-            allocate(self._file, size)
-        except OSError:  # a disk on which nothing can be reserved may have space at the end all the same
-            self.release()
-
-    @property
-    def size(self) -> int:
-        """Bytes of the disk that are reserved."""
-        return 512 * os.fstat(self._file.fileno()).st_blocks if self._file else 0
-
-    def release(self) -> bool:
-        """Frees the space; False where none is reserved any more."""
-        if self._file is None:
-            return False
-        self._file.close()
-        self._file = None
-        return True
-
 
 _SHORT_NAME = 60  # bytes of a fallback's name: the scene's own may be what the disk refuses
 
@@ -105,22 +46,19 @@ class Checkpoints:
                 self._warned = str(error)
                 yield events.WarningEvent(f"{error} Training continues without this checkpoint.")
 
-    def write_emergency(self, state: State, space: SpareSpace) -> None:
+    def write_emergency(self, state: State, store: FrameStore) -> None:
         """For a training that ends by an unexpected error: writes a state that is newer than the last checkpoint."""
         if self.is_older(state):
             with suppress(FrogError):
-                space.write(self.path, lambda: self._write(state))
+                _write_for_frames(store, self.path, lambda: self._write(state))
 
-    def save_late(self, state: State, space: SpareSpace | None) -> Iterator[Event]:
-        """Tries once more after the scene was saved, since the disk may have space now; ``space`` may be given up."""
+    def save_late(self, state: State, store: FrameStore | None) -> Iterator[Event]:
+        """Tries once more after the scene was saved, since the disk may have space now; the frames of ``store`` may be
+        given up."""
         if not self.is_older(state):
             return
         with suppress(FrogError):
-            how = ""
-            if space:
-                how = space.write(self.path, lambda: self._write(state))
-            else:
-                self._write(state)
+            how = _write_for_frames(store, self.path, lambda: self._write(state))
             yield events.WarningEvent(f"{self.path}: written at the end{how}.")
 
     def is_older(self, state: State) -> bool:
@@ -132,53 +70,28 @@ class Checkpoints:
         self.step = state[1]["step_count"]
 
 
-class SpareSpace:
-    """What can be given up for a scene when a disk is full: space that was reserved for it, then the decoded frames.
+def _write_for_frames(store: FrameStore | None, path: Path, work: Callable[[], None]) -> str:
+    """Does ``work``, which writes ``path``. Where its disk is full, the decoded frames on it are deleted: afterwards no
+    image can be read any more.
 
-    Args:
-        output: where the scene is to lie.
-        size: its bytes, at most.
-        store: the training's frames. Once they are given up no image can be read any more.
+    Returns:
+        What was given up, in words; empty where nothing was.
+
+    Raises:
+        FrogError: ``work``'s, where nothing can be given up.
     """
-
-    def __init__(self, output: Path, size: int, store: FrameStore) -> None:
-        self._output, self._store = output, store
-        self._reserve = DiskReserve(output, size)
-
-    def write(self, path: Path, work: Callable[[], None]) -> str:
-        """Does ``work``, which writes ``path``, and gives up as much as that takes.
-
-        Returns:
-            What was given up, in words; empty where nothing was.
-
-        Raises:
-            FrogError: ``work``'s, where nothing is left to give up.
-        """
-        how = ""
-        while True:
-            try:
-                work()
-                return how
-            except FrogError as error:
-                freed = self._free(path) if is_disk_full(error) else ""
-                if not freed:
-                    raise
-                how = freed
-
-    def release(self) -> None:
-        """Frees the reserved space, which is not needed any more."""
-        self._reserve.release()
-
-    def _free(self, path: Path) -> str:
-        """Gives up the next thing on ``path``'s disk and names it; "" where there is none."""
-        if _same_disk(path.parent, self._output.parent) and self._reserve.release():
-            return " in the space that was reserved for it"
-        if _same_disk(path.parent, self._store.folder) and (freed := self._store.give_up()):
-            return f" after {freed / 1e6:,.1f} MB of decoded frames were deleted to free space"
+    try:
+        work()
         return ""
+    except FrogError as error:
+        full = isinstance(error.__cause__, OSError) and error.__cause__.errno in (errno.ENOSPC, errno.EDQUOT)
+        if not (full and store and _same_disk(path.parent, store.folder) and (freed := store.give_up())):
+            raise
+    work()
+    return f" after {freed / 1e6:,.1f} MB of decoded frames were deleted to free space"
 
 
-def save_with_fallback(output: Path, content: bytes, space: SpareSpace) -> Generator[Event, None, Path]:
+def save_with_fallback(output: Path, content: bytes, store: FrameStore) -> Generator[Event, None, Path]:
     """Writes a scene where it is wanted, else into the first folder that accepts it; warns where that took something.
 
     Returns:
@@ -190,7 +103,7 @@ def save_with_fallback(output: Path, content: bytes, space: SpareSpace) -> Gener
     first: FrogError | None = None
     for place in [output, *_fallback_places(output)]:
         try:
-            how = space.write(place, lambda place=place: write_atomically(place, content))  # type: ignore[misc]
+            how = _write_for_frames(store, place, partial(write_atomically, place, content))
         except FrogError as error:
             first = first or error
             continue
@@ -201,11 +114,6 @@ def save_with_fallback(output: Path, content: bytes, space: SpareSpace) -> Gener
         return place
     assert first is not None
     raise first
-
-
-def is_disk_full(error: FrogError) -> bool:
-    """True where a file could not be written because its disk, or the user's quota on it, is full."""
-    return isinstance(error.__cause__, OSError) and error.__cause__.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 def _fallback_places(output: Path) -> Iterator[Path]:

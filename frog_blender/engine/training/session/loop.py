@@ -28,9 +28,8 @@ from .export import (
     build_scene,
     fit_budget,
     remove_non_finite,
-    size_limit,
 )
-from .fallback_save import Checkpoints, SpareSpace, save_with_fallback
+from .fallback_save import Checkpoints, save_with_fallback
 from .output_paths import beside, checkpoint_path
 from .pictures import Previews, Snapshots, draw_report_image, preview_shot
 from .recovery import Recovery
@@ -47,7 +46,6 @@ def train(session: Session) -> Iterator[Event]:
     trainer, output = session.trainer, session.output
     began = trainer.step_count
     checkpoints = Checkpoints(checkpoint_path(output), began)
-    space = SpareSpace(output, size_limit(session) if session.peers.rank == 0 else 0, trainer.store)
     recovery = Recovery(trainer, session.job.stored_settings())
     trainer.add_hook(recovery)
     try:
@@ -60,13 +58,13 @@ def train(session: Session) -> Iterator[Event]:
                 if trainer.step_count == began and not trainer.finished:  # there is nothing new to write
                     yield events.Cancelled(began, str(output) if output.is_file() and session.job.resume else None)
                     return
-                place, header = yield from _export(session, recovery, space)
+                place, header = yield from _export(session, recovery)
                 break
             except CompressionFailed as failed:
                 message = recovery.without_milestone(trainer, failed)
             except PeerLost as lost:
                 recovery.snapshot(trainer)  # no step was half done
-                checkpoints.write_emergency(recovery.last_state, space)
+                checkpoints.write_emergency(recovery.last_state, trainer.store)
                 raise PeerLost(_lost(lost, trainer.step_count, checkpoints)) from lost
             except (RuntimeError, MemoryError) as error:
                 if session.peers.size > 1:  # one process cannot go back alone
@@ -75,14 +73,13 @@ def train(session: Session) -> Iterator[Event]:
             except TrainingDiverged as error:  # of all processes at the same step
                 message = recovery.rollback(trainer, error)
             yield events.WarningEvent(message)
-        yield from checkpoints.save_late(recovery.last_state, None if trainer.finished else space)
+        yield from checkpoints.save_late(recovery.last_state, None if trainer.finished else trainer.store)
     except Exception as error:
-        checkpoints.write_emergency(recovery.last_state, space)
+        checkpoints.write_emergency(recovery.last_state, trainer.store)
         if isinstance(error, TrainingDiverged):  # after every rollback: what the user can mend
             raise FrogError(error) from error
         raise
     finally:
-        space.release()
         trainer.hooks.remove(recovery)
     path = str(place)
     yield events.Saved(path)
@@ -164,9 +161,7 @@ def _lost(lost: PeerLost, step: int, checkpoints: Checkpoints) -> str:
     return f"{str(lost).rstrip('.')}: stopped at step {step:,}; {kept if checkpoints.step else 'nothing was saved'}."
 
 
-def _export(
-    session: Session, recovery: Recovery, space: SpareSpace
-) -> Generator[Event, None, tuple[Path, SceneHeader]]:
+def _export(session: Session, recovery: Recovery) -> Generator[Event, None, tuple[Path, SceneHeader]]:
     """Writes the scene; returns where, and its header. Whatever optional part fails is left out with a warning."""
     trainer, job = session.trainer, session.job
     try:
@@ -189,7 +184,7 @@ def _export(
     built = build_scene(session, metrics)
     if built.warning:
         yield events.WarningEvent(built.warning)
-    place = yield from save_with_fallback(session.output, built.content, space)
+    place = yield from save_with_fallback(session.output, built.content, trainer.store)
     return place, built.scene.header
 
 

@@ -21,6 +21,7 @@ from ...errors import FrogError
 from ...io.atomic_files import LONGEST_NAME, beginning
 from ...io.cache_folder import default_cache_folder
 from ...io.paths import is_network_path
+from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
 
 
@@ -98,44 +99,41 @@ def trained_from(path: Path) -> str:
 
     Cheap enough for every redraw of a panel: a file is opened once, and its arrays are not read.
     """
+    header = _header_of(path)
     try:
-        status = path.stat()
-    except OSError:
+        return str(header["capture_path"] if "capture_path" in header else header["settings"]["capture"])
+    except (TypeError, KeyError):
         return ""
-    return _named_by(str(path), status.st_mtime_ns, status.st_size)
 
 
 def training_progress(scene: Path) -> tuple[float, int] | None:
     """How far the training of the checkpoint beside a scene came: the share of it, 0 to 1, and its steps; None where
     there is no checkpoint that can be read. As cheap as ``trained_from``.
     """
-    path = checkpoint_path(scene)
+    state = _header_of(checkpoint_path(scene))
+    try:
+        return float(state["progress"]), int(state["step_count"])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+
+
+def _header_of(path: Path) -> JsonObject:
+    """The plain values in a scene or a checkpoint; {} where there are none."""
     try:
         status = path.stat()
+        return _read_header(str(path), status.st_mtime_ns, status.st_size)
     except OSError:
-        return None
-    return _progress_in(str(path), status.st_mtime_ns, status.st_size)
+        return {}
 
 
 @lru_cache(maxsize=32)
-def _progress_in(path: str, _changed: int, _size: int) -> tuple[float, int] | None:
-    try:
-        _, metadata = read_tensors(path, "a checkpoint", wanted=lambda name: False)
-        state = json.loads(metadata["frog-checkpoint"])
-        return float(state["progress"]), int(state["step_count"])
-    except (FrogError, ValueError, TypeError, KeyError, OverflowError, RecursionError):
-        return None
-
-
-@lru_cache(maxsize=32)
-def _named_by(path: str, _changed: int, _size: int) -> str:
+def _read_header(path: str, _changed: int, _size: int) -> JsonObject:
     try:
         _, metadata = read_tensors(path, "a .frog scene or a checkpoint", wanted=lambda name: False)
-        if "frog" in metadata:
-            return str(json.loads(metadata["frog"])["capture_path"])
-        return str(json.loads(metadata["frog-checkpoint"])["settings"]["capture"])
-    except (FrogError, ValueError, TypeError, KeyError, RecursionError):
-        return ""
+        values = json.loads(metadata["frog" if "frog" in metadata else "frog-checkpoint"])
+        return values if isinstance(values, dict) else {}
+    except (FrogError, ValueError, KeyError, RecursionError):
+        return {}
 
 
 try:

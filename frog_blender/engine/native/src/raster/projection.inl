@@ -1,10 +1,7 @@
 // All Gaussians to the screen, and back.
 
-static int project(const FrameView &view, const FrogGaussians &g, int begin, int end) {
-  int num_invalid = 0;
-  for (int i = begin; i < end; ++i)
-    num_invalid += make_splat(g, view.camera, view.options, i, view.splats[i]) == SPLAT_INVALID;
-  return num_invalid;
+static void project(const FrameView &view, const FrogGaussians &g, int begin, int end) {
+  for (int i = begin; i < end; ++i) make_splat(g, view.camera, view.options, i, view.splats[i]);
 }
 
 static void project_backward(const FrameView &view, const FrogGaussians &g, const float *sums, const FrogGradients &out,

@@ -35,8 +35,9 @@ FROG_FUNCTION bool far_outside(const Projection &p, const FrogCamera &camera, co
          ((y < 0 || over_y > 0) && over_y * over_y > REACH * (square * row_y + options.low_pass));
 }
 
-FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCamera &camera, const FrogOptions &options,
-                                          int i, Projection &p) {
+// False where nothing is to be drawn: out of sight, or a number is not finite or out of range.
+FROG_FUNCTION bool project_gaussian(const FrogGaussians &g, const FrogCamera &camera, const FrogOptions &options, int i,
+                                    Projection &p) {
   const float *m = g.means + 3ll * i, *q = g.quaternions + 4ll * i, *s = g.scales + 3ll * i,
               *w = camera.world_to_camera;
   const float square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
@@ -45,8 +46,8 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
   const float z = static_cast<float>(p.local[2]);
   if (!(square > 1e-24f && square < 1e24f && finite(p.local[0]) && finite(p.local[1]) && finite(z) &&
         fabsf(s[0]) < 1e12f && fabsf(s[1]) < 1e12f && fabsf(s[2]) < 1e12f && finite(g.opacities[i])))
-    return SPLAT_INVALID;
-  if (!(z >= options.near_plane && g.opacities[i] > ALPHA_MIN)) return SPLAT_UNSEEN;
+    return false;
+  if (!(z >= options.near_plane && g.opacities[i] > ALPHA_MIN)) return false;
 
   // The linearisation is clamped a little outside the image, whose centre need not be the principal point.
   const float margin_x = 0.15f * camera.width, margin_y = 0.15f * camera.height;
@@ -60,7 +61,7 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
     p.jw[0][k] = jx * (w[k] - p.u * w[8 + k]);
     p.jw[1][k] = jy * (w[4 + k] - p.v * w[8 + k]);
   }
-  if (far_outside(p, camera, options, u, v, s)) return SPLAT_UNSEEN;
+  if (far_outside(p, camera, options, u, v, s)) return false;
   p.norm = sqrtf(square);
   for (int k = 0; k < 4; ++k) p.quaternion[k] = q[k] / p.norm;
   rotation_of(p.quaternion, p.rotation);
@@ -78,7 +79,7 @@ FROG_FUNCTION SplatState project_gaussian(const FrogGaussians &g, const FrogCame
   // |a|^2 |b|^2 - (a.b)^2 = |a x b|^2: no cancellation for needles.
   const float thin_determinant = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2];
   p.determinant = thin_determinant + low * (aa + bb) + low * low;
-  return p.determinant > 1e-12f && p.determinant < 1e30f ? SPLAT_DRAWN : SPLAT_INVALID;  // NaN fails both
+  return p.determinant > 1e-12f && p.determinant < 1e30f;  // NaN fails both
 }
 
 // Unit direction from the camera to the Gaussian, in the world; returns the distance.
@@ -103,15 +104,13 @@ FROG_FUNCTION void colour_of(const FrogGaussians &g, const float *direction, int
   }
 }
 
-// Fills the splat of Gaussian i. Anything but SPLAT_DRAWN leaves only its radius, at zero.
-FROG_FUNCTION SplatState make_splat(const FrogGaussians &g, const FrogCamera &camera, const FrogOptions &options, int i,
-                                    Splat &splat) {
+// Fills the splat of Gaussian i; of one that is not drawn only its radius, with zero.
+FROG_FUNCTION void make_splat(const FrogGaussians &g, const FrogCamera &camera, const FrogOptions &options, int i,
+                              Splat &splat) {
   splat.radius = 0;
   Projection p;
-  const SplatState state = project_gaussian(g, camera, options, i, p);
-  if (state != SPLAT_DRAWN) return state;
+  if (!project_gaussian(g, camera, options, i, p)) return;
   const float opacity = g.opacities[i] < 1.0f ? g.opacities[i] : 1.0f;
-  if (!(opacity > ALPHA_MIN)) return SPLAT_UNSEEN;
   // Rounded before the region is taken off: the same bits in every region.
   splat.x = static_cast<float>(camera.fx * p.local[0] / p.local[2] + camera.cx) - options.region[0];
   splat.y = static_cast<float>(camera.fy * p.local[1] / p.local[2] + camera.cy) - options.region[1];
@@ -119,17 +118,17 @@ FROG_FUNCTION SplatState make_splat(const FrogGaussians &g, const FrogCamera &ca
   const float reach = splat.log2_opacity - LOG2_ALPHA_MIN;  // what power may lose until alpha is ALPHA_MIN
   splat.extent_x = sqrtf(2 / LOG2E * reach * p.xx);
   splat.extent_y = sqrtf(2 / LOG2E * reach * p.yy);
-  if (!(finite(splat.x) && finite(splat.y) && finite(splat.extent_x) && finite(splat.extent_y))) return SPLAT_INVALID;
+  if (!(finite(splat.x) && finite(splat.y) && finite(splat.extent_x) && finite(splat.extent_y))) return;
   const float top = splat.y - splat.extent_y, bottom = splat.y + splat.extent_y;
   const float width = static_cast<float>(options.region[2]), height = static_cast<float>(options.region[3]);
   if (bottom < 0.5f || top > height - 0.5f || splat.x + splat.extent_x < 0.5f ||
       splat.x - splat.extent_x > width - 0.5f)
-    return SPLAT_UNSEEN;
+    return;
 
   float direction[3], basis[16], colour[3];
   view_direction(g, camera, i, direction);
   colour_of(g, direction, i, basis, colour);
-  if (!(finite(colour[0]) && finite(colour[1]) && finite(colour[2]))) return SPLAT_INVALID;
+  if (!(finite(colour[0]) && finite(colour[1]) && finite(colour[2]))) return;
   splat.red = colour[0] > 0 ? colour[0] : 0;
   splat.green = colour[1] > 0 ? colour[1] : 0;
   splat.blue = colour[2] > 0 ? colour[2] : 0;
@@ -143,7 +142,6 @@ FROG_FUNCTION SplatState make_splat(const FrogGaussians &g, const FrogCamera &ca
   splat.first_row = static_cast<short>(static_cast<int>(clamped(top - 1, 0, height - 1)) / TILE);
   splat.last_row = static_cast<short>(static_cast<int>(clamped(bottom, 0, height - 1)) / TILE);
   splat.radius = splat.extent_x > splat.extent_y ? splat.extent_x : splat.extent_y;
-  return SPLAT_DRAWN;
 }
 
 // First and last tile of tile row `row` that the ellipse {alpha >= ALPHA_MIN} reaches; last < first when none. Exact

@@ -77,5 +77,3 @@ enum SplatGradient {
   BY_BLUE,
   SPLAT_GRADIENTS
 };
-
-enum SplatState { SPLAT_DRAWN, SPLAT_UNSEEN, SPLAT_INVALID };

@@ -1,5 +1,5 @@
 // One block a tile, one thread a pixel: blends the tile's splats front to back.
-// Compiled for DEPTH, WEIGHTS and LIMIT = 0 or 1: median and mean depth, largest weights, a depth limit at each pixel.
+// Compiled for DEPTH and WEIGHTS = 0 or 1: median and mean depth, largest weights.
 #include "common.cuh"
 
 constexpr int BATCH = THREADS / QUARTERS;  // splats staged at once: every thread fetches 16 bytes
@@ -20,8 +20,6 @@ extern "C" __global__ void __launch_bounds__(THREADS)
   bool open = pixel.inside;
   float transmittance = 1, red = 0, green = 0, blue = 0, depth = 0, covered = 0;
   int median = -1, last = 0;  // last: splats gone through until the last that was blended
-  float limit = 0;
-  if (LIMIT && open) limit = options.depth_limit[to];
 
   float4 coming = fetch(splats, tile_splats, begin + slot, end, quarter);
   for (int start = begin; start < end; start += BATCH) {
@@ -36,7 +34,6 @@ extern "C" __global__ void __launch_bounds__(THREADS)
       for (unsigned left = __ballot_sync(FULL, near); left; left &= left - 1) {
         const int k = group + __ffs(left) - 1;
         const Staged &splat = staged[k];
-        if (LIMIT && !(splat.depth <= limit)) open = false;
         const Touch t = touch(splat, x, y);
         bool blended = open && t.touched;
         const float weight = transmittance * t.alpha, next = fmaf(-transmittance, t.alpha, transmittance);

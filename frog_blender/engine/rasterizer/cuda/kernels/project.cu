@@ -6,26 +6,24 @@
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     project(FrogGaussians g, FrogCamera camera, FrogOptions options, const float *pose, Splat *splats, float *depths,
-            int *tile_counts, float *radii, unsigned long long *num_invalid) {
+            int *tile_counts, float *radii) {
   const long long at = static_cast<long long>(blockIdx.x) * THREADS + threadIdx.x;
   if (at >= g.count) return;
   const int i = static_cast<int>(at);
   g.sh_count = SH_COUNT;  // a constant: loops unroll, the basis stays in registers
   take_pose(camera, pose);
   Splat splat;
-  const SplatState state = make_splat(g, camera, options, i, splat);
+  make_splat(g, camera, options, i, splat);
   int tiles = 0;
-  if (state == SPLAT_DRAWN) {
+  if (splat.radius > 0) {
     for (int row = splat.first_row; row <= splat.last_row; ++row) {
       int first, last;
       tile_span(splat, row, options.region[2], first, last);
       tiles += last - first + 1;
     }
     splats[i] = splat;
-  } else if (state == SPLAT_INVALID) {
-    atomicAdd(num_invalid, 1ull);
   }
   depths[i] = tiles ? splat.depth : 3.0e38f;  // what is not drawn sorts last
   tile_counts[i] = tiles;
-  radii[i] = state == SPLAT_DRAWN ? splat.radius : 0;
+  radii[i] = splat.radius;
 }
