@@ -88,12 +88,6 @@ def test_held_out_images_by_hand(capture: Capture, store: FrameStore) -> None:
     assert (report["steps"], report["train_seconds"]) == (77, 1.5)
 
 
-def test_the_true_image_scores_higher_than_the_wrong_ones(capture: Capture, store: FrameStore) -> None:
-    squares = errors(frozen_scene(), capture, store, 0)
-    scores = [decibels(square) for square in squares]
-    assert int(np.argmax(scores)) == MIDDLE and scores[MIDDLE] > 27
-
-
 def test_splits(capture: Capture, store: FrameStore) -> None:
     report = evaluate_images(frozen_scene(), capture, store, split="training")
     assert list(report["cameras"]) == ["cam01", "cam02", "cam03"] and report["frames"] == 18

@@ -161,41 +161,6 @@ def test_extreme_logits_and_scales_stay_finite() -> None:
         assert all(np.isfinite(gradient).all() for gradient in gradients.values())
 
 
-@pytest.mark.parametrize("head_width", [0, 5])
-def test_two_networks_of_which_one_gives_nothing_are_one(head_width: int) -> None:
-    """Each reads its own part of every array, and no other."""
-    both = model_of(replace(ODD, head_width=head_width, deformed_sh=4, **DUAL), 60)
-    width = head_width or ODD.hidden_width
-    for silent in range(2):
-        dual = copy.deepcopy(both)
-        dual.deformation.output_weight.data[:, silent * width : (silent + 1) * width] = 0
-        single = model_of(replace(ODD, head_width=head_width, deformed_sh=4), 60)
-        single.canonical = dual.canonical
-        for name, parameter in single.deformation.named_parameters():
-            parts = getattr(dual.deformation, name).data
-            if name != "output_bias":
-                parts = parts.chunk(2, dim=1 if name == "output_weight" else 0)[1 - silent]
-            parameter.data = parts.clone()
-        temporal = temporal_of(dual.settings)
-        outputs = []
-        for model, embedding in ((dual, temporal), (single, temporal[1 - silent : 2 - silent])):
-            shape = FieldShape(head_width, 16, 4, "off", 10.0, 1.0, 0.7, networks=model.deformation.networks)
-            outputs.append(deform_fused(model.canonical, model.deformation, embedding, shape)[1].detach())
-        torch.testing.assert_close(*outputs, atol=1e-6, rtol=1e-6)
-        assert outputs[0].abs().max() > 0.1
-
-
-def test_parameters_that_are_not_contiguous() -> None:
-    model = model_of(replace(ODD, **DUAL))
-    for name, parameter in [*model.canonical.named_parameters(), *model.deformation.named_parameters()]:
-        if name != "opacity_logits" and parameter.ndim > 1:
-            parameter.data = parameter.data.transpose(0, 1).contiguous().transpose(0, 1)
-            assert not parameter.is_contiguous() or 1 in parameter.shape
-        elif parameter.ndim == 1:
-            parameter.data = parameter.data.repeat_interleave(2)[::2]
-    assert_equal_to_plain(model)
-
-
 def test_the_model_takes_the_fused_way() -> None:
     """``Frog.deform`` in float32 on the CPU: the same bits as the fused operation, whose tensors cannot all be used."""
     model = model_of(SETTINGS)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 
@@ -87,23 +84,6 @@ def test_two_python_threads_at_once(crowd: GaussianArrays) -> None:
         assert len(found[which]) == 6
         for image in found[which]:
             assert_same_bits(image, expected[which])
-
-
-def test_beside_a_busy_machine(crowd: GaussianArrays) -> None:
-    """Workers that get no core come when the pieces have been taken, or when the next call has begun."""
-    expected = native_image(crowd, CAMERA)
-    burn = "import time; end = time.monotonic() + 60\nwhile time.monotonic() < end: pass"
-    cores, busy = min(os.cpu_count() or 1, 8), []
-    try:
-        busy += [subprocess.Popen([sys.executable, "-c", burn]) for _ in range(2 * cores)]
-        for threads in (2, 5, 12):
-            binding.set_thread_count(threads)
-            for _ in range(15):
-                assert_same_bits(native_image(crowd, CAMERA), expected)
-    finally:
-        for process in busy:
-            process.kill()
-            process.wait()
 
 
 def with_everything(gaussians: GaussianArrays) -> dict[str, np.ndarray]:

@@ -12,6 +12,7 @@ import pytest
 import torch
 from support import synthetic_capture as film
 from support.image_stores import ImageStore
+from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
@@ -20,6 +21,7 @@ from frog_blender.engine.recipes import Recipe, recipe
 from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.settings import CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.session.checkpoint import State, restore, state_of
 
 # Rates at which six hundred steps are enough to follow the ball (four hundred are not, with most seeds).
 LIVELY = {"steps_per_moment": 0, "network_rate": 1e-3, "embedding_rate": 3e-2, "mean_rate": 2e-4, "max_gaussians": 600}
@@ -81,13 +83,17 @@ def make_trainer(capture: Capture, store: FrameStore, lively: Callable[..., Reci
 @pytest.fixture(scope="session")
 def halfway(make_trainer: Callable[..., Trainer]) -> Callable[..., Trainer]:
     """``halfway(compression=None, **recipe changes)``: 90 of 120 steps with automatic capacity, before Gaussians are
-    pruned; all are dynamic."""
+    pruned; all are dynamic. The steps are taken once for the same changes."""
+    states: dict[str, State] = {}
 
     def make(compression: CompressionSettings | None = None, **changes: Any) -> Trainer:
         settings = replace(compression or CompressionSettings(), min_frozen=1.1)
         trainer = make_trainer(120, capacity="auto", compression=settings, **changes)
-        while trainer.step_count < 90:
-            trainer.step()
+        key = repr(sorted((name, value) for name, value in changes.items() if name != "dynamic_share"))
+        if key in states:
+            restore(trainer, states[key])
+        else:
+            states[key] = state_of(train(trainer, until=90))
         return trainer
 
     return make

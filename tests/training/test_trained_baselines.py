@@ -30,7 +30,9 @@ def static(make_trainer: Callable[..., Trainer]) -> Trainer:
     return train(make_trainer(STEPS, "static"))
 
 
-@pytest.mark.parametrize("method", BASELINES)
+@pytest.mark.parametrize(
+    "method", ["curves", *(pytest.param(method, marks=pytest.mark.slow) for method in ("d3dgs", "hexplane"))]
+)
 def test_what_moves_is_followed(
     make_trainer: Callable[..., Trainer], store: FrameStore, static: Trainer, method: str
 ) -> None:
@@ -50,17 +52,3 @@ def test_a_stopped_training_goes_on_to_the_same_bits(
     resumed = make_trainer(30, method)
     load_checkpoint(tmp_path / "x", resumed)
     assert bits(train(resumed)) == bits(whole)
-
-
-@pytest.mark.parametrize("method", BASELINES)
-def test_nothing_of_frogs_own_happens(make_trainer: Callable[..., Trainer], method: str) -> None:
-    trainer = make_trainer(5, method)
-    r = trainer.recipe
-    assert (r.sampling, r.opacity_reduction, r.smoothness_weight) == ("off", "off", 0.0)
-    assert trainer.model.canonical.embeddings.shape[1] == r.embedding_size == (15 if method == "curves" else 0)
-
-
-def test_a_run_can_ask_for_the_papers_rates(make_trainer: Callable[..., Trainer]) -> None:
-    trainer = make_trainer(5, "hexplane", grid_rate=1.6e-3, network_rate=1.6e-4)
-    rates = {group["name"]: group["lr"] for group in trainer.optimizer.adam.param_groups}
-    assert rates["grid"] == pytest.approx(1.6e-3) and rates["network"] == pytest.approx(1.6e-4)

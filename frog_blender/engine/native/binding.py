@@ -78,59 +78,35 @@ def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
         raise FrogError(
             f"{path}: found interface version {version}, expected {ABI_VERSION}; build it again with 'make'."
         )
-    loaded.frog_instruction_set.restype = c_char_p
-    loaded.frog_thread_count.restype = c_int32
-    loaded.frog_set_thread_count.argtypes = [c_int32]
-    loaded.frog_set_thread_count.restype = None
-    loaded.frog_draw.argtypes = [
-        POINTER(structs.Gaussians),
-        POINTER(structs.Camera),
-        POINTER(structs.Options),
-        POINTER(structs.Image),
-        c_int32,
-    ]
-    loaded.frog_draw.restype = c_void_p
-    loaded.frog_backward.argtypes = [
-        c_void_p,
-        POINTER(structs.Gaussians),
-        POINTER(structs.ImageGradient),
-        POINTER(structs.Gradients),
-    ]
-    loaded.frog_backward.restype = c_int32
-    loaded.frog_count_instances.argtypes = [c_void_p]
-    loaded.frog_count_instances.restype = c_int64
-    loaded.frog_count_work.argtypes = [c_void_p, POINTER(c_int64 * 3)]
-    loaded.frog_count_work.restype = c_int32
-    loaded.frog_free.argtypes = [c_void_p]
-    loaded.frog_free.restype = None
-    loaded.frog_ssim.argtypes = [c_int32, c_int32, *[c_void_p] * 4]
-    loaded.frog_ssim.restype = c_int32
-    loaded.frog_mesh_depth.argtypes = [
-        *(c_void_p, c_int32, c_void_p, c_int32),
-        *(POINTER(structs.Camera), POINTER(c_int32 * 4), c_float, c_void_p),
-    ]
-    loaded.frog_mesh_depth.restype = c_int32
-    loaded.frog_depth_order.argtypes = [c_void_p, c_int32, POINTER(c_float * 4), c_float, c_void_p, POINTER(c_int32)]
-    loaded.frog_depth_order.restype = c_int32
-    loaded.frog_deform.argtypes = [POINTER(structs.Field), POINTER(structs.Deformed)]
-    loaded.frog_deform.restype = c_int32
-    loaded.frog_deform_backward.argtypes = [
-        POINTER(structs.Field),
-        POINTER(structs.Deformed),
-        POINTER(structs.FieldGradients),
-    ]
-    loaded.frog_deform_backward.restype = c_int32
-    loaded.frog_l1_loss.argtypes = [POINTER(structs.L1Loss), POINTER(c_float)]
-    loaded.frog_l1_loss.restype = c_int32
-    loaded.frog_adam.argtypes = [POINTER(structs.Adam), c_int32]
-    loaded.frog_adam.restype = c_int32
-    pixels = POINTER(structs.Pixels)
-    loaded.frog_predict.argtypes = [pixels, c_int32, c_void_p]
-    loaded.frog_restore.argtypes = [c_void_p, c_int32, pixels]
-    loaded.frog_predict_details.argtypes = [pixels, pixels, c_int32, c_void_p]
-    loaded.frog_restore_details.argtypes = [c_void_p, pixels, c_int32, pixels]
-    for name in ("predict", "restore", "predict_details", "restore_details"):
-        getattr(loaded, f"frog_{name}").restype = c_int32
+    camera, pixels, floats = POINTER(structs.Camera), POINTER(structs.Pixels), POINTER(c_float)
+    gaussians, field, deformed = (POINTER(kind) for kind in (structs.Gaussians, structs.Field, structs.Deformed))
+    signatures: dict[str, tuple[object, ...]] = {  # what comes back, and the arguments
+        "instruction_set": (c_char_p,),
+        "thread_count": (c_int32,),
+        "set_thread_count": (None, c_int32),
+        "draw": (c_void_p, gaussians, camera, POINTER(structs.Options), POINTER(structs.Image), c_int32),
+        "backward": (c_int32, c_void_p, gaussians, POINTER(structs.ImageGradient), POINTER(structs.Gradients)),
+        "count_instances": (c_int64, c_void_p),
+        "count_work": (c_int32, c_void_p, POINTER(c_int64 * 3)),
+        "free": (None, c_void_p),
+        "ssim": (c_int32, c_int32, c_int32, *[c_void_p] * 4),
+        "mesh_depth": (
+            *(c_int32, c_void_p, c_int32, c_void_p, c_int32),
+            *(camera, POINTER(c_int32 * 4), c_float, c_void_p),
+        ),
+        "depth_order": (c_int32, c_void_p, c_int32, POINTER(c_float * 4), c_float, c_void_p, POINTER(c_int32)),
+        "deform": (c_int32, field, deformed),
+        "deform_backward": (c_int32, field, deformed, POINTER(structs.FieldGradients)),
+        "l1_loss": (c_int32, POINTER(structs.L1Loss), floats),
+        "adam": (c_int32, POINTER(structs.Adam), c_int32),
+        "predict": (c_int32, pixels, c_int32, c_void_p),
+        "restore": (c_int32, c_void_p, c_int32, pixels),
+        "predict_details": (c_int32, pixels, pixels, c_int32, c_void_p),
+        "restore_details": (c_int32, c_void_p, pixels, c_int32, pixels),
+    }
+    for name, (result, *arguments) in signatures.items():
+        function = getattr(loaded, f"frog_{name}")
+        function.restype, function.argtypes = result, arguments
     return loaded
 
 

@@ -21,7 +21,7 @@ class RasterizeOptions:
     """What to draw besides RGB and alpha, and how.
 
     Attributes:
-        depth: also median depth, median z and mean depth.
+        depth: also median and mean depth.
         weights: also each Gaussian's largest blending weight.
         low_pass: variance in pixels squared added to every screen covariance (3DGS: 0.3).
         near_plane: planar depth below which a Gaussian is culled, world units.

@@ -154,21 +154,6 @@ def test_structs_and_constants_are_those_of_the_kernels(built_emulator: Emulator
     assert constants == [launch.THREADS, binning.TILE, 4 * structs.SPLAT_FLOATS, module.MOMENTS]
 
 
-BROKEN = {
-    "a barrier that not all threads reach": ("if (threadIdx.x < 5) __syncthreads(); out[threadIdx.x] = 1;", "barrier"),
-    "a warp operation that not all lanes reach": (
-        "out[threadIdx.x] = threadIdx.x % 32 < 5 ? __shfl_xor_sync(0xffffffffu, 1.0f, 1) : 0;",
-        "warp operation",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", BROKEN)
-def test_the_emulator_refuses(name: str, built_emulator: Emulator, tmp_path: Path) -> None:
-    code, problem = BROKEN[name]
-    assert problem in (run_kernel(code, tmp_path, 256, turned=False)[0] or "")
-
-
 def test_the_emulator_shows_missing_barriers_and_empty_shared_memory(built_emulator: Emulator, tmp_path: Path) -> None:
     code = "__shared__ float s[256]; s[threadIdx.x] = threadIdx.x; {} out[threadIdx.x] = s[255 - threadIdx.x];"
     for barrier, sound in (("__syncthreads();", True), ("", False)):

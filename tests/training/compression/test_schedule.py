@@ -101,7 +101,6 @@ def test_motion_is_learned_to_the_end_unless_some_are_static_already(
     log = compression(trainer).record.log
     frozen = [each for each in log if each.what == "put to rest" and each.progress > 0.2]
     assert [each.progress for each in frozen] == [at] and frozen[0].after < frozen[0].before
-    assert all(each.progress == 1.0 for each in log if each.what.startswith("net"))
 
 
 def test_measuring_leaves_no_gradient_behind(make_trainer: Make) -> None:
@@ -216,13 +215,6 @@ def test_those_are_frozen_first_that_images_miss_least(
     moving = trainer.model.canonical.num_dynamic
     assert moving == int(0.1 * count)
     torch.testing.assert_close(trainer.model.canonical.means.detach()[:moving], kept)
-
-
-def test_a_share_of_those_that_move_may_be_forced(halfway: Make) -> None:
-    trainer = halfway(dynamic_share=0.1)
-    found = measured(trainer)
-    freeze(compression(trainer), replace(found.motion, score=found.motion.score + 50.0), found.state)
-    assert trainer.model.canonical.num_dynamic == int(0.1 * trainer.count)
 
 
 def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> None:

@@ -83,15 +83,6 @@ def test_the_same_bits_on_any_number_of_threads() -> None:
         assert all(torch.equal(one, other) for one, other in zip(result, results[0], strict=True))
 
 
-def test_a_gradient_in_another_order_of_memory() -> None:
-    values, gradient = torch.zeros(4, 3), torch.arange(12.0).reshape(3, 4)
-    one, other = torch.nn.Parameter(values.clone()), torch.nn.Parameter(values.clone())
-    one.grad, other.grad = gradient.T, gradient.T.contiguous()
-    for parameter in (one, other):
-        NativeAdam([{"params": [parameter]}], lr=0.1).step()
-    assert torch.equal(one, other) and float(one.detach().abs().max()) > 0.09
-
-
 @pytest.mark.parametrize(
     "values",
     [

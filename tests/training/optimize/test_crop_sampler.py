@@ -131,28 +131,6 @@ def cropping(trainer: Trainer) -> Trainer:
     return trainer
 
 
-class Watched(CropSampler):
-    """Remembers what it picked."""
-
-    picked: list[Region | None]
-
-    def pick(self, camera: int, generator: torch.Generator) -> Region | None:
-        self.picked.append(super().pick(camera, generator))
-        return self.picked[-1]
-
-
-def test_training_on_rectangles_learns(make_trainer: Make) -> None:
-    trainer = make_trainer(300, region_share=0.8, region_size=0.4)
-    trainer.crops = crops = Watched(trainer.capture.cameras, 0.8, 0.4, least=16)
-    crops.picked = regions = []
-    before = trainer.evaluate(6)[0]
-    train(trainer)
-    assert trainer.evaluate(6)[0] > before + 5
-    rectangles = [region for region in regions if region is not None]
-    assert 0.65 < len(rectangles) / len(regions) < 0.9
-    assert all(region[2] <= 32 and region[3] <= 32 for region in rectangles) and len(set(rectangles)) > 3
-
-
 CROPPED = {"region_share": 0.7, "region_size": 0.4, "dssim_period": 25, "dssim_burst": 6}
 
 

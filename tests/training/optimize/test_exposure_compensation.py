@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,9 +16,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
-from frog_blender.engine.recipes import Recipe, recipe
 from frog_blender.engine.training.optimize import camera_refinement
-from frog_blender.engine.training.optimize.camera_refinement import ExposureCompensation
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import restore, state_of
 
@@ -73,14 +70,6 @@ def test_what_matches_say_is_there_before_the_first_step(
     np.testing.assert_allclose(found["cam02"], said[2])
     np.testing.assert_allclose(found["cam03"], (4.0, 1.0, 1.0))
     assert set(found_by(make_trainer(20, exposure_from=1.0)).values()) == {NEUTRAL}
-
-
-def test_whose_exposure_is_found(capture: Capture) -> None:
-    """A rig's; not a single moving camera's, and not by the papers' recipes."""
-    assert ExposureCompensation.applies_to(capture, Recipe())
-    assert not ExposureCompensation.applies_to(capture, recipe("paper"))
-    one_a_frame = [shot for shot in capture.shots if shot.camera == shot.frame % len(capture.cameras)][:3]
-    assert not ExposureCompensation.applies_to(replace(capture, shots=tuple(one_a_frame)), Recipe())
 
 
 def test_a_resume_has_the_same_exposures(make_trainer: Callable[..., Trainer], exposed: Exposed) -> None:

@@ -9,7 +9,7 @@ import torch
 from support.builders import steps_between
 from support.training_steps import train
 
-from frog_blender.engine.training.optimize.gaussian_state import freeze_motion, sort_by_morton_code
+from frog_blender.engine.training.optimize.gaussian_state import freeze_motion
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("quick_seeds")
@@ -44,34 +44,6 @@ def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make)
     assert trainer.smoothness.graph is None or int(trainer.smoothness.graph.neighbours.max()) < canonical.num_dynamic
     train(trainer)
     assert torch.isfinite(trainer.model.canonical.means).all()
-
-
-def test_neighbours_come_together_and_everything_follows(make_trainer: Make) -> None:
-    trainer = train(make_trainer(100), until=50)
-    freeze_motion(trainer.gaussians, torch.arange(20, 90), rest_of(trainer, torch.arange(20, 90)))
-    canonical, adam = trainer.model.canonical, trainer.optimizer.adam
-    shuffled = torch.randperm(canonical.num_dynamic, generator=torch.Generator().manual_seed(1))
-    still = torch.arange(canonical.num_dynamic, trainer.count)
-    trainer.gaussians.reindex(torch.cat([shuffled, still]), len(shuffled))
-    assert trainer.smoothness.graph is not None
-    trainer.density.peak_weight = torch.arange(float(trainer.count))
-    before, moving, neighbourhood = canonical.means.detach().clone(), canonical.num_dynamic, trainer.smoothness.graph
-    memory, embeddings = adam.state[canonical.embeddings]["exp_avg"].clone(), canonical.embeddings.detach().clone()
-    drawn = trainer.deform(0.3, 1.0)[0]
-
-    sort_by_morton_code(trainer.gaussians)
-    who = trainer.density.peak_weight.long()
-    assert canonical.num_dynamic == moving and sorted(who.tolist()) == list(range(trainer.count))
-    assert (who[:moving] < moving).all() and (who[moving:] >= moving).all()
-    assert steps_between(canonical.means[:moving].detach().numpy()) < 0.5 * steps_between(before[:moving].numpy())
-    torch.testing.assert_close(canonical.means.detach(), before[who])
-    torch.testing.assert_close(canonical.embeddings.detach(), embeddings[who[:moving]])
-    torch.testing.assert_close(adam.state[canonical.embeddings]["exp_avg"], memory[who[:moving]])
-    for name, values in vars(trainer.deform(0.3, 1.0)[0]).items():
-        torch.testing.assert_close(values, getattr(drawn, name)[who], rtol=1e-5, atol=1e-6)
-    torch.testing.assert_close(who[trainer.smoothness.graph.anchors], neighbourhood.anchors)
-    torch.testing.assert_close(who[trainer.smoothness.graph.neighbours], neighbourhood.neighbours)
-    torch.testing.assert_close(trainer.smoothness.graph.weights, neighbourhood.weights)
 
 
 @pytest.mark.parametrize("capacity", ["fixed", "auto"])

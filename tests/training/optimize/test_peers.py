@@ -13,7 +13,7 @@ from support import shared_training
 
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.optimize.view_pass import ALONE, agreed, shared
-from frog_blender.engine.training.session import events
+from frog_blender.engine.training.session import events, loop
 from frog_blender.engine.training.session.run import run_training
 
 
@@ -68,31 +68,28 @@ def test_all_have_what_the_first_one_has() -> None:
     assert shared(ALONE, b"") == b""
 
 
-@pytest.mark.parametrize("wanders_at", [None, 37], ids=["alike", "rounded differently"])
-def test_peers_train_what_one_does(filmed: Path, own_cache: Path, tmp_path: Path, wanders_at: int | None) -> None:
-    """Where what one of them has learned is not what the first one has, it takes over that of the first."""
+def test_a_peer_that_has_learned_something_else_takes_over_what_the_first_has(
+    filmed: Path, own_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Processors may round differently."""
     trainers: dict[int, Trainer] = {}
+    monkeypatch.setattr(loop, "_COMPARED_EVERY", 30)
 
-    def train(peer: Any, views: int = 1) -> events.Event | None:
+    def train(peer: Any) -> events.Event | None:
         def make(*arguments: Any, **named: Any) -> Trainer:
-            trainers[peer.rank if peer.size > 1 else -1] = trainer = Trainer(*arguments, **named)
+            trainers[peer.rank] = trainer = Trainer(*arguments, **named)
             return trainer
 
-        job = shared_training.job(filmed, tmp_path / f"{peer.size}.frog", 130, views=views)
+        job = shared_training.job(filmed, tmp_path / "x.frog", 50)
         last: events.Event | None = None
         for event in run_training(job, trainer_type=make, peers=peer):
             last = event
-            if peer.rank == 1 and trainers[1].step_count == wanders_at:
+            if peer.rank == 1 and trainers[1].step_count == 17:
                 trainers[1].model.canonical.means.data += 1e-3
         return last
 
     first, _ = together(train)
     assert isinstance(first, events.Finished)
-    assert isinstance(train(ALONE, views=2), events.Finished)
-    states = {rank: trainer.state()[0] for rank, trainer in trainers.items()}
-    for name, expected in states[0].items():
-        assert torch.equal(states[1][name], expected), name
-    if wanders_at is None:
-        assert all(torch.equal(states[-1][name], expected) for name, expected in states[0].items())
-    else:
-        assert not torch.equal(states[-1]["model.canonical.means"], states[0]["model.canonical.means"])
+    others = trainers[1].state()[0]
+    for name, expected in trainers[0].state()[0].items():
+        assert torch.equal(others[name], expected), name

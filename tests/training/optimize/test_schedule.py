@@ -81,19 +81,6 @@ def test_another_camera_at_the_same_frame() -> None:
     assert found == {capture.shot_index(camera, 3) for camera in (1, 2, 3)}
 
 
-@pytest.mark.parametrize("name", RECIPES)
-def test_every_schedule_of_a_recipe_is_a_fraction(name: str) -> None:
-    r = RECIPES[name]
-    assert r.name == name
-    for start, until, every in (
-        (r.densify_from, r.densify_until, r.densify_every),
-        (r.sampling_from, r.sampling_until, r.sampling_every),
-    ):
-        assert 0 <= start < until <= 1 and 0 < every < until - start
-    assert all(0 <= value <= 1 for value in (*r.sh_growth, *r.opacity_ramp, r.fine_rows_until, r.warm_up, r.dssim_from))
-    assert len(r.sh_growth) >= r.sh_degree
-
-
 def test_a_scene_of_few_seeds_can_grow() -> None:
     """A share of a hundred would be nobody in a round of anchors, and no forest from a few in a density round."""
     standard = RECIPES["standard"]

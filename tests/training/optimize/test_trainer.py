@@ -19,7 +19,6 @@ from frog_blender.engine.model.interface import ScheduleState
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training.optimize import losses, neighbours
 from frog_blender.engine.training.optimize.densification import DensificationStrategy
-from frog_blender.engine.training.optimize.running_loss import TrainingDiverged
 from frog_blender.engine.training.optimize.trainer import Limits, Trainer
 
 STEPS = 600
@@ -244,35 +243,14 @@ def test_what_the_recipe_switches_off_does_not_happen(
     train(make_trainer(60, trainer_type=Without, **switched_off))
 
 
-def test_the_limit_of_gaussians_holds(make_trainer: Callable[..., Trainer]) -> None:
-    trainer = make_trainer(100, max_gaussians=310, densify_threshold=1e-6, sampling_share=0.5)
-    while not trainer.finished:
-        trainer.step()
-        assert trainer.count <= 310
-    assert trainer.count > 300
-
-
 def test_seconds_limit_a_training(capture: Capture, store: FrameStore, lively: Any) -> None:
     trainer = Trainer(capture, store, film.seeds(), lively(10**6), "frog", Limits(seconds=0.3), seed=0)
     train(trainer)
     assert trainer.finished and 0.3 <= trainer.seconds < 5 and 1 < trainer.step_count < 10**5
 
 
-@pytest.mark.parametrize("count", [1, 2, 5])
+@pytest.mark.parametrize("count", [1, 5])
 def test_few_seeds_are_enough(capture: Capture, store: FrameStore, lively: Any, count: int) -> None:
     trainer = Trainer(capture, store, film.seeds(count), lively(60), "frog", Limits(60), seed=0)
     train(trainer)
     assert np.isfinite(trainer.loss) and trainer.count >= 1
-
-
-class Unstable(Trainer):
-    def draw(self, shot_index: int, progress: float, options: RasterizeOptions, *more: Any) -> Any:
-        truth, drawn = super().draw(shot_index, progress, options, *more)
-        drawn.image.rgb = drawn.image.rgb * float("nan")
-        return truth, drawn
-
-
-def test_a_loss_that_is_not_a_number_stops_the_training(make_trainer: Callable[..., Trainer]) -> None:
-    trainer = make_trainer(20, trainer_type=Unstable)
-    with pytest.raises(TrainingDiverged, match="unstable at step 0"):
-        trainer.step()

@@ -23,7 +23,7 @@ from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.session import Session
 
-STEPS = 40
+STEPS = 20
 MORE_THAN_ONCE = ("evaluate", "freeze_motion", "mean_dynamic_state")
 ERRORS = [
     RuntimeError("torch does not like this"),
@@ -84,7 +84,7 @@ def test_a_pass_that_fails_costs_no_scene(
     said = [event.message for event in stream if isinstance(event, events.WarningEvent)]
     assert isinstance(stream[-1], events.Finished) and plays(task).header.steps == STEPS
     assert len(said) == 1 and said[0].endswith(".") and "\n" not in said[0]
-    assert [event.step for event in stream if isinstance(event, events.Evaluated)][-1:] in ([STEPS], [36])
+    assert [event.step for event in stream if isinstance(event, events.Evaluated)][-1:] in ([STEPS], [18])
 
 
 def test_what_a_failed_milestone_did_is_undone(task: TrainingJob, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import synthetic_capture as film
+from support.builders import scene_file
 
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.recipes import Recipe
@@ -45,31 +47,20 @@ def test_work_rests_until_it_has_taken_its_share_of_either_clock() -> None:
     assert rest.is_over
 
 
-def test_there_is_room_for_one_and_it_is_the_newest(small_player: ScenePlayer) -> None:
-    live = LiveScene()
+def test_there_is_room_for_one_and_it_is_the_newest() -> None:
+    live, (one, other) = LiveScene(), (ScenePlayer(scene_file(50, seed=3, sh_count=4)) for _ in range(2))
     assert live.is_due and live.take() is None
-    live.offer(small_player)
+    live.offer(one)
     assert not live.is_due, "the last one was not taken"
-    other = ScenePlayer(small_player_file())
     live.offer(other)
     assert live.take() is other and live.take() is None and live.is_due
     live.is_wanted = False
     assert not live.is_due
 
 
-def small_player_file():  # type: ignore[no-untyped-def]
-    from support.builders import scene_file
-
-    return scene_file(50, seed=3, sh_count=4, moving=20)
-
-
-@pytest.fixture
-def small_player() -> ScenePlayer:
-    return ScenePlayer(small_player_file())
-
-
 def job(filmed: Path, tmp_path: Path, recipe: Recipe, live: LiveScene) -> TrainingJob:
-    return TrainingJob(filmed, tmp_path / "x.frog", recipe=recipe, steps=12, device="cpu", live=live)
+    given = {"recipe": recipe, "steps": 12, "seeds": film.seeds(), "device": "cpu"}
+    return TrainingJob(filmed, tmp_path / "x.frog", live=live, **given)
 
 
 @pytest.fixture

@@ -70,15 +70,15 @@ def checkpoint(output: Path) -> tuple[dict[str, np.ndarray], dict[str, object]]:
 
 def test_two_processes_train_what_one_does_with_two_views_a_step(start: Start, filmed: Path, tmp_path: Path) -> None:
     """To the bit, after density control, new anchors, pruning, moved cameras and compression."""
-    processes = start_two(start, filmed, tmp_path / "two.frog", 200)
-    *before, last = run_training(shared_training.job(filmed, tmp_path / "one.frog", 200, views=2))
+    processes = start_two(start, filmed, tmp_path / "two.frog", 80)
+    *before, last = run_training(shared_training.job(filmed, tmp_path / "one.frog", 80, views=2))
     ends = [process.communicate(timeout=300) for process in processes]
     assert [process.returncode for process in processes] == [0, 0], ends
     assert "Finished" in ends[0][0] and not ends[1][0]
     assert isinstance(last, events.Finished) and any(isinstance(event, events.Reduced) for event in before)
     (two, _), (one, values) = checkpoint(tmp_path / "two.frog"), checkpoint(tmp_path / "one.frog")
     began = next(event for event in before if isinstance(event, events.Started))
-    assert values["step_count"] == 200 and len(one["model.canonical.means"]) != began.gaussians
+    assert values["step_count"] == 80 and len(one["model.canonical.means"]) != began.gaussians
     assert two.keys() == one.keys()
     for name, expected in one.items():
         assert np.array_equal(two[name], expected), name
@@ -98,14 +98,14 @@ def test_a_lost_process_ends_the_training_and_one_process_goes_on(
 ) -> None:
     output = tmp_path / "scene.frog"
     processes = start_two(start, filmed, output, 1000)
-    wait_for(processes[0], 200)
+    wait_for(processes[0], 40)
     processes[lost].send_signal(getattr(signal, how))
     _, said = processes[1 - lost].communicate(timeout=300)
     assert processes[1 - lost].returncode == 1
     sentence = said.strip().splitlines()[-1]
     assert "--resume" in sentence and str(checkpoint_path(output)) in sentence
     reached = checkpoint(output)[1]["step_count"]
-    assert isinstance(reached, int) and reached >= 200
+    assert isinstance(reached, int) and reached >= 40
     *_, last = run_training(shared_training.job(filmed, output, reached + 10, resume=True))
     assert isinstance(last, events.Finished) and last.steps == reached + 10
     recipe = checkpoint(output)[1]["recipe"]

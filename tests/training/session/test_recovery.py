@@ -145,13 +145,6 @@ def test_a_cancelled_training_goes_back_too(task: TrainingJob, trainer_type: typ
     assert list(run_training(replace(task, resume=True)))[-1].steps == 60
 
 
-def test_a_state_that_is_not_finite_is_never_what_is_gone_back_to(make_trainer: Make) -> None:
-    trainer = make_trainer(60)
-    trainer.model.canonical.sh.data[0, 0, 0] = float("inf")
-    with pytest.raises(TrainingDiverged, match="sh is not finite"):
-        Recovery(trainer)
-
-
 def test_what_a_bad_image_said_of_its_regions_is_forgotten(make_trainer: Make) -> None:
     trainer = make_trainer(60)
     train(trainer, until=12)

@@ -11,10 +11,9 @@ from pathlib import Path
 import pytest
 from support import synthetic_capture as film
 
-from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.training.session import events
-from frog_blender.engine.training.session.job import TrainingJob, usual_scale
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 from frog_blender.engine.training.session.time_estimate import (
     TimeLeft,
@@ -52,13 +51,6 @@ def test_more_work_takes_longer() -> None:
     draft, paper = recipe("draft"), recipe("paper")
     assert replace(WORK, recipe=draft, steps=draft.steps).seconds < WORK.seconds / 2
     assert replace(WORK, recipe=paper, steps=paper.steps).seconds > 20 * WORK.seconds
-
-
-def test_a_workload_of_a_capture(capture: Capture) -> None:
-    work = Workload.of(capture, recipe("draft"), scale=0.5)
-    assert work == Workload(recipe("draft"), recipe("draft").steps_for(6), 24 * 18, 24)
-    assert Workload.of(capture, recipe("draft"), 77).steps == 77
-    assert usual_scale([camera.resized(3200, 2400) for camera in capture.cameras]) == 0.5
 
 
 def test_estimates_are_guesses_first_and_learn_from_every_training(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,13 +93,6 @@ def test_damaged_memories_are_left_out(memories: Path, content: str) -> None:
     (path,) = memories.glob("*.json")
     path.write_bytes(content.encode("latin-1"))
     assert history("cpu") == guess
-
-
-def test_a_disk_that_takes_nothing_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "file").write_text("no folder")
-    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "file"))
-    finish(4.0)
-    assert history("cpu")[0] == 0
 
 
 def test_a_part_of_a_training_teaches_nothing(filmed: Path, tmp_path: Path, lively: Callable, memories: Path) -> None:

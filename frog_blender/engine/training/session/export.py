@@ -78,15 +78,10 @@ def build_scene(session: Session, metrics: Metrics) -> BuiltScene:
         return replace(_plain(session, finite), warning=warning)
 
 
-def scene_as_it_stands(session: Session) -> SceneFile:
-    """The scene as training stands, without a report. On the CPU its arrays are the training's own: see ``_arrays``."""
-    return _scene(session, report=False)
-
-
 def check_readable(session: Session) -> None:
     """FrogError, before a training begins, for a capture whose scene could be written but not opened again."""
     try:
-        SceneHeader.from_json(_scene(session).header.to_json())
+        SceneHeader.from_json(scene_as_it_stands(session).header.to_json())
     except ValueError as error:
         raise FrogError(f"{session.job.capture}: no scene of this capture could be opened: found {error}.") from error
 
@@ -103,7 +98,7 @@ def check_budget(session: Session) -> str | None:
     budget = session.job.max_bytes
     if not budget:
         return None
-    scene, draw = _scene(session), np.random.default_rng(0)
+    scene, draw = scene_as_it_stands(session), np.random.default_rng(0)
     rows = row_ranges(scene.arrays)
     one = {name: array[:1] if name in rows else array for name, array in scene.arrays.items()}
     least = _packed_size(SceneFile(scene.header, one))
@@ -130,7 +125,9 @@ def fit_budget(session: Session) -> None:
     if budget and trainer.finished:
         visible = compression.settings.max_visible
         fit_within(
-            compression, lambda: _packed_size(reorder_for_playback(_scene(session), max_visible=visible)), budget
+            compression,
+            lambda: _packed_size(reorder_for_playback(scene_as_it_stands(session), max_visible=visible)),
+            budget,
         )
 
 
@@ -153,17 +150,15 @@ def _packed_size(scene: SceneFile) -> int:
 
 
 def _plain(session: Session, metrics: Metrics) -> BuiltScene:
-    try:
-        scene = _scene(session, metrics)
-        return BuiltScene(scene, scene_bytes(scene))
-    except Exception as error:  # metrics that no header can hold, a report that cannot be made
-        scene = _scene(session, report=False)
-        return BuiltScene(scene, scene_bytes(scene), f"The scene's file has no report ({reason(error)}).")
+    scene = scene_as_it_stands(session, metrics)
+    return BuiltScene(scene, scene_bytes(scene))
 
 
 def _compact(session: Session, compression: CompressionContext, metrics: Metrics) -> BuiltScene:
     trainer, budget = session.trainer, session.job.max_bytes
-    scene = reorder_for_playback(_scene(session, metrics), trainer.finished, compression.settings.max_visible)
+    scene = reorder_for_playback(
+        scene_as_it_stands(session, metrics), trainer.finished, compression.settings.max_visible
+    )
     content = scene_bytes(scene, compact=True)
     if not trainer.finished:
         return BuiltScene(scene, content)
@@ -175,7 +170,8 @@ def _compact(session: Session, compression: CompressionContext, metrics: Metrics
     return BuiltScene(scene, scene_bytes(scene, compact=compact))
 
 
-def _scene(session: Session, metrics: Metrics | None = None, *, report: bool = True) -> SceneFile:
+def scene_as_it_stands(session: Session, metrics: Metrics | None = None) -> SceneFile:
+    """The scene as training stands. On the CPU its arrays are the training's own: see ``_arrays``."""
     job, trainer, capture = session.job, session.trainer, session.capture
     shots: list[list[int]] = [[] for _ in capture.cameras]
     for shot in capture.shots:
@@ -201,7 +197,7 @@ def _scene(session: Session, metrics: Metrics | None = None, *, report: bool = T
         metrics=dict(metrics or {}),
         steps=trainer.step_count,
         train_seconds=trainer.seconds,
-        capacity=compression_report(session, compression.record.log) if compression and report else {},
+        capacity=compression_report(session, compression.record.log) if compression else {},
     )
     return SceneFile(header, _arrays(session))
 
