@@ -112,9 +112,9 @@ def by_full_disk(folder: Path, count: int, chance: random.Random) -> dict[str, i
             (disk / name).mkdir()
         out, cancels = disk / "out" / "x.frog", bool(turn % 2)
         options = ["--save-every", "0.2", *(["--lossless"] if turn % 3 == 2 else [])]
-        options += ["--steps", str(STEPS)] if cancels else ["--seconds", "4"]
+        options += ["--steps", str(STEPS)] if cancels else ["--seconds", "2"]
         process = begun_training(folder / "capture", out, folder / "log", options, wait=True)
-        time.sleep(chance.uniform(0.0, 1.5))
+        time.sleep(chance.uniform(0.0, 0.7))
         fill(disk / "filler")
         if cancels:
             time.sleep(chance.uniform(0.0, 0.5))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.builders import ATTRIBUTES, odd_camera, scene_file
-from support.played_scenes import assert_same_bits, flickering, in_four_threads, without_lifetimes
+from support.played_scenes import assert_same_bits, flickering, without_lifetimes
 
 from frog_blender.engine.model.torch_player import TorchScenePlayer
 from frog_blender.engine.playback.deformation import mean_deformed_share
@@ -64,22 +64,6 @@ def test_times_in_any_order_have_the_same_bits() -> None:
         for name in ATTRIBUTES:
             np.testing.assert_array_equal(getattr(found, name), getattr(fresh, name), err_msg=name)
     assert_same_bits(scene, TIMES)
-
-
-def test_threads_see_what_one_alone_sees() -> None:
-    scene = ScenePlayer(reorder_for_playback(flickering()))
-    expected = {time: ScenePlayer(reorder_for_playback(flickering())).at(time).means for time in TIMES}
-    wrong: list[float] = []
-
-    def play(seed: int) -> None:
-        for time in np.random.default_rng(seed).choice(TIMES, 60):
-            part = scene.delta_at(time) if seed % 2 else None
-            found = part.columns["means"] if part else scene.at(time).means
-            if not np.array_equal(found, expected[time]):
-                wrong.append(time)
-
-    in_four_threads(play)
-    assert not wrong
 
 
 def test_a_part_of_a_scene_shows_the_same() -> None:

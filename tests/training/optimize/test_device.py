@@ -260,16 +260,6 @@ def test_a_running_loss_is_the_same_on_both_devices_and_goes_on() -> None:
         here.add(torch.tensor(float("inf")), 1)
 
 
-def test_images_arrive_as_they_are(machine: Machine) -> None:
-    bytes_ = np.random.default_rng(0).integers(0, 256, (20, 30, 3), dtype=np.uint8)
-    bytes_.flags.writeable = False
-    part = bytes_[3:11, 4:19]
-    here, there = image_on(CPU, part), image_on(ELSEWHERE, part)
-    assert torch.equal(here, torch.tensor(part.astype(np.float32) / 255))
-    assert isinstance(there, Remote) and torch.equal(there.cpu(), here)
-    assert not machine.waits.keys() - {"fetch"}
-
-
 GPU = torch.device("cuda", 0)
 
 

@@ -8,6 +8,7 @@ see. Both are learned only of cameras that can be told from what the scene does.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,12 @@ class CameraRig:
 
     capture: Capture
 
+    def put(self, changed: Mapping[int, Camera]) -> None:
+        """Other cameras in the places of some, by index."""
+        self.capture = self.capture.with_cameras(
+            changed.get(i, camera) for i, camera in enumerate(self.capture.cameras)
+        )
+
 
 _LEAST_IMAGES = 3
 """Of a camera: one image fits any exposure and a little of any pose, and two leave a change of the scene's unknown."""
@@ -56,7 +63,7 @@ def learnable_cameras(capture: Capture) -> list[int]:
 
 
 _MOMENTUM, _MEMORY, _TINY = 0.9, 0.99, 1e-15  # Adam's; a camera is drawn in one step of many, so a short memory
-_MOST, _ROUNDED = 1e15, 0.01  # of any number in a checkpoint, and of a rotation's own rounding
+_BOUNDS, _ROUNDED = (-1e15, 1e15), 0.01  # of any number in a checkpoint, and of a rotation's own rounding
 _ARRAYS = ("moments", "moved", "gathered")
 
 
@@ -150,14 +157,14 @@ class PoseRefinement:
 
     def _move(self, changes: NDArray[np.float64]) -> None:
         """Moves the world before the learned cameras: (L, 6) radians about the centre, and world units."""
-        cameras = list(self._rig.capture.cameras)
+        cameras, moved = self._rig.capture.cameras, dict[int, Camera]()
         for index, change in zip(self._learned, changes, strict=True):
             pose = cameras[index].world_to_camera[:3]
             center = pose[:, :3] @ self._center + pose[:, 3]  # which stays in its place but for the shift
             rotation = pose[:, :3] @ rotation_about(change[:3])
             shift = center + rotation @ (change[3:] - self._center)
-            cameras[index] = cameras[index].with_pose(np.column_stack([rotation, shift]))
-        self._rig.capture = self._rig.capture.with_cameras(cameras)
+            moved[index] = cameras[index].with_pose(np.column_stack([rotation, shift]))
+        self._rig.put(moved)
 
     def state(self) -> tuple[Tensors, Values]:
         """See Stateful."""
@@ -169,13 +176,13 @@ class PoseRefinement:
         """See Stateful."""
         for name in _ARRAYS:
             shape = getattr(self, name).shape
-            setattr(self, name, expect(name, tensors[f"poses.{name}"], shape, torch.float64).numpy())
+            setattr(self, name, expect(name, tensors[f"poses.{name}"], shape, torch.float64, _BOUNDS).numpy())
         self._arriving = None
         count = len(self._rig.capture.cameras)
-        found = expect("poses", tensors["poses"], (count, 4, 4), torch.float64).numpy()
-        _check_poses(found)
-        if not all((np.abs(array) < _MOST).all() for array in (self.moments, self.gathered, self.moved)):
-            raise ValueError("moments of poses that no training has")
+        found = expect("poses", tensors["poses"], (count, 4, 4), torch.float64, _BOUNDS).numpy()
+        turns = found[:, :3, :3]
+        if not (np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)) < _ROUNDED).all():
+            raise ValueError("poses that do not only turn and shift")
         if (self.moments[1] < 0).any() or (self.moved < 0).any() or (self.gathered[:, 12] < 0).any():
             raise ValueError("squares or counts below zero")
         pairs = zip(self._rig.capture.cameras, found, strict=True)
@@ -193,13 +200,6 @@ def without_common(changes: NDArray[np.float64], centers: NDArray[np.float64]) -
     growth = (own[:, 3:] * centers).sum() / max((centers**2).sum(), _TINY)  # all nearer to the middle, or away
     own[:, 3:] -= growth * centers
     return own
-
-
-def _check_poses(found: NDArray[np.float64]) -> None:
-    """ValueError unless (C, 4, 4) turn and shift, and no more."""
-    turns = found[:, :3, :3]
-    if not (np.abs(found) < _MOST).all() or not (np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)) < _ROUNDED).all():
-        raise ValueError("poses that do not only turn and shift")
 
 
 _OBSERVED_EVERY = 3  # steps
@@ -246,11 +246,13 @@ class ExposureCompensation:
         found = matched_exposures(self._rig.capture, store)
         if found is None:
             return
-        limit = np.log(_LARGEST)
-        cameras = list(self._rig.capture.cameras)
-        for index, factors in found.items():
-            cameras[index] = cameras[index].with_exposure(np.exp(np.clip(np.log(factors), -limit, limit)))
-        self._rig.capture = self._rig.capture.with_cameras(cameras)
+        self._expose({index: np.log(factors) for index, factors in found.items()})
+
+    def _expose(self, logs: Mapping[int, NDArray[np.float64]]) -> None:
+        """Cameras by index with logarithms (3,) of their exposures, which are limited."""
+        cameras, limit = self._rig.capture.cameras, np.log(_LARGEST)
+        factors = {index: np.exp(np.clip(values, -limit, limit)) for index, values in logs.items()}
+        self._rig.put({index: cameras[index].with_exposure(values) for index, values in factors.items()})
 
     def observes(self, index: int, step: int, progress: float) -> bool:
         """Whether a step that draws this camera at ``progress`` is to be observed."""
@@ -291,11 +293,7 @@ class ExposureCompensation:
         logs -= logs.mean(axis=0)
         alike = np.sqrt((logs**2).mean()) < _NOTICED
         logs -= np.median(logs, axis=0)
-        factors = np.exp(np.clip(logs, -np.log(_LARGEST), np.log(_LARGEST)))
-        cameras = list(self._rig.capture.cameras)
-        for index, factor in zip(self._learned, factors, strict=True):
-            cameras[index] = cameras[index].with_exposure(NEUTRAL if alike else factor)
-        self._rig.capture = self._rig.capture.with_cameras(cameras)
+        self._expose(dict(zip(self._learned, np.zeros_like(logs) if alike else logs, strict=True)))
 
     def state(self) -> tuple[Tensors, Values]:
         """See Stateful."""
@@ -306,11 +304,8 @@ class ExposureCompensation:
     def load_state(self, tensors: Tensors, values: Values) -> None:
         """See Stateful."""
         capture, sums = self._rig.capture, tensors["exposures.sums"]
-        self.sums = expect("sums", sums, tuple(self.sums.shape)).to(self.sums.device)
-        if not bool((torch.isfinite(sums) & (sums >= 0)).all()):
-            raise ValueError("brightness that is not finite")
-        found = expect("exposures", tensors["exposures"], (len(capture.cameras), 3), torch.float64).numpy()
-        if not ((found > 0.5 / _LARGEST) & (found < 2 * _LARGEST)).all():
-            raise ValueError("exposures that no training finds")
-        pairs = zip(capture.cameras, found, strict=True)
+        self.sums = expect("sums", sums, tuple(self.sums.shape), within=(0, 1e30)).to(self.sums.device)
+        shape, found = (len(capture.cameras), 3), (0.5 / _LARGEST, 2 * _LARGEST)
+        exposures = expect("exposures", tensors["exposures"], shape, torch.float64, found)
+        pairs = zip(capture.cameras, exposures.numpy(), strict=True)
         self._rig.capture = capture.with_cameras(camera.with_exposure(exposure) for camera, exposure in pairs)

@@ -7,6 +7,7 @@ replace those of the least blending weights: seed points lie where nothing is se
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -114,9 +115,7 @@ class DensityStrategy(Statistics):
     def load_state(self, tensors: Tensors, values: Values) -> None:
         """See Stateful."""
         for name in COLLECTED:
-            found = expect(name, tensors[f"density.{name}"], (len(self._canonical),))
-            if not bool((found >= 0).all()):
-                raise ValueError(f"{name} below zero")
+            found = expect(name, tensors[f"density.{name}"], (len(self._canonical),), within=(0, math.inf))
             setattr(self, name, found.to(self._canonical.means.device))
 
     def least_needed(self, count: int, among: torch.Tensor | None = None) -> torch.Tensor:

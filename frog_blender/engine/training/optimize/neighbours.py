@@ -173,14 +173,12 @@ class EmbeddingSmoothness:
         if "neighbourhood.anchors" not in tensors:
             return
         anchors, neighbours, weights = (tensors[f"neighbourhood.{name}"] for name in _PARTS)
-        expect("anchors", anchors, (len(anchors),), torch.int64)
-        expect("neighbours", neighbours, (len(anchors), *neighbours.shape[1:2]), torch.int64)
+        dynamic = (0, self._canonical.num_dynamic - 1)
+        expect("anchors", anchors, (len(anchors),), torch.int64, dynamic)
+        expect("neighbours", neighbours, (len(anchors), *neighbours.shape[1:2]), torch.int64, dynamic)
         expect("weights", weights, tuple(neighbours.shape))
         if not neighbours.numel():
             raise ValueError("no neighbours")
-        indices = torch.cat([anchors, neighbours.flatten()])
-        if not bool(((indices >= 0) & (indices < self._canonical.num_dynamic)).all()):
-            raise ValueError("neighbours that are no dynamic Gaussians")
         self.graph = NeighbourGraph(*(part.to(self._canonical.means.device) for part in (anchors, neighbours, weights)))
 
 

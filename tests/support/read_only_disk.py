@@ -1,6 +1,6 @@
-"""Trains onto a small disk; run by test_fallback_save.py in a process that has mounted one for itself.
+"""Trains onto a disk that becomes read-only; run by test_fallback_save.py in a process that has mounted one for itself.
 
-python small_disk.py CAPTURE DISK full|read-only
+python read_only_disk.py CAPTURE DISK
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 
-capture, disk, fault = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
+capture, disk = Path(sys.argv[1]), Path(sys.argv[2])
 settings = recipe("draft", steps=40, steps_per_moment=0, max_gaussians=600)
 task = TrainingJob(capture, disk / "x.frog", recipe=settings, seeds=film.seeds(), save_every=0.0)
 for event in run_training(task):
-    if isinstance(event, events.Started) and fault == "read-only":
+    if isinstance(event, events.Started):
         subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
     if isinstance(event, events.WarningEvent):
         print(event.message)
