@@ -33,8 +33,9 @@ _LONGEST = 1.0  # seconds after the first step
 
 def train(capture: Path, out: Path, log: Path, options: list[str], begun: int) -> None:
     """``frog train``; writes to ``begun`` at its first step. Ends the process with the command's exit status."""
-    for number, flags in ((1, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), (2, os.O_WRONLY | os.O_APPEND)):
-        os.dup2(os.open(log, flags), number)
+    opened = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND)
+    for number in (1, 2):
+        os.dup2(opened, number)
     step = Trainer.step
 
     def told(self: Trainer) -> None:
