@@ -19,34 +19,24 @@ _STROKES = ((EDGE, 3.0), ((1.0, 1.0, 1.0, 1.0), 1.0))
 
 
 class GestureOverlay(Overlay):
-    """What is drawn.
-
-    Attributes:
-        screen, gesture, shape, radius: what ``begin`` was given.
-        region: the pointer of the region it is drawn in.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.screen: OnScreen | None = None
-        self.gesture: Gesture | None = None
-        self.shape, self.radius, self.region = "", 0.0, 0
+    """What draws a gesture."""
 
 
 def begin(screen: OnScreen, gesture: Gesture, shape: str, radius: float, region: bpy.types.Region) -> None:
     """Draws a gesture in a region until ``end``."""
-    overlay = addon_state.get(GestureOverlay)
-    overlay.end()
-    overlay.screen, overlay.gesture, overlay.shape, overlay.radius = screen, gesture, shape, radius
-    overlay.region = region.as_pointer()
-    overlay.draw_by(bpy.types.SpaceView3D, "the selection", _draw)
+    end()
+    pointer = region.as_pointer()
+
+    def draw() -> None:
+        if bpy.context.region.as_pointer() == pointer:
+            _draw(screen, gesture, outline_of(shape, gesture.path, radius))
+
+    addon_state.get(GestureOverlay).draw_by(bpy.types.SpaceView3D, "the selection", draw)
 
 
 def end() -> None:
     """Draws nothing more."""
-    overlay = addon_state.get(GestureOverlay)
-    overlay.end()
-    overlay.screen = overlay.gesture = None
+    addon_state.get(GestureOverlay).end()
 
 
 def is_drawing() -> bool:
@@ -64,14 +54,11 @@ def outline_of(shape: str, path: list[tuple[float, float]], radius: float) -> li
     return [*path, path[0]] if shape == "LASSO" else [(left, top), (x, top), (x, y), (left, y), (left, top)]
 
 
-def _draw() -> None:
+def _draw(screen: OnScreen, gesture: Gesture, outline: list[tuple[float, float]]) -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    overlay, context = addon_state.get(GestureOverlay), bpy.context
-    screen, gesture = overlay.screen, overlay.gesture
-    if screen is None or gesture is None or context.region.as_pointer() != overlay.region:
-        return
+    context = bpy.context
     height = context.region.height
     if gesture.hit.any():
         x, y = screen.places[:, gesture.hit]
@@ -83,7 +70,7 @@ def _draw() -> None:
         batch_for_shader(shader, "POINTS", {"pos": places}).draw(shader)
         gpu.state.point_size_set(1.0)
         gpu.state.blend_set("NONE")
-    line = [(x, height - y) for x, y in outline_of(overlay.shape, gesture.path, overlay.radius)]
+    line = [(x, height - y) for x, y in outline]
     if len(line) > 1:
         draw_lines({"LINE_STRIP": line}, _STROKES)
 
