@@ -18,7 +18,14 @@ from frog_blender.tasks import background_task
 from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingState, TrainingTask
 from frog_blender.tasks.training_request import request_of
-from frog_blender.ui import capture_panel, capture_summary, preview_image, train_panel, training_settings
+from frog_blender.ui import (
+    capture_panel,
+    capture_summary,
+    preview_image,
+    torch_environment,
+    train_panel,
+    training_settings,
+)
 
 
 @pytest.fixture
@@ -215,8 +222,8 @@ def test_a_report_stays_with_the_file_that_shows_the_scene(empty, static_rig):
     assert TrainingTask.current() is None
 
 
-def test_a_grey_button_says_why(empty, capture, tmp_path):
-    pytest.importorskip("torch")
+def test_a_grey_button_says_why(empty, capture, tmp_path, monkeypatch):
+    monkeypatch.setattr(torch_environment, "torch_needed", lambda: "")
     (tmp_path / "nothing").mkdir()
     shutil.copytree(capture, tmp_path / "raw", ignore=shutil.ignore_patterns("*.npy"))
     for folder, why in (("", "No capture is selected"), ("nothing", "found"), ("raw", "have to be calibrated")):
@@ -254,8 +261,8 @@ def test_no_value_stands_for_something_else(empty, capture):
     assert training_settings.usual_steps(settings) == 3000
 
 
-def test_resume_is_offered_where_it_does_something(empty, capture):
-    pytest.importorskip("torch")
+def test_resume_is_offered_where_it_does_something(empty, capture, monkeypatch):
+    monkeypatch.setattr(torch_environment, "torch_needed", lambda: "")
     scene = Path(empty.frog.output_path)
     assert "frog.train_longer" not in drawn() and drawn().count("frog.train") == 1
     leave_checkpoint(scene, capture, 0.4, 1200)
