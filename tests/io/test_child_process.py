@@ -87,23 +87,6 @@ def test_a_child_that_is_stopped_has_ended(tmp_path: Path, stand_in: Stand) -> N
     assert is_gone(int((tmp_path / "pid").read_text()))
 
 
-@posix
-def test_what_one_of_several_fails_at_ends_the_others(tmp_path: Path, stand_in: Stand) -> None:
-    stand_in(
-        "folder = pathlib.Path(folder)\n(folder / 'pid').write_text(str(os.getpid()))\n"
-        "if folder.name == 'fails':\n"
-        "    while not (folder.parent / 'waits' / 'pid').exists():\n        time.sleep(0.01)\n"
-        "    sys.exit('no memory')\n"
-        "time.sleep(600)"
-    )
-    folders = [tmp_path / "waits", tmp_path / "fails"]
-    for folder in folders:
-        folder.mkdir()
-    with pytest.raises(FrogError, match="no memory"):
-        CHILD.run_several(folders, 2, lambda *_: None, lambda: False)
-    assert is_gone(int((folders[0] / "pid").read_text()))
-
-
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
 def test_the_child_ends_with_its_parent(tmp_path: Path) -> None:
     """Its standard input closes when the parent is gone, however that ended."""

@@ -16,7 +16,6 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -223,38 +222,6 @@ class Task:
             if child.code or not (folder / RESULT).is_file():
                 raise FrogError(self.failure(child.end))
         return self._result(folder / RESULT)
-
-    def run_several(
-        self, folders: Sequence[Path], total: int, progress: Progress, stopped: Callable[[], bool]
-    ) -> list[JsonObject]:
-        """``run`` on the requests of several folders at once; what one raises ends the others.
-
-        Args:
-            total: how much all of them have to do, for ``progress``.
-        """
-        ended, done = threading.Event(), [0] * len(folders)
-
-        def run(index: int) -> JsonObject:
-            def tell(stage: str, so_far: int, _total: int) -> None:
-                done[index] = so_far
-                progress(stage, sum(done), total)
-
-            return self.run(folders[index], tell, ended.is_set)
-
-        with ThreadPoolExecutor(len(folders)) as threads:
-            futures = [threads.submit(run, index) for index in range(len(folders))]
-            try:
-                while wait(futures, _QUESTIONS, FIRST_EXCEPTION).not_done:
-                    if any(future.done() and future.exception() for future in futures):
-                        break
-                    if stopped():
-                        raise Stopped
-            finally:
-                ended.set()
-        failures = [error for future in futures if (error := future.exception()) is not None]
-        for failure in sorted(failures, key=lambda error: isinstance(error, Stopped)):
-            raise failure
-        return [future.result() for future in futures]
 
     def _result(self, path: Path) -> JsonObject:
         """What the child wrote; FrogError for what it raised."""

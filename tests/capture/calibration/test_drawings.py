@@ -23,11 +23,6 @@ def test_a_far_background_leaves_the_cameras_apart() -> None:
     assert with_far[1] == pytest.approx(without[1]) and not within(far, with_far).any()
 
 
-def test_a_rig_without_points_fills_its_frame() -> None:
-    middle, reach = frame_from_above(ROW, np.empty((0, 2)))
-    assert middle.tolist() == [0.0, 0.0] and reach == pytest.approx(0.5)
-
-
 def test_the_drawing_has_the_wall_and_every_camera() -> None:
     points = np.column_stack([WALL, np.ones(len(WALL))])
     drawn = rig_from_above(["a", "b<", "c"], ROW, np.array([(0.0, 1.0)] * 3), points)

@@ -72,12 +72,11 @@ def walks(cameras: Sequence[Camera], **options: float) -> Float64s:
     return np.stack([filmed(camera, 0.0, i, times=times, **options).positions for i, camera in enumerate(cameras)])
 
 
-@pytest.mark.parametrize("swapped", [(0, 0), (10, 18)])
-def test_a_walk_places_cameras_that_share_no_features(swapped: tuple[int, int], run: Run) -> None:
+def test_a_walk_places_cameras_that_share_no_features(run: Run) -> None:
     """In the child, which a fault of its libraries may end."""
     cameras = around(SPREAD[:4], TALL, 1680.0, distance=4.0)
     pixels = walks(cameras, noise=8.0)
-    pixels[1, slice(*swapped)] = pixels[1, slice(*swapped)][:, OTHER_SIDE]
+    pixels[1, 10:18] = pixels[1, 10:18][:, OTHER_SIDE]
 
     found = run.in_child(calibrate_joints, facts_of(cameras), pixels)
 
@@ -97,9 +96,6 @@ def test_what_joints_leave_open_is_refused() -> None:
     few[1, 5:] = np.nan
     with pytest.raises(CalibrationRefused, match=r"Camera cam01 shares \d+ joints"):
         calibrate_joints(facts_of(cameras), few)
-    far = around([0.0, 8.0, 16.0], TALL, 1680.0, distance=30.0)
-    with pytest.raises(CalibrationRefused):
-        calibrate_joints(facts_of(far), walks(far, noise=2.0, pace=0.0))
 
 
 # --- clocks from joints

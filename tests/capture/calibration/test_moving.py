@@ -48,6 +48,7 @@ def test_several_moving_cameras_are_refused(tmp_path: Path) -> None:
         calibrate(tmp_path, Options(), lambda *_: None, lambda: False)
 
 
+@pytest.mark.slow  # the mapper tries long where nothing fits
 def test_a_camera_that_turns_on_the_spot_is_refused(tmp_path: Path) -> None:
     turns = [camera("pan", (0, -0.2, -2.5), (-1.3 + 0.3 * i, 0.1 * np.sin(i), 1.5)) for i in range(8)]
     film(tmp_path / "pan.mp4", [image(each) for each in turns])

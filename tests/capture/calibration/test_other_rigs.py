@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.structure import gains
 from frog_blender.engine.capture.camera import Camera
 
 from .rigs import looking, rig_errors
@@ -38,7 +37,7 @@ def facing_wall(toe: float) -> list[Camera]:
     ]
 
 
-@pytest.mark.parametrize(("count", "step"), [(3, 15.0), (5, 10.0), (5, 28.0)])
+@pytest.mark.parametrize(("count", "step"), [(3, 15.0), (5, 28.0)])
 def test_an_arc_is_found(count: int, step: float) -> None:
     cameras = arc(count, step)
     solution = solved(cameras, room(1500, count))
@@ -58,22 +57,13 @@ def test_few_points_do_not_lead_to_focal_lengths_of_their_own(seed: int) -> None
     assert centers < 3.0
 
 
-@pytest.mark.parametrize("k1", [-0.2, 0.08])
+@pytest.mark.parametrize("k1", [-0.2, pytest.param(0.08, marks=pytest.mark.slow)])
 def test_a_distortion_is_found(k1: float) -> None:
     cameras = arc(5, 12.0, (500.0,))
     solution = solved(cameras, room(800, 3), k1=k1)
     assert solution.refusal is None
     assert all(abs(lens.k1 - k1) < 0.02 for lens in solution.model.lenses)
     assert rig_errors(as_cameras(solution), cameras)[0] < 0.5
-
-
-def test_points_far_off_the_middle_count_once_distortion_is_known() -> None:
-    cameras = arc(4, 12.0, (450.0,))
-    solution = solved(cameras, room(800, 4), k1=-0.25)
-    lens = cameras[0].width / 2
-    far = np.linalg.norm(solution.solution.tracks.pixels - [lens, cameras[0].height / 2], axis=1) > 0.9 * lens
-    assert far.sum() > 120  # a hundred without
-    assert all(each.share > 0.9 for each in solution.support.cameras)
 
 
 def test_unequal_focal_lengths_are_found() -> None:
@@ -97,14 +87,3 @@ def test_cameras_that_look_at_one_place_of_a_wall_are_found() -> None:
     centers = rig_errors(as_cameras(solution), cameras)[0]
     assert centers < 0.5 or solution.warnings or solution.refusal
     assert centers < 3.0
-
-
-def test_a_gain_must_be_more_than_chance() -> None:
-    random = np.random.default_rng(0)
-    before = random.uniform(0.1, 0.3, 200)
-    assert gains(before, before - 0.02, 0.02)
-    assert not gains(before, before - 0.001, 0.02)  # too little
-    lucky = before.copy()
-    before[0], lucky[0] = 6.0, 0.1  # one false match that happens to fit
-    assert lucky.sum() < 0.98 * before.sum() and not gains(before, lucky, 0.02)
-    assert not gains(np.empty(0), np.empty(0), 0.02)

@@ -22,7 +22,7 @@ pytest.importorskip("pycolmap")
 @pytest.fixture(scope="module")
 def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("footage")
-    for each in rig():
+    for each in rig()[:4]:
         film(folder / f"{each.name}.mp4", [image(each)] * 3)
     return folder
 
@@ -31,12 +31,12 @@ def test_videos_become_a_capture(footage: Path, capsys: pytest.CaptureFixture[st
     assert main(["calibrate", str(footage), "--in-step"]) == 0
     assert "cameras_opencv.json: the cameras" in capsys.readouterr().out
     capture = open_capture(footage)
-    assert center_errors(list(capture.cameras), rig()).max() < 0.01
+    assert center_errors(list(capture.cameras), rig()[:4]).max() < 0.01
     report = json.loads((footage / "calibration_report.json").read_text())
-    assert [each["name"] for each in report["cameras"]] == [each.name for each in rig()]
-    assert len(report["pairs"]) == 10
+    assert [each["name"] for each in report["cameras"]] == [each.name for each in rig()[:4]]
+    assert len(report["pairs"]) == 6
     page = (footage / "calibration_report.html").read_text()
-    assert page.count("<svg") == 1 and page.count("data:image/jpeg") == 5
+    assert page.count("<svg") == 1 and page.count("data:image/jpeg") == 4
     # A second run finds the same, and overwrites nothing.
     before = (footage / "cameras_opencv.json").read_bytes()
     assert main(["calibrate", str(footage), "--in-step"]) == 0
@@ -44,7 +44,7 @@ def test_videos_become_a_capture(footage: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_folders_of_frames_become_a_capture(tmp_path: Path) -> None:
-    cameras = rig()[:4]
+    cameras = rig()[1:4]
     for each in cameras:
         (tmp_path / each.name).mkdir()
         for number in range(3, 6):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
-from frog_blender.engine.capture.calibration.sequences import sharp_images, walk_throughs
+from frog_blender.engine.capture.calibration.sequences import walk_images, walk_throughs
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.films import Film, find_films
 from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
@@ -89,6 +89,6 @@ def test_two_unnamed_films_that_move_beside_standing_ones_are_refused() -> None:
 def test_reading_a_walk_through_can_be_cancelled(footage: Path, tmp_path: Path) -> None:
     (scan,) = (each for each in find_films(footage) if each.name == "Scan")
     with pytest.raises(Stopped):
-        sharp_images(Run(WorkFolder(tmp_path), lambda *_: None, lambda: True), [scan])
-    (sequence,) = sharp_images(Run(WorkFolder(tmp_path), lambda *_: None, lambda: False), [scan])
+        walk_images(Run(WorkFolder(tmp_path), lambda *_: None, lambda: True), [scan])
+    (sequence,) = walk_images(Run(WorkFolder(tmp_path), lambda *_: None, lambda: False), [scan])
     assert len(sequence.images) == len(SCAN) and sequence.size == (320, 240)

@@ -86,6 +86,7 @@ def test_two_cameras_prove_nothing(tmp_path: Path) -> None:
         place(run_in(tmp_path), rig()[:2])
 
 
+@pytest.mark.slow
 def test_distortion_is_found_where_there_is_some(tmp_path: Path) -> None:
     cameras = rig()[:4]
     found = place(run_in(tmp_path), cameras, [distorted_view(each, -0.2) for each in cameras])

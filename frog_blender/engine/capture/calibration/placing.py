@@ -38,9 +38,9 @@ def place_views(run: Run, views: Sequence[CameraFacts], sequences: Sequence[Imag
     """
     missing = [view for view in views if not run.work.file("features", view.key).is_file()]
     count = min(_MOST_PROCESSES, os.cpu_count() or 1, len(missing))
-    if count > 1:
+    if count > 1:  # pycolmap finds features inside Python's lock
         parts = [missing[part::count] for part in range(count)]
-        run.in_children(find_features, [(part, run.work) for part in parts], len(missing))
+        run.in_threads("features", lambda part: run.in_child(find_features, part, run.work), parts)
     return run.in_child(place_standing, views, sequences, run.work)
 
 

@@ -6,14 +6,11 @@ import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import pairwise
 from math import ceil
 from pathlib import Path
 
 import numpy as np
 
-from ...arrays import Array, ImageArray
 from ...errors import FrogError, found_instead
 from ...io.atomic_files import write_atomically
 from ..synchronization.films import Film, kinds_of
@@ -24,9 +21,8 @@ _LEAST_IMAGES = 8  # of a camera, below which it is not taken for a moving one
 _MOST_IMAGES = 300
 _FOLDERS = (".", "images", "input", "frames")
 _NAME = re.compile(r"scan(_.*)?", re.IGNORECASE)  # of a walk-through
-_SHARP_RATE = 3.0  # images a second of a walk-through
-_FEWEST_SHARP, _MOST_SHARP = 24, 90
-_CANDIDATES = 5  # frames among which the sharpest is taken
+_WALK_RATE = 3.0  # images a second of a walk-through
+_FEWEST_OF_WALK, _MOST_OF_WALK = 24, 90
 
 
 @dataclass(frozen=True)
@@ -80,8 +76,8 @@ def walk_throughs(folder: Path, films: Sequence[Film], standing: Sequence[bool])
     return moving, told
 
 
-def sharp_images(run: Run, films: Sequence[Film]) -> list[ImageSequence]:
-    """The sharp images of walk-throughs, in the work folder, of an earlier run or new.
+def walk_images(run: Run, films: Sequence[Film]) -> list[ImageSequence]:
+    """Some images of walk-throughs, evenly spread, in the work folder.
 
     Raises:
         Stopped: if the run was cancelled.
@@ -89,8 +85,10 @@ def sharp_images(run: Run, films: Sequence[Film]) -> list[ImageSequence]:
     """
     sequences = []
     for film, group in zip(films, kinds_of(films), strict=True):
-        kept = run.work.kept("sharp", film.key, partial(_sharpest, run, film))
-        paths = _written(run, film, kept["frames"].tolist(), run.work.path / f"sharp-{film.key}")
+        count = film.facts.frame_count
+        images = int(np.clip(_WALK_RATE * film.duration, _FEWEST_OF_WALK, _MOST_OF_WALK))
+        frames = np.unique(np.linspace(0, count - 1, min(images, count)).round().astype(int)).tolist()
+        paths = _written(run, film, frames, run.work.path / f"walk-through-{film.key}")
         sequences.append(ImageSequence(film.name, tuple(paths), film.size, group))
     return sequences
 
@@ -127,29 +125,6 @@ def image_files(images: Sequence[Path], out: Path) -> tuple[ImageSequence, list[
                 shutil.copyfile(image, copy)
     times = (np.arange(len(listed)) / max(len(listed) - 1, 1)).tolist()
     return ImageSequence("camera", tuple(listed), sizes.pop()), times, []
-
-
-def _sharpest(run: Run, film: Film) -> dict[str, Array]:
-    """Sharp frames of a walk-through, ascending, evenly spread: the sharpest of a few around each place."""
-    count = film.facts.frame_count
-    images = int(np.clip(_SHARP_RATE * count / film.facts.frames_per_second, _FEWEST_SHARP, _MOST_SHARP))
-    edges = np.linspace(0, count, min(images, count) + 1).round().astype(int).tolist()
-    windows = [sorted(set(np.linspace(a, b - 1, _CANDIDATES).round().astype(int).tolist())) for a, b in pairwise(edges)]
-    frames = [frame for window in windows for frame in window]
-    sharpness = {}
-    for frame, image in zip(frames, decode(film.path, frames), strict=True):
-        run.check()
-        sharpness[frame] = _sharpness(image)
-    return {"frames": np.array([max(window, key=lambda frame: sharpness[frame]) for window in windows], np.int64)}
-
-
-def _sharpness(image: ImageArray) -> float:
-    """The variance of the Laplacian at a quarter of the size, at which noise does not count."""
-    cv2 = load_opencv()
-    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    scale = min(1.0, 480 / max(gray.shape))
-    small = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else gray
-    return float(cv2.Laplacian(small, cv2.CV_64F).var())
 
 
 def _written(run: Run, film: Film, frames: Sequence[int], target: Path) -> list[Path]:

@@ -27,7 +27,7 @@ from .joint_rig import calibrate_joint_films, calibrate_unsynchronised_films
 from .landmark_file import landmark_file
 from .placing import place_views
 from .points import calibrate_clicks, read_points
-from .sequences import sharp_images
+from .sequences import walk_images
 from .views import common_times, facts_of, views_of
 
 AUTO = Path("auto")
@@ -199,7 +199,7 @@ def _known(calibration: Calibration) -> Cameras:
 
 def _features(run: Run, walk_throughs: Sequence[Film] = ()) -> Source:
     """By features, which walk-throughs connect."""
-    sequences = sharp_images(run, walk_throughs)
+    sequences = walk_images(run, walk_throughs)
 
     def solve(films: Sequence[Film], count: int) -> Calibration:
         return place_views(run, views_of(run, films, common_times(films, count) if count else []), sequences)

@@ -157,6 +157,8 @@ def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> lis
         for index, ((_, own), model) in enumerate(zip(starts, threads.map(mapped, starts), strict=True)):
             tell("poses", index, len(starts))
             found.append(_weighed(Hypothesis(own, None, 1.0), model, tracks, images, found))
+    for own in kinds if len(kinds) > 1 else []:
+        found += _of_the_other_kind(found, own, images, tracks)
     return found
 
 
@@ -195,6 +197,25 @@ def _thinned(tracks: Tracks, pairs: Pairs, images: int) -> tuple[Tracks, Pairs]:
         for (one, other), matches in pairs.items()
     }
     return kept, {pair: matches for pair, matches in few.items() if len(matches)}
+
+
+def _of_the_other_kind(found: Sequence[Hypothesis], own: bool, images: Images, tracks: Tracks) -> list[Hypothesis]:
+    """The best hypothesis of the other kind, with this kind's focal lengths.
+
+    The mapper gets lost by chance where data are few: of one kind from all starts, of the other from none.
+    """
+    models = [hypothesis for hypothesis in found if hypothesis.own != own and hypothesis.adjusted is not None]
+    best = min(models, key=lambda hypothesis: (-hypothesis.placed, hypothesis.cost), default=None)
+    if best is None or best.adjusted is None:
+        return []
+    model, groups = best.adjusted.model, np.array(images.sharing(own=own))
+    focals = np.array([lens.focal for lens in model.lenses])
+    placed = np.isin(np.arange(len(focals)), model.placed)
+    lenses = []
+    for lens, group in zip(model.lenses, groups.tolist(), strict=True):
+        alike = placed & (groups == group)
+        lenses.append(replace(lens, focal=float(np.median(focals[alike]))) if alike.any() else lens)
+    return [_weighed(Hypothesis(own, None, 1.0), Model(model.poses, tuple(lenses)), tracks, images, found)]
 
 
 def _weighed(

@@ -7,10 +7,11 @@ import importlib
 import io
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import rmtree
 from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
@@ -132,31 +133,16 @@ class Run:
 
         Its arguments and its result pass as ``plain`` values. A last parameter ``tell`` is told its progress.
         """
-        folder = self._asked(function, arguments, function.__name__)
-        return self._answered(function, folder, CHILD.run(folder, self.progress, self.cancelled))
-
-    def in_children(
-        self, function: Callable[..., _Result], each: Sequence[Sequence[object]], total: int
-    ) -> list[_Result]:
-        """The same for several lists of arguments at once; ``total`` is how much all of them have to do."""
-        folders = [
-            self._asked(function, arguments, f"{function.__name__}_{index}") for index, arguments in enumerate(each)
-        ]
-        results = CHILD.run_several(folders, total, self.progress, self.cancelled)
-        return [self._answered(function, *pair) for pair in zip(folders, results, strict=True)]
-
-    def _asked(self, function: Callable[..., object], arguments: Sequence[object], name: str) -> Path:
         *_, room, module = function.__module__.split(".")
         request = {"room": room, "module": module, "function": function.__name__, "arguments": plain(arguments)}
-        write_atomically(self.work.path / name / REQUEST, json.dumps(request).encode())
-        return self.work.path / name
-
-    @staticmethod
-    def _answered(function: Callable[..., _Result], folder: Path, answer: JsonObject) -> _Result:
+        folder = self.work.path / f"{function.__name__}-{key_of(request)}"
+        write_atomically(folder / REQUEST, json.dumps(request).encode())
+        given = CHILD.run(folder, self.progress, self.cancelled)
         try:
-            result: _Result = typed(get_type_hints(function)["return"], answer["result"], "a result")
+            result: _Result = typed(get_type_hints(function)["return"], given["result"], "a result")
         except (KeyError, UnfitValue) as error:
             raise found_instead(folder / RESULT, f"a damaged result ({error})", "a whole one") from error
+        rmtree(folder, ignore_errors=True)
         return result
 
 
