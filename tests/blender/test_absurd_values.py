@@ -117,9 +117,3 @@ def test_something_unforeseen_in_one_capture_holds_up_no_other(empty, captures, 
         point_cloud.read(good)["position"], ScenePlayer.load(good.frog.filepath).at_frame(4.0).means
     )
     assert capfd.readouterr().err.count("ZeroDivisionError: of some kind") == 1
-
-
-def test_the_panel_says_it(empty, captures):
-    bad, good = captures
-    raw(bad.frog, "start_frame", math.nan)
-    assert "not a number" in retiming.problem(bad, 3.0) and retiming.problem(good, 3.0) == ""

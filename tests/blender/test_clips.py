@@ -140,14 +140,6 @@ def test_nobody_asked_for_clips(mono):
     assert not clip_of(cameras_of(obj)[0]) and not bpy.data.images
 
 
-def test_a_capture_that_moved_with_its_scene_is_found_beside_it(mono, tmp_path):
-    there = tmp_path / "there"
-    there.mkdir()
-    (tmp_path / "film").rename(there / "film")
-    mono.rename(there / "film.frog")
-    assert clip_of(cameras_of(imported(there / "film.frog"))[0])
-
-
 def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
     (tmp_path / "film").rename(tmp_path / "elsewhere")
     obj = imported(mono)

@@ -58,19 +58,6 @@ def test_a_wrong_choice_changes_nothing(empty, lost):
     assert "here" in first.frog.filepath
 
 
-def test_relative_paths_stay_relative(empty, lost, tmp_path):
-    first, second, _, there = lost
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
-    paths = bpy.context.preferences.filepaths
-    before, paths.use_relative_paths = paths.use_relative_paths, True
-    try:
-        bpy.ops.frog.relink(object_name=first.name, filepath=str(there / "a.frog"))
-    finally:
-        paths.use_relative_paths = before
-    assert first.frog.filepath.replace("\\", "/") == "//there/a.frog" and second.frog.filepath.startswith("//")
-    shows(first, there / "a.frog", 2.0)
-
-
 @pytest.fixture
 def beside(empty, tmp_path):
     """A saved .blend with a capture and training settings whose paths begin at its folder; their file."""

@@ -116,14 +116,6 @@ def test_other_engines_draw_it(empty, capture, static_rig, tmp_path, rendered):
         np.testing.assert_array_equal(rendered(empty), film)
 
 
-def test_all_of_it_is_baked(empty, capture):
-    empty.frame_start, empty.frame_end = 1, 8
-    empty.frame_set(3)
-    bpy.context.view_layer.objects.active = capture
-    assert bpy.ops.frog.bake() == {"FINISHED"}
-    assert len(playback.baked(capture)) == 8 and empty.frame_current == 3
-
-
 def test_a_muted_curve_says_nothing(empty, plain, static_rig):
     plain.frog.use_remap = True
     for frame in (1, 11):
