@@ -30,11 +30,12 @@ from frog_blender.engine.evaluation.evaluate import open_training_capture
 from frog_blender.engine.evaluation.metrics import psnr_of
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.gaussians import NumpyGaussians
-from frog_blender.engine.playback.importance import peak_weights
+from frog_blender.engine.playback.importance import largest_weights, sampled_views
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 
 ALLOWED = 0.02  # dB
+TRAINING_VIEWS = 240  # images at full size that are looked for what few of them show
 COVERED = 0.05  # alpha
 SIDE, FIELD_OF_VIEW, FARTHER = 192, 70.0, 2.0  # pixels, degrees, times the farthest camera's distance
 SHOTS = 24  # training images that are compared
@@ -134,7 +135,9 @@ def main() -> None:
     scene = ScenePlayer.load(options.scene)
     cameras = list(scene.header.cameras)
     middle, radius = rig_of(cameras)
-    peaks = peak_weights(scene)
+    peaks = np.zeros(scene.count, np.float32)
+    for camera, frame in sampled_views(scene.header, TRAINING_VIEWS, trained=True):
+        np.maximum(peaks, largest_weights(scene.at_frame(frame), camera), out=peaks)
     fog, psnr = unmissed(peaks, TrainingImages(scene, options.capture))
     gaussians = scene.at_frame(scene.header.frame_count // 2)
     outside = outside_cameras(cameras, options.views)

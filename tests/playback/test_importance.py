@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from support.builders import ATTRIBUTES, scene_file
 
-from frog_blender.engine.playback.importance import most_important, peak_weights, ranking
+from frog_blender.engine.playback.importance import most_important, ranking
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
-from frog_blender.engine.scene.scene_file import SceneFile
 
 
 def test_it_is_an_order_and_always_the_same() -> None:
@@ -31,34 +28,6 @@ def test_what_hardly_shows_comes_last() -> None:
     scene.arrays["means"][20:30] += 300
     place = np.argsort(ranking(ScenePlayer(scene)))
     assert place[:20].min() > 55 and place[20:30].mean() > place[30:].mean() + 10
-
-
-def test_what_no_training_image_shows_has_no_weight() -> None:
-    """Ten are put where no camera looks, ten are nearly transparent."""
-    scene = scene_file(90)
-    scene.arrays["means"][:10] += 300
-    scene.arrays["opacity_logits"][10:20] = -9
-    peaks = peak_weights(ScenePlayer(scene))
-    assert peaks.shape == (90,) and peaks.dtype == np.float32
-    assert peaks[:20].max() == 0 and 0.5 < peaks[20:].max() <= 1
-    player = ScenePlayer(scene)
-    seen = np.flatnonzero(peaks > 0)
-    assert len(seen) < 70  # many of the others lie where no camera looks, too
-    trained = [camera for camera in player.header.cameras if camera.name not in player.header.test_cameras]
-    assert trained
-    for camera in trained:
-        shown = draw(player.subset(seen).at_frame(3), camera).rgb
-        np.testing.assert_allclose(shown, draw(player.at_frame(3), camera).rgb, atol=1e-6)
-
-
-def test_held_out_images_and_scenes_without_cameras_say_nothing_of_weights() -> None:
-    scene = scene_file(40)
-    names = frozenset(camera.name for camera in scene.header.cameras)
-    for header in (
-        replace(scene.header, cameras=(), camera_shots=()),
-        replace(scene.header, test_cameras=names),
-    ):
-        np.testing.assert_array_equal(peak_weights(ScenePlayer(SceneFile(header, scene.arrays))), 1)
 
 
 @pytest.mark.parametrize("share", [0.25, 0.5])

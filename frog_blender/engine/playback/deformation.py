@@ -42,7 +42,7 @@ def num_groups(count: int) -> int:
     return -(-count // GROUP_SIZE)
 
 
-def pack_lanes(arrays: SceneArrays, precomputed_first_layer: bool, *, rows_at_once: int = _ROWS_AT_ONCE) -> Array:
+def pack_lanes(arrays: SceneArrays, precomputed_first_layer: bool) -> Array:
     """(ceil(N / GROUP_SIZE), rows, GROUP_SIZE) float32: each Gaussian's attributes and embedding as rows, a group's
     Gaussians as columns, zero beyond the last one.
 
@@ -50,15 +50,14 @@ def pack_lanes(arrays: SceneArrays, precomputed_first_layer: bool, *, rows_at_on
         arrays: ``means`` (N, 3), ``log_scales`` (N, 3), ``quaternions`` (N, 4), ``opacity_logits`` (N,), ``sh``
             (N, deformed coefficients, 3), ``embeddings`` (N, E) and ``embedding_weight`` (units, E).
         precomputed_first_layer: whether the embeddings' products with their weight stand in their place.
-        rows_at_once: Gaussians that are packed at a time, a multiple of GROUP_SIZE; decides memory, not the result.
     """
     count, weight = len(arrays["means"]), arrays["embedding_weight"]
     columns = [arrays[name].reshape(count, math.prod(arrays[name].shape[1:])) for name in _ATTRIBUTES]
     width = sum(column.shape[1] for column in columns)
     own = len(weight) if precomputed_first_layer else weight.shape[1]
     result = np.zeros((num_groups(count), width + own, GROUP_SIZE), np.float32)
-    for start in range(0, count, rows_at_once):
-        some = slice(start, start + rows_at_once)
+    for start in range(0, count, _ROWS_AT_ONCE):
+        some = slice(start, start + _ROWS_AT_ONCE)
         embeddings = arrays["embeddings"][some]
         own_columns = embeddings @ weight.T if precomputed_first_layer else embeddings
         row = 0

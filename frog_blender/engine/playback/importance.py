@@ -20,7 +20,7 @@ from .player import ScenePlayer
 _MAX_VIEWS = 8  # images at most: a second for 200,000 Gaussians
 _LONGEST_SIDE = 320  # pixels; finer ones rank no better
 _UNSEEN = 0.02  # share of what no camera saw: it may be all there is from elsewhere
-_MOST_TRAINING_VIEWS = 240  # images that are looked for something that is seen in few of them
+_MOST_SMALL_VIEWS = 192
 
 
 def ranking(scene: ScenePlayer) -> Array:
@@ -34,26 +34,7 @@ def ranking(scene: ScenePlayer) -> Array:
     return np.argsort(-np.nan_to_num(score), kind="stable")
 
 
-def peak_weights(scene: ScenePlayer, most_views: int = _MOST_TRAINING_VIEWS) -> Array:
-    """(N,) each Gaussian's largest blending weight in any training image: opacity times what is before it lets through.
-
-    What is near zero in all of them, no training image misses.
-
-    Args:
-        most_views: images that are drawn, at full size, spread over cameras and times.
-
-    Returns:
-        float32 in [0, 1]; ones for a scene that does not say what it was filmed with.
-    """
-    views = sampled_views(scene.header, most_views, trained=True)
-    peaks = np.full(scene.count, 0.0 if views and views[0][0] is not None else 1.0, np.float32)
-    for camera, frame in views:
-        if camera is not None:
-            np.maximum(peaks, _weights(scene.at_frame(frame), camera), out=peaks)
-    return peaks
-
-
-def camera_weights(scene: ScenePlayer, most_views: int = 192) -> Array:
+def camera_weights(scene: ScenePlayer) -> Array:
     """(C, N) each Gaussian's largest blending weight in small images of each camera, spread over the times it saw.
 
     A moving camera counts as the poses that are looked from. Held-out images are left out.
@@ -62,7 +43,7 @@ def camera_weights(scene: ScenePlayer, most_views: int = 192) -> Array:
         float32 in [0, 1]; C is 0 for a scene that does not say what it was filmed with.
     """
     found: dict[str, Array] = {}
-    for camera, frame in sampled_views(scene.header, most_views, trained=True):
+    for camera, frame in sampled_views(scene.header, _MOST_SMALL_VIEWS, trained=True):
         if camera is not None:
             weights = _visible_weights(scene.at_frame(frame), camera)
             found[camera.name] = np.maximum(found.get(camera.name, 0), weights)
@@ -89,11 +70,10 @@ def sampled_views(header: SceneHeader, most: int, *, trained: bool = False) -> l
 
 def _visible_weights(gaussians: NumpyGaussians, camera: Camera) -> Array:
     """(N,) each Gaussian's largest blending weight in a small image."""
-    factor = min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))
-    return _weights(gaussians, camera.scaled(factor))
+    return largest_weights(gaussians, camera.scaled(min(1.0, _LONGEST_SIDE / max(camera.width, camera.height))))
 
 
-def _weights(gaussians: NumpyGaussians, camera: Camera) -> Array:
+def largest_weights(gaussians: NumpyGaussians, camera: Camera) -> Array:
     """(N,) each Gaussian's largest blending weight in a camera's image."""
     size = camera.height, camera.width
     weights = np.zeros(len(gaussians), np.float32)

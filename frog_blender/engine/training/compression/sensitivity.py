@@ -160,7 +160,7 @@ def peak_weights(
     gaussians_at: Callable[[float], TorchGaussians], capture: Capture, shots: Sequence[int]
 ) -> torch.Tensor:
     """(N,) each Gaussian's largest blending weight in the images of ``shots``, at least one (as
-    ``playback.importance.peak_weights``)."""
+    ``playback.importance.largest_weights``)."""
     peaks = torch.zeros((), device="cpu")
     for index in shots:
         shot = capture.shots[index]
