@@ -78,12 +78,6 @@ class Viewport:
         fits = self.moving_seconds / max(self.seconds_per_pixel, 1e-12)
         return min(COARSEST, max(1, math.ceil(math.sqrt(width * height / fits))))
 
-    def take(self, key: Any, step: int, pixels: np.ndarray, seconds: float) -> ViewportImage:
-        """Stores an image and the time that it took."""
-        self.image = ViewportImage(key, step, pixels)
-        self.seconds_per_pixel = seconds / max(1, pixels.shape[0] * pixels.shape[1])
-        return self.image
-
     @property
     def wants_more(self) -> bool:
         """True when a sharper image is due later."""
@@ -116,8 +110,9 @@ def draw_view(
     width, height = (max(1, -(-length // step)) for length in size)
     drawing = draw(gaussians, camera_of(width, height)) if gaussians is not None else None
     combined = into_working_space(combined_pass(drawing, background, width, height))
-    pixels = np.ascontiguousarray(combined[::-1], np.float32)
-    return viewport.take(key, step, pixels, time.perf_counter() - started)
+    viewport.image = ViewportImage(key, step, np.ascontiguousarray(combined[::-1], np.float32))
+    viewport.seconds_per_pixel = (time.perf_counter() - started) / (width * height)
+    return viewport.image
 
 
 def error_message(error: Exception) -> str:

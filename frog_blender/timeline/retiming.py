@@ -174,11 +174,10 @@ def needs_evaluated_time(obj: bpy.types.Object) -> bool:
     animation = obj.animation_data
     if animation is None:
         return False
-    if any(driver.data_path in TIMING for driver in animation.drivers):
-        return True
-    if any(curve.data_path in TIMING and curve.data_path != REMAPPED for curve in curves(animation)):
-        return True
-    return any(curve.data_path in TIMING for curve in strip_curves(animation))
+    paths = {driver.data_path for driver in animation.drivers}
+    paths |= {curve.data_path for curve in curves(animation) if curve.data_path != REMAPPED}
+    paths |= {curve.data_path for curve in strip_curves(animation)}
+    return not paths.isdisjoint(TIMING)
 
 
 def is_plain(settings: Any, scene: bpy.types.Scene) -> bool:

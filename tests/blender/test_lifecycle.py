@@ -13,8 +13,8 @@ import bpy
 import numpy as np
 import pytest
 from support.blender_windows import another_blender
+from support.small_scenes import shows
 
-from frog_blender import point_cloud
 from frog_blender.engine.options import TrainingOptions
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.scene_import.capture_objects import active_capture, cameras_of
@@ -29,11 +29,6 @@ ROOT = Path(__file__).resolve().parents[2]
 def imported(path):
     assert bpy.ops.import_scene.frog(filepath=str(path)) == {"FINISHED"}
     return next(obj for obj in playback.captures(bpy.context.scene.objects) if obj.frog.filepath == str(path))
-
-
-def shows(obj, path, frame):
-    expected = ScenePlayer.load(path).at_frame(frame).means
-    np.testing.assert_allclose(point_cloud.read(obj)["position"], expected, atol=1e-6)
 
 
 def select_only(obj):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import assert_shows, rig_of_three, write_scene
+from support.small_scenes import rig_of_three, shows, write_scene
 from support.users_scene import views
 
 from frog_blender import point_cloud
@@ -20,7 +20,7 @@ def test_frames_in_random_order(empty, capture, static_rig):
     for frame in random.permutation(10):
         subframe = float(random.choice([0.0, 0.5]))
         empty.frame_set(int(frame) + 1, subframe=subframe)
-        assert_shows(capture, static_rig, frame + subframe)
+        shows(capture, static_rig, frame + subframe)
         moved.append(point_cloud.read(capture)["position"][0])
     assert np.ptp(moved, axis=0).max() > 1e-3, "the test's own scene does not move"
 
@@ -28,9 +28,9 @@ def test_frames_in_random_order(empty, capture, static_rig):
 def test_start_frame_shifts_the_capture_and_its_ends_are_held(empty, capture, static_rig):
     for frame, shown in ((-5, 0.0), (500, 9.0), (20, 9.0)):
         empty.frame_set(frame)
-        assert_shows(capture, static_rig, shown)
+        shows(capture, static_rig, shown)
     capture.frog.start_frame = 15.0
-    assert_shows(capture, static_rig, 5.0)
+    shows(capture, static_rig, 5.0)
 
 
 def test_import_sets_the_scene_up(empty, capture):
@@ -65,7 +65,7 @@ def test_an_unusable_file_is_told_once_and_mended_by_a_good_one(empty, capture, 
     write_scene(static_rig, rig_of_three(), count=33, seed=5, sh_count=9)
     empty.frame_set(5)
     assert open_scenes.problem(static_rig) == ""
-    assert_shows(capture, static_rig, 4.0)
+    shows(capture, static_rig, 4.0)
 
 
 def test_saved_file_is_small_and_plays_when_reopened(empty, tmp_path):
@@ -82,9 +82,9 @@ def test_saved_file_is_small_and_plays_when_reopened(empty, tmp_path):
 
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
     capture, scene = bpy.data.objects[name], bpy.context.scene
-    assert_shows(capture, path, 3.0)
+    shows(capture, path, 3.0)
     scene.frame_set(8)
-    assert_shows(capture, path, 7.0)
+    shows(capture, path, 7.0)
 
 
 def test_geometry_is_saved_when_its_file_is_gone(empty, capture, static_rig, tmp_path):
@@ -110,7 +110,7 @@ def test_what_nobody_plays_is_let_go(empty, tmp_path):
     assert bpy.ops.import_scene.frog(filepath=str(paths[2])) == {"FINISHED"}
     assert open_scenes.paths() == set(paths[1:]) and playback.open_scene(paths[1]) is kept
     empty.frame_set(4)
-    assert_shows(second, paths[1], 3.0)
+    shows(second, paths[1], 3.0)
 
 
 @pytest.mark.parametrize(
@@ -132,17 +132,17 @@ def test_speed_and_repetition(empty, capture, static_rig):
     capture.frog.start_frame, capture.frog.speed = 10.0, -0.5
     empty.frame_set(13)
     capture.frog.repeat = "PING_PONG"
-    assert_shows(capture, static_rig, 1.5)  # a frame and a half before the first, mirrored
+    shows(capture, static_rig, 1.5)  # a frame and a half before the first, mirrored
     capture.frog.repeat = "LOOP"
-    assert_shows(capture, static_rig, 8.5)
+    shows(capture, static_rig, 8.5)
     empty.frame_set(14)
-    assert_shows(capture, static_rig, 8.0)
+    shows(capture, static_rig, 8.0)
 
 
 def test_time_can_be_remapped_by_a_curve(empty, capture, static_rig):
     capture.frog.use_remap, capture.frog.shown_frame = True, 2.0
     empty.frame_set(9)
-    assert_shows(capture, static_rig, 2.0)
+    shows(capture, static_rig, 2.0)
     for frame, shown in ((1, 4.0), (11, 0.0)):
         capture.frog.shown_frame = shown
         capture.keyframe_insert("frog.shown_frame", frame=frame)
@@ -150,5 +150,5 @@ def test_time_can_be_remapped_by_a_curve(empty, capture, static_rig):
     for frame in (11, 1, 6, 3):  # in any order, and before Blender evaluates the curve
         empty.frame_set(frame)
         found.append(playback.shown_frame(capture, frame))
-        assert_shows(capture, static_rig, found[-1])
+        shows(capture, static_rig, found[-1])
     assert found[:2] == pytest.approx([0.0, 4.0]) and found[2] == pytest.approx(2.0, abs=0.01) and 2 < found[3] < 4

@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 import pytest
 from support.observed_players import observed
-from support.small_scenes import assert_shows, rig_of_three, write_scene
+from support.small_scenes import rig_of_three, shows, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.training.session import events
@@ -55,10 +55,10 @@ def test_frames_ahead_are_computed_in_another_thread_and_shown_as_they_are(empty
         by_main_thread.clear()
         for frame in (7, 2, 10, 3):
             empty.frame_set(frame)
-            assert_shows(capture, static_rig, frame - 1.0)
+            shows(capture, static_rig, frame - 1.0)
         assert not by_main_thread
         empty.frame_set(4, subframe=0.25)  # nobody thought of it
-        assert_shows(capture, static_rig, 3.25)
+        shows(capture, static_rig, 3.25)
         assert len(by_main_thread) == 1
 
 
@@ -138,14 +138,14 @@ def test_memory_is_bounded_and_said(empty, capture, static_rig):
     assert playback_cache.worker().wait(20.0) and len(playback_cache.frames()) == 4
     playback_cache.frames().limit = 0
     empty.frame_set(6)
-    assert_shows(capture, static_rig, 5.0)
+    shows(capture, static_rig, 5.0)
     playback_cache.frames().limit = 300 * playback_cache.MEGABYTE
     empty.frame_set(7)
     assert playback_cache.summary() == "Cache: 0 MB of 300 MB, 1 frames"
     bpy.ops.frog.clear_cache()
     assert len(playback_cache.frames()) == 0
     empty.frame_set(7)
-    assert_shows(capture, static_rig, 6.0)
+    shows(capture, static_rig, 6.0)
 
 
 @pytest.mark.parametrize("how", ["another file", "add-on off"])
@@ -221,18 +221,18 @@ def test_a_shared_mesh_shows_what_was_shown_last_and_a_copied_one_its_own(empty,
     twin.frog.filepath = str(other)
     for frame in (2, 2, 5):
         playback.show(capture, frame)
-        assert_shows(capture, static_rig, frame - 1.0)
+        shows(capture, static_rig, frame - 1.0)
         playback.show(twin, frame)
-        assert_shows(capture, other, frame - 1.0)
+        shows(capture, other, frame - 1.0)
     twin.data = capture.data.copy()
     playback.show(capture, 4)
     playback.show(twin, 4)
-    assert_shows(capture, static_rig, 3.0)
-    assert_shows(twin, other, 3.0)
+    shows(capture, static_rig, 3.0)
+    shows(twin, other, 3.0)
     twin.data = capture.data.copy()  # says that it is the first file's
     playback.show(twin, 6)
-    assert_shows(twin, other, 5.0)
-    assert_shows(capture, static_rig, 3.0)
+    shows(twin, other, 5.0)
+    shows(capture, static_rig, 3.0)
 
 
 def test_what_undo_brings_back_is_written_anew(empty, capture, static_rig, tmp_path):
@@ -246,7 +246,7 @@ def test_what_undo_brings_back_is_written_anew(empty, capture, static_rig, tmp_p
         obj = next(playback.captures(bpy.context.scene.objects))
         for frame in (2, 9):
             bpy.context.scene.frame_set(frame)
-            assert_shows(obj, path, frame - 1.0)
+            shows(obj, path, frame - 1.0)
 
 
 def disturb(capture, seed):
@@ -269,16 +269,16 @@ def test_geometry_that_somebody_changed_is_written_anew(empty, capture, static_r
     bpy.ops.object.mode_set(mode="OBJECT")
     for frame in (5, 6):
         empty.frame_set(frame)
-        assert_shows(capture, static_rig, frame - 1.0)
+        shows(capture, static_rig, frame - 1.0)
     bpy.ops.object.mode_set(mode="EDIT")
     disturb(capture, 4)
     bpy.ops.object.mode_set(mode="OBJECT")
     bpy.context.view_layer.update()
     empty.frame_set(7)
-    assert_shows(capture, static_rig, 6.0)
+    shows(capture, static_rig, 6.0)
     capture.data.attributes.remove(capture.data.attributes["scale"])
     empty.frame_set(7)
-    assert_shows(capture, static_rig, 6.0)
+    shows(capture, static_rig, 6.0)
 
 
 def test_saved_geometry_of_another_session_is_not_trusted(empty, capture, static_rig, tmp_path):
@@ -290,6 +290,6 @@ def test_saved_geometry_of_another_session_is_not_trusted(empty, capture, static
     write_scene(static_rig, rig_of_three(), seed=11)
     name = capture.name
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
-    assert_shows(bpy.data.objects[name], static_rig, 1.0)
+    shows(bpy.data.objects[name], static_rig, 1.0)
     bpy.context.scene.frame_set(8)
-    assert_shows(bpy.data.objects[name], static_rig, 7.0)
+    shows(bpy.data.objects[name], static_rig, 7.0)

@@ -5,22 +5,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, shows, write_scene
 from support.training_panel import switched_off
 
 from frog_blender import point_cloud
-from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import handlers, playback
-
-
-@pytest.fixture
-def capture(empty, static_rig):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    return next(playback.captures(empty.objects))
-
-
-def shows(obj, path, frame):
-    np.testing.assert_array_equal(point_cloud.read(obj)["position"], ScenePlayer.load(path).at_frame(frame).means)
 
 
 def the_capture():
