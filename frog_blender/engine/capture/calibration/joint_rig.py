@@ -93,15 +93,23 @@ def calibrate_unsynchronised_films(
         times.append(film.stamps[np.unique(np.minimum(after, len(film.stamps) - 1))])
     unplaced = [replace(film, offset=0.0, rate=1.0) for film in films]
     joints = _joints_of_films(run, unplaced, views, [stamps.tolist() for stamps in times], network)
-    tracks = moving_tracks(views, [NamedTracks(*film) for film in zip(times, joints, strict=True)])
-    found = find_clocks(run, films, tracks={film.name: track for film, track in zip(films, tracks, strict=True)})
-    if found.refusal is not None:
-        raise CalibrationRefused(f"The joints do not tell when the films began: {REMEDY}. {found.refusal}")
+    seen = [NamedTracks(*film) for film in zip(times, joints, strict=True)]
+    tracks = moving_tracks(views, seen)
     frame = 1 / min(film.facts.frames_per_second for film in films)
-    start = np.array([found.clocks[film.name][0] for film in films])
+    is_open = any(leaves_sides_open(track.positions) for track in seen)
+    if is_open:
+        # A wrong side fits a wrong offset as well, a stride away: the films may be in step, and nothing else.
+        start, clocks = np.zeros(len(films)), replace(heard, refusal=None)
+    else:
+        clocks = find_clocks(run, films, tracks={film.name: track for film, track in zip(films, tracks, strict=True)})
+        if clocks.refusal is not None:
+            raise CalibrationRefused(f"The joints do not tell when the films began: {REMEDY}. {clocks.refusal}")
+        start = np.array([clocks.clocks[film.name][0] for film in films])
     calibration, offsets = run.in_child(calibrate_unsynchronised, views, tracks, start, frame)
-    clocks = {film.name: (offset, 1.0) for film, offset in zip(films, offsets.tolist(), strict=True)}
-    return calibration, replace(found.with_clocks(clocks), warnings=())
+    if is_open and offsets.any():
+        raise CalibrationRefused(f"In one of the films nothing tells left from right, nor when it began: {REMEDY}.")
+    found = {film.name: (offset, 1.0) for film, offset in zip(films, offsets.tolist(), strict=True)}
+    return calibration, replace(clocks.with_clocks(found), warnings=())
 
 
 def _joints_of_films(
@@ -207,15 +215,10 @@ def moving_tracks(facts: Sequence[CameraFacts], tracks: Sequence[NamedTracks]) -
     """Each film's joints without changes of left for right and without strays.
 
     Raises:
-        CalibrationRefused: for a film in which too few joints move, or nothing tells left from right.
+        CalibrationRefused: for a film in which too few joints move.
     """
     clean = []
     for camera, track in zip(facts, tracks, strict=True):
-        if leaves_sides_open(track.positions):  # a wrong side fits a wrong offset as well, a stride away
-            raise CalibrationRefused(
-                f"In the film of camera {camera.name} nothing tells left from right, nor, therefore, when it began: "
-                f"{REMEDY}."
-            )
         pixels = without_strays(with_sides(track.positions, steady_sides(track.positions)))
         seen = np.isfinite(pixels[:, :, 0]).sum(0) >= limits.JOINT_IMAGES
         if not seen.any():
