@@ -87,6 +87,7 @@ def copied(
     turn: int = 0,
     has_sound: bool = True,
     movflags: str = "",
+    timecode: str = "",
 ) -> Path:
     """A film, not encoded again.
 
@@ -95,10 +96,11 @@ def copied(
         delay, sound_delay: seconds by which all is shown later, and its sound besides.
         turn: degrees against the clock by which it is shown turned.
         movflags: FFmpeg's for MP4, such as "faststart" and "frag_keyframe+empty_moov".
+        timecode: of its first frame, HH:MM:SS:FF.
     """
     options = {"movflags": movflags} if movflags else {}
     with av.open(str(source)) as film, av.open(str(path), "w", options=options) as container:
-        container.metadata.update(film.metadata)
+        container.metadata.update(film.metadata | ({"timecode": timecode} if timecode else {}))
         chosen = [*film.streams.video, *(film.streams.audio if has_sound else ())]
         streams = {stream.index: container.add_stream_from_template(stream) for stream in chosen}
         if turn:

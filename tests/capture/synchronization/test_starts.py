@@ -10,12 +10,15 @@ from support.films import copied, encode
 
 from frog_blender.engine.capture.readers.footage import film_facts
 from frog_blender.engine.capture.synchronization.films import Film
+from frog_blender.engine.capture.synchronization.pairs import PairLag
 from frog_blender.engine.capture.synchronization.starts import (
     RATE,
     Signal,
     audio_lag,
     energy_lag,
+    preferred,
     read_audio,
+    read_timecode,
 )
 
 
@@ -126,3 +129,21 @@ def test_films_without_motion_or_too_short_have_no_lag() -> None:
     assert energy_lag((0, 1), (still, signal(0, 30)), 1 / 30) is None
     short = signal(0, 30, seconds=0.1)
     assert energy_lag((0, 1), (short, short), 1 / 30) is None
+
+
+# --- timecodes
+
+
+def test_a_film_tells_its_timecode(tmp_path: Path) -> None:
+    silent = encode(tmp_path / "a.mp4", [np.full((48, 64, 3), level, np.uint8) for level in (20, 120, 220)], rate=30)
+    told = copied(silent, tmp_path / "b.mp4", timecode="01:02:03:15")
+    assert read_timecode(Film("b", told, film_facts(told))) == pytest.approx(3723.5)
+    assert read_timecode(Film("a", silent, film_facts(silent))) is None
+
+
+@pytest.mark.parametrize("codes", [(50.0, 53.4), (86_398.0, 1.4)])  # the second after midnight
+def test_timecodes_choose_between_maxima(codes: tuple[float, float]) -> None:
+    lag = PairLag(0, 1, 5.0, 0.0, 0.01, 0.9, "energy", others=((1.0, 0.8), (3.0, 0.7)))
+    chosen = preferred(lag, codes)
+    assert (chosen.lag, chosen.score, chosen.others) == (3.0, 0.7, ((5.0, 0.9), (1.0, 0.8)))
+    assert preferred(lag, (None, 53.4)) is lag and preferred(lag, (50.0, 58.0)) is lag

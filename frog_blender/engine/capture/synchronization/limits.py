@@ -26,6 +26,7 @@ AUDIO_SURE_PEAK = 20.0  # the same of speech in an echoing room, 10 dB above noi
 AUDIO_TOLERANCE = 0.02  # seconds about the line on which segments agree: twice what sound travels
 AUDIO_SHOWN = 0.5  # seconds to either side of the peak that the curve keeps
 DRIFT_SECONDS = 25.0  # a shorter film tells no drift
+TIMECODE_SLACK = 1.0  # seconds: whole frames of free-running clocks
 
 # --- motion energy
 ENERGY_LEAST_SHARE = 0.25  # of the shorter film must overlap: films that share less agree by chance

@@ -1,19 +1,20 @@
-"""The first lags of two films: by their sound, else by how much moves in them when.
+"""The first lags of two films: by their sound, else by how much moves in them when; timecodes choose between several.
 
 Sound is right to about a frame, for it travels 3 ms a metre. Motion energy needs neither cameras nor sound, but views
-must see the same motion: far apart it is a frame or more wrong.
+must see the same motion: far apart it is a frame or more wrong. A timecode has whole frames and a clock of its own.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray
 from ...errors import FrogError
-from ..media import read_sound
+from ..media import film_tags, read_sound
 from ..video import load_opencv
 from . import limits
 from .films import Film
@@ -22,6 +23,8 @@ from .run import Run
 
 RATE = 16_000
 """Samples of sound a second."""
+_TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)[:;.](\d\d)")
+_DAY = 86_400.0
 
 Signal = tuple[Float64s, Float64s]
 """Film times in seconds, and values there."""
@@ -284,3 +287,28 @@ def _normalized_correlation(first: Float64s, second: Float64s, least: int) -> tu
     scores = scores * np.sqrt(np.maximum(1 - 4.0 / np.maximum(safe, 4), 0))
     shifts = np.arange(-(count_b - 1), count_a)
     return shifts[enough].astype(np.float64), scores[enough]
+
+
+# --- timecodes
+
+
+def read_timecode(film: Film) -> float | None:
+    """The second of a day at which a film's timecode says that it began; None without one."""
+    told = _TIMECODE.fullmatch(film_tags(film.path).get("timecode", ""))
+    if told is None:
+        return None
+    hours, minutes, seconds, frames = (int(part) for part in told.groups())
+    return 3600 * hours + 60 * minutes + seconds + frames * film.interval
+
+
+def preferred(lag: PairLag, codes: tuple[float | None, float | None]) -> PairLag:
+    """The best maximum near what two films' timecodes say; without one there, or timecodes, the best of all."""
+    first, second = codes
+    if first is None or second is None:
+        return lag
+    told = (second - first + _DAY / 2) % _DAY - _DAY / 2  # across midnight the shorter way
+    near = [other for other in lag.others if abs(other[0] - told) <= limits.TIMECODE_SLACK]
+    if abs(lag.lag - told) <= limits.TIMECODE_SLACK or not near:
+        return lag
+    rest = ((lag.lag, lag.score), *(other for other in lag.others if other != near[0]))
+    return replace(lag, lag=near[0][0], score=near[0][1], others=rest)

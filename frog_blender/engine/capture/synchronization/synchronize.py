@@ -18,7 +18,7 @@ from .moving_points import MovingPoints
 from .pairs import PairLag, Solution, solve
 from .report import reported
 from .run import Run, WorkFolder
-from .starts import Motion, audio_lag, energy_lag, motion_of, read_audio
+from .starts import Motion, audio_lag, energy_lag, motion_of, preferred, read_audio, read_timecode
 from .synchronization import Synchronization, in_step
 from .tracks import NamedTracks, track_lags
 
@@ -112,13 +112,15 @@ def _heard(films: Sequence[Film], run: Run) -> list[PairLag]:
 
 
 def _alike(films: Sequence[Film], motions: Sequence[Motion], heard: set[tuple[int, int]]) -> list[PairLag]:
-    """Lags of the other films, by how much moves in them."""
+    """Lags of the other films, by how much moves in them; a timecode chooses between several."""
+    codes = [read_timecode(film) for film in films]
     lags = []
-    for pair in combinations(range(len(films)), 2):
-        if pair not in heard:
-            step = min(films[index].interval for index in pair)
-            lag = energy_lag(pair, (motions[pair[0]].energy, motions[pair[1]].energy), step)
-            lags += [] if lag is None else [lag]
+    for first, second in combinations(range(len(films)), 2):
+        if (first, second) in heard:
+            continue
+        step = min(films[first].interval, films[second].interval)
+        lag = energy_lag((first, second), (motions[first].energy, motions[second].energy), step)
+        lags += [] if lag is None else [preferred(lag, (codes[first], codes[second]))]
     return lags
 
 
