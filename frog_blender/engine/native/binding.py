@@ -66,7 +66,8 @@ def library() -> ctypes.CDLL:
     try:
         return _with_signatures(path, loaded)
     except AttributeError as error:
-        raise found_instead(path, f"another library ({error})", _EXPECTED) from error
+        expected = f"{_EXPECTED}; build it again with 'make'"
+        raise found_instead(path, f"another library ({error})", expected) from error
 
 
 def _with_signatures(path: Path, loaded: ctypes.CDLL) -> ctypes.CDLL:
