@@ -119,3 +119,37 @@ def test_without_its_package_a_scene_is_refused_in_a_sentence(trained: Path) -> 
 
     with pytest.raises(FrogError, match=r"line\.frog: found the method 'linear', expected one of frog, .* package"):
         load_scene(trained / "line.frog")
+
+
+WRONG = """
+from pathlib import Path
+from types import SimpleNamespace
+from frog_blender import engine as frog
+from frog_blender.engine import registry
+
+def unplayable(arrays, model):
+    raise KeyError("network.x")
+
+registry.register_reader("wrong", SimpleNamespace(matches=lambda folder: folder.name == "wrong", read=lambda _: {}))
+registry.register_metric("wrong", lambda image, truth: image)
+Path("wrong").mkdir()
+rig, scene = frog.open_capture("rig"), frog.load_scene("line.frog")
+for attempt in (
+    lambda: frog.open_capture("wrong"),
+    lambda: frog.evaluate(scene, rig, metrics=["wrong"]),
+    lambda: frog.rasterize(SimpleNamespace(means=None), rig.cameras[0], backend=lambda *_: None),
+    lambda: registry.Method("Wrong", "", unplayable).player({}, {}),
+):
+    try:
+        attempt()
+    except frog.FrogError as error:
+        print(error)
+"""
+
+
+def test_what_is_wrong_with_what_a_package_gives_is_said_in_a_sentence(trained: Path) -> None:
+    reader, metric, rasterizer, player = python(trained, "-c", WRONG).splitlines()
+    assert reader == "The reader 'wrong' gave dict for wrong, expected a Capture."
+    assert metric == "The metric 'wrong' gave ndarray, expected one number for an image."
+    assert rasterizer.endswith("gave NoneType, expected an Image.")
+    assert player == "The method Wrong cannot play what a training of it wrote (KeyError: 'network.x')."

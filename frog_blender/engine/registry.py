@@ -182,7 +182,16 @@ class Method:
 
     def player(self, arrays: SceneArrays, model: Mapping[str, Any]) -> Any:
         """What moves a finished scene's Gaussians; None where nothing moves them."""
-        return None if self.play is None else self._function(self.play)(arrays, model)
+        if self.play is None:
+            return None
+        play = self._function(self.play)
+        try:
+            return play(arrays, model)
+        except (FrogError, MemoryError):
+            raise
+        except Exception as error:  # of others' code, which may fail in any way
+            why = f"{type(error).__name__}: {reason(error)}"
+            raise FrogError(f"The method {self.title} cannot play what a training of it wrote ({why}).") from error
 
     def adapted(self, recipe: Settings) -> Settings:
         """The recipe as this method trains it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsFloat
 
 import numpy as np
 
@@ -133,6 +133,13 @@ def metrics_named(names: Iterable[str]) -> dict[str, Metric]:
     return metrics
 
 
+def _number(name: str, value: object) -> float:
+    """What a metric gave; FrogError where it is no number."""
+    if np.ndim(value) or not isinstance(value, SupportsFloat):  # type: ignore[arg-type]  # it may be anything
+        raise FrogError(f"The metric {name!r} gave {type(value).__name__}, expected one number for an image.")
+    return float(value)
+
+
 def held_out_shots(scene: ScenePlayer, capture: Capture) -> list[int]:
     """Indices into ``capture.shots`` of the images that the scene was not trained on."""
     names = [camera.name for camera in capture.cameras]
@@ -213,7 +220,7 @@ class _Sums:
         self.psnr += psnr_of(float(error.mean() if counted is None else error[counted].mean()))
         self.ssim += ssim(image, truth)
         for name, metric in more_metrics.items():
-            self.more[name] = self.more.get(name, 0.0) + metric(image, truth)
+            self.more[name] = self.more.get(name, 0.0) + _number(name, metric(image, truth))
         self.frames += 1
         if mask is not None and mask.any():
             self.masked_error += float(error[mask].mean(axis=1).sum())

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from ..capture.camera import NEUTRAL, Camera
+from ..errors import FrogError
 from ..gaussians import GaussianArrays, TorchGaussians
 from ..native.options import RasterizeOptions
 from ..registry import RASTERIZERS
@@ -82,7 +83,9 @@ def rasterize(
         backend = default_backend(gaussians.means)
     elif isinstance(backend, str):
         backend = RASTERIZERS[backend]
-    drawn: Image = backend(gaussians, camera, (red, green, blue), options, pose)
+    drawn = backend(gaussians, camera, (red, green, blue), options, pose)
+    if not isinstance(drawn, Image):
+        raise FrogError(f"The rasterizer {backend} gave {type(drawn).__name__}, expected an Image.")
     return exposed(drawn, camera)
 
 

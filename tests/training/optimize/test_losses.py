@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
 
+from frog_blender.engine.errors import FrogError
 from frog_blender.engine.native import binding
 from frog_blender.engine.registry import LOSSES, register_loss
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss, photometric_loss_reference
@@ -54,6 +57,17 @@ def test_values_and_gradient(size: tuple[int, int], terms: dict[str, float]) -> 
     slope = expected.gradient
     assert float((found.gradient - slope).norm()) <= 1e-5 * float(slope.norm()) > 0
     np.testing.assert_allclose(found.cell_errors, expected.cell_errors, rtol=1e-5, atol=1e-9)
+
+
+@pytest.mark.parametrize("wrong", [lambda image, _: image, lambda *_: 0.5, lambda *_: None])
+@pytest.mark.parametrize("loss", [photometric_loss, exactly])
+def test_a_term_that_is_no_number_is_named(wrong: Callable[..., object], loss: Callable[..., object]) -> None:
+    register_loss("wrong", wrong)
+    try:
+        with pytest.raises(FrogError, match=r"The loss 'wrong' gave .*, expected a tensor of one number"):
+            loss(*images(*SIZES[0]), {"wrong": 1.0}, 1.0)
+    finally:
+        LOSSES.unregister("wrong")
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -90,7 +90,10 @@ def open_capture(
     """
     folder, layout = _located(Path(path))
     with _readable(folder):
-        capture = with_masks(localized(checked(READERS[layout].read(folder))), masks)
+        found = READERS[layout].read(folder)
+        if not isinstance(found, Capture):
+            raise FrogError(f"The reader {layout!r} gave {type(found).__name__} for {folder}, expected a Capture.")
+        capture = with_masks(localized(checked(found)), masks)
     return capture.with_pixel_offsets(pixel_offsets) if pixel_offsets else capture
 
 

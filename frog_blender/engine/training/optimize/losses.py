@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
+from ...errors import FrogError
 from ...native.binding import CELL, l1_loss
 from ...native.binding import ssim as native_ssim
 from ...rasterizer import Image
@@ -107,7 +108,7 @@ def photometric_loss(
         else:
             with torch.enable_grad():
                 drawn = image.clone().requires_grad_()
-                value = LOSSES[name](drawn, truth)
+                value = term(name, drawn, truth)
                 (slope,) = torch.autograd.grad(value, drawn)
             loss += share * float(value.detach())
             gradient.add_(slope, alpha=weight * share)
@@ -123,12 +124,21 @@ def photometric_loss_reference(
         loss = l1(image, truth)
         for name, share in terms.items():
             if share:
-                loss = loss + share * LOSSES[name](image, truth)
+                loss = loss + share * term(name, image, truth)
         loss = weight * loss
         (gradient,) = torch.autograd.grad(loss, image)
     squares = (image.detach() - truth).square().permute(2, 0, 1)
     cells = functional.avg_pool2d(squares, CELL, ceil_mode=True, count_include_pad=False).mean(0)
     return PhotometricLoss(loss.detach(), cells, gradient)
+
+
+def term(name: str, image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """A term of the loss; FrogError where it is no number that depends on ``image``."""
+    value: object = LOSSES[name](image, truth)
+    if not isinstance(value, torch.Tensor) or value.numel() != 1 or not value.requires_grad:
+        found = f"a tensor of shape {tuple(value.shape)}" if isinstance(value, torch.Tensor) else type(value).__name__
+        raise FrogError(f"The loss {name!r} gave {found}, expected a tensor of one number, derived from the drawing.")
+    return value
 
 
 def l1(image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
