@@ -101,9 +101,11 @@ def solved(
         found = _matches(random, seen[one], seen[other], false)
         matches[one, other] = found
         checked[one, other] = verified(lenses[one], seen[one][0], lenses[other], seen[other][0], found)
-    images = Images(lenses, tuple(groups or [0] * len(cameras)), tuple(pixels for pixels, _, _ in seen), len(cameras))
+    images = Images(
+        lenses, tuple(groups or [0] * len(cameras)), tuple(pixels for pixels, _, _ in seen), may_differ=True
+    )
     solution = solve(images, matches, checked, lambda *_: None)
-    return Solved(solution, support_of(solution, images, matches, [camera.name for camera in cameras]))
+    return Solved(solution, support_of(solution, matches, [camera.name for camera in cameras]))
 
 
 Seen = tuple[Float64s, Array, Float64s]  # pixels, indices of the points, unit vectors towards the camera

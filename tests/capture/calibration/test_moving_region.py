@@ -57,8 +57,8 @@ def filmed(of_subject: int, motion: float) -> tuple[list[Features], Model, Model
 
 def share(features: list[Features], model: Model) -> float:
     count = len(CAMERAS)
-    matches, _ = match_pairs(features, [LENS] * count, pairs_to_match([count]), lambda *_: None)
-    images = Images((LENS,) * count, (0,) * count, tuple(found.pixels for found in features), 0)
+    matches, _ = match_pairs(features, [LENS] * count, pairs_to_match(count, in_order=True), lambda *_: None)
+    images = Images((LENS,) * count, (0,) * count, tuple(found.pixels for found in features))
     return moving_share(images, model, matches)
 
 

@@ -278,5 +278,5 @@ def _calibration(rig: BoardRig, seen: Corners3D, sigmas: Float64s, *, is_metric:
         for facts, (focal, k1, k2) in zip(rig.facts, rig.lenses.tolist(), strict=True)
     )
     adjusted = Adjusted(Model(rig.cameras[:, :3], lenses), places[first], rig.distances(seen)[order], sigmas)
-    supports = camera_support(adjusted, tracks, len(lenses))
+    supports = camera_support(adjusted, tracks)
     return calibration_of([facts.name for facts in rig.facts], adjusted, tracks, supports, is_metric=is_metric)

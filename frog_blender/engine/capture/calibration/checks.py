@@ -23,15 +23,8 @@ _GAPS = (1, 2)  # images between two that are compared: farther ones share too l
 _MOST_PAIRS = 120
 _COHERENT = 0.5  # of the matches that contradict: a false geometry takes a quarter of false matches
 
-REMEDY = (
-    "Next time hold a ChArUco board into the views of neighbouring cameras, set the cameras closer together, or film "
-    "a slow walk through the empty set with one more camera"
-)
+REMEDY = "Next time hold a ChArUco board into the views of neighbouring cameras, or set the cameras closer together"
 """What to film where standing cameras are not connected."""
-_PATH_REMEDY = (
-    "Next time start the walk-through beside that camera, at its height, and walk on slowly, so that the film shows "
-    "what the camera sees from near its place"
-)
 _MOVING_REMEDY = (
     "Next time move the camera sideways, slowly and without turning on the spot, past textured things that rest, or "
     "film with several standing cameras"
@@ -41,8 +34,7 @@ _MOVING_REMEDY = (
 def refusal(solution: Solution, support: Support) -> str | None:
     """Why standing cameras must not be used, in one sentence; None where nothing speaks against them."""
     names, cameras = support.names, support.cameras
-    remedy = _PATH_REMEDY if support.connected else REMEDY
-    if len(names) < 3 and not support.connected:
+    if len(names) < 3:
         return (
             f"{len(names)} standing cameras cannot be calibrated from their images: a single pair proves nothing. "
             "Next time film with at least three cameras, or hold a ChArUco board into the views."
@@ -51,8 +43,8 @@ def refusal(solution: Solution, support: Support) -> str | None:
     lost = [name for index, name in enumerate(names) if index not in placed]
     weak = [name for name, camera in zip(names, cameras, strict=False) if camera.shared_by_three < limits.LEAST_SHARED]
     if lost or weak:
-        return _unseen(solution, support, lost or weak) if support.connected else _unconnected(support, lost or weak)
-    return _open(solution, max(camera.focal_uncertainty for camera in cameras), "the cameras", "the rig's size", remedy)
+        return _unconnected(support, lost or weak)
+    return _open(solution, max(camera.focal_uncertainty for camera in cameras), "the cameras", "the rig's size", REMEDY)
 
 
 def moving_refusal(solution: Solution, count: int) -> str | None:
@@ -71,8 +63,7 @@ def warnings(solution: Solution, support: Support) -> list[str]:
     if weak := [
         name for name, camera in zip(names, cameras, strict=True) if camera.shared_by_three < limits.FEW_SHARED
     ]:
-        others = "the walk-through" if support.connected else "two other cameras at once"
-        found.append(f"Few points are seen by {listed(weak)} and {others}: look at the result.")
+        found.append(f"Few points are seen by {listed(weak)} and two other cameras at once: look at the result.")
     found += _doubts(solution, max(camera.focal_uncertainty for camera in cameras), "the rig's size")
     if doubted := [name for name, camera in zip(names, cameras, strict=True) if camera.share < limits.LEAST_AGREEING]:
         found.append(f"Most matches of {listed(doubted)} disagree with the solution: look at the result.")
@@ -94,11 +85,11 @@ def moving_warnings(solution: Solution, count: int, moving: float) -> list[str]:
     return found
 
 
-def listed(names: Sequence[str], most: int = _NAMED) -> str:
-    """Names in a sentence, the first ``most`` of more."""
-    shown = list(names[:most])
-    if len(names) > most:
-        return f"{', '.join(shown)} and {len(names) - most} more"
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence, the first few of more."""
+    shown = list(names[:_NAMED])
+    if len(names) > _NAMED:
+        return f"{', '.join(shown)} and {len(names) - _NAMED} more"
     return ", ".join(shown[:-1]) + (" and " if len(shown) > 1 else "") + shown[-1] if shown else "none"
 
 
@@ -145,19 +136,6 @@ def _unconnected(support: Support, lost: Sequence[str]) -> str:
     only = f"only {listed(matching)} match" + ("es" if len(matching) == 1 else "") if matching else "no pair matches"
     sharing = f"share{'s' if len(lost) == 1 else ''} no points with two other cameras at once"
     return f"{listed(lost)} {sharing}: {only}. {REMEDY}."
-
-
-def _unseen(solution: Solution, support: Support, lost: Sequence[str]) -> str:
-    """The refusal for standing cameras that the walk-through does not connect."""
-    indices = [support.names.index(name) for name in lost]
-    most = [
-        max((len(found) for pair, found in solution.verified.items() if index in pair), default=0) for index in indices
-    ]
-    matches = ", ".join(f"{name} (at most {count})" for name, count in zip(lost, most, strict=True))
-    return (
-        f"The walk-through does not show enough of what {listed(lost, len(lost))} see{'s' if len(lost) == 1 else ''}: "
-        f"too few points match in three images or more; matches with one image: {matches}. {_PATH_REMEDY}."
-    )
 
 
 def _path_uncertainty(solution: Solution) -> float:

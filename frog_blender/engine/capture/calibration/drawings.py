@@ -1,4 +1,4 @@
-"""Drawings of a calibration's report: SVG, and images with what was observed in them, to stand in one HTML page."""
+"""Drawings of a calibration's report, to stand in one HTML page."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ from ..video import load_opencv
 _SIDE, _MARGIN = 560, 40
 _DOTS = 1500  # points in the drawing of a rig
 _FARTHEST = 8.0  # in halves of the rig's extent, from its middle: farther points do not widen a drawing
-_WIDE = 480  # pixels of a camera's image
-_GREEN, _RED = (60, 170, 40), (40, 40, 220)  # blue, green, red
 
 
 def rig_from_above(names: Sequence[str], cameras: Float64s, directions: Float64s, points: Float64s) -> str:
@@ -63,29 +61,7 @@ def frame_from_above(cameras: Float64s, points: Float64s) -> tuple[Float64s, flo
     return (low + high) / 2, max(float((high - low).max()) / 2, 1e-9)
 
 
-def camera_image(background: ImageArray, width: int, observations: Float64s) -> str:
-    """A camera's background with observations in it, as an ``img`` element.
-
-    Args:
-        width: of the film, in whose pixels the observations are.
-        observations: (N, 3) x, y, and 1 for those that agree.
-    """
-    cv2 = load_opencv()
-    scale = _WIDE / width
-    height = max(1, round(background.shape[0] * _WIDE / background.shape[1]))
-    small = cv2.resize(background, (_WIDE, height), interpolation=cv2.INTER_AREA)
-    image = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
-    for x, y, agrees in observations.tolist():
-        cv2.circle(image, (int(x * scale), int(y * scale)), 2, _GREEN if agrees else _RED, -1, cv2.LINE_AA)
-    return _element(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 80])
-
-
-def wide_image(image: ImageArray) -> str:
+def embedded(image: ImageArray) -> str:
     """An image (H, W, 3) RGB as an ``img`` element, without loss."""
-    return _element(".png", image[..., ::-1])
-
-
-def _element(ending: str, image: ImageArray, options: Sequence[int] = ()) -> str:
-    _, content = load_opencv().imencode(ending, np.ascontiguousarray(image), options)
-    kind = {".jpg": "jpeg", ".png": "png"}[ending]
-    return f"<img alt='' src='data:image/{kind};base64,{base64.b64encode(content.tobytes()).decode()}'>"
+    _, content = load_opencv().imencode(".png", np.ascontiguousarray(image[..., ::-1]))
+    return f"<img alt='' src='data:image/png;base64,{base64.b64encode(content.tobytes()).decode()}'>"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import combinations, product
 
 import numpy as np
 
@@ -19,31 +18,17 @@ from .tracks import Pairs
 
 _RATIO = 0.8
 _EXHAUSTIVE = 60
-"""Images of one sequence up to which every pair is matched."""
+"""Images in order up to which every pair is matched."""
 _OVERLAP = 10  # neighbours in time that an image is matched with, besides those 16, 32, ... images away
-_ACROSS = 600  # pairs of images of two sequences
 
 
-def pairs_to_match(lengths: Sequence[int]) -> list[tuple[int, int]]:
-    """Pairs of images to match, of sequences one after the other, a camera that stands being one of one image.
-
-    Within a sequence they are those of COLMAP's sequential pairing with quadratic overlap, between two all of few, else
-    those of evenly spread images.
+def pairs_to_match(count: int, *, in_order: bool = False) -> list[tuple[int, int]]:
+    """Pairs of so many images to match: all, or of many images in order those of COLMAP's sequential pairing with
+    quadratic overlap.
     """
-    starts = np.cumsum([0, *lengths]).tolist()
-    steps = sorted({*range(1, _OVERLAP + 1), *(2**power for power in range(4, 12))})
-    pairs: list[tuple[int, int]] = []
-    for start, length in zip(starts, lengths, strict=False):
-        near = range(1, length) if length <= _EXHAUSTIVE else steps
-        pairs += [(start + one, start + one + step) for one in range(length) for step in near if one + step < length]
-    for one, other in combinations(range(len(lengths)), 2):
-        share = min(1.0, (_ACROSS / (lengths[one] * lengths[other])) ** 0.5)
-        spread = [
-            np.unique(np.linspace(0, lengths[index] - 1, max(1, round(share * lengths[index]))).round().astype(int))
-            for index in (one, other)
-        ]
-        pairs += [(starts[one] + i, starts[other] + j) for i, j in product(*(images.tolist() for images in spread))]
-    return sorted(pairs)
+    near = sorted({*range(1, _OVERLAP + 1), *(2**power for power in range(4, 12))})
+    steps = near if in_order and count > _EXHAUSTIVE else range(1, count)
+    return sorted((one, one + step) for one in range(count) for step in steps if one + step < count)
 
 
 def match_pairs(

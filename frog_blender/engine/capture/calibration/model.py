@@ -108,21 +108,13 @@ def centers(model: Model) -> Float64s:
     return found
 
 
-def disagreement(one: Model, other: Model, judged: int | None = None) -> float:
-    """How far two models put an image apart at worst after similarity alignment, over the images' diameter.
-
-    Args:
-        judged: only the first so many images are judged, over their diameter; of fewer than two, over that of all.
-    """
+def disagreement(one: Model, other: Model) -> float:
+    """How far two models put an image apart at worst after similarity alignment, over the images' diameter."""
     placed = np.array(sorted(set(one.placed) & set(other.placed)), dtype=np.int64)
     if len(placed) < 3:
         return float("inf")
     first, second = (centers(model)[placed] for model in (one, other))
-    is_judged = placed < (len(one.poses) if judged is None else judged)
-    if not is_judged.any():
-        return float("inf")
-    size = _diameter(second[is_judged] if is_judged.sum() > 1 else second)
-    return float(_aligned_distances(first, second)[is_judged].max() / max(size, 1e-300))
+    return float(_aligned_distances(first, second).max() / max(_diameter(second), 1e-300))
 
 
 def _aligned_distances(first: Float64s, second: Float64s) -> Float64s:

@@ -65,7 +65,7 @@ class PointViews:
             for camera in self.facts
         )
         groups = np.unique([camera.group for camera in self.facts], return_inverse=True)[1].reshape(-1).tolist()
-        return Images(lenses, tuple(groups), tuple(np.nan_to_num(self.pixels)), 0)
+        return Images(lenses, tuple(groups), tuple(np.nan_to_num(self.pixels)))
 
     @property
     def pairs(self) -> dict[tuple[int, int], Ints]:
@@ -128,7 +128,7 @@ def solve_points(views: PointViews, *, halves: Bools | None = None, start: Model
     shares = np.bincount(tracks.cameras[agree], minlength=len(most)) / np.maximum(views.seen.sum(1), 1)
     squares = np.minimum(adjusted.distances / most[tracks.cameras], 1.0) ** 2
     cost = float(squares.sum() + views.seen.sum() - len(squares)) / max(int(views.seen.sum()), 1)
-    supports = camera_support(adjusted, tracks, len(most))
+    supports = camera_support(adjusted, tracks)
     found = calibration_of([camera.name for camera in views.facts], adjusted, tracks, supports)
     if halves is not None:
         parts = [tracks.chosen(half[tracks.features]) for half in (halves, ~halves)]

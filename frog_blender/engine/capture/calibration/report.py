@@ -18,8 +18,7 @@ from ..readers.checks import read_json
 from ..synchronization import Synchronization, draw_curves
 from ..synchronization.films import Film
 from .calibration import Calibration, MovingCamera
-from .drawings import camera_image, rig_from_above, wide_image
-from .views import View
+from .drawings import embedded, rig_from_above
 
 REPORT, PAGE = "calibration_report.json", "calibration_report.html"
 """Names of the two files; a later run replaces them."""
@@ -28,18 +27,17 @@ _SAME = 1e-3  # of a focal length: two calibrations seldom agree so well in ever
 _MOST_LINES, _LONGEST_LINE, _MOST_CAMERAS = 1100, 10_000, 10_000
 _STYLE = (
     "body{font:15px sans-serif;max-width:64rem;margin:2rem auto;color:#222}table{border-collapse:collapse}"
-    "td,th{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #ddd}figure{display:inline-block;margin:.4rem}"
-    "figcaption{font-size:13px;color:#555}figure img{width:19rem}img{max-width:100%}"
+    "td,th{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #ddd}img{max-width:100%}"
 )
 
 
 def write_report(
-    folder: Path, calibration: Calibration, films: Sequence[Film], views: Sequence[View], clocks: Synchronization
+    folder: Path, calibration: Calibration, films: Sequence[Film], clocks: Synchronization
 ) -> tuple[Path, Path]:
     """Writes both files into a folder and returns their paths.
 
     Args:
-        films, views: of the cameras, in their order.
+        films: of the cameras, in their order.
         clocks: what synchronisation found.
 
     Raises:
@@ -77,17 +75,11 @@ def write_report(
         np.array([camera.forward[:2] for camera in cameras]),
         calibration.points,
     )
-    figures = [
-        f"<figure>{camera_image(view.background, found.camera.width, found.observations)}"
-        f"<figcaption>{escape(found.camera.name)}: observations that agree (green), or not (red)</figcaption></figure>"
-        for view, found in zip(views, calibration.cameras, strict=True)
-    ]
     parts = [drawn, f"<h2>Cameras</h2>{_table(facts['cameras'])}"]
     if facts["pairs"]:
         parts.append(f"<h2>Points that pairs of cameras share</h2>{_table(facts['pairs'])}")
-    parts.append(f"<h2>Coverage</h2>{''.join(figures)}")
     if clocks.cameras:
-        parts.append(f"<h2>Synchronisation</h2>{wide_image(draw_curves(clocks))}")
+        parts.append(f"<h2>Synchronisation</h2>{embedded(draw_curves(clocks))}")
     return _write(folder, facts, parts)
 
 

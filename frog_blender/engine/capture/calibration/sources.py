@@ -1,4 +1,4 @@
-"""What cameras may come from: features, a walk-through, a board, a person's joints, points that a person clicked.
+"""What cameras may come from: features, a board, a person's joints, points that a person clicked.
 
 Each source is asked with clocks that are known, or in alternation with synchronisation where they are not.
 """
@@ -27,7 +27,6 @@ from .joint_rig import calibrate_joint_films, calibrate_unsynchronised_films
 from .landmark_file import landmark_file
 from .placing import place_views
 from .points import calibrate_clicks, read_points
-from .sequences import walk_images
 from .views import common_times, facts_of, views_of
 
 AUTO = Path("auto")
@@ -85,9 +84,7 @@ class Source:
     timed: Callable[[Sequence[Film]], tuple[Calibration, Synchronization]] | None = None
 
 
-def sources(
-    folder: Path, films: Sequence[Film], walk_throughs: Sequence[Film], options: Options, run: Run
-) -> Iterator[Source]:
+def sources(folder: Path, films: Sequence[Film], options: Options, run: Run) -> Iterator[Source]:
     """What to try, one after the other until one finds the cameras: what was asked for alone, else the surest first."""
     if options.points is not None:
         yield _clicks(films, options.points, run)
@@ -101,8 +98,6 @@ def sources(
     beside = next((folder / name for name in _BOARD_FILES if (folder / name).is_file()), None)
     if beside is not None and not options.background_only:
         yield _board(read_board(beside), run)
-    if walk_throughs:
-        yield _features(run, walk_throughs)
     yield _features(run)
     if options.background_only:
         return
@@ -197,14 +192,13 @@ def _known(calibration: Calibration) -> Cameras:
     }
 
 
-def _features(run: Run, walk_throughs: Sequence[Film] = ()) -> Source:
-    """By features, which walk-throughs connect."""
-    sequences = walk_images(run, walk_throughs)
+def _features(run: Run) -> Source:
+    """By features."""
 
     def solve(films: Sequence[Film], count: int) -> Calibration:
-        return place_views(run, views_of(run, films, common_times(films, count) if count else []), sequences)
+        return place_views(run, views_of(run, films, common_times(films, count) if count else []))
 
-    return Source("a walk-through" if sequences else "features", solve, needs_step=False)
+    return Source("features", solve, needs_step=False)
 
 
 def _board_in(films: Sequence[Film], run: Run) -> Board | None:

@@ -32,25 +32,23 @@ _SAME_FOCAL, _SAME_PLACES = 0.01, 0.01  # of the focal length and of the images'
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """What structure from motion knows of images before it places them: standing cameras, then those that move.
+    """What structure from motion knows of images before it places them.
 
     Attributes:
         lenses: sizes; focal lengths are not known.
         groups: images of one group are of one kind of camera.
         pixels: (N, 2) of the features of each.
-        standing: how many stand, each of which may be given a focal length of its own.
+        may_differ: cameras of one group may be given focal lengths of their own, unlike the images of one camera.
     """
 
     lenses: tuple[Lens, ...]
     groups: tuple[int, ...]
     pixels: tuple[Float64s, ...]
-    standing: int
+    may_differ: bool = False
 
     def sharing(self, *, own: bool) -> list[int]:
-        """By image: those of one number share their focal length; with ``own`` each standing camera has one alone."""
-        first = 1 + max(self.groups)
-        alone = list(range(first, first + self.standing)) if own else list(self.groups[: self.standing])
-        return [*alone, *self.groups[self.standing :]]
+        """By image: those of one number share their focal length; with ``own`` each has one alone."""
+        return list(range(len(self.groups))) if own else list(self.groups)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +127,7 @@ def solve(images: Images, matches: Pairs, verified: Pairs, tell: Progress) -> So
             chosen, best = rival, other
     tell("bundle adjustment", 1, 2)
     model = best.fits[0].model
-    apart = disagreement(model, best.fits[1].model, images.standing or None)
+    apart = disagreement(model, best.fits[1].model)
     if any(best.coefficients):
         verified = verified_again(matches, images.pixels, model.lenses)
     everything = join(verified, images.pixels)
@@ -143,7 +141,7 @@ def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> lis
     Args:
         tracks: that they are compared by; ``pairs`` are those tracks' matches.
     """
-    kinds = [False, True] if len(set(images.groups[: images.standing])) < images.standing else [False]
+    kinds = [False, True] if images.may_differ and len(set(images.groups)) < len(images.groups) else [False]
     focals = STARTS if len(images.lenses) < _MANY_IMAGES else _FEW_STARTS
     starts = [(start, own) for start in focals for own in kinds]
 

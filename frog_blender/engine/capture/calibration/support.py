@@ -10,12 +10,11 @@ import numpy as np
 from ...arrays import Bools, Float64s
 from .calibration import CalibratedCamera, Calibration, CameraSupport, PairSupport
 from .colmap import Adjusted
-from .model import Model, oriented
-from .structure import Images, Solution, agreeing
+from .model import oriented
+from .structure import Solution, agreeing
 from .tracks import Pairs, Tracks
 
 _CELLS = np.array([8, 6])  # of an image, in which observations are counted
-_SHOWN = 400  # observations of a camera, for the report
 _MOST_POINTS = 8000
 
 
@@ -26,33 +25,26 @@ class Support:
     Attributes:
         names: of the cameras.
         cameras: none where no model was found.
-        pairs: of all cameras whose images were matched.
-        connected: a walk-through connects the cameras, so that they need not see the same things.
+        pairs: of all cameras.
     """
 
     names: Sequence[str]
     cameras: Sequence[CameraSupport]
     pairs: Sequence[PairSupport]
-    connected: bool = False
 
 
-def support_of(solution: Solution, images: Images, matches: Pairs, names: Sequence[str]) -> Support:
-    """The support of the standing cameras, the first of the images, by name; ``matches`` are those of all images."""
-    standing = images.standing
-    connected = len(images.lenses) > standing
-    cameras: Sequence[CameraSupport] = ()
-    if solution.adjusted is not None:
-        cameras = camera_support(solution.adjusted, solution.tracks, standing)
-    return Support(names, cameras, _pair_support(matches, solution, standing), connected)
+def support_of(solution: Solution, matches: Pairs, names: Sequence[str]) -> Support:
+    """The support of standing cameras, by name; ``matches`` are those of their images."""
+    cameras = [] if solution.adjusted is None else camera_support(solution.adjusted, solution.tracks)
+    return Support(names, cameras, _pair_support(matches, solution, len(names)))
 
 
-def camera_support(adjusted: Adjusted, tracks: Tracks, count: int) -> list[CameraSupport]:
-    """What supports each of the first ``count`` cameras."""
+def camera_support(adjusted: Adjusted, tracks: Tracks) -> list[CameraSupport]:
+    """What supports each camera."""
     agree = agreeing(adjusted, tracks)
     lengths = np.bincount(tracks.points[agree], minlength=tracks.count)
     found = []
-    for camera in range(count):
-        lens = adjusted.model.lenses[camera]
+    for camera, lens in enumerate(adjusted.model.lenses):
         own = tracks.cameras == camera
         good = own & agree
         cells = (tracks.pixels[good] / [lens.width, lens.height] * _CELLS).astype(int).clip(0, _CELLS - 1)
@@ -70,18 +62,17 @@ def camera_support(adjusted: Adjusted, tracks: Tracks, count: int) -> list[Camer
 
 
 def _pair_support(matches: Pairs, solution: Solution, cameras: int) -> list[PairSupport]:
-    """What supports each pair of the first cameras; without a model no match agrees with it."""
+    """What supports each pair of cameras; without a model no match agrees with it."""
     together = np.zeros((cameras, cameras), np.int64)
     tracks = solution.tracks
     if solution.adjusted is not None:
-        agree: Bools = agreeing(solution.adjusted, tracks) & (tracks.cameras < cameras)
+        agree = agreeing(solution.adjusted, tracks)
         sees = np.zeros((tracks.count, cameras), np.int64)
         sees[tracks.points[agree], tracks.cameras[agree]] = 1
         together = sees.T @ sees
     return [
         PairSupport(one, other, len(found), len(solution.verified.get((one, other), ())), int(together[one, other]))
         for (one, other), found in sorted(matches.items())
-        if other < cameras
     ]
 
 
@@ -91,27 +82,21 @@ def calibration_of(
     tracks: Tracks,
     supports: Sequence[CameraSupport],
     *,
-    least: int = 2,
     is_metric: bool = False,
 ) -> Calibration:
-    """The first cameras of a model and its points, in the world that they suggest.
+    """The cameras of a model and its points, in the world that they suggest.
 
     Args:
-        names, supports: of those cameras.
-        least: observations that must agree about a point; the best seen ones come first.
+        names, supports: of the cameras.
         is_metric: lengths are metres, and stay so; otherwise the world's scale is chosen.
     """
-    count = len(names)
-    model = Model(adjusted.model.poses[:count], adjusted.model.lenses[:count])
-    model, points = oriented(model, adjusted.points, keep_scale=is_metric)
+    model, points = oriented(adjusted.model, adjusted.points, keep_scale=is_metric)
     agree = agreeing(adjusted, tracks)
-    cameras = []
-    for index, (name, lens, pose) in enumerate(zip(names, model.lenses, model.poses, strict=True)):
-        own = np.flatnonzero(tracks.cameras == index)
-        own = own[:: max(1, len(own) // _SHOWN)]
-        observations = np.column_stack([tracks.pixels[own].round(1), agree[own]]).astype(np.float64)
-        cameras.append(CalibratedCamera(lens.camera(name, pose), (lens.k1, lens.k2), supports[index], observations))
-    return Calibration(tuple(cameras), sure_points(points, tracks, agree, least), is_metric=is_metric)
+    cameras = tuple(
+        CalibratedCamera(lens.camera(name, pose), (lens.k1, lens.k2), support)
+        for name, lens, pose, support in zip(names, model.lenses, model.poses, supports, strict=True)
+    )
+    return Calibration(cameras, sure_points(points, tracks, agree, 2), is_metric=is_metric)
 
 
 def sure_points(points: Float64s, tracks: Tracks, agree: Bools, least: int) -> Float64s:
