@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.drawings import frame_from_above, rig_from_above
+from frog_blender.engine.capture.calibration.report import frame_from_above, rig_from_above
 
 ROW = np.array([[-0.5, 0.0], [0.0, 0.0], [0.5, 0.0]])
 WALL = np.stack([np.linspace(-1.0, 1.0, 101), np.full(101, 3.0)], axis=1)  # six halves of the row's extent away

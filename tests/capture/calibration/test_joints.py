@@ -13,8 +13,7 @@ import pytest
 
 from frog_blender.engine.arrays import Float64s, ImageArray
 from frog_blender.engine.capture.calibration import joint_rig, landmark_file, landmarks
-from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, find_joints
-from frog_blender.engine.capture.calibration.landmarks import JOINTS, Box, LandmarkNetwork, Person
+from frog_blender.engine.capture.calibration.joints import JOINTS, OTHER_SIDE, Box, LandmarkNetwork, Person, find_joints
 from frog_blender.engine.capture.calibration.views import CameraFacts, View
 from frog_blender.engine.capture.synchronization.films import find_films
 from frog_blender.engine.capture.synchronization.run import Run, WorkFolder

@@ -16,8 +16,8 @@ from frog_blender.engine.capture.calibration.model import Lens
 from frog_blender.engine.capture.calibration.report import REPORT, report_lines, write_moving_report, write_report
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.synchronization import CameraClock, Synchronization
 from frog_blender.engine.capture.synchronization.pairs import Curve
+from frog_blender.engine.capture.synchronization.synchronization import CameraClock, Synchronization
 
 from .test_result_files import calibrated
 

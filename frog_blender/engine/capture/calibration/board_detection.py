@@ -1,4 +1,4 @@
-"""ChArUco boards and checkerboards: described in a small TOML or JSON file, or found in images, layout included."""
+"""ChArUco boards and checkerboards: described in a small TOML file, or found in images, layout included."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 
 from ...arrays import Bools, Float64s, ImageArray, Ints
 from ...errors import brief, found_instead
-from ...io.plain_values import JsonObject, UnfitValue, entries, number, plain_json, text, whole
-from ...io.regular_file import regular_file
+from ...io.plain_values import JsonObject, UnfitValue, number, text, whole
+from ..readers.checks import read_text
 from ..video import load_opencv
 
 FAMILIES = ("4X4", "5X5", "6X6", "7X7")
@@ -39,7 +39,6 @@ _SKEW = 0.15  # of a marker's side
 _LEAST_CORNERS = 6
 _MOST_BYTES = 2**16
 _LARGEST = 10.0  # metres of a square
-_INCH = 0.0254
 _REACH = (2, 8)  # pixels about a ChArUco board's corner in which its place is refined
 
 
@@ -335,7 +334,7 @@ def _find_checkerboard(first: list[ImageArray], second: list[ImageArray]) -> Boa
 
 
 def read_board(path: Path) -> Board:
-    """The board of a TOML or JSON file.
+    """The board of a TOML file.
 
     Either ``squares = [4, 5]`` (columns, rows), ``square_size`` and ``marker_size`` in metres (no marker: a
     checkerboard), ``dictionary = "DICT_4X4_50"``, and, where they are so, ``inverted = true`` and ``legacy = true``; or
@@ -345,25 +344,14 @@ def read_board(path: Path) -> Board:
     Raises:
         FrogError: if the file cannot be read, or describes no board.
     """
-    regular_file(path, "a board's description")
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise found_instead(path, f"a file of {path.stat().st_size} bytes", "a board's description")
-        content = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise found_instead(path, f"a file that cannot be read ({brief(error)})", "a board's description") from error
-    try:
-        if path.suffix.lower() == ".json":
-            values = entries(plain_json(content, "a text"), "a board")
-        else:
-            values = tomllib.loads(content)
+        values = tomllib.loads(read_text(path, "a board's description", _MOST_BYTES))
         return _caliscope(values) if "columns" in values else _own_board(values)
     except UnfitValue as error:
         raise found_instead(path, error.found, error.expected) from error
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise found_instead(
-            path, f"no TOML ({brief(error)})", "a board: squares = [4, 5], square_size = 0.05"
-        ) from error
+    except (ValueError, RecursionError, OverflowError) as error:
+        expected = "a board: squares = [4, 5], square_size = 0.05"
+        raise found_instead(path, f"no TOML ({brief(error)})", expected) from error
 
 
 def _own_board(values: JsonObject) -> Board:
@@ -381,14 +369,7 @@ def _own_board(values: JsonObject) -> Board:
 def _caliscope(values: JsonObject) -> Board:
     columns, rows = (whole(values.get(key), key, 2, MOST_SQUARES) for key in ("columns", "rows"))
     marker = number(values.get("aruco_scale"), "aruco_scale", 0.2, 0.99)
-    if "square_size_override_cm" in values:
-        square = number(values["square_size_override_cm"], "square_size_override_cm", 0.01, 100 * _LARGEST) / 100
-    else:
-        unit = {"inch": _INCH, "cm": 0.01}.get(str(values.get("units")))
-        if unit is None:
-            raise UnfitValue(f"units = {brief(values.get('units'))}", "inch or cm, or square_size_override_cm")
-        sides = (number(values.get(f"board_{side}"), f"board_{side}", 0.1, 1000) for side in ("width", "height"))
-        square = unit * min(side / count for side, count in zip(sides, (columns, rows), strict=True))
+    square = number(values.get("square_size_override_cm"), "square_size_override_cm", 0.01, 100 * _LARGEST) / 100
     return _checked(Board(columns, rows, square, marker, _named_dictionary(values)), values)
 
 

@@ -25,6 +25,11 @@ _COHERENT = 0.5  # of the matches that contradict: a false geometry takes a quar
 
 REMEDY = "Next time hold a ChArUco board into the views of neighbouring cameras, or set the cameras closer together"
 """What to film where standing cameras are not connected."""
+_FOCAL_REMEDY = (
+    "Next time turn the cameras towards one place, fill more of the images with textured things at different depths, "
+    "or hold a ChArUco board"
+)
+"""The same where their focal lengths stay open: of cameras that only shift, depth and focal length trade off."""
 _MOVING_REMEDY = (
     "Next time move the camera sideways, slowly and without turning on the spot, past textured things that rest, or "
     "film with several standing cameras"
@@ -96,7 +101,8 @@ def listed(names: Sequence[str]) -> str:
 def _open(solution: Solution, unsure: float, what: str, size: str, remedy: str) -> str | None:
     """Why the data leave a solution open: its focal length, or its places."""
     if not unsure <= limits.MOST_UNSURE:
-        return f"The images do not fix the focal length (within {_percent(unsure)}). {_fixing(solution, remedy)}."
+        fixing = _FOCAL_REMEDY if remedy == REMEDY else remedy
+        return f"The images do not fix the focal length (within {_percent(unsure)}). {fixing}."
     if not solution.halves_apart <= limits.MOST_APART:
         return (
             f"Two halves of the points put {what} {_percent(solution.halves_apart)} of {size} apart: there are too "
@@ -112,20 +118,6 @@ def _doubts(solution: Solution, unsure: float, size: str) -> list[str]:
     if solution.halves_apart > limits.DOUBTFUL_APART:
         found.append(f"Camera positions are known within about {_percent(solution.halves_apart)} of {size} only.")
     return found
-
-
-def _fixing(solution: Solution, remedy: str) -> str:
-    """What to film so that focal lengths are fixed.
-
-    Cameras that only shift leave them open whatever they see: the depth of everything and the focal length trade off.
-    """
-    if remedy != REMEDY or solution.adjusted is None:
-        return remedy
-    model = solution.adjusted.model
-    ahead = model.poses[model.placed][:, 2, :3]
-    if np.degrees(np.arccos(np.clip((ahead @ ahead.T).min(), -1, 1))) < limits.PARALLEL:
-        return "Turn the cameras towards one place: they look in the same direction; or hold a ChArUco board"
-    return "Next time fill more of the images with textured things at different depths, or hold a ChArUco board"
 
 
 def _unconnected(support: Support, lost: Sequence[str]) -> str:

@@ -10,9 +10,9 @@ import numpy as np
 
 from ...errors import FrogError
 from ...io.child_process import Progress
-from ..synchronization import Synchronization
 from ..synchronization.films import Film, find_films, with_clocks
 from ..synchronization.run import NAME, CalibrationRefused, Run, WorkFolder
+from ..synchronization.synchronization import Synchronization
 from .calibration import Calibration
 from .camera_files import write_cameras, write_transforms
 from .landmark_file import landmark_file
@@ -32,14 +32,12 @@ class Outcome:
 
     Attributes:
         cameras: the calibration, or the list of posed images of a moving camera.
-        report: ``calibration_report.json``.
-        page: the same with images.
+        page: ``calibration_report.html``, beside which the same lies for programs.
         given_kept: a calibration was there already, so that the new one has another name.
         warnings: one sentence each.
     """
 
     cameras: Path
-    report: Path
     page: Path
     given_kept: bool
     warnings: tuple[str, ...]
@@ -80,8 +78,8 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     progress("report", 0, 1)
     calibration = replace(calibration, warnings=warnings)
     cameras = write_cameras(out, calibration, films)
-    report, page = write_report(out, calibration, films, clocks)
-    return Outcome(cameras, report, page, "found" in cameras.stem, warnings)
+    page = write_report(out, calibration, films, clocks)
+    return Outcome(cameras, page, "found" in cameras.stem, warnings)
 
 
 def _is_standing(film: Film, run: Run) -> bool:
@@ -96,8 +94,8 @@ def _of_moving(images: tuple[ImageSequence, list[float], list[str]], out: Path, 
     found = run.in_child(place_moving, sequence, run.work)
     path = write_transforms(out, sequence, times, found, timed=timed)
     found = replace(found, warnings=(*warnings, *found.warnings))
-    report, page = write_moving_report(out, found)
-    return Outcome(path, report, page, "found" in path.stem, found.warnings)
+    page = write_moving_report(out, found)
+    return Outcome(path, page, "found" in path.stem, found.warnings)
 
 
 def _of_standing(

@@ -14,8 +14,7 @@ from ..readers.footage import state_of
 from ..synchronization.run import CalibrationRefused, Run, WorkFolder, key_of
 from .calibration import Calibration, MovingCamera
 from .checks import moving_refusal, moving_share, moving_warnings, refusal, warnings
-from .features import Features, find_features, image_features, view_features
-from .matching import match_pairs, pairs_to_match
+from .features import Features, find_features, image_features, match_pairs, pairs_to_match, view_features
 from .model import Lens, oriented
 from .sequences import ImageSequence
 from .structure import Images, Solution, agreeing, solve

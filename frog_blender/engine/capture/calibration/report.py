@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -10,15 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arrays import Float64s, ImageArray
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject, UnfitValue, entries, items, number, plain, text
 from ..capture import Capture
 from ..readers.checks import read_json
-from ..synchronization import Synchronization, draw_curves
 from ..synchronization.films import Film
+from ..synchronization.synchronization import Synchronization, draw_curves
+from ..video import load_opencv
 from .calibration import Calibration, MovingCamera
-from .drawings import embedded, rig_from_above
 
 REPORT, PAGE = "calibration_report.json", "calibration_report.html"
 """Names of the two files; a later run replaces them."""
@@ -31,10 +33,8 @@ _STYLE = (
 )
 
 
-def write_report(
-    folder: Path, calibration: Calibration, films: Sequence[Film], clocks: Synchronization
-) -> tuple[Path, Path]:
-    """Writes both files into a folder and returns their paths.
+def write_report(folder: Path, calibration: Calibration, films: Sequence[Film], clocks: Synchronization) -> Path:
+    """Writes both files into a folder and returns the page's path.
 
     Args:
         films: of the cameras, in their order.
@@ -83,7 +83,7 @@ def write_report(
     return _write(folder, facts, parts)
 
 
-def write_moving_report(folder: Path, found: MovingCamera) -> tuple[Path, Path]:
+def write_moving_report(folder: Path, found: MovingCamera) -> Path:
     """The same for a moving camera."""
     facts = plain(
         {
@@ -101,7 +101,7 @@ def write_moving_report(folder: Path, found: MovingCamera) -> tuple[Path, Path]:
     return _write(folder, facts, [drawn, f"<h2>Lens</h2>{_table([facts['lens']])}"])
 
 
-def _write(folder: Path, facts: JsonObject, parts: Sequence[str]) -> tuple[Path, Path]:
+def _write(folder: Path, facts: JsonObject, parts: Sequence[str]) -> Path:
     """Both files of the facts; the page has the lines that a terminal gets, then the parts."""
     lines = _lines(facts)
     write_atomically(folder / REPORT, json.dumps(facts | {"lines": lines}, indent=1).encode())
@@ -110,7 +110,7 @@ def _write(folder: Path, facts: JsonObject, parts: Sequence[str]) -> tuple[Path,
     body = "".join([*(f"<p>{escape(line)}</p>" for line in told), "<h2>From above</h2>", *parts])
     page = f"<!doctype html><html><head>{head}</head><body><h1>Calibration</h1>{body}</body></html>"
     write_atomically(folder / PAGE, page.encode())
-    return folder / REPORT, folder / PAGE
+    return folder / PAGE
 
 
 def report_lines(capture: Capture) -> list[str]:
@@ -174,3 +174,62 @@ def _shown(value: object) -> str:
     if isinstance(value, list):
         return ", ".join(map(_shown, value))
     return f"{value:.5g}" if isinstance(value, float) else "" if value is None else str(value)
+
+
+# --- drawings
+
+
+_SIDE, _MARGIN = 560, 40
+_DOTS = 1500  # points in the drawing of a rig
+_FARTHEST = 8.0  # in halves of the rig's extent, from its middle: farther points do not widen a drawing
+
+
+def rig_from_above(names: Sequence[str], cameras: Float64s, directions: Float64s, points: Float64s) -> str:
+    """The cameras and points as an SVG, y up.
+
+    Args:
+        cameras: (C, 2), x and y of each.
+        directions: (C, 2), x and y of its viewing direction.
+        points: (P, 3).
+    """
+    dots = points[:: max(1, len(points) // _DOTS), :2]
+    middle, reach = frame_from_above(cameras, dots)
+    near = dots[np.abs(dots - middle).max(axis=1, initial=0.0) <= reach]
+    scale = (_SIDE / 2 - _MARGIN) / reach
+
+    def at(place: Float64s) -> tuple[float, float]:
+        x, y = (place - middle) * scale
+        return round(float(x) + _SIDE / 2, 1), round(_SIDE / 2 - float(y), 1)
+
+    parts = [f"<circle cx='{x}' cy='{y}' r='1' fill='#999'/>" for x, y in map(at, near)]
+    for name, camera, direction in zip(names, cameras, directions, strict=True):
+        (x, y), (ex, ey) = at(camera), at(camera + direction * 22 / scale)
+        parts.append(f"<line x1='{x}' y1='{y}' x2='{ex}' y2='{ey}' stroke='#27c' stroke-width='2'/>")
+        parts.append(f"<circle cx='{x}' cy='{y}' r='4' fill='#27c'/>")
+        if name:
+            parts.append(f"<text x='{x + 6}' y='{y - 6}' font-size='12'>{escape(name)}</text>")
+    return f"<svg viewBox='0 0 {_SIDE} {_SIDE}' width='{_SIDE}' height='{_SIDE}'>{''.join(parts)}</svg>"
+
+
+def frame_from_above(cameras: Float64s, points: Float64s) -> tuple[Float64s, float]:
+    """The square that shows a rig and what it films: its middle, (2,), and half its side.
+
+    Cameras beside each other span far less than the scene in front of them. A background far behind it is left out,
+    or the cameras would be one dot.
+
+    Args:
+        cameras: (C, 2), x and y of at least one camera.
+        points: (P, 2), may be empty.
+    """
+    low, high = cameras.min(axis=0), cameras.max(axis=0)
+    middle, reach = (low + high) / 2, max(float((high - low).max()) / 2, 1e-9)
+    near = points[np.abs(points - middle).max(axis=1, initial=0.0) <= _FARTHEST * reach]
+    if len(near):
+        low, high = np.minimum(low, np.quantile(near, 0.02, axis=0)), np.maximum(high, np.quantile(near, 0.98, axis=0))
+    return (low + high) / 2, max(float((high - low).max()) / 2, 1e-9)
+
+
+def embedded(image: ImageArray) -> str:
+    """An image (H, W, 3) RGB as an ``img`` element, without loss."""
+    _, content = load_opencv().imencode(".png", np.ascontiguousarray(image[..., ::-1]))
+    return f"<img alt='' src='data:image/png;base64,{base64.b64encode(content.tobytes()).decode()}'>"

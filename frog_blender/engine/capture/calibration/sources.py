@@ -13,10 +13,9 @@ import numpy as np
 
 from ...errors import FrogError
 from ..readers.geometry import distortion
-from ..synchronization import Synchronization
 from ..synchronization.films import Clocks, Film, with_clocks
 from ..synchronization.run import CalibrationRefused, Run
-from ..synchronization.synchronization import differ
+from ..synchronization.synchronization import Synchronization, differ
 from ..synchronization.synchronize import Cameras, find_clocks
 from .board import TIMES as BOARD_TIMES
 from .board import board_in_films, calibrate_board, corners_in_films
@@ -34,7 +33,7 @@ AUTO = Path("auto")
 TIMES = 5
 """Common times at which moving points are compared."""
 _ROUNDS = 2  # of synchronisation: calibrated from the background, then from what moves as well
-_BOARD_FILES = ("charuco.toml", "board.toml", "board.json")  # a board's description beside the films
+_BOARD_FILES = ("charuco.toml", "board.toml")  # a board's description beside the films
 _ALMOST = 0.01  # of a side, by which films of one kind of camera may differ
 
 Find = Callable[[Sequence[Film], Cameras], Synchronization]

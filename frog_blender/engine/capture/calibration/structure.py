@@ -17,7 +17,7 @@ from ...arrays import Bools, Float64s
 from ...io.child_process import Progress
 from . import limits
 from .colmap import Adjusted, adjust, incremental
-from .matching import verified_again
+from .features import verified_again
 from .model import Lens, Model, disagreement
 from .tracks import Pairs, Tracks, cost, join, located, summed
 
