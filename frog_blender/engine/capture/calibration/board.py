@@ -18,9 +18,9 @@ from ..video import load_opencv
 from . import limits
 from .board_detection import Board, Corners, find_board, find_corners
 from .calibration import Calibration
+from .checks import calibration_of, camera_support
 from .colmap import MODELS, Adjusted, colmap_camera, load_pycolmap
 from .model import Lens, Model
-from .support import calibration_of, camera_support
 from .tracks import Tracks
 from .views import CameraFacts, images_at
 

@@ -13,12 +13,20 @@ from ...io.child_process import Progress
 from ..readers.footage import state_of
 from ..synchronization.run import CalibrationRefused, Run, WorkFolder, key_of
 from .calibration import Calibration, MovingCamera
-from .checks import moving_refusal, moving_share, moving_warnings, refusal, warnings
+from .checks import (
+    calibration_of,
+    moving_refusal,
+    moving_share,
+    moving_warnings,
+    refusal,
+    support_of,
+    sure_points,
+    warnings,
+)
 from .features import Features, find_features, image_features, match_pairs, pairs_to_match, view_features
 from .model import Lens, oriented
 from .sequences import ImageSequence
 from .structure import Images, Solution, agreeing, solve
-from .support import calibration_of, support_of, sure_points
 from .tracks import Pairs
 from .views import CameraFacts
 

@@ -19,10 +19,10 @@ from ..readers.checks import read_text
 from ..synchronization.run import CalibrationRefused
 from . import limits
 from .calibration import Calibration
+from .checks import calibration_of, camera_support
 from .colmap import SOFT, Adjusted, adjust, verified
 from .model import Lens, Model, disagreement
 from .structure import Images, agreeing, propose
-from .support import calibration_of, camera_support
 from .tracks import Tracks, join, summed
 from .views import CameraFacts
 

@@ -24,7 +24,6 @@ from .calibration import Calibration, MovingCamera
 
 REPORT, PAGE = "calibration_report.json", "calibration_report.html"
 """Names of the two files; a later run replaces them."""
-_SHOWN = 16  # cameras, a line each
 _SAME = 1e-3  # of a focal length: two calibrations seldom agree so well in every camera
 _MOST_LINES, _LONGEST_LINE, _MOST_CAMERAS = 1100, 10_000, 10_000
 _STYLE = (
@@ -148,11 +147,7 @@ def _lines(facts: JsonObject) -> list[str]:
         apart = 100 * facts["halves_apart"]
         parts.append(f"two halves of what was seen put the cameras {apart:.2g} % of their extent apart")
     lines = [", ".join(parts)]
-    known = sorted((camera["residual"], camera["name"]) for camera in cameras if camera["residual"] is not None)
-    if len(cameras) > _SHOWN and known:
-        usual = (known[(len(known) - 1) // 2][0] + known[len(known) // 2][0]) / 2
-        lines.append(f"median residual {usual:.2f} px, at most {known[-1][0]:.2f} ({known[-1][1]})")
-    for camera in cameras if len(cameras) <= _SHOWN else []:
+    for camera in cameras:
         told = "no residual" if camera["residual"] is None else f"median residual {camera['residual']:.2f} px"
         within = "" if camera["focal_uncertainty"] is None else f" within {100 * camera['focal_uncertainty']:.2g} %"
         lines.append(f"{camera['name']}: {told}, focal length {camera['focal']:.1f} px{within}")

@@ -12,7 +12,6 @@ from ...arrays import Float64s, ImageArray
 from ...errors import found_instead
 from ..readers.footage import decode_film, film_facts, find_footage, state_of
 from ..video import VideoFacts, composed, find_videos, load_opencv
-from .run import key_of
 
 Clocks = Mapping[str, tuple[float, float]]
 """Offset in seconds and rate of each camera's film: capture time = offset + rate * film time."""
@@ -58,11 +57,6 @@ class Film:
     def state(self) -> list[object]:
         """What tells the file, or the folder, from another one or an older one, for ``key_of``."""
         return state_of(self.path)
-
-    @property
-    def key(self) -> str:
-        """A hash of ``state``."""
-        return key_of(self.state)
 
     def frame_at(self, time: float) -> float:
         """The frame, a real number, that was taken at a capture time in seconds; beyond the ends at the mean rate."""

@@ -19,7 +19,7 @@ from ..video import load_opencv
 from . import limits
 from .films import Film
 from .pairs import Curve, PairLag, maxima
-from .run import Run
+from .run import Run, key_of
 
 RATE = 16_000
 """Samples of sound a second."""
@@ -182,7 +182,7 @@ def motion_of(film: Film, run: Run) -> Motion:
         times, energies = energy_signal(film.stamps, changes)
         return {"times": times, "energies": energies, "region": changing_region(samples)}
 
-    arrays = run.work.kept("motion", film.key, seen)
+    arrays = run.work.kept("motion", key_of(film.state), seen)
     return Motion((arrays["times"], arrays["energies"]), arrays["region"])
 
 
