@@ -43,6 +43,15 @@ def empty(addon):
 
 
 @pytest.fixture
+def relative_paths(request):
+    """The preference that new paths are relative, which is on where a test says nothing of it."""
+    paths = bpy.context.preferences.filepaths
+    before, paths.use_relative_paths = paths.use_relative_paths, getattr(request, "param", True)
+    yield paths.use_relative_paths
+    paths.use_relative_paths = before
+
+
+@pytest.fixture
 def raw(tmp_path, monkeypatch):
     """A folder of four videos and nothing else, and a cache with nothing in it."""
     film = pytest.importorskip("support.synthetic_capture")

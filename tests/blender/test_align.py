@@ -82,12 +82,6 @@ def test_what_is_hidden_holds_no_floor(turned):
     assert floor_of(obj, turn)[2] < -0.1
 
 
-def test_flip_turns_it_upside_down(turned):
-    obj, turn = turned
-    align(flip=True)
-    assert up_of(obj, turn)[2] < -0.9
-
-
 def test_the_cameras_alone(turned):
     obj, turn = turned
     align(use_floor=False)

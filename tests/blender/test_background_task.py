@@ -83,21 +83,6 @@ def test_progress_and_the_result_arrive(addon):
     assert finish(task).result == "x.frog" and made == ["x.frog"] and not task.error and not task.is_cancelled
 
 
-@pytest.mark.parametrize(
-    ("done", "total", "fraction", "sentence"),
-    [
-        (0, 0, 0.0, "Films"),
-        (5, 0, 0.0, "Films"),
-        (9, 4, 1.0, "Films: 9 of 4"),
-        (-1, 4, 0.0, "Films: -1 of 4"),
-        (750, 1000, 0.75, "Films: 75 %"),
-    ],
-)
-def test_no_progress_is_out_of_range(done, total, fraction, sentence):
-    progress = Progress("films", done, total)
-    assert (progress.fraction, progress.sentence) == (fraction, sentence)
-
-
 def test_pump_takes_a_bounded_number_and_leaves_the_rest(addon):
     task = Work(lambda task: [task.tell("steps", step, 5000) for step in range(1, 5001)]).start()
     assert task.join(20.0)

@@ -76,17 +76,6 @@ def begin(folder, calibrator):
     return CalibrationTask(folder, opening.calibrate, opening.show).begin()
 
 
-def test_raw_videos_say_so_and_offer_to_be_calibrated(empty, raw):
-    empty.frog.capture_folder = str(raw)
-    said = drawn()
-    assert "Found 4 videos without a calibration." in said and "frog.calibrate" in said
-    assert capture_summary.known(str(raw)).capture is None
-    write_cameras(raw)
-    assert capture_summary.is_outdated(str(raw)), "what was missing may be there"
-    capture_reading.read(str(raw))
-    assert "frog.calibrate" not in drawn() and "Read as calibrated videos" in drawn()
-
-
 def test_from_videos_to_a_capture(empty, raw):
     empty.frog.capture_folder = str(raw)
     task = begin(raw, calibrator_of(raw))
@@ -255,13 +244,6 @@ def test_a_film_that_cannot_be_decoded_does_not_hide_the_others(empty, raw):
     sheet = finished_sheet(raw)
     assert sheet.names == ["cam00", "cam01", "cam03"] and "cam02.mp4" in sheet.problem
     assert "cam02.mp4" in drawn(capture_panel.FROG_PT_cameras)
-
-
-def test_a_folder_that_is_gone_has_no_images(empty, raw):
-    empty.frog.capture_folder = str(raw)
-    raw.rename(raw.with_name("moved"))
-    with pytest.raises(RuntimeError, match="could not be read"):
-        bpy.ops.frog.show_contact_sheet()
 
 
 def test_the_drawn_rig_looks_as_the_cameras_do():

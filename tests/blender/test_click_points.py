@@ -39,17 +39,6 @@ def test_clicks_go_on_from_point_to_point_and_from_camera_to_camera():
     assert (points.name, points.point) == ("b", 0), "what is not set yet"
 
 
-def test_a_second_click_moves_a_point():
-    points = clicked(ClickedPoints(["a"]), (1, 1), (2, 2))
-    points.choose(-2)
-    points.click((9, 9))
-    assert points.of("a") == [(9, 9), (2, 2)]
-    points.choose(-99)
-    assert points.point == 0
-    points.choose(99)
-    assert points.point == 2, "one beyond the last"
-
-
 def test_undo_takes_back_what_was_done_in_any_image():
     points = clicked(ClickedPoints(["a", "b"]), (1, 1), (2, 2))
     points.turn(1)

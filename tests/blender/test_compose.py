@@ -108,17 +108,6 @@ def read_by(scene):
     return link.from_node.scene
 
 
-def test_run_again_in_a_renamed_scene_it_keeps_its_splats_and_follows(empty, static_rig):
-    import_scene(static_rig)
-    composed_scene.compose(empty)
-    splats = read_by(empty)
-    late = composed_scene.collection_in(empty.collection, "late")
-    empty.name, empty.render.resolution_x = "Shot", 123
-    composed_scene.compose(empty)
-    assert len(bpy.data.scenes) == 2 and read_by(empty) == splats
-    assert late in set(splats.collection.children) and splats.render.resolution_x == 123
-
-
 def test_run_again_after_its_splats_were_deleted_it_shows_new_ones(empty, static_rig, rendered):
     import_scene(static_rig)
     composed_scene.compose(empty)

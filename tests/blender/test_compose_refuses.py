@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.composed_scene import cameras, card, compose, is_striped, name_of, nodes_of, the_capture
 from support.observed_players import observed
-from support.small_scenes import read_png, rig_of_three, write_scene
+from support.small_scenes import read_png
 
 from frog_blender.render.compositing import compositor, renders
 from frog_blender.timeline import playback
@@ -172,15 +172,6 @@ def test_it_says_once_that_no_capture_is_seen(composed, frames, capsys):
     composed.frame_end = 3
     bpy.ops.render.render(animation=True)
     assert len(frames()) == 3 and capsys.readouterr().err.count("no capture") == 1
-
-
-def test_a_scene_of_another_engine_is_not_looked_at(empty, tmp_path):
-    """Nothing of this is for scenes that were never composed, whatever their captures lack."""
-    path = write_scene(tmp_path / "gone.frog", rig_of_three())
-    bpy.ops.import_scene.frog(filepath=str(path))
-    path.unlink()
-    empty.render.engine = "CYCLES"
-    assert renders.trouble(empty) == ""
 
 
 def test_other_threads_change_nothing(composed):

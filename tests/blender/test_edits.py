@@ -6,7 +6,6 @@ import bpy
 import numpy as np
 import pytest
 from support.small_scenes import read_png, rig_of_three, write_scene
-from support.training_panel import panel_says
 
 from frog_blender import point_cloud
 from frog_blender.cli.main import main
@@ -16,7 +15,6 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.render.collect_instances import gather, visible_captures
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import edits, playback
-from frog_blender.ui import edit_panel
 
 
 @pytest.fixture
@@ -274,16 +272,3 @@ def test_selected_points_are_those_of_the_file(empty, capture):
     capture.data.vertices.foreach_set("select", chosen)
     bpy.ops.frog.select_gaussians(by="POINTS")
     np.testing.assert_array_equal(np.flatnonzero(edits.marks_of(capture.frog_edits.selection).chosen()), rows[[2, 7]])
-
-
-def test_panels_draw_every_edit_and_say_what_does_not_fit(empty, capture, path):
-    edit_everything(capture)
-    bpy.ops.frog.select_gaussians(by="SIZE", size=0.3)
-    said = panel_says
-    assert "frog.save_edits" in said(edit_panel.FROG_PT_edit) and "feather" in said(edit_panel.FROG_PT_crop)
-    number = edits.marks_of(capture.frog_edits.selection).number()
-    assert f"{number} selected" in said(edit_panel.FROG_PT_clean)
-    assert "temperature" in said(edit_panel.FROG_PT_grade)
-    write_scene(path, rig_of_three(), count=200, seed=3)
-    empty.frame_set(2)
-    assert "another training" in said(edit_panel.FROG_PT_edit)

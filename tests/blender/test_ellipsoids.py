@@ -5,13 +5,11 @@ from __future__ import annotations
 import bpy
 import mathutils
 import numpy as np
-from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.native.options import ALPHA_MIN
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.nodes import ellipsoid_nodes
 from frog_blender.render import collect_instances
 
 
@@ -61,13 +59,6 @@ def test_nobody_sees_what_is_transparent(empty):
     point_cloud.display(obj, "ELLIPSOIDS")
     empty.collection.objects.link(obj)
     np.testing.assert_array_equal(instances(obj)[:, :3, 3], means[[0, 2, 4]])
-
-
-def test_too_many_stay_splats(empty, tmp_path):
-    path = write_scene(tmp_path / "many.frog", rig_of_three(), count=ellipsoid_nodes.MOST + 1, sh_count=1)
-    obj = import_scene(path)
-    obj.frog.display = "ELLIPSOIDS"
-    assert obj.frog.display == "POINTS"
 
 
 def test_ellipsoids_have_the_gaussians_colours(empty, rendered):

@@ -26,11 +26,6 @@ def scenes_of_two(tmp_path):
     return [write_scene(tmp_path / f"{name}.frog", rig_of_three(), seed=seed) for seed, name in enumerate("ab")]
 
 
-def test_one_file(empty, static_rig):
-    assert bpy.ops.import_scene.frog(**given(static_rig)) == {"FINISHED"}
-    assert played() == [str(static_rig)]
-
-
 def test_several_files(empty, scenes_of_two):
     assert bpy.ops.import_scene.frog(**given(*scenes_of_two)) == {"FINISHED"}
     assert played() == sorted(map(str, scenes_of_two))

@@ -109,17 +109,12 @@ def test_esc_stops_it_and_nothing_is_written(importing):
     assert running.said == [("INFO", "The import was stopped.")]
 
 
-def waiting_for_object_mode(running):
-    """An import that is done while a mesh is being edited."""
+def test_a_scene_that_is_edited_gets_it_afterwards(importing):
+    running = importing()
     bpy.ops.mesh.primitive_cube_add()
     bpy.ops.object.mode_set(mode="EDIT")
     running.gate.set()
     send_until(running, lambda: "Object Mode" in running.operator.doing)
-    return running
-
-
-def test_a_scene_that_is_edited_gets_it_afterwards(importing):
-    running = waiting_for_object_mode(importing())
     assert running.path.with_suffix(".frog").is_file() and not captures()
     bpy.ops.object.mode_set(mode="OBJECT")
     assert send(running) == {"FINISHED"} and len(captures()) == 1

@@ -40,10 +40,16 @@ def index(tmp_path, monkeypatch):
     return tmp_path / "wheels"
 
 
-def test_it_is_whole(tmp_path, index):
+def test_it_is_whole_and_nothing_in_the_current_folder_runs_in_pips_place(tmp_path, index, monkeypatch):
+    trap = tmp_path / "downloads"
+    trap.mkdir()
+    for name in ("pip", "json", "runpy", "threading", "sitecustomize"):
+        (trap / f"{name}.py").write_text(f"open({str(tmp_path / 'caught')!r}, 'w').write({name!r})\n")
+    monkeypatch.chdir(trap)
+    monkeypatch.setenv("PYTHONPATH", str(trap))
     before = threading.active_count()
     done = finish(Installation(tmp_path / "data" / "torch").start())
-    assert done.result is not None and not done.error
+    assert done.result is not None and not done.error and not (tmp_path / "caught").exists()
     assert (tmp_path / "data" / "torch" / "torch" / "__init__.py").read_text() == "answer = 42\n"
     assert [path.name for path in (tmp_path / "data").iterdir()] == ["torch"], "nothing is left beside it"
     assert threading.active_count() <= before, "others may have ended meanwhile"
@@ -90,18 +96,6 @@ time.sleep(60 * {cancelled:d})
 def test_no_room_is_said_before_anything_is_fetched(tmp_path):
     with pytest.raises(FrogError, match="GB free, torch needs"):
         Installation(tmp_path / "data" / "torch", bytes_needed=1e18).start()
-
-
-def test_nothing_in_the_current_folder_runs_in_pips_place(tmp_path, index, monkeypatch):
-    trap = tmp_path / "downloads"
-    trap.mkdir()
-    for name in ("pip", "json", "runpy", "threading", "sitecustomize"):
-        (trap / f"{name}.py").write_text(f"open({str(tmp_path / 'caught')!r}, 'w').write({name!r})\n")
-    monkeypatch.chdir(trap)
-    monkeypatch.setenv("PYTHONPATH", str(trap))
-    done = finish(Installation(tmp_path / "data" / "torch").start())
-    assert done.result is not None, done.error
-    assert not (tmp_path / "caught").exists()
 
 
 def test_a_source_package_is_not_run(tmp_path, index):
@@ -237,28 +231,6 @@ run_pip(["install", *arguments], folder)
     assert not list(tmp_path.glob("torch.partial-*"))
 
 
-def test_the_button(empty, index, own_folder):
-    from frog_blender.ui import torch_environment
-
-    system = bpy.context.preferences.system
-    allowed, system.use_online_access = system.use_online_access, True
-    paths = list(sys.path)
-    try:
-        if not bpy.app.online_access:
-            pytest.skip("this Blender was started offline")
-        assert bpy.ops.frog.install_torch() == {"FINISHED"}
-        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-        assert bpy.app.timers.is_registered(background_task.tick), "another file does not end it"
-        system = bpy.context.preferences.system
-        finish(PipTask.current())
-        assert background_task.tick() is None and str(own_folder) in sys.path
-        assert torch_environment.site_packages(own_folder) == own_folder
-    finally:
-        system.use_online_access = allowed
-        sys.path[:] = paths
-        PipTask.forget()
-
-
 @pytest.fixture
 def online():
     """Online Access, for as long as a test lasts."""
@@ -268,6 +240,18 @@ def online():
         pytest.skip("this Blender was started offline")
     yield
     bpy.context.preferences.system.use_online_access = allowed
+
+
+def test_the_button(empty, index, own_folder, online, monkeypatch):
+    from frog_blender.ui import torch_environment
+
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    assert bpy.ops.frog.install_torch() == {"FINISHED"}
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert bpy.app.timers.is_registered(background_task.tick), "another file does not end it"
+    finish(PipTask.current())
+    assert background_task.tick() is None and str(own_folder) in sys.path
+    assert torch_environment.site_packages(own_folder) == own_folder
 
 
 def test_a_build_that_the_usual_index_lacks_is_not_replaced_by_another(empty, own_folder, online, monkeypatch):

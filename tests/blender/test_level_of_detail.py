@@ -60,14 +60,6 @@ def test_the_same_most_important_ones_at_every_frame(empty, capture, path):
         np.testing.assert_allclose(shown["radiance:sh_2"], all_of_them.sh[kept, 3], atol=1e-5)
 
 
-def test_from_all_to_one_and_back(empty, capture):
-    counts = []
-    for share in (100, 50, 1, 0, 99, 100):
-        capture.frog.density = share
-        counts.append(point_cloud.count(capture))
-    assert counts == [400, 200, 4, 1, 396, 400]
-
-
 def test_what_is_left_out_is_not_computed(empty, capture):
     computed = []
     with observed(computing=lambda player, time: computed.append(player.count)):
@@ -96,14 +88,6 @@ def test_renders_of_other_engines_have_their_own(empty, capture, counting):
     capture.frog.render_density = 10
     bpy.ops.render.render()
     assert counting[-1] == 40 and not rendering().has_render_density
-
-
-def test_two_captures_of_one_file(empty, capture, path):
-    bpy.ops.import_scene.frog(filepath=str(path))
-    other = active_capture(bpy.context)
-    capture.frog.density, other.frog.density = 20, 60
-    empty.frame_set(7)
-    assert (point_cloud.count(capture), point_cloud.count(other)) == (80, 240)
 
 
 def test_a_new_version_of_the_file(empty, capture, path):

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import bpy
 import numpy as np
 import pytest
 from support.composed_scene import compose, splats_of
 from support.exr import pass_of, render_channels
 from support.small_scenes import rig_of_three, write_scene
-from support.training_panel import Written
 from support.users_scene import users_scene
 
 from frog_blender.engine.playback.environment import environment
 from frog_blender.lighting import world
 from frog_blender.render.world import background_of
 from frog_blender.timeline import playback
-from frog_blender.ui.render_panel import FROG_PT_light
 
 
 @pytest.fixture
@@ -122,13 +118,6 @@ def test_cameras_and_frog_see_the_world_as_before(empty, capture, tmp_path):
     np.testing.assert_allclose(found[..., :3], np.broadcast_to(color, (4, 4, 3)), atol=1e-3)
 
 
-def test_without_a_world_cameras_see_the_captures_background(empty, capture):
-    empty.world, filmed = None, np.array([0.1, 0.2, 0.3])
-    light()
-    np.testing.assert_allclose(background_of(empty, np.zeros(3)), filmed, atol=1e-5)
-    assert bpy.ops.frog.use_own_world() == {"FINISHED"} and empty.world is None
-
-
 def test_one_click_brings_the_own_world_back(empty, capture, tmp_path):
     own = users_scene(empty)
     nodes = [node.type for node in own.node_tree.nodes]
@@ -211,22 +200,6 @@ def test_undo_brings_the_former_light_back(empty, capture):
     np.testing.assert_array_equal(pixels_of(image_of(bpy.context.scene.world)), before)
 
 
-def test_scenes_that_share_a_lit_world_are_lit_apart(empty, capture):
-    own = users_scene(empty)
-    light()
-    other = bpy.data.scenes.new("Other")
-    other.world = empty.world
-    before = pixels_of(image_of(empty.world)).copy()
-    world.light_with(other, np.full((64, 128, 3), 7.0, np.float32), np.zeros(3))
-    assert other.world != empty.world and pixels_of(image_of(other.world)).min() == 7.0
-    np.testing.assert_array_equal(pixels_of(image_of(empty.world)), before)
-    world.restore(other)
-    assert other.world == own
-    other.world = empty.world
-    world.restore(other)
-    assert other.world == own and world.is_lit(empty)
-
-
 @pytest.mark.parametrize("is_changed", [False, True])
 def test_what_was_changed_in_a_lit_world_is_kept(empty, capture, is_changed):
     users_scene(empty)
@@ -237,14 +210,3 @@ def test_what_was_changed_in_a_lit_world_is_kept(empty, capture, is_changed):
         node.inputs["Strength"].default_value = 3.0
     bpy.ops.frog.use_own_world()
     assert lit.use_fake_user == is_changed
-
-
-def test_the_panel_offers_what_can_be_done(empty, capture):
-    def said():
-        layout = Written()
-        FROG_PT_light.draw(SimpleNamespace(layout=layout), bpy.context)
-        return layout.said
-
-    assert said()[:1] == ["frog.light_objects"] and "frog.use_own_world" not in said()
-    light(place="MIDDLE")
-    assert said()[:3] == ["frog.light_objects", "frog.use_own_world", "default_value"]

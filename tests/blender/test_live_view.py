@@ -8,12 +8,10 @@ import bpy
 import numpy as np
 import pytest
 from support.builders import scene_file
-from support.training_panel import switched_off
 
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
-from frog_blender.tasks import background_task
-from frog_blender.tasks.training import LiveView, TrainingTask, watch_live
+from frog_blender.tasks.training import LiveView, TrainingTask
 from frog_blender.timeline import playback_cache
 from frog_blender.viewport import live
 
@@ -81,17 +79,3 @@ def test_nothing_of_an_earlier_snapshot_stays_in_memory(empty, live_view):
         assert len(playback_cache.frames()) == before + 1
     TrainingTask.forget()
     assert len(playback_cache.frames()) == before and live_view.player is None
-
-
-def test_watchers_are_told_when_it_begins_and_ends(live_view):
-    told = []
-    watch_live(lambda: told.append(live_view.number))
-    live_view.source.offer(ScenePlayer(snapshot()))
-    background_task.tick()
-    background_task.tick()
-    assert told == [1]
-    TrainingTask.forget()
-    assert told == [1, 1]
-    with switched_off():
-        """Who watches is forgotten with the add-on."""
-    assert told == [1, 1]

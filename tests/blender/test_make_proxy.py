@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import bpy
 import numpy as np
 import pytest
@@ -11,16 +9,14 @@ from support.blender_windows import event, in_window
 from support.composed_scene import compose, compose_anew
 from support.small_scenes import rig_of_three, write_scene
 from support.still_scenes import write_still
-from support.training_panel import Written
 
 from frog_blender.color_spaces import to_linear
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.surfaces.proxy import RESOLUTIONS, make_proxy
+from frog_blender.engine.surfaces.proxy import make_proxy
 from frog_blender.lighting.proxy import proxies_of
 from frog_blender.operators.make_proxy import FROG_OT_make_proxy
 from frog_blender.render.compositing import compositor
 from frog_blender.scene_import.capture_objects import active_capture
-from frog_blender.ui.render_panel import FROG_PT_light
 
 RESOLUTION = 12
 
@@ -141,12 +137,6 @@ def test_it_never_hides_the_splats_that_it_is_made_of(empty, floor, rendered):
         np.testing.assert_array_equal(rendered(empty), before)
 
 
-def test_the_settings_are_those_of_the_engine():
-    resolution = bpy.ops.frog.make_proxy.get_rna_type().properties["resolution"]
-    assert (resolution.hard_min, resolution.hard_max) == RESOLUTIONS
-    assert "REGISTER" not in FROG_OT_make_proxy.bl_options, "each change would fuse everything again"
-
-
 def test_escape_changes_nothing(empty, capture):
     before = count_of_data()
     with in_window(FROG_OT_make_proxy) as window:
@@ -238,17 +228,3 @@ def test_shadows_follow_the_engine_and_the_proxy(empty, floor):
     bpy.context.view_layer.update()
     assert shadow_nodes(empty) == 1
     assert all(layer.cycles.use_pass_shadow_catcher for layer in empty.view_layers)
-
-
-def test_the_panel_shows_what_the_proxy_does(empty, floor):
-    def said():
-        layout = Written()
-        FROG_PT_light.draw(SimpleNamespace(layout=layout), bpy.context)
-        return layout.said
-
-    assert "is_shadow_catcher" not in said()
-    make()
-    assert said()[-3:] == ["floor Proxy", "is_shadow_catcher", "visible_shadow"]
-    for use in ("HOLDOUT", "PLAIN"):
-        make(use=use)
-        assert said()[-2:] == ["floor Proxy", "visible_shadow"]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
-from support.training_panel import drawing_context
+from support.training_panel import panel_says
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
@@ -16,35 +15,16 @@ from frog_blender.timeline import playback
 from frog_blender.ui import capture_panel, capture_summary, captures_panel, refreshing, render_panel
 
 
-class Layout:
-    """Stands in for a layout, which only a window has: keeps the labels that are written into it."""
-
-    def __init__(self, said):
-        self.said = said
-
-    def label(self, text="", **_):
-        self.said.append(text)
-
-    def box(self, **_):
-        return Layout(self.said)
-
-    row = column = box
-
-    def __getattr__(self, _name):
-        return lambda *_, **__: SimpleNamespace()
-
-
 @pytest.fixture
 def said(empty):
     """A function that draws a panel, does what Blender does when it is drawn, and gives what it says."""
 
     def draw(panel):
-        lines = []
-        panel.draw(SimpleNamespace(layout=Layout(lines)), drawing_context(object=None))
+        lines = panel_says(panel, object=None) or ""
         if bpy.app.timers.is_registered(refreshing.tick):
             bpy.app.timers.unregister(refreshing.tick)
             refreshing.tick()  # no timer runs without a window
-        return " ".join(lines)
+        return lines
 
     return draw
 

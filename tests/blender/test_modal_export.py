@@ -12,7 +12,6 @@ import bpy
 import numpy as np
 import pytest
 from support.blender_windows import event, in_window
-from support.observed_players import observed
 
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
@@ -90,14 +89,6 @@ def test_an_error_in_the_middle_ends_it_in_a_sentence(empty, export):
     ((kind, text),) = running.said
     assert kind == "ERROR" and "x_0003.ply" in text and text.count(". ") == 0
     assert text.endswith(f"2 of 10 files were written to {running.folder}.")
-
-
-def test_what_nobody_foresaw_ends_it_too(empty, export, capfd):
-    running = export()
-    with observed(giving=lambda player, time: 1 / 0):
-        assert send(running) == {"CANCELLED"} and is_over(running)
-    ((kind, text),) = running.said
-    assert kind == "ERROR" and "unexpected ZeroDivisionError" in text and "Traceback" in capfd.readouterr().err
 
 
 def test_the_capture_is_deleted_meanwhile(empty, export):

@@ -39,15 +39,6 @@ def train():
 
 
 @pytest.fixture
-def relative_paths():
-    """The preference that new paths are relative."""
-    paths = bpy.context.preferences.filepaths
-    before, paths.use_relative_paths = paths.use_relative_paths, True
-    yield
-    paths.use_relative_paths = before
-
-
-@pytest.fixture
 def captures(empty, tmp_path):
     for name in "ab":
         (tmp_path / name).mkdir()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from pathlib import Path
 
 import bpy
 import pytest
@@ -12,8 +11,6 @@ from support.training_panel import finish, switched_off
 from frog_blender.engine.training.session import events
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 class Steps:

@@ -16,7 +16,7 @@ from frog_blender.engine.playback.render import draw
 from frog_blender.engine.scene.scene_file import write_scene
 from frog_blender.operators import pick
 from frog_blender.render.collect_instances import visible_captures
-from frog_blender.scene_import.capture_objects import active_capture, cameras_of, holders_of, root_of, select_capture
+from frog_blender.scene_import.capture_objects import cameras_of, root_of
 from frog_blender.timeline import playback
 
 WIDTH, HEIGHT = 160, 120
@@ -117,15 +117,6 @@ def test_a_collection_s_instance_is_what_is_selected(empty, capture, seen):
     assert pick._instancer(context, pick.splats_at(context, x, y)) == instance
 
 
-def test_cameras_hang_on_what_is_not_seen_so_that_no_lines_are_drawn_to_it(capture):
-    root, cameras = root_of(capture), cameras_of(capture)
-    (holder,) = {camera.parent for camera in cameras}
-    assert holder.parent == root and holders_of(capture) == [holder]
-    assert holder.is_instancer and not holder.show_instancer_for_viewport and holder.hide_render
-    assert holder.instance_collection is None and holder.visible_get(), "all of a capture can be selected"
-    np.testing.assert_allclose(np.array(holder.matrix_world), np.array(root.matrix_world), atol=1e-6)
-
-
 def test_it_turns_and_grows_about_its_middle_with_its_cameras(capture):
     root, cameras = root_of(capture), cameras_of(capture)
     np.testing.assert_array_equal(np.array(capture.matrix_world), np.eye(4))
@@ -141,15 +132,3 @@ def test_it_turns_and_grows_about_its_middle_with_its_cameras(capture):
     np.testing.assert_allclose(np.array(capture.matrix_world), np.array(moved), atol=1e-5)
     for camera, was in zip(cameras, before, strict=True):
         np.testing.assert_allclose(np.array(camera.matrix_world), np.array(moved) @ was, atol=1e-4)
-
-
-def test_selected_it_is_copied_and_deleted_whole(empty, capture):
-    select_capture(bpy.context, capture)
-    bpy.ops.object.duplicate()
-    copy = active_capture(bpy.context)
-    assert copy != capture and root_of(copy) != root_of(capture) and root_of(copy).type == "EMPTY"
-    root_of(copy).location.x += 3.0
-    bpy.context.view_layer.update()
-    assert copy.matrix_world.translation.x == pytest.approx(3.0) and capture.matrix_world.translation.x == 0.0
-    bpy.ops.object.delete()
-    assert list(playback.captures(empty.objects)) == [capture] and root_of(capture).name in empty.objects

@@ -28,14 +28,6 @@ def project(empty, tmp_path):
     return folder
 
 
-@pytest.fixture
-def relative_paths(request):
-    paths = bpy.context.preferences.filepaths
-    before, paths.use_relative_paths = paths.use_relative_paths, request.param
-    yield request.param
-    paths.use_relative_paths = before
-
-
 @pytest.mark.parametrize("relative_paths", [True, False], indirect=True, ids=["relative", "absolute"])
 def test_the_first_save_keeps_paths_as_the_user_wants_them(project, relative_paths):
     obj, scene = the_capture(), bpy.context.scene
@@ -57,7 +49,6 @@ def test_the_first_save_keeps_paths_as_the_user_wants_them(project, relative_pat
         bpy.ops.wm.open_mainfile(filepath=str(project / "x.blend"))
 
 
-@pytest.mark.parametrize("relative_paths", [True], indirect=True)
 def test_a_scripts_path_from_the_current_folder_is_kept(empty, tmp_path, relative_paths, monkeypatch):
     write_scene(tmp_path / "a.frog", rig_of_three())
     (tmp_path / "elsewhere").mkdir()
@@ -70,7 +61,6 @@ def test_a_scripts_path_from_the_current_folder_is_kept(empty, tmp_path, relativ
     assert {stored(obj) for obj in playback.captures(bpy.context.scene.objects)} == {"//../a.frog"}
 
 
-@pytest.mark.parametrize("relative_paths", [True], indirect=True)
 @pytest.mark.parametrize("failing", [False, True], ids=["copy", "nowhere"])
 def test_what_is_not_saved_under_a_name_keeps_its_paths(project, tmp_path, relative_paths, failing):
     bpy.context.scene.frog.output_path = str(project / "b.frog")
