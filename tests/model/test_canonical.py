@@ -13,7 +13,6 @@ from frog_blender.engine.training.optimize.neighbours import (
     add_embedding_smoothness,
     nearest,
     neighbour_weights,
-    spacings,
 )
 
 
@@ -80,21 +79,6 @@ def test_smoothness_of_equal_embeddings_has_no_gradient_and_no_nan() -> None:
     embeddings.grad = torch.zeros(3, 2)
     add_embedding_smoothness(embeddings, torch.tensor([0]), torch.tensor([[1, 2]]), torch.ones(1, 2), 1.0)
     assert not embeddings.grad.any()
-
-
-def test_nearest_against_all_distances() -> None:
-    points = cloud("volume", 1.0)[:80]
-    distances, indices = nearest(points[:10], points, 5, skip_self=True)
-    every = (points[:10, None] - points[None]).norm(dim=2)
-    expected = every.sort(1)
-    torch.testing.assert_close(distances, expected.values[:, 1:6], atol=1e-3, rtol=1e-3)
-    assert torch.equal(indices, expected.indices[:, 1:6])
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 10])
-def test_spacings_of_few_points(count: int) -> None:
-    found = spacings(torch.arange(count * 3.0).reshape(count, 3))
-    assert found.shape == (count,) and (found > 0).all() and torch.isfinite(found).all()
 
 
 def test_black_seeds_learn_colours() -> None:

@@ -91,19 +91,6 @@ def test_training_starts_from_the_undeformed_scene(form: str, head_width: int) -
             torch.testing.assert_close(getattr(moved, name), getattr(still, name), rtol=1e-6, atol=1e-7)
 
 
-def table_gradient(model: Frog) -> torch.Tensor:
-    perturbed(model.deformation)
-    model(0.37).means.square().sum().backward()
-    return model.temporal_table.grad
-
-
-def test_the_table_learns_from_the_start() -> None:
-    gradient = table_gradient(Frog(canonical(), SETTINGS))
-    assert float(gradient.abs().max()) > 1e-4
-    used = gradient.abs().amax(1) > 0
-    assert int(used.sum()) >= 2
-
-
 @pytest.mark.parametrize("size", [64, 9])
 def test_the_table_begins_with_every_frequency_and_both_its_phases(size: int) -> None:
     """A pair of columns is a point that goes round: as fast as one of as many equal ranges of frequencies says."""

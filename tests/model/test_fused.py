@@ -27,6 +27,7 @@ SETTINGS = FrogSettings(
 )
 ODD = replace(SETTINGS, hidden_width=33, embedding_size=3)
 DUAL = {"fusion": "dual"}  # E-D3DGS's two networks, whose outputs add up
+FUSED = [("product", False), ("product", True), ("dual", False), ("dual", True)]
 OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
 
 
@@ -83,12 +84,23 @@ def assert_equal_to_plain(model: Frog, share: float = 1.0, sh_active: int = 16) 
 
 
 @pytest.mark.parametrize(
-    ("settings", "head_width", "fusion", "modulation"),
-    pairwise([SETTINGS, ODD], [0, 1, 16, 24], ["product", "dual"], [False, True]),
+    ("settings", "shape", "opacity", "share", "sh_active"),
+    pairwise(
+        [SETTINGS, ODD],
+        [(head, fusion, modulation) for head in (0, 1, 16, 24) for fusion, modulation in FUSED],
+        ["paper", "unit", "off"],
+        [0.0, 0.5, 1.0],
+        [(0, 1), (1, 4), (4, 4), (4, 9), (16, 9), (16, 16)],
+    ),
 )
-def test_every_shape_of_the_network(settings: FrogSettings, head_width: int, fusion: str, modulation: bool) -> None:
-    changed = {"head_width": head_width, "deformed_sh": 4, "fusion": fusion, "modulation": modulation}
-    assert_equal_to_plain(model_of(replace(settings, temporal_size=9, **changed)))
+def test_every_shape_of_the_network(
+    settings: FrogSettings, shape: tuple[int, str, bool], opacity: str, share: float, sh_active: tuple[int, int]
+) -> None:
+    """Its heads and fusions, every form of the opacity, and harmonics below, at and above those that deform."""
+    head_width, fusion, modulation = shape
+    changed = {"head_width": head_width, "fusion": fusion, "modulation": modulation, "deformed_sh": sh_active[0]}
+    model = model_of(replace(settings, temporal_size=9, opacity_reduction=opacity, **changed))
+    assert_equal_to_plain(model, share, sh_active[1])
 
 
 @pytest.mark.parametrize(
@@ -112,11 +124,6 @@ def test_other_sizes(hidden: int, embedding: int) -> None:
         assert_equal_to_plain(model_of(replace(settings, **DUAL), 100))
 
 
-@pytest.mark.parametrize(("form", "share", "head_width"), pairwise(["paper", "unit", "off"], [0.0, 0.5, 1.0], [0, 24]))
-def test_every_form_of_the_opacity(form: str, share: float, head_width: int) -> None:
-    assert_equal_to_plain(model_of(replace(SETTINGS, opacity_reduction=form, head_width=head_width)), share)
-
-
 @pytest.mark.parametrize("form", ["paper", "unit"])
 def test_where_nothing_changes_yet_gradients_are_the_same(form: str) -> None:
     """All outputs are zero when training starts, which is where the unit form has its kink."""
@@ -124,11 +131,6 @@ def test_where_nothing_changes_yet_gradients_are_the_same(form: str) -> None:
     model.deformation.output_weight.data.zero_()
     model.deformation.output_bias.data.zero_()
     assert_equal_to_plain(model)
-
-
-@pytest.mark.parametrize(("deformed", "active", "head_width"), pairwise([0, 1, 4, 16], [1, 4, 9, 16], [0, 24]))
-def test_spherical_harmonics_below_at_and_above_what_deforms(deformed: int, active: int, head_width: int) -> None:
-    assert_equal_to_plain(model_of(replace(ODD, deformed_sh=deformed, head_width=head_width), 60), sh_active=active)
 
 
 @pytest.mark.parametrize("count", [1, 2, 95, 96, 97, 960, 961, 2000])

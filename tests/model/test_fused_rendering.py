@@ -69,23 +69,15 @@ def assert_same(model: Frog, camera: Camera, options: RasterizeOptions | None = 
         assert name in ("canonical.sh", "pose") or bool(gradient.any()), name
 
 
-@pytest.mark.parametrize("fusion", FUSIONS)
-def test_every_fusion(fusion: str) -> None:
-    assert_same(model_of(replace(SETTINGS, fusion=fusion, modulation=fusion != "dual")), view())
-
-
-@pytest.mark.parametrize("heads", [0, 16])
-def test_the_papers_heads(heads: int) -> None:
-    assert_same(model_of(replace(SETTINGS, head_width=heads)), view())
+@pytest.mark.parametrize(("fusion", "heads"), [*((fusion, 0) for fusion in FUSIONS), ("product", 16)])
+def test_every_fusion_and_the_papers_heads(fusion: str, heads: int) -> None:
+    settings = replace(SETTINGS, fusion=fusion, head_width=heads, modulation=fusion != "dual" and not heads)
+    assert_same(model_of(settings), view(exposure=(0.7, 1.3, 1.1)))
 
 
 def test_static_gaussians_a_rectangle_and_a_pose() -> None:
     model = model_of(replace(SETTINGS, modulation=True), moving=70)
     assert_same(model, view(), RasterizeOptions(region=(10, 5, 30, 20)), posed=True)
-
-
-def test_an_exposure() -> None:
-    assert_same(model_of(SETTINGS), view(exposure=(0.7, 1.3, 1.1)))
 
 
 def test_opacities_that_do_not_deform_stay_as_they_are() -> None:

@@ -56,14 +56,6 @@ def test_gaussians_without_a_time_and_all_else_are_as_before() -> None:
             assert torch.equal(getattr(before, name), getattr(after, name))
 
 
-def test_windows_can_be_learned() -> None:
-    model = model_of(0)
-    open_windows(model, torch.linspace(0, 1, COUNT))
-    model.deform(0.5)[0].opacities.sum().backward()
-    assert model.canonical.embeddings.grad is not None and model.canonical.embeddings.grad.abs().sum() > 0
-    assert model.temporal_table.grad is not None and model.temporal_table.grad.abs().sum() > 0
-
-
 def test_learning_leaves_the_windows_apart() -> None:
     """Whatever is learned, Gaussians without a time are what the other units make of the other columns."""
     model = model_of(0)

@@ -7,57 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
-from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import ATTRIBUTES, join, odd_camera, plain_camera, random_gaussians
+from support.strange_gaussians import INVISIBLE, STRANGE
 from support.torch_drawing import draw_with_gradients, tensors
 
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 
-NAN, INF = float("nan"), float("inf")
 CAMERA = plain_camera()  # at the origin, looking along +z
-
-INVISIBLE = {
-    "NaN mean": one_gaussian((NAN, 0, 1)),
-    "infinite mean": one_gaussian((0, INF, 1)),
-    "infinitely deep": one_gaussian((0, 0, INF)),
-    "zero quaternion": one_gaussian((0, 0, 1), quaternions=[[0.0, 0, 0, 0]]),
-    "NaN quaternion": one_gaussian((0, 0, 1), quaternions=[[1, NAN, 0, 0]]),
-    "infinite quaternion": one_gaussian((0, 0, 1), quaternions=[[INF, 0, 0, 0]]),
-    "NaN opacity": one_gaussian((0, 0, 1), opacities=[NAN]),
-    "infinite opacity": one_gaussian((0, 0, 1), opacities=[INF]),
-    "negative opacity": one_gaussian((0, 0, 1), opacities=[-0.5]),
-    "opacity below 1/255": one_gaussian((0, 0, 1), opacities=[0.0039]),
-    "opacity of exactly 1/255": one_gaussian((0, 0, 1), opacities=[1 / 255]),
-    "NaN scale": one_gaussian((0, 0, 1), scales=[[0.1, NAN, 0.1]]),
-    "infinite scale": one_gaussian((0, 0, 1), scales=[[0.1, INF, 0.1]]),
-    "scale beyond float": one_gaussian((0, 0, 1), scales=[[3e38, 3e38, 3e38]]),
-    "scale of 1e30": one_gaussian((0, 0, 1), scales=[[1e30, 0.1, 0.1]]),
-    "scales of 1e30": one_gaussian((0, 0, 1), scales=[[1e30, 1e30, 1e30]]),
-    "position of 1e30": one_gaussian((1e30, 0, 1)),
-    "quaternion of 1e30": one_gaussian((0, 0, 1), quaternions=[[1e30, 0, 0, 0]]),
-    "NaN colour": one_gaussian((0, 0, 1), sh=[[[NAN, 0, 0]]]),
-    "infinite colour": one_gaussian((0, 0, 1), sh=[[[0, INF, 0]]]),
-    "behind the camera": one_gaussian((0, 0, -1)),
-    "at the camera": one_gaussian((0, 0, 0)),
-    "before the near plane": one_gaussian((0, 0, 0.0099)),
-    "off the screen": one_gaussian((50, 0, 1)),
-}
-
-# Drawn or not, these must leave a finite image.
-STRANGE = {
-    "on the near plane": one_gaussian((0, 0, 0.01)),
-    "just behind the near plane": one_gaussian((0.0001, 0, 0.0101), scales=[[1.0, 1.0, 1.0]]),
-    "huge": one_gaussian((0, 0, 2), scales=[[1e4, 1e4, 1e4]]),
-    "gigantic": one_gaussian((0, 0, 2), scales=[[1e9, 1e9, 1e9]]),
-    "zero scale": one_gaussian((0, 0, 2), scales=[[0.0, 0, 0]]),
-    "negative scale": one_gaussian((0, 0, 2), scales=[[-0.1, 0.1, 0.1]]),
-    "opacity above one": one_gaussian((0, 0, 2), opacities=[7.0]),
-    "opacity of one": one_gaussian((0, 0, 2), opacities=[1.0]),
-    "tiny quaternion": one_gaussian((0, 0, 2), quaternions=[[1e-9, 1e-9, 0, 0]]),
-    "needle": one_gaussian((0, 0, 2), scales=[[1e3, 1e-9, 1e-9]], quaternions=[[1, 0.3, 0.7, 0.2]]),
-    "far away": one_gaussian((0, 0, 1e9), scales=[[1e7, 1e7, 1e7]]),
-    "very bright": one_gaussian((0, 0, 2), sh=[[[1e6, 1e6, 1e6]]]),
-    "far to the side, wide": one_gaussian((1e6, 0, 2), scales=[[1e6, 1e6, 1e6]]),
-}
 
 
 def neighbours() -> GaussianArrays:
@@ -109,14 +65,6 @@ def test_culled_gaussians_anywhere_shift_nothing() -> None:
     for attribute in (*ATTRIBUTES, "screen"):
         np.testing.assert_array_equal(gradients[attribute][kept], expected_gradients[attribute])
         assert not gradients[attribute][culled].any()
-
-
-@pytest.mark.parametrize("backend", ["cpu", "reference"])
-def test_no_gaussians(backend: str) -> None:
-    nothing = GaussianArrays(*[getattr(neighbours(), name)[:0] for name in ATTRIBUTES])
-    image, _ = draw_with_gradients(nothing, CAMERA, backend)
-    assert torch.allclose(image.rgb, torch.tensor([0.3, 0.6, 0.1]).expand_as(image.rgb))
-    assert not image.alpha.any() and image.median_depth.isnan().all() and image.mean_depth.isnan().all()
 
 
 def test_wrong_shapes_are_named() -> None:

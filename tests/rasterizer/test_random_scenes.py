@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, given, settings
 from support.random_scenes import Scene, scenes
 from support.torch_drawing import draw_with_gradients, relative_error
 
-EXAMPLES = 250
+EXAMPLES = 120
 FLIP, FLIPPED_SHARE, FLIPS_IN_ONE = 1e-4, 3e-4, 8
 MEAN_ERROR = 1e-6
 AGREEMENT = 1e-5

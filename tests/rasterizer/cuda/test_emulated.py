@@ -11,7 +11,8 @@ import pytest
 import torch
 from emulated import HERE, Emulator, build
 from equality import EVERYTHING, Scene, assert_equal, draw, scenes
-from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, random_gaussians
+from support.builders import ATTRIBUTES, join, odd_camera, random_gaussians
+from support.strange_gaussians import INVISIBLE, STRANGE
 from support.torch_drawing import BACKGROUND, tensors
 
 from frog_blender.engine.errors import FrogError
@@ -22,7 +23,6 @@ from frog_blender.engine.rasterizer.cuda import rasterize as module
 
 SCENES = scenes()
 SMALL = odd_camera(45, 27)
-NAN, INF = float("nan"), float("inf")
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -53,41 +53,18 @@ def test_wide_tile_keys(emulator: Emulator, monkeypatch: pytest.MonkeyPatch) -> 
     assert ("TILE_KEY", "int") in emulator.launched[1].constants
 
 
-BAD = {
-    "NaN mean": one_gaussian((NAN, 0, 1)),
-    "infinite mean": one_gaussian((0, INF, 1)),
-    "zero quaternion": one_gaussian((0, 0, 1), quaternions=[[0.0, 0, 0, 0]]),
-    "NaN quaternion": one_gaussian((0, 0, 1), quaternions=[[1, NAN, 0, 0]]),
-    "NaN opacity": one_gaussian((0, 0, 1), opacities=[NAN]),
-    "infinite opacity": one_gaussian((0, 0, 1), opacities=[INF]),
-    "NaN scale": one_gaussian((0, 0, 1), scales=[[0.1, NAN, 0.1]]),
-    "scale beyond float": one_gaussian((0, 0, 1), scales=[[3e38, 3e38, 3e38]]),
-}
-
-
 def test_what_cannot_be_drawn_changes_no_neighbour(emulator: Emulator) -> None:
     """The bad ones come first, so that a shifted index would show; they receive no gradient."""
-    good = random_gaussians(SMALL, 30, 0, seed=7)
-    expected = draw(Scene(SMALL, good), "cuda", torch.float32)
-    found = draw(Scene(SMALL, join(*BAD.values(), good)), "cuda", torch.float32)
+    camera = replace(SMALL, world_to_camera=np.eye(4))
+    good = random_gaussians(camera, 30, 0, seed=7)
+    expected = draw(Scene(camera, good), "cuda", torch.float32)
+    found = draw(Scene(camera, join(*INVISIBLE.values(), good)), "cuda", torch.float32)
     for name, values in expected.items():
         kept = found[name]
-        if len(kept) == len(good) + len(BAD):
-            assert not kept[: len(BAD)].any(), name
-            kept = kept[len(BAD) :]
+        if len(kept) == len(good) + len(INVISIBLE):
+            assert not kept[: len(INVISIBLE)].any(), name
+            kept = kept[len(INVISIBLE) :]
         np.testing.assert_array_equal(kept, values, err_msg=name)
-
-
-STRANGE = {
-    "on the near plane": one_gaussian((0, 0, 0.01)),
-    "gigantic": one_gaussian((0, 0, 2), scales=[[1e9, 1e9, 1e9]]),
-    "zero scale": one_gaussian((0, 0, 2), scales=[[0.0, 0, 0]]),
-    "negative scale": one_gaussian((0, 0, 2), scales=[[-0.1, 0.1, 0.1]]),
-    "needle": one_gaussian((0, 0, 2), scales=[[1e3, 1e-9, 1e-9]], quaternions=[[1, 0.3, 0.7, 0.2]]),
-    "far away": one_gaussian((0, 0, 1e9), scales=[[1e7, 1e7, 1e7]]),
-    "very bright": one_gaussian((0, 0, 2), sh=[[[1e6, 1e6, 1e6]]]),
-    "far to the side, wide": one_gaussian((1e6, 0, 2), scales=[[1e6, 1e6, 1e6]]),
-}
 
 
 def test_what_is_strange_leaves_everything_finite(emulator: Emulator) -> None:
