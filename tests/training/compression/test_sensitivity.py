@@ -120,7 +120,7 @@ def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: 
         return g
 
     camera, draws = capture.cameras[1], torch.Generator().manual_seed(0)
-    found = [measure(swinging, len(swinging(0)), capture, looks, draws).motion.rest_energy for _ in range(100)]
+    found = [measure(swinging, len(swinging(0)), capture, looks, draws).motion.rest_energy for _ in range(50)]
     energies = torch.stack(found)
     moves, rests = (
         [rasterize(swinging(time, still), camera, capture.background).rgb for time in (0.0, 1.0)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +19,6 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import over
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.seeds import find_seeds
 from frog_blender.engine.evaluation.evaluate import evaluate_images
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
@@ -246,11 +244,3 @@ def test_what_is_drawn_where_pixels_are_ignored_counts_as_unseen(capture: Captur
     trainer.density.observe(image, opacities, camera, hidden)
     assert trainer.density.peak_weight[hidden].max() == 0 and trainer.density.seen[hidden].max() == 0
     assert trainer.density.peak_weight[~hidden].max() > 0 and trainer.density.seen[~hidden].max() == 1
-
-
-def test_seeds_of_a_masked_capture_suffice(masked: Capture, frames: FrameStore, lively: Callable[..., Any]) -> None:
-    seeds = find_seeds(masked, frames, count_limit=300)
-    trainer = Trainer(masked, frames, seeds, lively(40), "frog", Limits(40), seed=0)
-    while not trainer.finished:
-        trainer.step()
-    trainer.check()

@@ -29,14 +29,6 @@ def test_rounds_are_as_many_in_any_training(steps: int) -> None:
         assert step / steps == pytest.approx(0.1 + 0.05 * index, abs=1.01 / steps)
 
 
-def test_rounds_from_the_start_to_the_end() -> None:
-    assert not Every(0.1, 0.5, 0.1).due(0.0, 0.05)
-    assert not Every(0.1, 0.5, 0.1).due(0.55, 0.65)
-    assert Every(0.1, 0.5, 0.1).due(0.05, 0.1)
-    assert not Every(0.1, 0.5, 0.1).due(0.11, 0.19)
-    assert Every(0.1, 0.5, 0.1).due(0.19, 0.21)
-
-
 def test_ramp() -> None:
     assert [ramp(p, 0.2, 0.6) for p in (0.0, 0.2, 0.3, 0.5, 0.6, 1.0)] == pytest.approx([0, 0, 0.25, 0.75, 1, 1])
     assert [ramp(p, 0.3, 0.3) for p in (0.0, 0.29, 0.3, 0.5)] == [0, 0, 1, 1]

@@ -91,16 +91,13 @@ def test_number_of_threads_does_not_change_the_training(
         binding.set_thread_count(0)
 
 
-@pytest.mark.parametrize("holdout", [0, 3])
-def test_no_held_out_image_is_ever_read(
-    make_trainer: Callable[..., Trainer], watched: Callable[[], Any], capture: Capture, lively: Any, holdout: int
-) -> None:
+def test_no_held_out_image_is_ever_read(watched: Callable[[], Any], capture: Capture, lively: Any) -> None:
     watching = watched()
-    capture = capture.with_holdout(holdout)
+    capture = capture.with_holdout(3)
     trainer = Trainer(capture, watching, film.seeds(), lively(150), "frog", Limits(150), seed=0)
     train(trainer)
     held_out = {i for i, shot in enumerate(capture.shots) if capture.is_test(shot)}
-    assert len(held_out) == (6 if not holdout else 6 + 2 * 3)
+    assert len(held_out) == 6 + 2 * 3
     assert set(watching.read) == set(range(24)) - held_out
 
 
@@ -227,30 +224,13 @@ def test_a_burst_stays_at_one_frame_and_changes_the_camera(
     assert any(len({shot.camera for shot in burst}) > 1 for burst in bursts)
 
 
-def test_what_the_recipe_switches_off_does_not_happen(
-    make_trainer: Callable[..., Trainer], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def never(*_: Any) -> None:
-        raise AssertionError("switched off")
-
-    class Without(Trainer):
-        def inject_anchors(self, progress: float, shot: int) -> None:
-            never()
-
-    for module, name in ((losses, "native_ssim"), (neighbours, "add_embedding_smoothness")):
-        monkeypatch.setattr(module, name, never)
-    switched_off = {"sampling": "off", "dssim_weight": 0.0, "smoothness_weight": 0.0}
-    train(make_trainer(60, trainer_type=Without, **switched_off))
-
-
 def test_seconds_limit_a_training(capture: Capture, store: FrameStore, lively: Any) -> None:
     trainer = Trainer(capture, store, film.seeds(), lively(10**6), "frog", Limits(seconds=0.3), seed=0)
     train(trainer)
     assert trainer.finished and 0.3 <= trainer.seconds < 5 and 1 < trainer.step_count < 10**5
 
 
-@pytest.mark.parametrize("count", [1, 5])
-def test_few_seeds_are_enough(capture: Capture, store: FrameStore, lively: Any, count: int) -> None:
-    trainer = Trainer(capture, store, film.seeds(count), lively(60), "frog", Limits(60), seed=0)
+def test_one_seed_is_enough(capture: Capture, store: FrameStore, lively: Any) -> None:
+    trainer = Trainer(capture, store, film.seeds(1), lively(60), "frog", Limits(60), seed=0)
     train(trainer)
     assert np.isfinite(trainer.loss) and trainer.count >= 1
