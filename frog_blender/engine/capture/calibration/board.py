@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Bools, Float64s, ImageArray, Ints
-from ..synchronization.films import Film
+from ..synchronization.films import Film, spread
 from ..synchronization.run import CalibrationRefused, Run
 from ..video import load_opencv
 from . import limits
@@ -39,8 +39,8 @@ def board_in_films(films: Sequence[Film], times: Sequence[float], check: Callabl
     images: list[ImageArray] = []
     share = max(3, _IMAGES // len(films))
     for film in films:
-        chosen = np.unique(np.linspace(0, len(times) - 1, min(share, len(times))).round().astype(int)).tolist()
-        images += [image for image in images_at(film, [times[index] for index in chosen], check) if image is not None]
+        chosen = [times[index] for index in spread(len(times), share)]
+        images += [image for image in images_at(film, chosen, check) if image is not None]
     return find_board(images)
 
 
@@ -168,10 +168,6 @@ def _opencv_camera(facts: CameraFacts, seen: Corners3D, focal: float) -> tuple[f
     return float(residual), float(matrix[0, 0]), float(bent.reshape(-1)[0]), sigma, poses
 
 
-def _cost(rig: BoardRig, seen: Corners3D, loss: float) -> float:
-    return float(np.log1p((rig.distances(seen) / loss) ** 2).sum())
-
-
 def _relative_poses(facts: Sequence[CameraFacts], seen: Corners3D, singles: Sequence[_Single]) -> Float64s:
     """(C, 4, 4) world to camera, the first one's axes being the world's: along the frames that most share."""
     frames_of = [set(seen.frames[seen.cameras == camera].tolist()) for camera in range(len(facts))]
@@ -223,7 +219,8 @@ def _assembled(
         for camera in np.unique(rows.cameras).tolist():
             tried = boards.copy()
             tried[frame] = np.linalg.inv(poses[camera]) @ singles[camera].boards[frame]
-            placed.append((_cost(replace(rig, boards=tried), rows, _LOOSE_LOSS), camera, tried))
+            distances = replace(rig, boards=tried).distances(rows)
+            placed.append((float(np.log1p((distances / _LOOSE_LOSS) ** 2).sum()), camera, tried))
         boards = min(placed, key=lambda entry: entry[:2])[2]
     return replace(rig, boards=boards)
 

@@ -14,6 +14,7 @@ from ...arrays import Bools, Float64s, ImageArray, Ints
 from ...errors import brief, found_instead
 from ...io.plain_values import JsonObject, UnfitValue, number, text, whole
 from ..readers.checks import read_text
+from ..synchronization.films import resized, spread
 from ..video import load_opencv
 
 FAMILIES = ("4X4", "5X5", "6X6", "7X7")
@@ -104,25 +105,14 @@ def find_board(images: Sequence[ImageArray]) -> Board | None:
     ChArUco boards of the common dictionaries are found in both polarities and with both patterns; checkerboards where
     most images that show them show them whole.
     """
-    first = [_small(_gray(images[index], False), _FIRST_SIDE) for index in _spread(len(images), _FIRST_IMAGES)]
-    second = [_small(_gray(images[index], False), _SIDE) for index in _spread(len(images), _IMAGES)]
+    first = [resized(_gray(images[index], False), _FIRST_SIDE) for index in spread(len(images), _FIRST_IMAGES)]
+    second = [resized(_gray(images[index], False), _SIDE) for index in spread(len(images), _IMAGES)]
     return _find_charuco(first, second) or _find_checkerboard(first, second)
-
-
-def _spread(count: int, most: int) -> list[int]:
-    return sorted({round(index) for index in np.linspace(0, count - 1, min(count, most)).tolist()}) if count else []
 
 
 def _gray(image: ImageArray, inverted: bool) -> ImageArray:
     gray = image if image.ndim == 2 else load_opencv().cvtColor(image, load_opencv().COLOR_RGB2GRAY)
     return np.ascontiguousarray(255 - gray if inverted else gray)
-
-
-def _small(gray: ImageArray, side: int) -> ImageArray:
-    cv2 = load_opencv()
-    ratio = side / max(gray.shape)
-    small: ImageArray = gray if ratio >= 1 else cv2.resize(gray, None, fx=ratio, fy=ratio, interpolation=cv2.INTER_AREA)
-    return small
 
 
 def _dictionary(name: str) -> Any:  # a cv2.aruco.Dictionary
@@ -183,7 +173,7 @@ def _checkerboard_finder(board: Board) -> Any:  # a function of a gray image
     columns, rows = board.columns - 1, board.rows - 1
 
     def find(gray: ImageArray) -> Corners | None:
-        small = _small(gray, _SIDE)
+        small = resized(gray, _SIDE)
         is_found, pixels = cv2.findChessboardCornersSB(small, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
         if not is_found:
             return None

@@ -130,8 +130,8 @@ _COHERENT = 0.5  # of the matches that contradict: a false geometry takes a quar
 REMEDY = "Next time hold a ChArUco board into the views of neighbouring cameras, or set the cameras closer together"
 """What to film where standing cameras are not connected."""
 _FOCAL_REMEDY = (
-    "Next time turn the cameras towards one place, fill more of the images with textured things at different depths, "
-    "or hold a ChArUco board"
+    "Turn the cameras towards one place, or next time fill more of the images with textured things at different "
+    "depths, or hold a ChArUco board"
 )
 """The same where their focal lengths stay open: of cameras that only shift, depth and focal length trade off."""
 _MOVING_REMEDY = (

@@ -18,7 +18,7 @@ from ...arrays import Array, Float32s, Float64s, ImageArray, Ints
 from ...io.child_process import Progress
 from ..readers.footage import state_of
 from ..synchronization.films import resized
-from ..synchronization.moving_points import mutual
+from ..synchronization.moving_points import bounds, mutual
 from ..synchronization.run import WorkFolder, key_of
 from ..video import load_opencv, read_gray
 from .colmap import load_pycolmap, undistorted_pixels, verified
@@ -31,7 +31,6 @@ BACKGROUND = -1
 _PEAK = 0.003  # COLMAP's 0.0067 loses small and dark images
 _MOST = 4096  # features of an image
 _SMALL = 900  # pixels of the longer side up to which features are sought at twice the size as well
-_MARGIN = 24  # pixels around what changes that its features see
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,15 +88,14 @@ def image_features(work: WorkFolder, path: Path, size: tuple[int, int]) -> Featu
 def _of_moment(view: View, moment: int) -> tuple[Float64s, ImageArray]:
     """Those of the background outside what changes, or of what moves at one of the common times, as ``_sift`` does."""
     image = view.background if moment == BACKGROUND else view.images[moment]
-    rows, columns = (np.flatnonzero(view.changing.any(axis=axis)) for axis in (1, 0))
-    if image is None or (moment != BACKGROUND and not len(rows)):
+    if image is None or (moment != BACKGROUND and not view.changing.any()):
         return np.empty((0, 2)), np.empty((0, 128), np.uint8)
     if moment == BACKGROUND:
         pixels, descriptors = _sift(image)
     else:  # of the rest of the image all would be thrown away
-        top, left = max(int(rows[0]) - _MARGIN, 0), max(int(columns[0]) - _MARGIN, 0)
-        pixels, descriptors = _sift(image[top : rows[-1] + _MARGIN, left : columns[-1] + _MARGIN], max(image.shape))
-        pixels = pixels + np.array([left, top])
+        rows, columns = bounds(view.changing)
+        pixels, descriptors = _sift(image[rows, columns], max(image.shape))
+        pixels = pixels + np.array([columns.start, rows.start])
     column, row = pixels.astype(int).clip(0, [image.shape[1] - 1, image.shape[0] - 1]).T
     kept = view.changing[row, column] == (moment != BACKGROUND)
     return pixels[kept], descriptors[kept]

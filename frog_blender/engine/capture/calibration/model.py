@@ -114,7 +114,8 @@ def disagreement(one: Model, other: Model) -> float:
     if len(placed) < 3:
         return float("inf")
     first, second = (centers(model)[placed] for model in (one, other))
-    return float(_aligned_distances(first, second).max() / max(_diameter(second), 1e-300))
+    diameter = np.linalg.norm(second[:, None] - second[None], axis=2).max()
+    return float(_aligned_distances(first, second).max() / max(diameter, 1e-300))
 
 
 def _aligned_distances(first: Float64s, second: Float64s) -> Float64s:
@@ -125,11 +126,6 @@ def _aligned_distances(first: Float64s, second: Float64s) -> Float64s:
     scale = float((values * signs).sum() / max(float((a**2).sum()), 1e-300))
     distances: Float64s = np.linalg.norm(scale * a @ (left * signs @ right).T - b, axis=1)
     return distances
-
-
-def _diameter(points: Float64s) -> float:
-    """The largest distance between two of (N, 3) points."""
-    return float(np.linalg.norm(points[:, None] - points[None], axis=2).max())
 
 
 def oriented(model: Model, points: Float64s, *, keep_scale: bool = False) -> tuple[Model, Float64s]:

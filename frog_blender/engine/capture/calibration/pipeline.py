@@ -119,7 +119,8 @@ def _all_failed(refusals: Sequence[tuple[str, FrogError]], options: Options) -> 
     """One error that tells what was tried, and what else would help."""
     (_, first), *others = refusals
     sentences = [str(first), *(f"From {name}: {error}" for name, error in others)]
-    if not options.source_is_given and landmark_file() is None:
+    is_given = options.board or options.points or options.background_only
+    if not is_given and landmark_file() is None:
         sentences.append(
             "Or let a person walk about alone where all cameras see them: their joints will do, once the landmark "
             "file is there (Fetch Landmark File in Blender, or frog calibrate --fetch-landmarks)."

@@ -15,6 +15,7 @@ from ...arrays import Float64s, ImageArray
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject, UnfitValue, entries, items, number, plain, text
+from ..camera import Camera
 from ..capture import Capture
 from ..readers.checks import read_json
 from ..synchronization.films import Film
@@ -67,13 +68,7 @@ def write_report(folder: Path, calibration: Calibration, films: Sequence[Film], 
             "synchronization": clocks if clocks.cameras else None,
         }
     )
-    cameras = [found.camera for found in calibration.cameras]
-    drawn = rig_from_above(
-        names,
-        np.array([camera.center[:2] for camera in cameras]),
-        np.array([camera.forward[:2] for camera in cameras]),
-        calibration.points,
-    )
+    drawn = rig_from_above([found.camera for found in calibration.cameras], calibration.points)
     parts = [drawn, f"<h2>Cameras</h2>{_table(facts['cameras'])}"]
     if facts["pairs"]:
         parts.append(f"<h2>Points that pairs of cameras share</h2>{_table(facts['pairs'])}")
@@ -95,8 +90,7 @@ def write_moving_report(folder: Path, found: MovingCamera) -> Path:
             "warnings": found.warnings,
         }
     )
-    centers = -np.einsum("nji,nj->ni", found.poses[:, :, :3], found.poses[:, :, 3])
-    drawn = rig_from_above([""] * len(centers), centers[:, :2], found.poses[:, 2, :2], found.points)
+    drawn = rig_from_above([found.lens.camera("", pose) for pose in found.poses], found.points)
     return _write(folder, facts, [drawn, f"<h2>Lens</h2>{_table([facts['lens']])}"])
 
 
@@ -179,16 +173,10 @@ _DOTS = 1500  # points in the drawing of a rig
 _FARTHEST = 8.0  # in halves of the rig's extent, from its middle: farther points do not widen a drawing
 
 
-def rig_from_above(names: Sequence[str], cameras: Float64s, directions: Float64s, points: Float64s) -> str:
-    """The cameras and points as an SVG, y up.
-
-    Args:
-        cameras: (C, 2), x and y of each.
-        directions: (C, 2), x and y of its viewing direction.
-        points: (P, 3).
-    """
+def rig_from_above(cameras: Sequence[Camera], points: Float64s) -> str:
+    """The cameras and points (P, 3) as an SVG, y up."""
     dots = points[:: max(1, len(points) // _DOTS), :2]
-    middle, reach = frame_from_above(cameras, dots)
+    middle, reach = frame_from_above(np.array([camera.center[:2] for camera in cameras]), dots)
     near = dots[np.abs(dots - middle).max(axis=1, initial=0.0) <= reach]
     scale = (_SIDE / 2 - _MARGIN) / reach
 
@@ -197,12 +185,11 @@ def rig_from_above(names: Sequence[str], cameras: Float64s, directions: Float64s
         return round(float(x) + _SIDE / 2, 1), round(_SIDE / 2 - float(y), 1)
 
     parts = [f"<circle cx='{x}' cy='{y}' r='1' fill='#999'/>" for x, y in map(at, near)]
-    for name, camera, direction in zip(names, cameras, directions, strict=True):
-        (x, y), (ex, ey) = at(camera), at(camera + direction * 22 / scale)
+    for camera in cameras:
+        (x, y), (ex, ey) = at(camera.center[:2]), at(camera.center[:2] + camera.forward[:2] * 22 / scale)
         parts.append(f"<line x1='{x}' y1='{y}' x2='{ex}' y2='{ey}' stroke='#27c' stroke-width='2'/>")
         parts.append(f"<circle cx='{x}' cy='{y}' r='4' fill='#27c'/>")
-        if name:
-            parts.append(f"<text x='{x + 6}' y='{y - 6}' font-size='12'>{escape(name)}</text>")
+        parts.append(f"<text x='{x + 6}' y='{y - 6}' font-size='12'>{escape(camera.name)}</text>")
     return f"<svg viewBox='0 0 {_SIDE} {_SIDE}' width='{_SIDE}' height='{_SIDE}'>{''.join(parts)}</svg>"
 
 

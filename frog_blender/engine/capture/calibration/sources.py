@@ -59,11 +59,6 @@ class Options:
     board: Path | None = None
     points: Path | None = None
 
-    @property
-    def source_is_given(self) -> bool:
-        """A person says what the cameras are to come from."""
-        return self.board is not None or self.points is not None or self.background_only
-
 
 @dataclass(frozen=True)
 class Source:

@@ -70,10 +70,6 @@ class Film:
         """The capture time in seconds at which a frame was taken."""
         return self.offset + self.rate * float(self.stamps[min(max(frame, 0), len(self.stamps) - 1)])
 
-    def scale(self, longest: int) -> float:
-        """Pixels of an image of at most ``longest`` a side for each pixel of the film, at most 1."""
-        return min(1.0, longest / max(self.size))
-
     def gray(self, frames: Sequence[int], longest: int) -> Iterator[ImageArray]:
         """The brightness (H, W) of frames, ascending, at most ``longest`` pixels a side; FrogError if undecodable."""
         cv2 = load_opencv()
@@ -89,6 +85,11 @@ def resized(gray: ImageArray, longest: int) -> ImageArray:
         return gray
     size = (max(1, round(gray.shape[1] * scale)), max(1, round(gray.shape[0] * scale)))
     return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA))
+
+
+def spread(count: int, most: int) -> list[int]:
+    """At most so many of ``count`` indices, evenly spread."""
+    return sorted({round(index) for index in np.linspace(0, count - 1, min(count, most)).tolist()}) if count else []
 
 
 def find_films(folder: Path) -> list[Film]:
