@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -103,3 +104,12 @@ def quick_seeds(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         return synthetic_capture.seeds(min(300, count_limit))
 
     monkeypatch.setattr(seed_store, "find_seeds", seeds)
+
+
+@pytest.fixture
+def set_thread_count() -> Iterator[Callable[[int], None]]:
+    """Sets the threads of the native library until the test ends."""
+    from frog_blender.engine.native import binding
+
+    yield binding.set_thread_count
+    binding.set_thread_count(0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +18,6 @@ from support.torch_drawing import relative_error
 from frog_blender.engine.field.names import network_count
 from frog_blender.engine.model.frog import Frog, FrogSettings, ScheduleState
 from frog_blender.engine.model.fused import deform_fused
-from frog_blender.engine.native import binding
 from frog_blender.engine.native.deformation import FieldShape, deform_backward
 from frog_blender.engine.rasterizer import GaussianArrays
 
@@ -29,12 +28,6 @@ ODD = replace(SETTINGS, hidden_width=33, embedding_size=3)
 DUAL = {"fusion": "dual"}  # E-D3DGS's two networks, whose outputs add up
 FUSED = [("product", False), ("product", True), ("dual", False), ("dual", True)]
 OUTPUTS = ("means", "quaternions", "scales", "opacities", "sh")
-
-
-@pytest.fixture(autouse=True)
-def all_threads_afterwards() -> Iterator[None]:
-    yield
-    binding.set_thread_count(0)
 
 
 def temporal_of(settings: FrogSettings) -> torch.Tensor:
@@ -179,13 +172,13 @@ def test_the_model_takes_the_fused_way() -> None:
     assert model.canonical.log_scales.grad.any() and not model.canonical.sh.grad.any()
 
 
-def test_the_same_bits_on_any_number_of_threads() -> None:
+def test_the_same_bits_on_any_number_of_threads(set_thread_count: Callable[[int], None]) -> None:
     for head_width, fusion in ((0, "product"), (24, "product"), (24, "dual")):
         model = model_of(replace(ODD, head_width=head_width, fusion=fusion), 5000)
-        binding.set_thread_count(1)
+        set_thread_count(1)
         expected = looked_at(model, True, 1.0, 16)
         for threads in (2, 7, 1):
-            binding.set_thread_count(threads)
+            set_thread_count(threads)
             for found, values in zip(looked_at(model, True, 1.0, 16), expected, strict=True):
                 assert all(found[name].tobytes() == values[name].tobytes() for name in values)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,12 +14,6 @@ from frog_blender.engine.native import binding
 from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions
 
 CAMERA = odd_camera(75, 51)
-
-
-@pytest.fixture(autouse=True)
-def all_threads_afterwards() -> Iterator[None]:
-    yield
-    binding.set_thread_count(0)
 
 
 @pytest.fixture(scope="module")
@@ -35,25 +29,25 @@ def assert_same_bits(found: dict[str, np.ndarray], expected: dict[str, np.ndarra
         assert found[name].tobytes() == values.tobytes(), name
 
 
-def test_any_number_of_threads(crowd: GaussianArrays) -> None:
-    binding.set_thread_count(1)
+def test_any_number_of_threads(crowd: GaussianArrays, set_thread_count: Callable[[int], None]) -> None:
+    set_thread_count(1)
     expected, everything = native_image(crowd, CAMERA), with_everything(crowd)
     assert binding.library().frog_thread_count() == 1
     for threads in (2, 3, 7, 1):
-        binding.set_thread_count(threads)
+        set_thread_count(threads)
         assert binding.library().frog_thread_count() == threads
         assert_same_bits(native_image(crowd, CAMERA), expected)
         assert_same_bits(with_everything(crowd), everything)
 
 
-def test_more_gaussians_than_one_block_of_the_sorting() -> None:
+def test_more_gaussians_than_one_block_of_the_sorting(set_thread_count: Callable[[int], None]) -> None:
     """Blocks of 8192 are counted and placed separately; many lie at the same depth."""
     gaussians = random_gaussians(CAMERA, 20_000, 0, seed=3, opacity=(0.02, 0.1))
     gaussians.means[::2] = gaussians.means[1]
-    binding.set_thread_count(1)
+    set_thread_count(1)
     expected = native_image(gaussians, CAMERA)
     for threads in (2, 7):
-        binding.set_thread_count(threads)
+        set_thread_count(threads)
         assert_same_bits(native_image(gaussians, CAMERA), expected)
 
 
@@ -93,12 +87,14 @@ def with_everything(gaussians: GaussianArrays) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("slots", [1, 500, 3000])
-def test_bands_have_the_bits_of_the_whole(crowd: GaussianArrays, slots: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bands_have_the_bits_of_the_whole(
+    crowd: GaussianArrays, slots: int, monkeypatch: pytest.MonkeyPatch, set_thread_count: Callable[[int], None]
+) -> None:
     """Backward passes of large frames go through the tile rows in bands, to bound their memory: of one row each, and of
     one or two. Each Gaussian's tiles are still added up in the same order."""
-    binding.set_thread_count(1)
+    set_thread_count(1)
     whole = with_everything(crowd)
     monkeypatch.setattr(binding, "SLOT_LIMIT", slots)
     for threads in (1, 2, 7):
-        binding.set_thread_count(threads)
+        set_thread_count(threads)
         assert_same_bits(with_everything(crowd), whole)

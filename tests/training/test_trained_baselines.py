@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 import pytest
-from support.training_steps import train
+from support.training_steps import moving_psnr, train
 
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.training.optimize.trainer import Trainer
@@ -14,15 +13,6 @@ from frog_blender.engine.training.session.checkpoint import load_checkpoint, sav
 
 BASELINES = ("d3dgs", "hexplane", "curves")
 STEPS = 480  # 4DGaussians has found the ball by then, whatever the seed
-
-
-def moving_psnr(trainer: Trainer, store: FrameStore, camera: int) -> float:
-    """Over the pixels of one camera that clearly change in time."""
-    shots = [i for i, shot in enumerate(trainer.capture.shots) if shot.camera == camera]
-    truth = np.stack([store.image(i) / 255.0 for i in shots])
-    drawn = np.stack([trainer.render_image(i) for i in shots])
-    mask = truth.std(0).max(-1) > 15 / 255
-    return -10 * float(np.log10(((truth - drawn)[:, mask] ** 2).mean()))
 
 
 @pytest.fixture(scope="module")

@@ -232,30 +232,20 @@ def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> Non
 GROWING = {"densify_until": 1.0, "densify_threshold": 0.0}
 
 
-def resumed(make_trainer: Make, trainer: Trainer, path: Path, steps: int) -> Trainer:
-    """Another training of so many steps that goes on where ``trainer`` is, after its motion was measured."""
-    assert compression(trainer).record.motion and trainer.model.canonical.num_dynamic == trainer.count
-    save_checkpoint(path, trainer)
-    other = make_trainer(steps, capacity="auto", **GROWING)
-    load_checkpoint(path, other)
-    assert compression(other).record.motion
-    return other
-
-
-def frozen_at_the_end(trainer: Trainer) -> bool:
-    """Whether motion was frozen once, at the end, by a measurement of the Gaussians that are left."""
-    record = compression(trainer).record
-    progress = [each.progress for each in record.log if each.what == "put to rest"]
-    left = record.motion is not None and len(record.motion.score)
-    return progress == [1.0] and left == trainer.model.canonical.num_dynamic < trainer.count
-
-
 def test_motion_that_was_measured_outlives_a_resume(
     make_trainer: Make, halfway: Make, bits: Callable, tmp_path: Path
 ) -> None:
     trainer = train(halfway(**GROWING), until=100)
-    other = train(resumed(make_trainer, trainer, tmp_path / "c", 120))
-    assert frozen_at_the_end(other) and bits(other) == bits(train(trainer))
+    assert compression(trainer).record.motion and trainer.model.canonical.num_dynamic == trainer.count
+    save_checkpoint(tmp_path / "c", trainer)
+    other = make_trainer(120, capacity="auto", **GROWING)
+    load_checkpoint(tmp_path / "c", other)
+    record = compression(other).record
+    assert record.motion
+    train(other)
+    assert [each.progress for each in record.log if each.what == "put to rest"] == [1.0]
+    assert len(record.motion.score) == other.model.canonical.num_dynamic < other.count
+    assert bits(other) == bits(train(trainer))
 
 
 def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(

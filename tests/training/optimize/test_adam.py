@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 
-from frog_blender.engine.native import binding
 from frog_blender.engine.training.optimize.optimizer import NativeAdam, adam_on
 
 # One number, nothing at all, several pieces of a thread's work with a rest, several dimensions.
@@ -46,12 +45,6 @@ def trained(kind: type[Any], steps: int = 40) -> tuple[list[torch.nn.Parameter],
     return found, optimizer
 
 
-@pytest.fixture(autouse=True)
-def threads() -> Iterator[None]:
-    yield
-    binding.set_thread_count(0)
-
-
 def largest_gradients(steps: int = 40) -> list[torch.Tensor]:
     """By parameter, of each number the largest size that its gradient had."""
     largest = [torch.zeros(shape) for shape in SHAPES]
@@ -74,10 +67,10 @@ def test_the_same_steps_and_memory_as_torch() -> None:
     assert torch.equal(found[3][:100], parameters()[3][:100])  # never pulled at: never moved
 
 
-def test_the_same_bits_on_any_number_of_threads() -> None:
+def test_the_same_bits_on_any_number_of_threads(set_thread_count: Callable[[int], None]) -> None:
     results = []
     for count in (1, 2, 7):
-        binding.set_thread_count(count)
+        set_thread_count(count)
         results.append(trained(NativeAdam, 5)[0])
     for result in results[1:]:
         assert all(torch.equal(one, other) for one, other in zip(result, results[0], strict=True))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import torch
 from support import synthetic_capture as film
 
-from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.training.optimize.gaussian_state import add_size_gradient, limit_sizes
 
@@ -28,8 +26,8 @@ def test_the_gradient_is_that_of_the_mean_size() -> None:
     torch.testing.assert_close(canonical.log_scales.grad, before + wanted)
 
 
-def test_no_axis_is_longer_than_a_share_of_the_distance_to_the_nearest_training_camera(tmp_path: Path) -> None:
-    capture, canonical = open_capture(film.write_capture(tmp_path / "film")), canonical_field()
+def test_no_axis_is_longer_than_a_share_of_the_distance_to_the_nearest_training_camera(capture: Capture) -> None:
+    canonical = canonical_field()
     trained = sorted({shot.camera for shot in capture.train_shots})
     assert len(trained) < len(capture.cameras)  # one is held out, and says nothing
     centers = np.array([capture.cameras[index].center for index in trained])
@@ -42,8 +40,8 @@ def test_no_axis_is_longer_than_a_share_of_the_distance_to_the_nearest_training_
     np.testing.assert_allclose(canonical.log_scales.detach().exp().numpy(), wanted, rtol=1e-5)
 
 
-def test_what_lies_in_a_camera_keeps_a_size(tmp_path: Path) -> None:
-    capture, canonical = open_capture(film.write_capture(tmp_path / "film")), canonical_field()
+def test_what_lies_in_a_camera_keeps_a_size(capture: Capture) -> None:
+    canonical = canonical_field()
     camera = capture.cameras[capture.train_shots[0].camera]
     canonical.means.data[0] = torch.from_numpy(camera.center).float()
     limit_sizes(canonical, capture, 0.1, 0.5)

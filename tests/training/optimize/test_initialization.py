@@ -11,7 +11,6 @@ import torch
 from support import synthetic_capture
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds
 from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.recipes import RECIPES, Recipe, recipe
@@ -19,11 +18,6 @@ from frog_blender.engine.registry import METHODS
 from frog_blender.engine.training.optimize.initialization import first_model
 
 LAST = synthetic_capture.FRAMES - 1
-
-
-@pytest.fixture(scope="module")
-def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
-    return open_capture(synthetic_capture.write_capture(tmp_path_factory.mktemp("seeds") / "capture"))
 
 
 def timed_seeds() -> Seeds:

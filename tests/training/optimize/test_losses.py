@@ -105,14 +105,13 @@ def test_what_is_no_number_shows(bad: float) -> None:
     assert not np.isfinite(float(photometric_loss(image, truth).loss))
 
 
-def test_the_same_bits_on_any_number_of_threads() -> None:
+def test_the_same_bits_on_any_number_of_threads(set_thread_count: Callable[[int], None]) -> None:
     results = []
     for threads in (1, 2, 7):
-        binding.set_thread_count(threads)
+        set_thread_count(threads)
         image, truth = images(100, 64)
         found = photometric_loss(image, truth, {"dssim": 0.2})
         results.append((float(found.loss), found.gradient, found.cell_errors))
-    binding.set_thread_count(0)
     for value, gradient, cells in results[1:]:
         assert value == results[0][0]
         assert torch.equal(gradient, results[0][1]) and torch.equal(cells, results[0][2])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
-from support.training_steps import train
+from support.training_steps import moving_psnr, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
@@ -27,16 +27,6 @@ STEPS = 600
 @pytest.fixture(scope="module")
 def trained(make_trainer: Callable[..., Trainer]) -> dict[str, Trainer]:
     return {method: train(make_trainer(STEPS, method)) for method in ("frog", "static")}
-
-
-def moving_psnr(trainer: Trainer, store: FrameStore, camera: int) -> float:
-    """Over the pixels of one camera that clearly change in time."""
-    shots = [i for i, shot in enumerate(trainer.capture.shots) if shot.camera == camera]
-    truth = np.stack([store.image(i) / 255.0 for i in shots])
-    drawn = np.stack([trainer.render_image(i) for i in shots])
-    mask = truth.std(0).max(-1) > 15 / 255
-    assert 0.1 < mask.mean() < 0.6
-    return -10 * float(np.log10(((truth - drawn)[:, mask] ** 2).mean()))
 
 
 def test_the_loss_falls(make_trainer: Callable[..., Trainer], trained: dict[str, Trainer]) -> None:
@@ -77,18 +67,15 @@ def test_torchs_own_random_numbers_are_neither_used_nor_changed(
 
 
 def test_number_of_threads_does_not_change_the_training(
-    make_trainer: Callable[..., Trainer], bits: Callable[[Trainer], dict[str, bytes]]
+    make_trainer: Callable[..., Trainer],
+    bits: Callable[[Trainer], dict[str, bytes]],
+    set_thread_count: Callable[[int], None],
 ) -> None:
-    from frog_blender.engine.native import binding
-
-    try:
-        found = []
-        for threads in (1, 3):
-            binding.set_thread_count(threads)
-            found.append(bits(train(make_trainer(40))))
-        assert found[0] == found[1]
-    finally:
-        binding.set_thread_count(0)
+    found = []
+    for threads in (1, 3):
+        set_thread_count(threads)
+        found.append(bits(train(make_trainer(40))))
+    assert found[0] == found[1]
 
 
 def test_no_held_out_image_is_ever_read(watched: Callable[[], Any], capture: Capture, lively: Any) -> None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable
 
 import pytest
-from support.builders import run_python
 
 from frog_blender.engine.training.optimize import schedule
 from frog_blender.engine.training.optimize import trainer as trainer_module
@@ -63,22 +61,3 @@ def test_a_training_stopped_for_an_hour_takes_its_steps(
     for _ in range(10):
         trainer.step()
     assert trainer.seconds == pytest.approx(9 * 0.01 + 0.5)
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="this system stops no process")
-def test_a_process_that_is_really_stopped() -> None:
-    code = """
-import os, signal, time
-from frog_blender.engine.training.optimize.schedule import worked_since
-child = os.fork()
-if child == 0:  # wakes its parent
-    time.sleep(1.5)
-    os.kill(os.getppid(), signal.SIGCONT)
-    os._exit(0)
-began = time.perf_counter(), time.process_time()
-os.kill(os.getpid(), signal.SIGSTOP)
-print(time.perf_counter() - began[0] - worked_since(*began))
-os.waitpid(child, 0)
-"""
-    done = run_python(code)
-    assert float(done.stdout) > 0.8, done.stderr

@@ -72,24 +72,6 @@ def until(condition: Callable[[], bool]) -> None:
     raise AssertionError("it never came to that")
 
 
-def test_a_control_answers_waits_and_goes_on() -> None:
-    control = CancelToken()
-    assert not control() and not control.paused
-    control.pause()
-    answers: list[bool] = []
-    thread = threading.Thread(target=lambda: answers.append(control()), daemon=True)
-    thread.start()
-    thread.join(0.1)
-    assert thread.is_alive() and control.paused
-    control.resume()
-    thread.join(20)
-    assert answers == [False] and not control.paused
-    control.pause()
-    control.cancel()
-    assert control() and not control.paused
-    assert CancelToken.of(control) is control and CancelToken.of(lambda: True)() and not CancelToken.of(lambda: False)()
-
-
 def test_a_pause_costs_nothing_and_changes_nothing(task: TrainingJob) -> None:
     undisturbed = replace(task, output=task.output.with_name("other.frog"))
     list(run_training(undisturbed))

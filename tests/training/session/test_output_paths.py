@@ -108,7 +108,7 @@ def test_a_taken_name_is_refused_in_the_words_of_where_it_was_chosen(
     assert "--overwrite replaces it, --resume goes on" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["動" * 80, "Д" * 125, "x" * 250], ids=["kanji", "cyrillic", "latin"])
+@pytest.mark.parametrize("name", ["動" * 80, "x" * 250], ids=["kanji", "latin"])
 def test_any_legal_name_gets_scene_checkpoint_and_image(
     filmed: Path, tmp_path: Path, lively: Callable, quick_seeds: None, name: str
 ) -> None:
