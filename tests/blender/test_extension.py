@@ -19,6 +19,7 @@ import bpy
 import pytest
 from support.blender_windows import another_blender
 from support.small_scenes import rig_of_three, write_scene
+from support.wheels import native_wheel
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = (ROOT / "tools" / "build_extension.py").read_text()
@@ -100,7 +101,9 @@ def extension(edition, tmp_path_factory):
     if bpy.app.binary_path:
         pytest.skip("the extension is built with the bpy module's own tool, or FROG_ZIPS names the folder of the zips")
     folder = tmp_path_factory.mktemp("extension")
-    result = built(edition, folder, *(["--index", folder / "repository"] if edition == "training" else []))
+    native_wheel(folder / "wheels")
+    index = ["--index", folder / "repository"] if edition == "training" else []
+    result = built(edition, folder, "--wheels", folder / "wheels", *index)
     if "could not be fetched" in result.stderr:
         pytest.skip("the safetensors wheel cannot be fetched here")
     assert result.returncode == 0, result.stdout + result.stderr
@@ -119,6 +122,17 @@ def test_wheels_are_shipped_as_they_are(extension):
     with zipfile.ZipFile(io.BytesIO(native)) as wheel:
         assert any(Path(name).stem.endswith("frog_native") for name in wheel.namelist())
         assert wheel.testzip() is None
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(bpy.app.binary_path), reason="the bpy module's own tool builds extensions")
+def test_the_native_wheel_is_compiled_where_none_is_given(tmp_path):
+    result = built("player", tmp_path)
+    assert result.returncode == 0, result.stdout + result.stderr
+    with zipfile.ZipFile(next(tmp_path.glob("*.zip"))) as archive:
+        (name,) = (name for name in archive.namelist() if name.startswith("wheels/frog_blender_native"))
+        with zipfile.ZipFile(io.BytesIO(archive.read(name))) as wheel:
+            assert any(Path(name).stem.endswith("frog_native") for name in wheel.namelist())
 
 
 @pytest.fixture
