@@ -123,18 +123,6 @@ torch.mkdir()
     return [sys.executable, "-c", code]
 
 
-def test_another_installation_is_switched_to(tmp_path, quick_pip):
-    folder = tmp_path / "data" / "torch"
-    first = finish(Installation(folder, pip=quick_pip).start())
-    assert installed(folder) == first.result == folder
-    second = finish(Installation(folder, pip=quick_pip).start())
-    assert second.result is not None and installed(folder) == second.result == folder.with_name("torch-2")
-    assert not folder.exists() and (second.result / "torch" / "__init__.py").is_file()
-    third = finish(Installation(folder, pip=quick_pip).start())
-    assert installed(folder) == third.result == folder.with_name("torch-3")
-    assert [path.name for path in folder.parent.iterdir()] == ["torch-3"]
-
-
 def test_what_is_removed_while_in_use_goes_at_the_next_start(tmp_path, quick_pip, monkeypatch):
     folder = tmp_path / "data" / "torch"
     finish(Installation(folder, pip=quick_pip).start())

@@ -11,7 +11,6 @@ from support.users_scene import views
 from frog_blender import point_cloud
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback
-from frog_blender.timeline.retiming import repeated
 
 
 def test_frames_in_random_order(empty, capture, static_rig):
@@ -111,20 +110,6 @@ def test_what_nobody_plays_is_let_go(empty, tmp_path):
     assert open_scenes.paths() == set(paths[1:]) and playback.open_scene(paths[1]) is kept
     empty.frame_set(4)
     shows(second, paths[1], 3.0)
-
-
-@pytest.mark.parametrize(
-    ("repeat", "shown"),
-    [
-        ("HOLD", [(-3, -3.0), (0, 0.0), (2.5, 2.5), (9, 9.0)]),
-        ("LOOP", [(-1, 4.0), (0, 0.0), (4, 4.0), (4.5, 4.5), (5, 0.0), (12, 2.0), (-5, 0.0)]),
-        ("PING_PONG", [(-1, 1.0), (0, 0.0), (4, 4.0), (5, 3.0), (8, 0.0), (9, 1.0), (-9, 1.0), (4.25, 3.75)]),
-    ],
-)
-def test_what_repeats_comes_back(repeat, shown):
-    for position, expected in shown:
-        assert repeated(position, repeat, 5) == pytest.approx(expected)
-    assert repeated(7.0, repeat, 1) == 7.0  # the only frame, which is held
 
 
 def test_speed_and_repetition(empty, capture, static_rig):

@@ -26,17 +26,6 @@ def three_gaussians(sh_count=1) -> GaussianArrays:
     )
 
 
-def test_writing_other_counts_and_degrees_rebuilds_the_mesh(empty):
-    obj = point_cloud.create("blobs", three_gaussians(4))
-    assert point_cloud.read(obj)["radiance:sh_2"].shape == (3, 3)
-    point_cloud.write(obj, three_gaussians(1))
-    assert not any(name.startswith("radiance:sh") for name in point_cloud.read(obj))
-    point_cloud.clear(obj)
-    assert point_cloud.count(obj) == 0
-    point_cloud.write(obj, three_gaussians(9))
-    assert point_cloud.count(obj) == 3 and "radiance:sh_7" in point_cloud.read(obj)
-
-
 def test_cycles_shows_what_the_engine_draws(empty, rendered):
     from frog_blender.cameras import apply_lens, pose_of
     from frog_blender.engine.playback.render import draw

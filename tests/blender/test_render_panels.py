@@ -22,31 +22,6 @@ def said(panel, part="draw"):
     return panel_says(panel, part, engine=bpy.context.scene.render.engine)
 
 
-def shown_under_frog():
-    return {
-        panel.__name__ for panel in bpy.types.Panel.__subclasses__() if "FROG" in getattr(panel, "COMPAT_ENGINES", ())
-    }
-
-
-def test_what_frog_does_not_draw_has_no_settings(addon):
-    shown = shown_under_frog()
-    foreign = ("freestyle", "gpencil", "grease", "simplify")
-    assert [name for name in shown if any(word in name.lower() for word in foreign)] == []
-    assert {"RENDER_PT_color_management", "RENDER_PT_format", "RENDER_PT_post_processing"} <= shown
-
-
-def test_motion_blur_is_set_where_one_looks_for_it(frog):
-    panel = render_panels.FROG_PT_motion_blur
-    assert panel.bl_context == "render" and said(panel, "draw_header") == "use_motion_blur"
-    assert "motion_blur_position motion_blur_shutter motion_samples" in said(panel)
-    frog.frog.motion_samples = 40
-    assert "as long as" not in said(panel), "it is off"
-    frog.render.use_motion_blur = True
-    assert "as long as 40 without blur." in said(panel)
-    frog.render.engine = "CYCLES"
-    assert said(panel) is None
-
-
 def test_depth_of_field_is_the_cameras(frog):
     panel = render_panels.FROG_PT_depth_of_field
     assert said(panel) is None, "there is no camera"
@@ -93,14 +68,3 @@ def test_the_background_is_the_worlds(frog):
     assert said(panel) == "color", "a sky is not drawn"
     frog.render.film_transparent = True
     assert "Transparent is on" in said(panel)
-
-
-def test_captures_among_objects_are_found_in_the_render_settings(frog, static_rig):
-    panel = render_panels.FROG_PT_with_objects
-    assert panel.bl_context == "render" and said(panel) is None
-    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    for engine in ("CYCLES", "FROG"):
-        frog.render.engine = engine
-        assert said(panel) == "frog.compose"
-    frog.view_settings.view_transform = "AgX"
-    assert said(panel) == "frog.compose AgX changes the colors of the videos. frog.show_as_filmed"

@@ -97,14 +97,6 @@ def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(empty, 
     np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(shown).means)
 
 
-def test_cycles_still_gets_the_points_of_its_frames(empty, written, tmp_path):
-    empty.render.engine, empty.cycles.samples = "CYCLES", 1
-    empty.frame_start, empty.frame_end, empty.render.resolution_percentage = 3, 4, 25
-    empty.render.filepath = str(tmp_path / "film_")
-    bpy.ops.render.render(animation=True)
-    assert any(written)
-
-
 def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypatch):
     """A render's thread and Blender's own ask for scenes, bakes and thinned scenes while others are dropped."""
     ready = ScenePlayer.load(playback.file_of(capture))

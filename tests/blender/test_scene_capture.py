@@ -112,15 +112,6 @@ def test_cameras_of_the_users_stay(cube):
     assert set(settings.collection.objects) == mine, "the rig is gone"
 
 
-def test_a_capture_of_every_third_frame_plays_in_real_time(cube):
-    scene = bpy.context.scene
-    scene.frame_start, scene.frame_end, scene.frame_step = 2, 9, 3
-    scene.render.fps = 24
-    bpy.ops.frog.place_rig()
-    request = request_of(scene, scene.frog.rig)
-    assert request.frames == (2, 5, 8) and request.rate == 8.0 and request.images[-1][2].name == "0006.png"
-
-
 def test_images_fit_their_cameras_and_nothing_of_the_scene_changes(cube, tmp_path):
     scene = bpy.context.scene
     scene.timeline_markers.new("cut", frame=1).camera = cube

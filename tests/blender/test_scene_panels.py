@@ -9,10 +9,7 @@ import bpy
 from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import Written, panel_says, told
 
-from frog_blender.engine.interchange.ply import write_splats
-from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.session import events
-from frog_blender.nodes import ellipsoid_nodes
 from frog_blender.scene_import.capture_objects import active_capture, root_of
 from frog_blender.tasks.background_task import Ended
 from frog_blender.timeline import playback
@@ -55,20 +52,6 @@ def test_several_captures_are_a_list_of_which_one_is_chosen(empty, static_rig, t
     empty.frame_set(3)
     empty.frog.capture_index = list(empty.objects).index(captures[0])
     assert "found no file" in panel_says(captures_panel.FROG_PT_captures), "a problem is told whatever is chosen"
-
-
-def test_what_stands_still_has_no_time(empty, static_rig, tmp_path):
-    write_splats(tmp_path / "still.ply", ScenePlayer.load(static_rig).at_frame(0))
-    bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "still.ply"))
-    assert panel_says(timing_panel.FROG_PT_timing) is None and panel_says(captures_panel.FROG_PT_bake) is None
-    assert "density" in panel_says(captures_panel.FROG_PT_display)
-
-
-def test_grey_ellipsoids_say_why(empty, static_rig, monkeypatch):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    assert "at most" not in panel_says(captures_panel.FROG_PT_display)
-    monkeypatch.setattr(ellipsoid_nodes, "MOST", 50)
-    assert "Ellipsoids are for at most 50 Gaussians" in panel_says(captures_panel.FROG_PT_display)
 
 
 def test_a_view_transform_is_told_and_taken_away(empty, static_rig):

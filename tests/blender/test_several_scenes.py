@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-import pytest
 from support.small_scenes import rig_of_three, shows, write_scene
 from support.training_panel import switched_off
 
@@ -54,23 +53,6 @@ def test_what_was_opened_without_the_add_on_plays_when_it_comes(empty, capture, 
     assert bpy.app.timers.is_registered(handlers.take_over)
     handlers.take_over()  # no timer runs without a window
     shows(the_capture(), static_rig, 3.0)
-
-
-@pytest.mark.parametrize("kind", ["LINK_COPY", "FULL_COPY"])
-def test_each_scene_is_composed_with_one_of_its_own(empty, capture, kind):
-    bpy.ops.frog.compose()
-    first = bpy.data.scenes["Scene FRoG"]
-    bpy.ops.scene.new(type=kind)
-    copy = bpy.context.scene
-    copy.camera = next(obj for obj in copy.objects if obj.type == "CAMERA" and obj != empty.camera)
-    bpy.ops.frog.compose()
-    bpy.ops.frog.compose()  # again brings the same up to date
-    (second,) = (scene for scene in bpy.data.scenes if scene not in (empty, copy, first))
-    assert (first.camera, second.camera) == (empty.camera, copy.camera) and first.camera != second.camera
-    for scene, own, foreign in ((empty, first, second), (copy, second, first)):
-        tree = scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
-        read = {node.scene for node in tree.nodes if node.bl_idname == "CompositorNodeRLayers"}
-        assert own in read and foreign not in read
 
 
 def test_each_scene_has_the_background_of_its_own_capture(empty, capture, tmp_path, rendered):

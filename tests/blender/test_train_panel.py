@@ -16,11 +16,10 @@ from frog_blender.engine.training.session import events
 from frog_blender.option_properties import property_name
 from frog_blender.tasks import background_task
 from frog_blender.tasks.background_task import Ended
-from frog_blender.tasks.training import TrainingState, TrainingTask
+from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import request_of
 from frog_blender.ui import (
     capture_panel,
-    capture_summary,
     preview_image,
     torch_environment,
     train_panel,
@@ -53,22 +52,6 @@ def test_a_capture_is_described_and_its_training_timed(empty, capture):
     assert "on the GPU: not known before a first training" in drawn()
     empty.frog.device, empty.frog.minutes = "cpu", 180.0
     assert "Roughly 3" in drawn() and "hours on this processor" in drawn()
-
-
-def test_estimates_follow_what_finished_trainings_took(empty, capture, tmp_path):
-    from frog_blender.engine.recipes import recipe
-    from frog_blender.engine.training.session.job import TrainingJob
-    from frog_blender.engine.training.session.time_estimate import Workload, remembering
-
-    empty.frog.device = "cpu"
-    work = Workload.of(capture_summary.known(str(capture)).capture, recipe("standard"))
-    stream = (
-        events.Started("frog", work.steps, 4, 6, 300, "cpu", round(work.pixels), work.images),
-        events.Finished("x.frog", work.steps, 5.0, None, 300, {}, {"training": 7 * work.seconds}),
-    )
-    list(remembering(iter(stream), TrainingJob(capture, tmp_path / "x.frog")))
-    said = drawn()
-    assert "About " in said and "on this processor, as earlier trainings went." in said
 
 
 def test_a_running_training(empty):
@@ -181,26 +164,6 @@ def test_presets_keep_how_to_train_and_not_what(empty, tmp_path, monkeypatch):
     assert bpy.ops.script.execute_preset(filepath=str(written), menu_idname=name) == {"FINISHED"}
     assert (settings.recipe, settings.steps, settings.device) == ("draft", 1234, "cpu")
     assert Path(settings.capture_folder) == Path(other)
-
-
-def test_the_image_of_what_moves_is_in_the_report_with_a_legend(empty):
-    seen, colors = np.zeros((8, 8, 3), np.uint8), np.ones((8, 8, 3), np.uint8)
-    task = told(events.Progress(9, 9, 1.0, 0.0, 0.1, 300), events.Preview(9, seen))
-    task.apply(events.CompressionPreview("x.capacity.png", colors))
-    preview_image.show_training(task.state)
-    assert (pixels()[:, :, :3] == seen).all(), "the panel still shows the scene"
-    said = drawn(train_panel.FROG_PT_train_report)
-    assert "Orange moves, blue stands still" in said
-    told(events.Progress(9, 9, 1.0, 0.0, 0.1, 300))
-    assert "Orange" not in drawn(train_panel.FROG_PT_train_report)
-
-
-def test_what_a_training_made_in_one_sentence():
-    made = TrainingState(gaussians=33_000, moving=4_100, result_bytes=1_130_000, psnr=33.81)
-    assert made.sentence == "4,100 of 33,000 splats move; file 1.1 MB; quality 33.8 dB."
-    assert TrainingState(gaussians=1200, moving=1200).sentence == "1,200 splats, all of which move."
-    still = TrainingState(gaussians=1200, result_bytes=48_000)
-    assert still.sentence == "1,200 splats, none of which move; file 48 KB."
 
 
 def test_a_report_can_be_dismissed_but_no_running_training(empty):

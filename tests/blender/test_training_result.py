@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import bpy
 import pytest
-from support.training_panel import Written, panel_says, told
+from support.training_panel import panel_says, told
 from support.users_scene import users_scene, views
 
 from frog_blender.engine.scene.scene_file import SceneFile, read_scene
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.training.session import events
-from frog_blender.engine.training.session.output_paths import unused_output
-from frog_blender.operators import set_up_scene
 from frog_blender.operators.train import ResultImporter
 from frog_blender.scene_import.capture_objects import plays
-from frog_blender.scene_import.scene_setup import PARTS, start_cube, values
+from frog_blender.scene_import.scene_setup import start_cube, values
 from frog_blender.tasks.background_task import Ended
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.timeline import open_scenes, playback
@@ -72,20 +69,6 @@ def test_one_click_shows_it_and_one_question_sets_the_scene_up(addon, static_rig
     assert scene.view_settings.view_transform == "AgX"
     assert bpy.ops.frog.set_up_scene() == {"FINISHED"}
     assert (scene.frame_end, scene.render.engine, scene.view_settings.view_transform) == (10, "FROG", "Standard")
-
-
-def test_the_question_says_what_the_scene_becomes(addon, static_rig):
-    scene = start()
-    ResultImporter(scene)(static_rig)
-    said = set_up_scene._values(next(iter(playback.captures(scene.objects))))
-    assert said == {"frames": "1 to 10", "rate": "24 per second", "size": "96 x 64 pixels", "camera": "cam00"}
-    layout = Written()
-    layout.prop = lambda data, name: layout.said.append(name)
-    layout.row = lambda: layout
-    set_up_scene.FROG_OT_set_up_scene.draw(SimpleNamespace(layout=layout), bpy.context)
-    assert [name for name in layout.said if name.startswith("use_")] == [f"use_{part}" for part in PARTS]
-    assert {f"use_{part}" for part in PARTS} <= set(bpy.ops.frog.set_up_scene.get_rna_type().properties.keys())
-    assert set(said.values()) <= set(layout.said)
 
 
 def test_the_finished_scene_is_read_where_it_was_trained(empty, static_rig):
@@ -169,18 +152,6 @@ def test_two_trainings_of_one_capture_are_told_apart(empty, static_rig, tmp_path
     assert ResultImporter(empty)(tmp_path / "room_2.frog") == ""
     assert sorted(files(empty)) == ["room.frog", "room_2.frog"], "what plays it already shows it"
     assert empty.frame_end == 250
-
-
-def test_outputs_are_counted_on(tmp_path):
-    room = tmp_path / "room.frog"
-    assert unused_output(room) == room
-    room.write_bytes(b"a scene")
-    assert unused_output(room).name == "room_2.frog"
-    (tmp_path / "room_2.frog.checkpoint").write_bytes(b"what a training has learned so far")
-    assert unused_output(room).name == unused_output(tmp_path / "room_2.frog").name == "room_3.frog"
-    take = tmp_path / "take_7.frog"  # a number of the user's own
-    take.write_bytes(b"a scene")
-    assert unused_output(take).name == "take_7_2.frog"
 
 
 @pytest.mark.parametrize("cancelled", [False, True])
