@@ -10,7 +10,7 @@ import pytest
 from support.observed_players import observed
 from support.small_scenes import rig_of_three, write_scene
 
-from frog_blender import app_handlers, point_cloud, reported_once
+from frog_blender import point_cloud, reported_once
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback, prefetch, retiming
 
@@ -80,26 +80,6 @@ def test_no_number_is_a_sentence_in_a_render(empty, captures, capfd, rendered, h
     assert capfd.readouterr().err.count(bad.name) == 1
     with pytest.raises(RuntimeError, match="not a number"):
         rendered(empty)
-
-
-def test_a_handler_that_fails_is_said_once_and_called_again(addon, empty, capfd):
-    calls = []
-
-    def failing(scene, *_):
-        calls.append(scene.frame_current)
-        raise ValueError("of some kind")
-
-    handlers = [(bpy.app.handlers.frame_change_pre, failing)]
-    reported_once.forget()
-    app_handlers.add(handlers)
-    app_handlers.add(handlers)
-    try:
-        for frame in (1, 2, 3):
-            empty.frame_set(frame)
-    finally:
-        app_handlers.remove(handlers)
-    empty.frame_set(4)
-    assert calls == [1, 2, 3] and capfd.readouterr().err.count("ValueError: of some kind") == 1
 
 
 def test_something_unforeseen_in_one_capture_holds_up_no_other(empty, captures, capfd):

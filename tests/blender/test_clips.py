@@ -113,14 +113,11 @@ def test_a_sequence_follows_whatever_the_timing(mono):
 
 
 def test_videos_start_with_their_first_frame(empty, tmp_path):
-    cv2 = pytest.importorskip("cv2")
+    films = pytest.importorskip("support.small_captures")
     folder = tmp_path / "videos"
     folder.mkdir()
     for name in ("cam00", "cam02"):
-        writer = cv2.VideoWriter(str(folder / f"{name}.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 24.0, (32, 32))
-        for frame in range(COUNT):
-            writer.write(np.full((32, 32, 3), 20 * frame, np.uint8))
-        writer.release()
+        films.write_video(folder / f"{name}.mp4", COUNT)
     obj = imported(scene_of(tmp_path / "x.frog", folder, rig_of_three(), capture_format="n3dv"), start_frame=3.0)
     first, lacking, last = cameras_of(obj)
     assert clip_of(first).image.source == "MOVIE" and clip_of(first).image.frame_duration == COUNT
@@ -133,11 +130,6 @@ def test_without_clips_the_import_is_the_same_and_says_so(empty, static_rig, cap
     assert not any(clip_of(camera) for camera in cameras_of(obj))
     said = capfd.readouterr()
     assert "videos were not found" in said.out + said.err
-
-
-def test_nobody_asked_for_clips(mono):
-    obj = imported(mono, show_clips=False)
-    assert not clip_of(cameras_of(obj)[0]) and not bpy.data.images
 
 
 def test_another_folder_is_named_and_clips_are_hidden_again(mono, tmp_path):
@@ -184,17 +176,14 @@ def test_clips_are_in_time_after_the_addon_was_away(addon, mono):
 @pytest.fixture
 def bent(empty, tmp_path):
     """A scene of three cameras whose lenses distort, and their videos."""
-    cv2 = pytest.importorskip("cv2")
+    films = pytest.importorskip("support.small_captures")
     folder = tmp_path / "bent"
     folder.mkdir()
     cameras = rig_of_three()
     listed = []
     for camera in cameras:
         size = (camera.width, camera.height)
-        writer = cv2.VideoWriter(str(folder / f"{camera.name}.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 24.0, size)
-        for frame in range(COUNT):
-            writer.write(np.full((size[1], size[0], 3), 20 * frame + 20, np.uint8))
-        writer.release()
+        films.write_video(folder / f"{camera.name}.mp4", COUNT, *size)
         pose = {"R": camera.rotation.tolist(), "t": camera.world_to_camera[:3, 3].tolist()}
         lens = {"K": camera.intrinsics.tolist(), "dist": [-0.2, 0.0, 0.0, 0.0]}
         listed.append({"name": camera.name, "width": size[0], "height": size[1], **lens, **pose})
@@ -238,24 +227,13 @@ def test_clips_are_shown_although_films_cannot_be_written(bent, tmp_path, capfd)
     assert [path.name for path in clips_folder(bent).iterdir()] == ["cam01.mp4"]
 
 
-@pytest.fixture
-def press(bent):
-    """A function that presses the button as in a window and gives the operator that Blender then runs."""
+def test_in_a_window_straightening_can_be_stopped(bent):
     with in_window(FROG_OT_add_clips) as window:
-
-        def pressed():
-            assert bpy.ops.frog.add_clips() == {"RUNNING_MODAL"}
-            operator, _ = window.started[-1]
-            return operator
-
-        yield pressed
-
-
-def test_in_a_window_straightening_can_be_stopped(bent, press):
-    obj = imported(bent)
-    before = shown_files(obj)
-    operator = press()
-    assert operator.modal(bpy.context, event()) == {"PASS_THROUGH"}
-    assert operator.modal(bpy.context, event("ESC", "PRESS")) == {"CANCELLED"}
-    assert shown_files(obj) == before
+        obj = imported(bent)
+        before = shown_files(obj)
+        assert bpy.ops.frog.add_clips() == {"RUNNING_MODAL"}
+        operator, _ = window.started[-1]
+        assert operator.modal(bpy.context, event()) == {"PASS_THROUGH"}
+        assert operator.modal(bpy.context, event("ESC", "PRESS")) == {"CANCELLED"}
+        assert shown_files(obj) == before
     assert {path.name for path in bent.parent.iterdir()} == {"bent", "bent.frog"}

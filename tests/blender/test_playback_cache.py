@@ -12,7 +12,6 @@ import pytest
 from support.observed_players import observed
 from support.small_scenes import rig_of_three, shows, write_scene
 
-from frog_blender import point_cloud
 from frog_blender.engine.training.session import events
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
@@ -200,18 +199,6 @@ print("busy", playback_cache.worker().is_alive, flush=True)
 
 
 # What is not written again must be right nevertheless.
-
-
-def test_the_same_time_is_not_written_twice_and_what_is_static_only_once(empty, capture, monkeypatch):
-    written, write = [], point_cloud.write_attribute
-    monkeypatch.setattr(point_cloud, "write_attribute", lambda *given: written.append(given[1]) or write(*given))
-    moving = ["position", "radiance:base", "rotation", "scale"]
-    for frame, expected in ((2, 7), (3, moving), (3, []), (None, 7)):
-        written.clear()
-        if frame is None:
-            bpy.ops.frog.clear_cache()
-        empty.frame_set(frame or 3)
-        assert len(written) == expected if isinstance(expected, int) else sorted(written) == expected
 
 
 def test_a_shared_mesh_shows_what_was_shown_last_and_a_copied_one_its_own(empty, capture, static_rig, tmp_path):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from frog_blender.color_spaces import to_linear
-from frog_blender.viewport import look
 from frog_blender.viewport.look import SIDE, Looks, is_plain, table_of
 
 
@@ -88,25 +87,3 @@ def test_a_table_is_made_once_while_nothing_is_drawn(empty):
     after = looks.of(empty, Card()).table
     assert after is not table and len(asked) == 2
     assert Looks(lambda: None).of(bpy.data.scenes.new("other"), Card()).table is None
-
-
-def test_a_table_that_cannot_be_made_is_asked_for_once(empty, monkeypatch, capsys):
-    asked, tried = [], []
-
-    def fail(scene):
-        tried.append(scene.view_settings.exposure)
-        raise OSError("no space left")
-
-    looks = Looks(lambda: asked.append(1))
-    empty.view_settings.view_transform, empty.view_settings.exposure = "AgX", 1.0
-    monkeypatch.setattr(look, "table_of", fail)
-    for _ in range(3):
-        assert looks.of(empty, Card()).table is None and looks.of(empty, Card()).factor == 2.0
-        looks.make()
-    assert tried == [1.0] and len(asked) == 2
-    assert "no space left" in capsys.readouterr().err
-    monkeypatch.undo()
-    empty.view_settings.exposure = 0.0
-    looks.of(empty, Card())
-    looks.make()
-    assert looks.of(empty, Card()).table is not None
