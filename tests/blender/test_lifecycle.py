@@ -10,7 +10,6 @@ import time
 from pathlib import Path
 
 import bpy
-import numpy as np
 import pytest
 from support.blender_windows import another_blender
 from support.small_scenes import shows
@@ -35,21 +34,6 @@ def select_only(obj):
     bpy.ops.object.select_all(action="DESELECT")
     obj.select_set(True)
     bpy.context.view_layer.objects.active = obj
-
-
-def test_a_duplicate_plays_at_its_own_time(empty, static_rig):
-    first = imported(static_rig)
-    select_only(first)
-    bpy.ops.object.duplicate()
-    second = active_capture(bpy.context)
-    assert second != first and second.data != first.data
-    second.frog.start_frame = 4.0
-    empty.frame_set(6)
-    shows(first, static_rig, 5.0)
-    shows(second, static_rig, 2.0)
-    bpy.data.objects.remove(first)
-    empty.frame_set(5)
-    shows(second, static_rig, 1.0)
 
 
 @pytest.mark.parametrize("how", ["imported again", "duplicated with all of it"])
@@ -110,26 +94,6 @@ def test_a_deleted_capture_is_gone_and_comes_back_by_undo(empty, static_rig):
     shows(bpy.data.objects[name], static_rig, 6.0)
     bpy.ops.ed.redo()
     bpy.context.scene.frame_set(2)
-
-
-def test_appended_and_linked_captures_play(empty, static_rig, tmp_path):
-    """Blender lets nobody write linked geometry; FROG draws such a capture from its file."""
-    from frog_blender.render.collect_instances import gather
-
-    name = imported(static_rig).name
-    blend = tmp_path / "library.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
-    for link in (False, True):
-        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-        with bpy.data.libraries.load(str(blend), link=link) as (there, here):
-            here.objects = [name] if name in there.objects else []
-        (obj,) = here.objects
-        bpy.context.scene.collection.objects.link(obj)
-        bpy.context.scene.frame_set(5)
-        if not link:
-            shows(obj, static_rig, 4.0)
-        drawn, _ = gather(bpy.context.evaluated_depsgraph_get())
-        np.testing.assert_allclose(drawn.means, ScenePlayer.load(static_rig).at_frame(4.0).means, atol=1e-6)
 
 
 def test_another_file_while_training_loses_nothing(addon, tmp_path, filmed, quick_seeds):

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from support.training_panel import finish, leave_checkpoint, switched_off
+from support.training_panel import finish, switched_off
 
 from frog_blender import addon_state, unsaved_changes
 from frog_blender.engine.errors import FrogError
@@ -73,18 +73,6 @@ def test_nothing_is_imported_while_a_render_looks_at_the_scene(addon, monkeypatc
     for _ in range(2):
         task.hand_over_when_possible()
     assert task.waiting is None and imported == [Path("x.frog")]
-
-
-def test_what_an_import_needs_is_made_a_tick_before_it(addon):
-    """Neither keeps the user waiting as long as both together."""
-    done = []
-    source = lambda cancelled: iter([events.Finished("x.frog", 1, 1.0, 20.0, 5)])  # noqa: E731
-    task = TrainingTask(source, lambda path: done.append(path), prepare=lambda: done.append("prepared")).begin()
-    assert task.join(20.0)
-    while not done:
-        assert background_task.tick() is not None
-    assert done == ["prepared"] and task.waiting is not None
-    assert background_task.tick() is None and done == ["prepared", Path("x.frog")]
 
 
 def test_a_scene_that_was_renamed_meanwhile_gets_the_import(empty, static_rig):
@@ -185,36 +173,6 @@ def test_an_event_that_cannot_be_shown_ends_nothing(addon):
     task = finish(TrainingTask(lambda cancelled: iter(said), imported.append).start())
     assert len(task.state.warnings) == 2 and "cannot be shown" in task.state.warnings[0]
     assert not task.error and imported == [Path("x.frog")] and task.state.step == 7
-
-
-def test_an_image_that_cannot_be_shown_ends_nothing(endless, capfd, monkeypatch):
-    monkeypatch.setattr(TrainingTask, "redraw", lambda self: 1 / 0)
-    while "ZeroDivisionError" not in capfd.readouterr().err:
-        assert background_task.tick() is not None, "the timer goes on"
-    assert endless.is_running
-
-
-def test_naming_a_folder_says_what_it_is(empty, tmp_path):
-    (tmp_path / "notes.txt").write_text("nothing to train from")
-    empty.frog.capture_folder = str(tmp_path)
-    summary = capture_summary.known(str(tmp_path))
-    assert str(tmp_path) in summary.error and not summary.lines
-    assert empty.frog.output_path == f"{tmp_path}.frog"
-
-
-def test_what_the_panel_asks_for(empty, tmp_path):
-    from frog_blender.engine.options import TrainingOptions
-    from frog_blender.tasks.training_request import can_resume, request_of
-
-    settings = empty.frog
-    settings.capture_folder, settings.output_path = str(tmp_path), str(tmp_path / "scene")
-    request = request_of(settings)
-    assert (request.output, request.options) == (tmp_path / "scene.frog", TrainingOptions())
-    assert not can_resume(settings)
-    (tmp_path / "scene.frog.checkpoint").write_bytes(b"x")
-    assert not can_resume(settings), "what cannot be read is not resumed"
-    leave_checkpoint(tmp_path / "scene.frog", tmp_path)
-    assert can_resume(settings) and request_of(settings, resume=True).options.resume
 
 
 def test_resuming_what_is_no_checkpoint_is_one_sentence(empty, tmp_path):

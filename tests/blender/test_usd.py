@@ -51,16 +51,6 @@ def test_out_and_in_again_plays_the_same(empty, capture, static_rig, tmp_path):
     assert np.abs(point_cloud.read(back)["position"] - shown).max() > 1e-2, "it plays on the timeline"
 
 
-def test_the_capture_retimed(empty, capture, static_rig, tmp_path):
-    capture.frog.speed = 2.0
-    out = tmp_path / "out.usda"
-    options = {"frames": "CUSTOM", "first": 1, "last": 4, "apply_transform": False, "full_precision": True}
-    bpy.ops.export_scene.frog_usd(filepath=str(out), **options)
-    bpy.ops.import_scene.frog_splats(filepath=str(out))
-    found, scene = ScenePlayer.load(active_capture(bpy.context).frog.filepath), ScenePlayer.load(static_rig)
-    assert_plays_alike(found, lambda frame: scene.at_frame(2 * frame), [0, 1, 3], 2e-5)
-
-
 def test_mistakes_are_one_sentence(empty, capture, tmp_path):
     with pytest.raises(RuntimeError, match="The range is empty"):
         bpy.ops.export_scene.frog_usd(filepath=str(tmp_path / "x.usdc"), frames="CUSTOM", first=5, last=3)

@@ -6,14 +6,12 @@ from types import SimpleNamespace
 
 import bpy
 import numpy as np
-import pytest
 from support.blender_windows import viewport
 
 from frog_blender import reported_once
 from frog_blender.cameras import view_camera
 from frog_blender.render import holdout
-from frog_blender.viewport import drawing, hiding
-from frog_blender.viewport.picture import Picture
+from frog_blender.viewport import hiding
 from frog_blender.viewport.projection import view_of
 
 
@@ -83,47 +81,3 @@ def test_the_depth_of_surfaces_is_that_of_a_viewport(empty, monkeypatch):
     np.testing.assert_array_equal(surfaces.depth(context, 0, camera, splats), found)
     bpy.data.objects.remove(bpy.data.objects["first"])
     assert surfaces.depth(context, 1, camera, splats) is None and len(read) == 2
-
-
-def test_what_kinds_of_objects_a_viewport_shows_determines_its_surfaces(empty):
-    """Blender tells of no change in the scene; and viewports do not have each other's."""
-    splats, space = drawing.state(), viewport()["space_data"]
-    context = SimpleNamespace(scene=empty, view_layer=bpy.context.view_layer, space_data=space)
-    found = [drawing._looked_at(splats, context)]
-    for kind in ("mesh", "curve", "surf", "meta", "font"):
-        setattr(space, f"show_object_viewport_{kind}", False)
-        found.append(drawing._looked_at(splats, context))
-        setattr(space, f"show_object_viewport_{kind}", True)
-    context.view_layer = empty.view_layers.new("other")
-    found.append(drawing._looked_at(splats, context))
-    assert len(set(found)) == len(found)
-    assert Picture().surfaces is not Picture().surfaces
-
-
-def test_how_much_is_seen_through_objects(empty):
-    shading = viewport()["space_data"].shading
-    shading.type, shading.show_xray, shading.xray_alpha = "SOLID", False, 0.3
-    assert hiding.seen_through(shading) == 0.0
-    shading.show_xray = True
-    assert hiding.seen_through(shading) == pytest.approx(0.7)
-    shading.type, shading.show_xray_wireframe, shading.xray_alpha_wireframe = "WIREFRAME", True, 0.0
-    assert hiding.seen_through(shading) == 0.5, "the wires stay in sight"
-    shading.xray_alpha_wireframe = 0.8
-    assert hiding.seen_through(shading) == pytest.approx(0.2)
-    shading.show_xray_wireframe = False
-    assert hiding.seen_through(shading) == 0.0
-    shading.type = "MATERIAL"
-    assert hiding.seen_through(shading) == 0.0, "there Blender has no X-ray"
-
-
-def test_where_blender_draws_no_depth(empty):
-    space = viewport()["space_data"]
-    found = {}
-    for engine in ("BLENDER_WORKBENCH", "FROG"):
-        empty.render.engine = engine
-        for kind in ("SOLID", "RENDERED"):
-            for overlays in (True, False):
-                space.shading.type, space.overlay.show_overlays = kind, overlays
-                found[engine, kind, overlays] = hiding.is_drawn_without_depth(empty, space)
-    space.overlay.show_overlays = True
-    assert [key for key, lacks in found.items() if lacks] == [("FROG", "RENDERED", False)]

@@ -5,8 +5,6 @@ Drawing is tested where Blender has graphics without a window: 5.2 and later, wi
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import bpy
 import numpy as np
 import pytest
@@ -250,16 +248,3 @@ def test_too_many_splats_are_points_and_the_panel_says_so(empty, static_rig, mon
     assert capsys.readouterr().err.count("Points are shown") == 1
     drawing.choose()
     assert not drawing.problem(empty) and not any(point_cloud.is_drawn_in_viewports(obj) for obj in captures)
-
-
-def test_textures_that_are_larger_than_needed_are_used_again():
-    """Or viewports that show different captures would make new ones for each image."""
-    card = GraphicsCard.__new__(GraphicsCard)
-    many, few = [Layer(None, None, 200_000)], [Layer(None, None, 1000), Layer(None, None, 9, start=1024)]
-    card._projected = None
-    assert not card.has_room(few)
-    card._projected = SimpleNamespace(size=(clouds.ROW, clouds.rows_for(200_000)))
-    assert card.has_room(many) and card.has_room(few)
-    assert not card.has_room([*many, Layer(None, None, 100_000, start=200 * clouds.ROW)])
-    card.free()
-    assert not card.has_room(few)
