@@ -12,7 +12,6 @@ from support.small_scenes import glowing, passes_of
 from support.still_scenes import write_still
 
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.lens import Lens
 from frog_blender.render import blur
 
 SIZE, ACROSS, GREY = 160, 110, 0.05
@@ -145,15 +144,6 @@ def test_the_focus_follows_its_object(empty, eye):
     graph.update()
     with pytest.raises(FrogError, match="found its focus at 0"):
         blur.lens_of(eye.evaluated_get(graph), graph)
-
-
-@pytest.mark.parametrize("blades", [0, 3, 6])
-def test_points_fill_the_aperture_evenly(blades):
-    points = Lens(2.0, 1.0, blades).points(400)
-    assert np.linalg.norm(points, axis=1).max() <= 2.0
-    np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=0.03)
-    spread = {0: 1 / 4, 3: 1 / 8, 6: 5 / 24}[blades]  # second moments of a unit disc and polygons
-    np.testing.assert_allclose(np.square(points / 2.0).mean(axis=0), spread, atol=0.02)
 
 
 KINDS = ("EQUIRECTANGULAR", "FISHEYE_EQUIDISTANT", "FISHEYE_EQUISOLID", "MIRRORBALL")

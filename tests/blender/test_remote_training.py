@@ -9,13 +9,12 @@ import sys
 import threading
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import bpy
 import pytest
 from support.builders import REPOSITORY
 from support.option_examples import EXAMPLES
-from support.training_panel import Written, finish, panel_says
+from support.training_panel import finish, panel_says
 
 from frog_blender.cli.main import _parser
 from frog_blender.cli.train_command import _options_of
@@ -24,12 +23,12 @@ from frog_blender.engine.options import OPTIONS, Door, TrainingOptions
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.events import line_of
-from frog_blender.tasks import background_task, remote_training
+from frog_blender.tasks import background_task
 from frog_blender.tasks.remote_training import RemoteCommand, RemoteTraining, options_of
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import TrainingRequest, steps_done
 from frog_blender.timeline import playback
-from frog_blender.ui import preferences, torch_environment, train_panel
+from frog_blender.ui import torch_environment, train_panel
 
 WHOLE = "train {capture} --out {output} --events {options}"
 PYTHON = shlex.quote(sys.executable)
@@ -40,12 +39,6 @@ posix = pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")
 
 def request(capture="/captures/room", output="/out/room.frog", **options):
     return TrainingRequest(Path(capture), Path(output), TrainingOptions(recipe="draft", **options))
-
-
-def test_placeholders_become_arguments_as_they_are():
-    asked = request(ODD, steps=12)
-    found = RemoteCommand("frog train {capture} --out={output} 'a b' --events {options}").arguments(asked)
-    assert found == ["frog", "train", ODD, "--out=/out/room.frog", "a b", "--events", *options_of(asked)]
 
 
 @posix
@@ -184,17 +177,6 @@ write(b"no end")
     assert list(by_script(tmp_path, code).events(CancelToken())) == [finished(tmp_path)]
 
 
-def test_only_so_many_sentences_are_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(remote_training, "MOST_SENTENCES", 20)
-    code = f"""
-for _ in range(30):
-    print({line_of(events.WarningEvent("Beware."))!r})
-{prints(events.Progress(5, 5, 1.0, 0.0, 0.1, 40), events.Cancelled(5, None))}
-"""
-    said = list(by_script(tmp_path, code).events(CancelToken()))
-    assert len(said) == 22 and said[-2:] == [events.Progress(5, 5, 1.0, 0.0, 0.1, 40), events.Cancelled(5, None)]
-
-
 def test_wishes_are_lines_and_the_end_is_that_of_the_input(tmp_path):
     code = f"""
 with open(out, "w") as kept:
@@ -285,21 +267,6 @@ def test_without_a_command_it_is_grey_and_says_why(chosen, monkeypatch):
     assert bpy.ops.frog.train.poll() and "no torch" not in drawn()
     settings.device = "cpu"
     assert not bpy.ops.frog.train.poll() and "There is no torch." in drawn()
-
-
-def test_the_preferences_say_what_the_command_lacks(chosen):
-    def said():
-        layout = Written()
-        shown = SimpleNamespace(layout=layout, bl_rna=chosen.bl_rna, remote_command=chosen.remote_command)
-        torch_environment.TrainingPreferences.draw_remote(shown)
-        return layout.said
-
-    assert isinstance(chosen, preferences.FROG_AP_preferences)
-    assert said() == ["remote_command", torch_environment.EXAMPLE]
-    chosen.remote_command = torch_environment.EXAMPLE
-    assert said() == ["remote_command", "remote_local_folder", "remote_folder"]
-    chosen.remote_folder = "/data"
-    assert "both a Local Folder and a Remote Folder" in said()[-1]
 
 
 def test_cancelled_from_the_panel_and_trained_on_until_the_scene_is_imported(chosen, tmp_path, monkeypatch):
