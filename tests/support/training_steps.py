@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
-
-from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.model.canonical import CanonicalField
 from frog_blender.engine.model.interface import SceneModel
 from frog_blender.engine.training.compression.context import CompressionContext
@@ -60,13 +57,3 @@ def cancelled_at(job: TrainingJob, step: int, trainer_type: type[Trainer] = Trai
         if isinstance(event, Progress) and event.step >= step:
             cancel.cancel()
     return stream
-
-
-def moving_psnr(trainer: Trainer, store: FrameStore, camera: int) -> float:
-    """Over the pixels of one camera that clearly change in time."""
-    shots = [i for i, shot in enumerate(trainer.capture.shots) if shot.camera == camera]
-    truth = np.stack([store.image(i) / 255.0 for i in shots])
-    drawn = np.stack([trainer.render_image(i) for i in shots])
-    mask = truth.std(0).max(-1) > 15 / 255
-    assert 0.1 < mask.mean() < 0.6
-    return -10 * float(np.log10(((truth - drawn)[:, mask] ** 2).mean()))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from support import synthetic_capture as film
-from support.training_steps import moving_psnr, train
+from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
@@ -29,6 +29,16 @@ def trained(make_trainer: Callable[..., Trainer]) -> dict[str, Trainer]:
     return {method: train(make_trainer(STEPS, method)) for method in ("frog", "static")}
 
 
+def moving_psnr(trainer: Trainer, store: FrameStore, camera: int) -> float:
+    """Over the pixels of one camera that clearly change in time."""
+    shots = [i for i, shot in enumerate(trainer.capture.shots) if shot.camera == camera]
+    truth = np.stack([store.image(i) / 255.0 for i in shots])
+    drawn = np.stack([trainer.render_image(i) for i in shots])
+    mask = truth.std(0).max(-1) > 15 / 255
+    assert 0.1 < mask.mean() < 0.6
+    return -10 * float(np.log10(((truth - drawn)[:, mask] ** 2).mean()))
+
+
 def test_the_loss_falls(make_trainer: Callable[..., Trainer], trained: dict[str, Trainer]) -> None:
     for method, trainer in trained.items():
         early = train(make_trainer(STEPS, method), until=10).loss
@@ -42,6 +52,17 @@ def test_what_moves_is_followed(trained: dict[str, Trainer], store: FrameStore, 
     frog, static = (moving_psnr(trained[method], store, camera) for method in ("frog", "static"))
     assert frog > static + 3
     assert frog > 19
+
+
+@pytest.mark.parametrize(
+    "method", ["curves", *(pytest.param(method, marks=pytest.mark.slow) for method in ("d3dgs", "hexplane"))]
+)
+def test_baselines_follow_what_moves(
+    make_trainer: Callable[..., Trainer], trained: dict[str, Trainer], store: FrameStore, method: str
+) -> None:
+    baseline = train(make_trainer(STEPS, method))
+    for camera in (0, 2):
+        assert moving_psnr(baseline, store, camera) > moving_psnr(trained["static"], store, camera) + 1.5
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_others(

@@ -32,19 +32,23 @@ Bits = Callable[[Trainer], dict[str, bytes]]
 
 
 @pytest.mark.parametrize(  # before the first round, between rounds, within a burst
-    ("method", "stop"), [("frog", 1), ("frog", 33), ("static", 33), ("auto", 52), ("auto", 75)]
+    ("method", "stop", "steps"),
+    [
+        *[("frog", 1, 80), ("frog", 33, 80), ("static", 33, 80), ("auto", 52, 80), ("auto", 75, 80)],
+        *[("d3dgs", 13, 30), ("hexplane", 13, 30), ("curves", 13, 30)],
+    ],
 )
 def test_resumed_bits_are_those_of_an_undisturbed_training(
-    make_trainer: Make, bits: Bits, tmp_path: Path, method: str, stop: int
+    make_trainer: Make, bits: Bits, tmp_path: Path, method: str, stop: int, steps: int
 ) -> None:
     changes = {"dssim_period": 25, "dssim_burst": 6}
     if method == "auto":
         method, changes = "frog", {**changes, "capacity": "auto"}
-    undisturbed = train(make_trainer(80, method, seed=3, **changes))
-    save_checkpoint(tmp_path / "c", train(make_trainer(80, method, seed=3, **changes), until=stop))
-    resumed = make_trainer(80, method, seed=99, **changes)
+    undisturbed = train(make_trainer(steps, method, seed=3, **changes))
+    save_checkpoint(tmp_path / "c", train(make_trainer(steps, method, seed=3, **changes), until=stop))
+    resumed = make_trainer(steps, method, seed=99, **changes)
     load_checkpoint(tmp_path / "c", resumed)
-    assert resumed.step_count == stop and resumed.progress == stop / 80
+    assert resumed.step_count == stop and resumed.progress == stop / steps
     train(resumed)
     assert bits(resumed) == bits(undisturbed)
     assert resumed.loss == undisturbed.loss
