@@ -40,6 +40,14 @@ class Boards(Kind):
         return True
 
 
+class PlainBoards(Boards):
+    """The same in JSON."""
+
+    def __init__(self, folder: Path) -> None:
+        board = {"squares": [4, 5], "square_size": 0.05, "marker_size": 0.037, "dictionary": "DICT_4X4_50"}
+        self.keep(folder / "board.json", json.dumps(board).encode())
+
+
 class ClickedPoints(Kind):
     def __init__(self, folder: Path) -> None:
         self._sizes = dict.fromkeys(("cam00", "cam01", "cam02"), (64, 48))
@@ -157,6 +165,7 @@ class StillHeaders(Kind):
 
 KINDS: dict[str, type[Kind]] = {
     "boards": Boards,
+    "plain boards": PlainBoards,
     "clicked points": ClickedPoints,
     "reports": Reports,
     "clocks": Clocks,

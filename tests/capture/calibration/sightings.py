@@ -9,10 +9,11 @@ from itertools import combinations
 import numpy as np
 
 from frog_blender.engine.arrays import Array, Float64s
-from frog_blender.engine.capture.calibration.checks import Support, refusal, support_of, warnings
+from frog_blender.engine.capture.calibration.checks import refusal, warnings
 from frog_blender.engine.capture.calibration.colmap import verified
 from frog_blender.engine.capture.calibration.model import Lens, Model
 from frog_blender.engine.capture.calibration.structure import Images, Solution, solve
+from frog_blender.engine.capture.calibration.support import Support, support_of
 from frog_blender.engine.capture.camera import Camera
 
 from .rigs import pixels_of
@@ -100,11 +101,9 @@ def solved(
         found = _matches(random, seen[one], seen[other], false)
         matches[one, other] = found
         checked[one, other] = verified(lenses[one], seen[one][0], lenses[other], seen[other][0], found)
-    images = Images(
-        lenses, tuple(groups or [0] * len(cameras)), tuple(pixels for pixels, _, _ in seen), may_differ=True
-    )
+    images = Images(lenses, tuple(groups or [0] * len(cameras)), tuple(pixels for pixels, _, _ in seen), len(cameras))
     solution = solve(images, matches, checked, lambda *_: None)
-    return Solved(solution, support_of(solution, matches, [camera.name for camera in cameras]))
+    return Solved(solution, support_of(solution, images, matches, [camera.name for camera in cameras]))
 
 
 Seen = tuple[Float64s, Array, Float64s]  # pixels, indices of the points, unit vectors towards the camera

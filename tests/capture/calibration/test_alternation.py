@@ -11,10 +11,10 @@ import pytest
 
 from frog_blender.engine.capture.calibration.calibration import Calibration
 from frog_blender.engine.capture.calibration.sources import TIMES, Source, alternated
+from frog_blender.engine.capture.synchronization import CameraClock, Synchronization
 from frog_blender.engine.capture.synchronization.films import Film
 from frog_blender.engine.capture.synchronization.pairs import no_curve
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused
-from frog_blender.engine.capture.synchronization.synchronization import CameraClock, Synchronization
 
 
 def clocks(offset: float, refusal: str | None = None) -> Synchronization:

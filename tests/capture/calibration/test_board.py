@@ -246,9 +246,19 @@ def written(folder: Path, content: str, name: str = "board.toml") -> Path:
     return path
 
 
-def test_a_board_in_a_file(tmp_path: Path) -> None:
-    own = 'squares = [4, 5]\nsquare_size = 0.054\nmarker_size = 0.0405\ndictionary = "DICT_4x4_50"\n'
-    assert read_board(written(tmp_path, own)) == Board(4, 5, 0.054, 0.0405 / 0.054, "DICT_4X4_50")
+def test_a_board_in_toml_and_json(tmp_path: Path) -> None:
+    toml = written(
+        tmp_path, 'squares = [4, 5]\nsquare_size = 0.054\nmarker_size = 0.0405\ndictionary = "DICT_4x4_50"\n'
+    )
+    json = written(
+        tmp_path,
+        '{"squares": [4, 5], "square_size": 0.054, "marker_size": 0.0405, "dictionary": "DICT_4X4_50"}',
+        "board.json",
+    )
+
+    expected = Board(4, 5, 0.054, 0.0405 / 0.054, "DICT_4X4_50")
+    assert read_board(toml) == expected
+    assert read_board(json) == expected
 
 
 def test_a_checkerboard_in_a_file(tmp_path: Path) -> None:

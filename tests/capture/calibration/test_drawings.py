@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.model import Lens
-from frog_blender.engine.capture.calibration.report import frame_from_above, rig_from_above
+from frog_blender.engine.capture.calibration.drawings import frame_from_above, rig_from_above
 
 ROW = np.array([[-0.5, 0.0], [0.0, 0.0], [0.5, 0.0]])
 WALL = np.stack([np.linspace(-1.0, 1.0, 101), np.full(101, 3.0)], axis=1)  # six halves of the row's extent away
@@ -26,8 +25,5 @@ def test_a_far_background_leaves_the_cameras_apart() -> None:
 
 def test_the_drawing_has_the_wall_and_every_camera() -> None:
     points = np.column_stack([WALL, np.ones(len(WALL))])
-    ahead = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-    poses = [np.column_stack([ahead, -ahead @ [*place, 0.0]]) for place in ROW.tolist()]
-    cameras = [Lens(640, 480, 500.0).camera(name, pose) for name, pose in zip(["a", "b<", "c"], poses, strict=True)]
-    drawn = rig_from_above(cameras, points)
+    drawn = rig_from_above(["a", "b<", "c"], ROW, np.array([(0.0, 1.0)] * 3), points)
     assert drawn.count("fill='#999'") > 90 and drawn.count("r='4'") == 3 and ">b&lt;<" in drawn

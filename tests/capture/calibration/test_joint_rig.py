@@ -27,11 +27,10 @@ from frog_blender.engine.capture.calibration.joints import (
 )
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.epipolar import fundamental
+from frog_blender.engine.capture.synchronization import NamedTracks, Synchronization, synchronize
 from frog_blender.engine.capture.synchronization.films import Film, find_films
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run, WorkFolder
-from frog_blender.engine.capture.synchronization.synchronization import Synchronization
-from frog_blender.engine.capture.synchronization.synchronize import synchronize
-from frog_blender.engine.capture.synchronization.tracks import NamedTracks, track_lags
+from frog_blender.engine.capture.synchronization.tracks import track_lags
 
 from ..synchronization.moving_scene import MovingScene, cards, ring
 from ..synchronization.test_starts import RATE, speech

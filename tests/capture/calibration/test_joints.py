@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.arrays import Float64s, ImageArray
-from frog_blender.engine.capture.calibration import joint_rig, joints, landmark_file
-from frog_blender.engine.capture.calibration.joints import JOINTS, OTHER_SIDE, Box, LandmarkNetwork, Person, find_joints
+from frog_blender.engine.capture.calibration import joint_rig, landmark_file, landmarks
+from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, find_joints
+from frog_blender.engine.capture.calibration.landmarks import JOINTS, Box, LandmarkNetwork, Person
 from frog_blender.engine.capture.calibration.views import CameraFacts, View
 from frog_blender.engine.capture.synchronization.films import find_films
 from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
@@ -146,7 +147,7 @@ def test_a_landmark_moves_to_the_middle_of_its_heat() -> None:
     places = np.full((39, 2), 0.5)
     places[5], places[7] = (30.2 / 64, 21.9 / 64), (-0.3, 1.4)  # the latter lies outside
 
-    refined = joints._refined(places, heat)
+    refined = landmarks._refined(places, heat)
 
     assert np.allclose(refined[5], (31 / 64, 21 / 64), atol=1e-6)
     assert np.array_equal(np.delete(refined, 5, 0), np.delete(places, 5, 0))  # cold: they stay

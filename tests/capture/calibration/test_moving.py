@@ -41,11 +41,10 @@ def test_a_walk_becomes_a_capture(walked: Path, tmp_path: Path) -> None:
     assert not (walked / "transforms.json").exists()
 
 
-@pytest.mark.parametrize("moving", ["a, b", "b"])
-def test_several_cameras_of_which_any_moves_are_refused(tmp_path: Path, moving: str) -> None:
+def test_several_moving_cameras_are_refused(tmp_path: Path) -> None:
     for name in "ab":
-        film(tmp_path / f"{name}.mp4", [image(each) for each in (WALK[:8] if name in moving else WALK[:1] * 8)])
-    with pytest.raises(FrogError, match=f"found {moving} moving, expected standing cameras alone, or one that moves"):
+        film(tmp_path / f"{name}.mp4", [image(each) for each in WALK[:8]])
+    with pytest.raises(FrogError, match="found a, b all moving, expected standing cameras, or one that moves"):
         calibrate(tmp_path, Options(), lambda *_: None, lambda: False)
 
 

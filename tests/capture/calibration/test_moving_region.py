@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.calibration.checks import moving_share
-from frog_blender.engine.capture.calibration.features import BACKGROUND, Features, match_pairs, pairs_to_match
+from frog_blender.engine.capture.calibration.features import BACKGROUND, Features
 from frog_blender.engine.capture.calibration.limits import MOST_MOVING
+from frog_blender.engine.capture.calibration.matching import match_pairs, pairs_to_match
 from frog_blender.engine.capture.calibration.model import Lens, Model
 from frog_blender.engine.capture.calibration.structure import Images
 
@@ -56,8 +57,8 @@ def filmed(of_subject: int, motion: float) -> tuple[list[Features], Model, Model
 
 def share(features: list[Features], model: Model) -> float:
     count = len(CAMERAS)
-    matches, _ = match_pairs(features, [LENS] * count, pairs_to_match(count, in_order=True), lambda *_: None)
-    images = Images((LENS,) * count, (0,) * count, tuple(found.pixels for found in features))
+    matches, _ = match_pairs(features, [LENS] * count, pairs_to_match([count]), lambda *_: None)
+    images = Images((LENS,) * count, (0,) * count, tuple(found.pixels for found in features), 0)
     return moving_share(images, model, matches)
 
 

@@ -14,10 +14,11 @@ from frog_blender.engine.capture.calibration.calibration import MovingCamera
 from frog_blender.engine.capture.calibration.camera_files import write_cameras
 from frog_blender.engine.capture.calibration.model import Lens
 from frog_blender.engine.capture.calibration.report import REPORT, report_lines, write_moving_report, write_report
+from frog_blender.engine.capture.calibration.views import view_film
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.synchronization import CameraClock, Synchronization
 from frog_blender.engine.capture.synchronization.pairs import Curve
-from frog_blender.engine.capture.synchronization.synchronization import CameraClock, Synchronization
 
 from .test_result_files import calibrated
 
@@ -36,8 +37,9 @@ def capture(tmp_path: Path) -> Capture:
     calibration, films = calibrated(tmp_path)
     calibration = replace(calibration, warnings=(WARNING,), halves_apart=0.0012)
     write_cameras(tmp_path, calibration, films)
+    views = [view_film(film, [], lambda: None) for film in films]
     found = synchronization([film.name for film in films])
-    write_report(tmp_path, calibration, films, found)
+    write_report(tmp_path, calibration, films, views, found)
     return open_capture(tmp_path)
 
 

@@ -36,7 +36,7 @@ def calibrated(folder: Path, k1: float = 0.0) -> tuple[Calibration, list[Film]]:
         path = folder / f"{camera.name}.mp4"
         film(path, [image(camera)] * 4)
         films.append(Film(camera.name, path, read_facts(path)))
-        cameras.append(CalibratedCamera(camera, (k1, 0.0), EVIDENCE))
+        cameras.append(CalibratedCamera(camera, (k1, 0.0), EVIDENCE, np.zeros((0, 3))))
     return Calibration(tuple(cameras), np.zeros((2, 3))), films
 
 

@@ -89,7 +89,7 @@ def looked_at(board_footage: Path, tmp_path_factory: pytest.TempPathFactory) -> 
 
 
 def report_of(outcome: Outcome) -> dict:
-    return json.loads(outcome.page.with_suffix(".json").read_text())
+    return json.loads(outcome.report.read_text())
 
 
 def run(folder: Path, options: Options) -> Outcome:

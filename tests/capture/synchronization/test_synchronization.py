@@ -7,14 +7,14 @@ import json
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.synchronization.pairs import Curve
-from frog_blender.engine.capture.synchronization.synchronization import (
+from frog_blender.engine.capture.synchronization import (
     CameraClock,
     RunnerUp,
     Synchronization,
     draw_curves,
     read_synchronization,
 )
+from frog_blender.engine.capture.synchronization.pairs import Curve
 from frog_blender.engine.io.plain_values import UnfitValue, plain
 
 

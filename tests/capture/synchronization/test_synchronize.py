@@ -10,10 +10,10 @@ import pytest
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Distortion
+from frog_blender.engine.capture.synchronization import Synchronization, draw_curves, synchronize
 from frog_blender.engine.capture.synchronization.films import find_films
 from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
-from frog_blender.engine.capture.synchronization.synchronization import Synchronization, draw_curves
-from frog_blender.engine.capture.synchronization.synchronize import find_clocks, synchronize
+from frog_blender.engine.capture.synchronization.synchronize import find_clocks
 from frog_blender.engine.io.child_process import Stopped
 
 from .moving_scene import MovingScene, Start, cards, ring, write_film, write_films

@@ -1,4 +1,4 @@
-"""ChArUco boards and checkerboards: described in a small TOML file, or found in images, layout included."""
+"""ChArUco boards and checkerboards: described in a small TOML or JSON file, or found in images, layout included."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ import numpy as np
 
 from ...arrays import Bools, Float64s, ImageArray, Ints
 from ...errors import brief, found_instead
-from ...io.plain_values import JsonObject, UnfitValue, number, text, whole
-from ..readers.checks import read_text
-from ..synchronization.films import resized, spread
+from ...io.plain_values import JsonObject, UnfitValue, entries, number, plain_json, text, whole
+from ...io.regular_file import regular_file
 from ..video import load_opencv
 
 FAMILIES = ("4X4", "5X5", "6X6", "7X7")
@@ -40,6 +39,7 @@ _SKEW = 0.15  # of a marker's side
 _LEAST_CORNERS = 6
 _MOST_BYTES = 2**16
 _LARGEST = 10.0  # metres of a square
+_INCH = 0.0254
 _REACH = (2, 8)  # pixels about a ChArUco board's corner in which its place is refined
 
 
@@ -105,14 +105,25 @@ def find_board(images: Sequence[ImageArray]) -> Board | None:
     ChArUco boards of the common dictionaries are found in both polarities and with both patterns; checkerboards where
     most images that show them show them whole.
     """
-    first = [resized(_gray(images[index], False), _FIRST_SIDE) for index in spread(len(images), _FIRST_IMAGES)]
-    second = [resized(_gray(images[index], False), _SIDE) for index in spread(len(images), _IMAGES)]
+    first = [_small(_gray(images[index], False), _FIRST_SIDE) for index in _spread(len(images), _FIRST_IMAGES)]
+    second = [_small(_gray(images[index], False), _SIDE) for index in _spread(len(images), _IMAGES)]
     return _find_charuco(first, second) or _find_checkerboard(first, second)
+
+
+def _spread(count: int, most: int) -> list[int]:
+    return sorted({round(index) for index in np.linspace(0, count - 1, min(count, most)).tolist()}) if count else []
 
 
 def _gray(image: ImageArray, inverted: bool) -> ImageArray:
     gray = image if image.ndim == 2 else load_opencv().cvtColor(image, load_opencv().COLOR_RGB2GRAY)
     return np.ascontiguousarray(255 - gray if inverted else gray)
+
+
+def _small(gray: ImageArray, side: int) -> ImageArray:
+    cv2 = load_opencv()
+    ratio = side / max(gray.shape)
+    small: ImageArray = gray if ratio >= 1 else cv2.resize(gray, None, fx=ratio, fy=ratio, interpolation=cv2.INTER_AREA)
+    return small
 
 
 def _dictionary(name: str) -> Any:  # a cv2.aruco.Dictionary
@@ -173,7 +184,7 @@ def _checkerboard_finder(board: Board) -> Any:  # a function of a gray image
     columns, rows = board.columns - 1, board.rows - 1
 
     def find(gray: ImageArray) -> Corners | None:
-        small = resized(gray, _SIDE)
+        small = _small(gray, _SIDE)
         is_found, pixels = cv2.findChessboardCornersSB(small, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
         if not is_found:
             return None
@@ -324,7 +335,7 @@ def _find_checkerboard(first: list[ImageArray], second: list[ImageArray]) -> Boa
 
 
 def read_board(path: Path) -> Board:
-    """The board of a TOML file.
+    """The board of a TOML or JSON file.
 
     Either ``squares = [4, 5]`` (columns, rows), ``square_size`` and ``marker_size`` in metres (no marker: a
     checkerboard), ``dictionary = "DICT_4X4_50"``, and, where they are so, ``inverted = true`` and ``legacy = true``; or
@@ -334,14 +345,25 @@ def read_board(path: Path) -> Board:
     Raises:
         FrogError: if the file cannot be read, or describes no board.
     """
+    regular_file(path, "a board's description")
     try:
-        values = tomllib.loads(read_text(path, "a board's description", _MOST_BYTES))
+        if path.stat().st_size > _MOST_BYTES:
+            raise found_instead(path, f"a file of {path.stat().st_size} bytes", "a board's description")
+        content = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise found_instead(path, f"a file that cannot be read ({brief(error)})", "a board's description") from error
+    try:
+        if path.suffix.lower() == ".json":
+            values = entries(plain_json(content, "a text"), "a board")
+        else:
+            values = tomllib.loads(content)
         return _caliscope(values) if "columns" in values else _own_board(values)
     except UnfitValue as error:
         raise found_instead(path, error.found, error.expected) from error
-    except (ValueError, RecursionError, OverflowError) as error:
-        expected = "a board: squares = [4, 5], square_size = 0.05"
-        raise found_instead(path, f"no TOML ({brief(error)})", expected) from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise found_instead(
+            path, f"no TOML ({brief(error)})", "a board: squares = [4, 5], square_size = 0.05"
+        ) from error
 
 
 def _own_board(values: JsonObject) -> Board:
@@ -359,7 +381,14 @@ def _own_board(values: JsonObject) -> Board:
 def _caliscope(values: JsonObject) -> Board:
     columns, rows = (whole(values.get(key), key, 2, MOST_SQUARES) for key in ("columns", "rows"))
     marker = number(values.get("aruco_scale"), "aruco_scale", 0.2, 0.99)
-    square = number(values.get("square_size_override_cm"), "square_size_override_cm", 0.01, 100 * _LARGEST) / 100
+    if "square_size_override_cm" in values:
+        square = number(values["square_size_override_cm"], "square_size_override_cm", 0.01, 100 * _LARGEST) / 100
+    else:
+        unit = {"inch": _INCH, "cm": 0.01}.get(str(values.get("units")))
+        if unit is None:
+            raise UnfitValue(f"units = {brief(values.get('units'))}", "inch or cm, or square_size_override_cm")
+        sides = (number(values.get(f"board_{side}"), f"board_{side}", 0.1, 1000) for side in ("width", "height"))
+        square = unit * min(side / count for side, count in zip(sides, (columns, rows), strict=True))
     return _checked(Board(columns, rows, square, marker, _named_dictionary(values)), values)
 
 

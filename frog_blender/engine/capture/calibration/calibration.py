@@ -51,11 +51,13 @@ class CalibratedCamera:
         camera: without its distortion; the principal point in the middle.
         distortion: k1 and k2 in OpenCV's order.
         support: what speaks for it.
+        observations: (N, 3) some of its observations: x and y in pixels, and 1 for those that agree with the rest.
     """
 
     camera: Camera
     distortion: tuple[float, float]
     support: CameraSupport
+    observations: Float64s
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,4 @@
-"""What speaks for a solution, and whether it is to be used.
-
-What is not to be used gets a sentence that names cameras, and says what to film.
+"""Whether a solution is to be used: what is not gets a sentence that names cameras, and says what to film.
 
 A low residual proves nothing, so none of these checks looks at it. What they ask is whether independent parts of the
 data agree: three cameras about a point, two halves. Limits stand in the table of ``limits``.
@@ -9,131 +7,31 @@ data agree: three cameras about a point, two halves. Limits stand in the table o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Bools, Float64s
 from ..epipolar import fundamental, sampson_distances
 from . import limits
-from .calibration import CalibratedCamera, Calibration, CameraSupport, PairSupport
-from .colmap import Adjusted, undistorted_pixels, verified
-from .model import Model, oriented
-from .structure import Images, Solution, agreeing
-from .tracks import Pairs, Tracks
-
-_CELLS = np.array([8, 6])  # of an image, in which observations are counted
-_MOST_POINTS = 8000
-
-
-@dataclass(frozen=True, eq=False)
-class Support:
-    """What speaks for standing cameras.
-
-    Attributes:
-        names: of the cameras.
-        cameras: none where no model was found.
-        pairs: of all cameras.
-    """
-
-    names: Sequence[str]
-    cameras: Sequence[CameraSupport]
-    pairs: Sequence[PairSupport]
-
-
-def support_of(solution: Solution, matches: Pairs, names: Sequence[str]) -> Support:
-    """The support of standing cameras, by name; ``matches`` are those of their images."""
-    cameras = [] if solution.adjusted is None else camera_support(solution.adjusted, solution.tracks)
-    return Support(names, cameras, _pair_support(matches, solution, len(names)))
-
-
-def camera_support(adjusted: Adjusted, tracks: Tracks) -> list[CameraSupport]:
-    """What supports each camera."""
-    agree = agreeing(adjusted, tracks)
-    lengths = np.bincount(tracks.points[agree], minlength=tracks.count)
-    found = []
-    for camera, lens in enumerate(adjusted.model.lenses):
-        own = tracks.cameras == camera
-        good = own & agree
-        cells = (tracks.pixels[good] / [lens.width, lens.height] * _CELLS).astype(int).clip(0, _CELLS - 1)
-        found.append(
-            CameraSupport(
-                observations=int(good.sum()),
-                share=float(good.sum() / max(own.sum(), 1)),
-                shared_by_three=int((lengths[tracks.points[good]] >= 3).sum()),
-                residual=float(np.median(adjusted.distances[good])) if good.any() else float("inf"),
-                coverage=len(np.unique(cells, axis=0)) / float(_CELLS.prod()),
-                focal_uncertainty=float(adjusted.uncertainty[camera]),
-            )
-        )
-    return found
-
-
-def _pair_support(matches: Pairs, solution: Solution, cameras: int) -> list[PairSupport]:
-    """What supports each pair of cameras; without a model no match agrees with it."""
-    together = np.zeros((cameras, cameras), np.int64)
-    tracks = solution.tracks
-    if solution.adjusted is not None:
-        agree = agreeing(solution.adjusted, tracks)
-        sees = np.zeros((tracks.count, cameras), np.int64)
-        sees[tracks.points[agree], tracks.cameras[agree]] = 1
-        together = sees.T @ sees
-    return [
-        PairSupport(one, other, len(found), len(solution.verified.get((one, other), ())), int(together[one, other]))
-        for (one, other), found in sorted(matches.items())
-    ]
-
-
-def calibration_of(
-    names: Sequence[str],
-    adjusted: Adjusted,
-    tracks: Tracks,
-    supports: Sequence[CameraSupport],
-    *,
-    is_metric: bool = False,
-) -> Calibration:
-    """The cameras of a model and its points, in the world that they suggest.
-
-    Args:
-        names, supports: of the cameras.
-        is_metric: lengths are metres, and stay so; otherwise the world's scale is chosen.
-    """
-    model, points = oriented(adjusted.model, adjusted.points, keep_scale=is_metric)
-    agree = agreeing(adjusted, tracks)
-    cameras = tuple(
-        CalibratedCamera(lens.camera(name, pose), (lens.k1, lens.k2), support)
-        for name, lens, pose, support in zip(names, model.lenses, model.poses, supports, strict=True)
-    )
-    return Calibration(cameras, sure_points(points, tracks, agree, 2), is_metric=is_metric)
-
-
-def sure_points(points: Float64s, tracks: Tracks, agree: Bools, least: int) -> Float64s:
-    """Those of the points (N, 3) that at least so many observations agree about, the best seen ones first.
-
-    Args:
-        agree: (observations,) whether an observation agrees with the model.
-    """
-    lengths = np.bincount(tracks.points[agree], minlength=tracks.count)
-    sure = np.flatnonzero((lengths >= least) & np.isfinite(points).all(axis=1))
-    best: Float64s = points[sure[np.argsort(-lengths[sure], kind="stable")][:_MOST_POINTS]]
-    return best.round(5)
-
-
-# --- whether a solution is to be used
-
+from .colmap import undistorted_pixels, verified
+from .model import Model
+from .structure import Images, Solution
+from .support import Support
+from .tracks import Pairs
 
 _NAMED = 6  # pairs in a sentence
 _GAPS = (1, 2)  # images between two that are compared: farther ones share too little to tell motion from false matches
 _MOST_PAIRS = 120
 _COHERENT = 0.5  # of the matches that contradict: a false geometry takes a quarter of false matches
 
-REMEDY = "Next time hold a ChArUco board into the views of neighbouring cameras, or set the cameras closer together"
-"""What to film where standing cameras are not connected."""
-_FOCAL_REMEDY = (
-    "Turn the cameras towards one place, or next time fill more of the images with textured things at different "
-    "depths, or hold a ChArUco board"
+REMEDY = (
+    "Next time hold a ChArUco board into the views of neighbouring cameras, set the cameras closer together, or film "
+    "a slow walk through the empty set with one more camera"
 )
-"""The same where their focal lengths stay open: of cameras that only shift, depth and focal length trade off."""
+"""What to film where standing cameras are not connected."""
+_PATH_REMEDY = (
+    "Next time start the walk-through beside that camera, at its height, and walk on slowly, so that the film shows "
+    "what the camera sees from near its place"
+)
 _MOVING_REMEDY = (
     "Next time move the camera sideways, slowly and without turning on the spot, past textured things that rest, or "
     "film with several standing cameras"
@@ -143,7 +41,8 @@ _MOVING_REMEDY = (
 def refusal(solution: Solution, support: Support) -> str | None:
     """Why standing cameras must not be used, in one sentence; None where nothing speaks against them."""
     names, cameras = support.names, support.cameras
-    if len(names) < 3:
+    remedy = _PATH_REMEDY if support.connected else REMEDY
+    if len(names) < 3 and not support.connected:
         return (
             f"{len(names)} standing cameras cannot be calibrated from their images: a single pair proves nothing. "
             "Next time film with at least three cameras, or hold a ChArUco board into the views."
@@ -152,8 +51,8 @@ def refusal(solution: Solution, support: Support) -> str | None:
     lost = [name for index, name in enumerate(names) if index not in placed]
     weak = [name for name, camera in zip(names, cameras, strict=False) if camera.shared_by_three < limits.LEAST_SHARED]
     if lost or weak:
-        return _unconnected(support, lost or weak)
-    return _open(solution, max(camera.focal_uncertainty for camera in cameras), "the cameras", "the rig's size", REMEDY)
+        return _unseen(solution, support, lost or weak) if support.connected else _unconnected(support, lost or weak)
+    return _open(solution, max(camera.focal_uncertainty for camera in cameras), "the cameras", "the rig's size", remedy)
 
 
 def moving_refusal(solution: Solution, count: int) -> str | None:
@@ -172,7 +71,8 @@ def warnings(solution: Solution, support: Support) -> list[str]:
     if weak := [
         name for name, camera in zip(names, cameras, strict=True) if camera.shared_by_three < limits.FEW_SHARED
     ]:
-        found.append(f"Few points are seen by {listed(weak)} and two other cameras at once: look at the result.")
+        others = "the walk-through" if support.connected else "two other cameras at once"
+        found.append(f"Few points are seen by {listed(weak)} and {others}: look at the result.")
     found += _doubts(solution, max(camera.focal_uncertainty for camera in cameras), "the rig's size")
     if doubted := [name for name, camera in zip(names, cameras, strict=True) if camera.share < limits.LEAST_AGREEING]:
         found.append(f"Most matches of {listed(doubted)} disagree with the solution: look at the result.")
@@ -194,19 +94,18 @@ def moving_warnings(solution: Solution, count: int, moving: float) -> list[str]:
     return found
 
 
-def listed(names: Sequence[str]) -> str:
-    """Names in a sentence, the first few of more."""
-    shown = list(names[:_NAMED])
-    if len(names) > _NAMED:
-        return f"{', '.join(shown)} and {len(names) - _NAMED} more"
+def listed(names: Sequence[str], most: int = _NAMED) -> str:
+    """Names in a sentence, the first ``most`` of more."""
+    shown = list(names[:most])
+    if len(names) > most:
+        return f"{', '.join(shown)} and {len(names) - most} more"
     return ", ".join(shown[:-1]) + (" and " if len(shown) > 1 else "") + shown[-1] if shown else "none"
 
 
 def _open(solution: Solution, unsure: float, what: str, size: str, remedy: str) -> str | None:
     """Why the data leave a solution open: its focal length, or its places."""
     if not unsure <= limits.MOST_UNSURE:
-        fixing = _FOCAL_REMEDY if remedy == REMEDY else remedy
-        return f"The images do not fix the focal length (within {_percent(unsure)}). {fixing}."
+        return f"The images do not fix the focal length (within {_percent(unsure)}). {_fixing(solution, remedy)}."
     if not solution.halves_apart <= limits.MOST_APART:
         return (
             f"Two halves of the points put {what} {_percent(solution.halves_apart)} of {size} apart: there are too "
@@ -224,6 +123,20 @@ def _doubts(solution: Solution, unsure: float, size: str) -> list[str]:
     return found
 
 
+def _fixing(solution: Solution, remedy: str) -> str:
+    """What to film so that focal lengths are fixed.
+
+    Cameras that only shift leave them open whatever they see: the depth of everything and the focal length trade off.
+    """
+    if remedy != REMEDY or solution.adjusted is None:
+        return remedy
+    model = solution.adjusted.model
+    ahead = model.poses[model.placed][:, 2, :3]
+    if np.degrees(np.arccos(np.clip((ahead @ ahead.T).min(), -1, 1))) < limits.PARALLEL:
+        return "Turn the cameras towards one place: they look in the same direction; or hold a ChArUco board"
+    return "Next time fill more of the images with textured things at different depths, or hold a ChArUco board"
+
+
 def _unconnected(support: Support, lost: Sequence[str]) -> str:
     """The refusal for cameras that share no points with two others, with the pairs that do match."""
     names, pairs = support.names, support.pairs
@@ -232,6 +145,19 @@ def _unconnected(support: Support, lost: Sequence[str]) -> str:
     only = f"only {listed(matching)} match" + ("es" if len(matching) == 1 else "") if matching else "no pair matches"
     sharing = f"share{'s' if len(lost) == 1 else ''} no points with two other cameras at once"
     return f"{listed(lost)} {sharing}: {only}. {REMEDY}."
+
+
+def _unseen(solution: Solution, support: Support, lost: Sequence[str]) -> str:
+    """The refusal for standing cameras that the walk-through does not connect."""
+    indices = [support.names.index(name) for name in lost]
+    most = [
+        max((len(found) for pair, found in solution.verified.items() if index in pair), default=0) for index in indices
+    ]
+    matches = ", ".join(f"{name} (at most {count})" for name, count in zip(lost, most, strict=True))
+    return (
+        f"The walk-through does not show enough of what {listed(lost, len(lost))} see{'s' if len(lost) == 1 else ''}: "
+        f"too few points match in three images or more; matches with one image: {matches}. {_PATH_REMEDY}."
+    )
 
 
 def _path_uncertainty(solution: Solution) -> float:

@@ -1,29 +1,23 @@
-"""SIFT features, and which features of which images are the same point.
+"""SIFT features: of a standing camera's background and of what moves at each common time, pooled, and of single images.
 
-They are those of a standing camera's background and of what moves at each common time, pooled, or of single images.
 pycolmap finds features inside Python's lock, so that threads win nothing: several processes share the cameras.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ...arrays import Array, Float32s, Float64s, ImageArray, Ints
+from ...arrays import Array, Float64s, ImageArray, Ints
 from ...io.child_process import Progress
 from ..readers.footage import state_of
 from ..synchronization.films import resized
-from ..synchronization.moving_points import bounds, mutual
 from ..synchronization.run import WorkFolder, key_of
 from ..video import load_opencv, read_gray
-from .colmap import load_pycolmap, undistorted_pixels, verified
-from .model import Lens
-from .tracks import Pairs
+from .colmap import load_pycolmap
 from .views import LONGEST_SIDE, CameraFacts, View
 
 BACKGROUND = -1
@@ -31,6 +25,7 @@ BACKGROUND = -1
 _PEAK = 0.003  # COLMAP's 0.0067 loses small and dark images
 _MOST = 4096  # features of an image
 _SMALL = 900  # pixels of the longer side up to which features are sought at twice the size as well
+_MARGIN = 24  # pixels around what changes that its features see
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,14 +83,15 @@ def image_features(work: WorkFolder, path: Path, size: tuple[int, int]) -> Featu
 def _of_moment(view: View, moment: int) -> tuple[Float64s, ImageArray]:
     """Those of the background outside what changes, or of what moves at one of the common times, as ``_sift`` does."""
     image = view.background if moment == BACKGROUND else view.images[moment]
-    if image is None or (moment != BACKGROUND and not view.changing.any()):
+    rows, columns = (np.flatnonzero(view.changing.any(axis=axis)) for axis in (1, 0))
+    if image is None or (moment != BACKGROUND and not len(rows)):
         return np.empty((0, 2)), np.empty((0, 128), np.uint8)
     if moment == BACKGROUND:
         pixels, descriptors = _sift(image)
     else:  # of the rest of the image all would be thrown away
-        rows, columns = bounds(view.changing)
-        pixels, descriptors = _sift(image[rows, columns], max(image.shape))
-        pixels = pixels + np.array([columns.start, rows.start])
+        top, left = max(int(rows[0]) - _MARGIN, 0), max(int(columns[0]) - _MARGIN, 0)
+        pixels, descriptors = _sift(image[top : rows[-1] + _MARGIN, left : columns[-1] + _MARGIN], max(image.shape))
+        pixels = pixels + np.array([left, top])
     column, row = pixels.astype(int).clip(0, [image.shape[1] - 1, image.shape[0] - 1]).T
     kept = view.changing[row, column] == (moment != BACKGROUND)
     return pixels[kept], descriptors[kept]
@@ -116,66 +112,3 @@ def _sift(image: ImageArray, side: int = 0) -> tuple[Float64s, ImageArray]:
     keypoints, descriptors = extractor.extract_from_uint8_array(np.ascontiguousarray(image))
     matrix = np.asarray(pycolmap.keypoints_to_matrix(keypoints), np.float64).reshape(len(keypoints), -1)
     return matrix[:, :2], np.asarray(descriptors.data, np.uint8).reshape(len(keypoints), -1)
-
-
-# --- matches
-
-
-_RATIO = 0.8
-_EXHAUSTIVE = 60
-"""Images in order up to which every pair is matched."""
-_OVERLAP = 10  # neighbours in time that an image is matched with, besides those 16, 32, ... images away
-
-
-def pairs_to_match(count: int, *, in_order: bool = False) -> list[tuple[int, int]]:
-    """Pairs of so many images to match: all, or of many images in order those of COLMAP's sequential pairing with
-    quadratic overlap.
-    """
-    near = sorted({*range(1, _OVERLAP + 1), *(2**power for power in range(4, 12))})
-    steps = near if in_order and count > _EXHAUSTIVE else range(1, count)
-    return sorted((one, one + step) for one in range(count) for step in steps if one + step < count)
-
-
-def match_pairs(
-    features: Sequence[Features], lenses: Sequence[Lens], pairs: Sequence[tuple[int, int]], tell: Progress
-) -> tuple[Pairs, Pairs]:
-    """The matches of pairs of images, and those that pass the two-view check."""
-
-    def of_pair(pair: tuple[int, int]) -> tuple[Ints, Ints]:
-        one, other = pair
-        found = match(features[one], features[other])
-        return found, verified(lenses[one], features[one].pixels, lenses[other], features[other].pixels, found)
-
-    matches, checked = {}, {}
-    with ThreadPoolExecutor(os.cpu_count()) as threads:  # numpy and pycolmap compute outside Python's lock
-        for index, (pair, (found, good)) in enumerate(zip(pairs, threads.map(of_pair, pairs), strict=True)):
-            tell("matches", index, len(pairs))
-            matches[pair], checked[pair] = found, good
-    return matches, checked
-
-
-def verified_again(matches: Pairs, pixels: Sequence[Float64s], lenses: Sequence[Lens]) -> Pairs:
-    """The matches that pass the two-view check once distortion is known: before, those far off the middle fail it."""
-    straight = [undistorted_pixels(lens, own) for lens, own in zip(lenses, pixels, strict=True)]
-    return {
-        (one, other): verified(lenses[one], straight[one], lenses[other], straight[other], found)
-        for (one, other), found in matches.items()
-    }
-
-
-def match(one: Features, other: Features) -> Ints:
-    """(M, 2) int64 indices of matching features; only features of one moment are compared."""
-    found = [np.empty((0, 2), np.int64)]
-    for moment in np.intersect1d(one.moments, other.moments):
-        here, there = np.flatnonzero(one.moments == moment), np.flatnonzero(other.moments == moment)
-        if min(len(here), len(there)) > 1:
-            likeness = _unit(one.descriptors[here]) @ _unit(other.descriptors[there]).T
-            nearest, farther = mutual(likeness, _RATIO)
-            found.append(np.stack([here[nearest], there[farther]], axis=1))
-    return np.concatenate(found)
-
-
-def _unit(descriptors: ImageArray) -> Float32s:
-    values = descriptors.astype(np.float32)
-    values /= np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1e-6)
-    return values

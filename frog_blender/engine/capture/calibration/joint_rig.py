@@ -17,16 +17,13 @@ import numpy as np
 
 from ...arrays import Float64s
 from ..epipolar import fundamental
+from ..synchronization import NamedTracks, Synchronization
 from ..synchronization.films import Film, with_clocks
 from ..synchronization.run import CalibrationRefused, Run
-from ..synchronization.synchronization import Synchronization
 from ..synchronization.synchronize import find_clocks
-from ..synchronization.tracks import NamedTracks
 from . import limits
 from .calibration import Calibration
 from .joints import (
-    JOINTS,
-    LandmarkNetwork,
     agreed_sides,
     find_joints,
     heights,
@@ -35,6 +32,7 @@ from .joints import (
     with_sides,
     without_strays,
 )
+from .landmarks import JOINTS, LandmarkNetwork
 from .model import Model
 from .points import PointRig, PointViews, solve_points
 from .views import CameraFacts, common_times, images_at

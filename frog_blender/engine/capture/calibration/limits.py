@@ -19,6 +19,7 @@ DOUBTFUL_UNSURE = 0.02  # focal length: "3 cameras, little texture"
 DOUBTFUL_APART = 0.005  # what is asked of centres: the wrong paths of "attic", a box that sways, lay 1 to 3 % apart
 LEAST_AGREEING = 0.5  # of a camera's observations: "arc of 5 in a workshop, not in step" (16 % wrong)
 MOST_MOVING = 0.08  # of near matches: "studio", a box that goes along, 50 %, has 13 %, hand_mono 4 %
+PARALLEL = 5.0  # degrees between all directions, which the sentence names: "row of 6, parallel"
 
 # --- believed
 OWN_GAINS = 0.02  # of the cost, that focal lengths of their own must save: "6 focal lengths of 0.7 to 1.3"

@@ -108,14 +108,21 @@ def centers(model: Model) -> Float64s:
     return found
 
 
-def disagreement(one: Model, other: Model) -> float:
-    """How far two models put an image apart at worst after similarity alignment, over the images' diameter."""
+def disagreement(one: Model, other: Model, judged: int | None = None) -> float:
+    """How far two models put an image apart at worst after similarity alignment, over the images' diameter.
+
+    Args:
+        judged: only the first so many images are judged, over their diameter; of fewer than two, over that of all.
+    """
     placed = np.array(sorted(set(one.placed) & set(other.placed)), dtype=np.int64)
     if len(placed) < 3:
         return float("inf")
     first, second = (centers(model)[placed] for model in (one, other))
-    diameter = np.linalg.norm(second[:, None] - second[None], axis=2).max()
-    return float(_aligned_distances(first, second).max() / max(diameter, 1e-300))
+    is_judged = placed < (len(one.poses) if judged is None else judged)
+    if not is_judged.any():
+        return float("inf")
+    size = _diameter(second[is_judged] if is_judged.sum() > 1 else second)
+    return float(_aligned_distances(first, second)[is_judged].max() / max(size, 1e-300))
 
 
 def _aligned_distances(first: Float64s, second: Float64s) -> Float64s:
@@ -126,6 +133,11 @@ def _aligned_distances(first: Float64s, second: Float64s) -> Float64s:
     scale = float((values * signs).sum() / max(float((a**2).sum()), 1e-300))
     distances: Float64s = np.linalg.norm(scale * a @ (left * signs @ right).T - b, axis=1)
     return distances
+
+
+def _diameter(points: Float64s) -> float:
+    """The largest distance between two of (N, 3) points."""
+    return float(np.linalg.norm(points[:, None] - points[None], axis=2).max())
 
 
 def oriented(model: Model, points: Float64s, *, keep_scale: bool = False) -> tuple[Model, Float64s]:

@@ -10,17 +10,17 @@ import numpy as np
 
 from ...errors import FrogError
 from ...io.child_process import Progress
+from ..synchronization import Synchronization
 from ..synchronization.films import Film, find_films, with_clocks
-from ..synchronization.run import NAME, CalibrationRefused, Run, WorkFolder, key_of
-from ..synchronization.synchronization import Synchronization
+from ..synchronization.run import NAME, CalibrationRefused, Run, WorkFolder
 from .calibration import Calibration
 from .camera_files import write_cameras, write_transforms
 from .landmark_file import landmark_file
 from .placing import place_moving
 from .report import write_moving_report, write_report
-from .sequences import ImageSequence, film_images, image_files, still_images
+from .sequences import film_images, image_files, still_images, walk_throughs
 from .sources import AUTO, Options, Source, calibrate_by, sources
-from .views import is_standing
+from .views import is_standing, views_of
 
 _MOST_DECODED = 4  # films at once
 __all__ = ["AUTO", "Options", "Outcome", "calibrate"]
@@ -32,12 +32,14 @@ class Outcome:
 
     Attributes:
         cameras: the calibration, or the list of posed images of a moving camera.
-        page: ``calibration_report.html``, beside which the same lies for programs.
+        report: ``calibration_report.json``.
+        page: the same with images.
         given_kept: a calibration was there already, so that the new one has another name.
         warnings: one sentence each.
     """
 
     cameras: Path
+    report: Path
     page: Path
     given_kept: bool
     warnings: tuple[str, ...]
@@ -62,41 +64,50 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     run = Run(WorkFolder(out / NAME), progress, cancelled)
     images = still_images(folder)
     if images:
-        return _of_moving(image_files(images, out), out, run, timed=False)
+        return _of_moving(images, out, run)
     films = with_clocks(find_films(folder), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
     standing = run.in_threads("films", lambda film: _is_standing(film, run), films, _MOST_DECODED)
-    moving = [film for film, stands in zip(films, standing, strict=True) if not stands]
-    if moving and len(films) > 1:
-        names = ", ".join(film.name for film in moving)
-        raise FrogError(f"{folder}: found {names} moving, expected standing cameras alone, or one that moves.")
-    if moving:
-        return _of_moving(film_images(run, moving[0], out), out, run, timed=True)
-    calibration, films, clocks = _of_standing(sources(folder, films, options, run), films, options, run)
-    warnings = tuple(dict.fromkeys([*calibration.warnings, *clocks.warnings]))
+    if not any(standing):
+        return _of_moving(films, out, run)
+    connecting, told = walk_throughs(folder, films, standing)
+    films = [film for film in films if film not in connecting]
+    tried = sources(folder, films, connecting, options, run)
+    calibration, films, clocks = _of_standing(tried, films, options, run)
+    warnings = tuple(dict.fromkeys([*told, *calibration.warnings, *clocks.warnings]))
     progress("report", 0, 1)
     calibration = replace(calibration, warnings=warnings)
     cameras = write_cameras(out, calibration, films)
-    page = write_report(out, calibration, films, clocks)
-    return Outcome(cameras, page, "found" in cameras.stem, warnings)
+    quiet = replace(run, progress=lambda *_: None, cancelled=lambda: False)
+    views = [view.view(run.work) for view in views_of(quiet, films)]
+    report, page = write_report(out, calibration, films, views, clocks)
+    return Outcome(cameras, report, page, "found" in cameras.stem, warnings)
 
 
 def _is_standing(film: Film, run: Run) -> bool:
     """Whether a camera stands that took a film, of an earlier run or new."""
     run.check()
-    key = key_of(film.state)
-    return bool(run.work.kept("standing", key, lambda: {"standing": np.array(is_standing(film))})["standing"])
+    return bool(run.work.kept("standing", film.key, lambda: {"standing": np.array(is_standing(film))})["standing"])
 
 
-def _of_moving(images: tuple[ImageSequence, list[float], list[str]], out: Path, run: Run, *, timed: bool) -> Outcome:
-    """The result for the images of a moving camera, as ``sequences`` tells them."""
-    sequence, times, warnings = images
+def _of_moving(footage: Sequence[Path] | Sequence[Film], out: Path, run: Run) -> Outcome:
+    """The result for a moving camera: its images in order, or its film."""
+    films = [film for film in footage if isinstance(film, Film)]
+    if len(films) > 1:
+        names = ", ".join(film.name for film in films)
+        raise FrogError(
+            f"{films[0].path.parent}: found {names} all moving, expected standing cameras, or one that moves."
+        )
+    if films:
+        sequence, times, warnings = film_images(run, films[0], out)
+    else:
+        sequence, times, warnings = image_files([path for path in footage if isinstance(path, Path)], out)
     found = run.in_child(place_moving, sequence, run.work)
-    path = write_transforms(out, sequence, times, found, timed=timed)
+    path = write_transforms(out, sequence, times, found, timed=bool(films))
     found = replace(found, warnings=(*warnings, *found.warnings))
-    page = write_moving_report(out, found)
-    return Outcome(path, page, "found" in path.stem, found.warnings)
+    report, page = write_moving_report(out, found)
+    return Outcome(path, report, page, "found" in path.stem, found.warnings)
 
 
 def _of_standing(
@@ -119,8 +130,7 @@ def _all_failed(refusals: Sequence[tuple[str, FrogError]], options: Options) -> 
     """One error that tells what was tried, and what else would help."""
     (_, first), *others = refusals
     sentences = [str(first), *(f"From {name}: {error}" for name, error in others)]
-    is_given = options.board or options.points or options.background_only
-    if not is_given and landmark_file() is None:
+    if not options.source_is_given and landmark_file() is None:
         sentences.append(
             "Or let a person walk about alone where all cameras see them: their joints will do, once the landmark "
             "file is there (Fetch Landmark File in Blender, or frog calibrate --fetch-landmarks)."

@@ -13,28 +13,24 @@ from ...io.child_process import Progress
 from ..readers.footage import state_of
 from ..synchronization.run import CalibrationRefused, Run, WorkFolder, key_of
 from .calibration import Calibration, MovingCamera
-from .checks import (
-    calibration_of,
-    moving_refusal,
-    moving_share,
-    moving_warnings,
-    refusal,
-    support_of,
-    sure_points,
-    warnings,
-)
-from .features import Features, find_features, image_features, match_pairs, pairs_to_match, view_features
+from .checks import moving_refusal, moving_share, moving_warnings, refusal, warnings
+from .features import find_features, image_features, view_features
+from .matching import match_pairs, pairs_to_match
 from .model import Lens, oriented
 from .sequences import ImageSequence
 from .structure import Images, Solution, agreeing, solve
+from .support import calibration_of, support_of, sure_points
 from .tracks import Pairs
 from .views import CameraFacts
 
 _MOST_PROCESSES = 8  # each holds pycolmap and a camera's images
 
 
-def place_views(run: Run, views: Sequence[CameraFacts]) -> Calibration:
+def place_views(run: Run, views: Sequence[CameraFacts], sequences: Sequence[ImageSequence] = ()) -> Calibration:
     """The cameras of standing views.
+
+    Args:
+        sequences: walk-throughs of what the views show, which connect them.
 
     Raises:
         CalibrationRefused: if the views do not fix their cameras: why, and what to film next time.
@@ -45,23 +41,20 @@ def place_views(run: Run, views: Sequence[CameraFacts]) -> Calibration:
     if count > 1:  # pycolmap finds features inside Python's lock
         parts = [missing[part::count] for part in range(count)]
         run.in_threads("features", lambda part: run.in_child(find_features, part, run.work), parts)
-    return run.in_child(place_standing, views, run.work)
+    return run.in_child(place_standing, views, sequences, run.work)
 
 
-def place_standing(views: Sequence[CameraFacts], work: WorkFolder, tell: Progress) -> Calibration:
-    """The standing cameras in their own world, in the child."""
-    features = []
-    for index, view in enumerate(views):
-        tell("features", index, len(views))
-        features.append(view_features(work, view))
-    images = _images(features, [view.size for view in views], [view.group for view in views], may_differ=True)
-    pairs = pairs_to_match(len(views))
-    solution, matches = _solved(images, features, pairs, key_of([view.key for view in views]), work, tell)
-    support = support_of(solution, matches, [view.name for view in views])
+def place_standing(
+    views: Sequence[CameraFacts], sequences: Sequence[ImageSequence], work: WorkFolder, tell: Progress
+) -> Calibration:
+    """The standing cameras in their own world, in the child; the images of a walk-through only connect them."""
+    solution, images, matches = _solved(views, sequences, work, tell)
+    support = support_of(solution, images, matches, [view.name for view in views])
     if why := refusal(solution, support):
         raise CalibrationRefused(why)
     assert solution.adjusted is not None
-    found = calibration_of(support.names, solution.adjusted, solution.tracks, support.cameras)
+    least = 3 if support.connected else 2
+    found = calibration_of(support.names, solution.adjusted, solution.tracks, support.cameras, least=least)
     told = tuple(warnings(solution, support))
     return replace(found, pairs=tuple(support.pairs), halves_apart=solution.halves_apart, warnings=told)
 
@@ -73,15 +66,8 @@ def place_moving(sequence: ImageSequence, work: WorkFolder, tell: Progress) -> M
         CalibrationRefused: if the images do not fix their camera.
         FrogError: for an image that cannot be read.
     """
-    features, count = [], len(sequence.images)
-    for index, path in enumerate(sequence.images):
-        tell("features", index, count)
-        features.append(image_features(work, path, sequence.size))
-    images = _images(features, [sequence.size] * count, [0] * count)
-    pairs = pairs_to_match(count, in_order=True)
-    key = key_of([state_of(path) for path in sequence.images])
-    solution, matches = _solved(images, features, pairs, key, work, tell)
-    if why := moving_refusal(solution, count):
+    solution, images, matches = _solved((), [sequence], work, tell)
+    if why := moving_refusal(solution, len(images.lenses)):
         raise CalibrationRefused(why)
     adjusted = solution.adjusted
     assert adjusted is not None
@@ -96,37 +82,44 @@ def place_moving(sequence: ImageSequence, work: WorkFolder, tell: Progress) -> M
         float(np.median(adjusted.distances[agree])),
         float(adjusted.uncertainty[model.placed].max()),
         solution.halves_apart,
-        tuple(moving_warnings(solution, count, share)),
+        tuple(moving_warnings(solution, len(images.lenses), share)),
     )
 
 
-def _images(
-    features: Sequence[Features], sizes: Sequence[tuple[int, int]], groups: Sequence[int], *, may_differ: bool = False
-) -> Images:
-    lenses = tuple(Lens(*size, 1.2 * size[0]) for size in sizes)
-    return Images(lenses, tuple(groups), tuple(found.pixels for found in features), may_differ)
-
-
 def _solved(
-    images: Images,
-    features: Sequence[Features],
-    compared: Sequence[tuple[int, int]],
-    key: str,
-    work: WorkFolder,
-    tell: Progress,
-) -> tuple[Solution, Pairs]:
-    """Structure from motion of images, and the matches of the compared pairs, which are kept under a key."""
+    views: Sequence[CameraFacts], sequences: Sequence[ImageSequence], work: WorkFolder, tell: Progress
+) -> tuple[Solution, Images, Pairs]:
+    """Structure from motion of standing views, of image sequences, or of both in one world; and the matches."""
+    files = [(path, sequence) for sequence in sequences for path in sequence.images]
+    features, total = [], len(views) + len(files)
+    for index, view in enumerate(views):
+        tell("features", index, total)
+        features.append(view_features(work, view))
+    for index, (path, sequence) in enumerate(files):
+        tell("features", len(views) + index, total)
+        features.append(image_features(work, path, sequence.size))
+    first = 1 + max((view.group for view in views), default=-1)  # a camera that moves may stabilise its images
+    sizes = [view.size for view in views] + [sequence.size for _, sequence in files]
+    images = Images(
+        tuple(Lens(*size, 1.2 * size[0]) for size in sizes),
+        (*(view.group for view in views), *(first + sequence.group for _, sequence in files)),
+        tuple(found.pixels for found in features),
+        len(views),
+    )
+    lengths = [1] * len(views) + [len(sequence.images) for sequence in sequences]
+    compared = pairs_to_match(lengths)
 
     def matched() -> dict[str, Array]:
         matches, checked = match_pairs(features, images.lenses, compared, tell)
         return _flat(matches, "matches") | _flat(checked, "verified")
 
+    key = key_of([view.key for view in views], [state_of(path) for path, _ in files], lengths)
     kept = work.kept("pairs", key, matched)
     matches, checked = (
         dict(zip(compared, np.split(kept[name], kept[f"{name}_ends"]), strict=False))
         for name in ("matches", "verified")
     )
-    return solve(images, matches, checked, tell), matches
+    return solve(images, matches, checked, tell), images, matches
 
 
 def _flat(pairs: Pairs, name: str) -> dict[str, Array]:

@@ -15,15 +15,16 @@ import numpy as np
 from ...arrays import Array, Bools, Float64s, Ints
 from ...errors import brief, found_instead
 from ...io.plain_values import UnfitValue, entries, items, number, plain_json
-from ..readers.checks import read_text
+from ...io.regular_file import regular_file
 from ..synchronization.run import CalibrationRefused
 from . import limits
 from .calibration import Calibration
-from .checks import calibration_of, camera_support
-from .colmap import SOFT, Adjusted, adjust, verified
+from .clocked_points import clock_steps
+from .colmap import Adjusted, adjust, verified
 from .model import Lens, Model, disagreement
 from .structure import Images, agreeing, propose
-from .tracks import Tracks, join, summed
+from .support import calibration_of, camera_support
+from .tracks import Tracks, join
 from .views import CameraFacts
 
 _LEAST_PAIR = 8  # points that two cameras share, before they are asked how they stand
@@ -64,7 +65,7 @@ class PointViews:
             for camera in self.facts
         )
         groups = np.unique([camera.group for camera in self.facts], return_inverse=True)[1].reshape(-1).tolist()
-        return Images(lenses, tuple(groups), tuple(np.nan_to_num(self.pixels)))
+        return Images(lenses, tuple(groups), tuple(np.nan_to_num(self.pixels)), 0)
 
     @property
     def pairs(self) -> dict[tuple[int, int], Ints]:
@@ -127,7 +128,7 @@ def solve_points(views: PointViews, *, halves: Bools | None = None, start: Model
     shares = np.bincount(tracks.cameras[agree], minlength=len(most)) / np.maximum(views.seen.sum(1), 1)
     squares = np.minimum(adjusted.distances / most[tracks.cameras], 1.0) ** 2
     cost = float(squares.sum() + views.seen.sum() - len(squares)) / max(int(views.seen.sum()), 1)
-    supports = camera_support(adjusted, tracks)
+    supports = camera_support(adjusted, tracks, len(most))
     found = calibration_of([camera.name for camera in views.facts], adjusted, tracks, supports)
     if halves is not None:
         parts = [tracks.chosen(half[tracks.features]) for half in (halves, ~halves)]
@@ -182,9 +183,11 @@ def read_points(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, A
     Raises:
         FrogError: if the file cannot be read, names another camera, or holds anything but points of the images.
     """
-    content = read_text(path, "clicked points", _MOST_BYTES)
+    regular_file(path, "clicked points")
     try:
-        listed = entries(plain_json(content, "a text"), "clicked points")
+        if path.stat().st_size > _MOST_BYTES:
+            raise UnfitValue(f"a file of {path.stat().st_size} bytes", f"at most {_MOST_BYTES}")
+        listed = entries(plain_json(path.read_text("utf-8"), "a text"), "clicked points")
         if other := listed.keys() - sizes.keys():
             raise UnfitValue(f"camera {brief(min(other))}", f"one of {', '.join(sizes)}")
         clicks = {name: _clicked(points, name, sizes[name]) for name, points in listed.items()}
@@ -192,6 +195,8 @@ def read_points(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, A
         if len(counts) != 1 or 0 in counts:
             numbers = ", ".join(f"{len(points)} of {name}" for name, points in clicks.items()) or "no points"
             raise UnfitValue(numbers, "the same points for each camera, null where it does not see one")
+    except (OSError, UnicodeDecodeError) as error:
+        raise found_instead(path, f"a file that cannot be read ({brief(error)})", "clicked points") from error
     except UnfitValue as error:
         raise found_instead(path, error.found, error.expected) from error
     return clicks
@@ -227,79 +232,3 @@ def _found(views: PointViews, images: Images, pairs: Mapping[tuple[int, int], In
     raise CalibrationRefused(
         f"The points do not join all cameras to one rig, the fewest are shared by {poor}: {views.remedy}."
     )
-
-
-# --- clocks from points that move: COLMAP's adjustment has none
-
-
-_POSE = 6  # a turn about the camera's own origin, then a shift
-
-
-def clock_steps(
-    adjusted: Adjusted, tracks: Tracks, velocities: Float64s, groups: Sequence[int]
-) -> tuple[Float64s, Float64s]:
-    """By how many seconds each film should be read later, (C,), the first one 0, and their standard deviations.
-
-    Args:
-        adjusted: without lens distortion. Observations of points that it does not locate are left out.
-        velocities: (N, 2) pixels a second by which observations move with their camera's clock.
-        groups: cameras of one number, counted from 0, share their focal length.
-    """
-    known = np.isfinite(adjusted.points).all(axis=1)
-    moving, used = velocities[known[tracks.points]], tracks.chosen(known[tracks.points])
-    off, by_shared, by_point = _jacobians(adjusted.model, adjusted.points[known], used, moving, groups)
-    squares = (off**2).sum(axis=1)
-    weights = 1.0 / (1.0 + squares / (SOFT * adjusted.model.limits.min()) ** 2)  # Cauchy's
-    weights[~by_shared.any(axis=(1, 2))] = 0.0  # behind its camera
-    heavy_shared, heavy_point = by_shared * weights[:, None, None], by_point * weights[:, None, None]
-    # The points are eliminated (Schur complement).
-    own = summed(np.einsum("nai,naj->nij", heavy_point, by_point), used)
-    inverse = np.linalg.inv(own + 1e-9 * np.eye(3) * (1.0 + np.trace(own, axis1=1, axis2=2))[:, None, None])
-    mixed = summed(np.einsum("nai,naj->nij", by_shared, heavy_point), used) @ inverse
-    slope = np.einsum("nai,na->i", heavy_shared, off)
-    slope -= np.einsum("pij,pj->i", mixed, summed(np.einsum("nai,na->ni", heavy_point, off), used))
-    curvature = np.einsum("nai,naj->ij", heavy_shared, by_shared, optimize=True)
-    curvature -= np.einsum("pij,pjk,plk->il", mixed, own, mixed, optimize=True)
-    # The world's free scale, and what is held, have no curvature: their directions are left out.
-    diagonal = curvature.diagonal()
-    scaled = np.where(diagonal > 1e-9 * diagonal.max(), 1.0 / np.sqrt(np.maximum(diagonal, 1e-300)), 0.0)
-    covariance = np.outer(scaled, scaled) * np.linalg.pinv(
-        curvature * np.outer(scaled, scaled), rcond=1e-10, hermitian=True
-    )
-    unknowns = int((scaled > 0).sum()) + 3 * len(own)
-    spread = (weights * squares).sum() / max(2.0 * weights.sum() - unknowns, 1.0)
-    clocks = slice(len(slope) - len(groups), None)
-    sigmas = np.sqrt(np.maximum(covariance.diagonal(), 0.0) * spread)
-    return -(covariance @ slope)[clocks], sigmas[clocks]
-
-
-def _jacobians(
-    model: Model, points: Float64s, tracks: Tracks, velocities: Float64s, groups: Sequence[int]
-) -> tuple[Float64s, Float64s, Float64s]:
-    """(N, 2) pixels from where points were seen to where they should be, and how these change with what cameras share
-    (N, 2, n) and with the points (N, 2, 3); zeros for a point behind its camera.
-
-    What cameras share is every camera's pose, every group's focal length (its logarithm), every camera's clock.
-    """
-    count, rows = len(groups), np.arange(len(tracks.points))
-    pose = model.poses[tracks.cameras]
-    local = np.einsum("nij,nj->ni", pose[:, :, :3], points[tracks.points]) + pose[:, :, 3]
-    is_before = local[:, 2] > 0
-    depth = np.where(is_before, local[:, 2], 1.0)
-    flat = local[:, :2] / depth[:, None]
-    lenses = np.array([[lens.focal, lens.width / 2, lens.height / 2] for lens in model.lenses])[tracks.cameras]
-    focal = lenses[:, 0]
-    off = focal[:, None] * flat + lenses[:, 1:] - tracks.pixels
-    by_local = np.zeros((len(rows), 2, 3))
-    by_local[:, 0, 0] = by_local[:, 1, 1] = focal / depth
-    by_local[:, :, 2] = -focal[:, None] * flat / depth[:, None]
-    by_shared = np.zeros((len(rows), 2, (_POSE + 1) * count + 1 + max(groups)))
-    for axis in range(3):
-        turned = np.cross(np.eye(3)[axis], local)
-        by_shared[rows, :, _POSE * tracks.cameras + axis] = np.einsum("nai,ni->na", by_local, turned)
-        by_shared[rows, :, _POSE * tracks.cameras + 3 + axis] = by_local[:, :, axis]
-    by_shared[rows, :, _POSE * count + np.array(groups)[tracks.cameras]] = focal[:, None] * flat
-    by_shared[rows, :, by_shared.shape[2] - count + tracks.cameras] = -velocities
-    by_shared[:, :, [*range(_POSE), by_shared.shape[2] - count]] = 0.0  # the first camera's pose and clock are held
-    is_before = is_before[:, None]
-    return off * is_before, by_shared * is_before[..., None], by_local @ pose[:, :, :3] * is_before[..., None]

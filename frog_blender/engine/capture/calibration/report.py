@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -11,33 +10,36 @@ from pathlib import Path
 
 import numpy as np
 
-from ...arrays import Float64s, ImageArray
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject, UnfitValue, entries, items, number, plain, text
-from ..camera import Camera
 from ..capture import Capture
 from ..readers.checks import read_json
+from ..synchronization import Synchronization, draw_curves
 from ..synchronization.films import Film
-from ..synchronization.synchronization import Synchronization, draw_curves
-from ..video import load_opencv
 from .calibration import Calibration, MovingCamera
+from .drawings import camera_image, rig_from_above, wide_image
+from .views import View
 
 REPORT, PAGE = "calibration_report.json", "calibration_report.html"
 """Names of the two files; a later run replaces them."""
+_SHOWN = 16  # cameras, a line each
 _SAME = 1e-3  # of a focal length: two calibrations seldom agree so well in every camera
 _MOST_LINES, _LONGEST_LINE, _MOST_CAMERAS = 1100, 10_000, 10_000
 _STYLE = (
     "body{font:15px sans-serif;max-width:64rem;margin:2rem auto;color:#222}table{border-collapse:collapse}"
-    "td,th{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #ddd}img{max-width:100%}"
+    "td,th{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #ddd}figure{display:inline-block;margin:.4rem}"
+    "figcaption{font-size:13px;color:#555}figure img{width:19rem}img{max-width:100%}"
 )
 
 
-def write_report(folder: Path, calibration: Calibration, films: Sequence[Film], clocks: Synchronization) -> Path:
-    """Writes both files into a folder and returns the page's path.
+def write_report(
+    folder: Path, calibration: Calibration, films: Sequence[Film], views: Sequence[View], clocks: Synchronization
+) -> tuple[Path, Path]:
+    """Writes both files into a folder and returns their paths.
 
     Args:
-        films: of the cameras, in their order.
+        films, views: of the cameras, in their order.
         clocks: what synchronisation found.
 
     Raises:
@@ -68,16 +70,28 @@ def write_report(folder: Path, calibration: Calibration, films: Sequence[Film], 
             "synchronization": clocks if clocks.cameras else None,
         }
     )
-    drawn = rig_from_above([found.camera for found in calibration.cameras], calibration.points)
+    cameras = [found.camera for found in calibration.cameras]
+    drawn = rig_from_above(
+        names,
+        np.array([camera.center[:2] for camera in cameras]),
+        np.array([camera.forward[:2] for camera in cameras]),
+        calibration.points,
+    )
+    figures = [
+        f"<figure>{camera_image(view.background, found.camera.width, found.observations)}"
+        f"<figcaption>{escape(found.camera.name)}: observations that agree (green), or not (red)</figcaption></figure>"
+        for view, found in zip(views, calibration.cameras, strict=True)
+    ]
     parts = [drawn, f"<h2>Cameras</h2>{_table(facts['cameras'])}"]
     if facts["pairs"]:
         parts.append(f"<h2>Points that pairs of cameras share</h2>{_table(facts['pairs'])}")
+    parts.append(f"<h2>Coverage</h2>{''.join(figures)}")
     if clocks.cameras:
-        parts.append(f"<h2>Synchronisation</h2>{embedded(draw_curves(clocks))}")
+        parts.append(f"<h2>Synchronisation</h2>{wide_image(draw_curves(clocks))}")
     return _write(folder, facts, parts)
 
 
-def write_moving_report(folder: Path, found: MovingCamera) -> Path:
+def write_moving_report(folder: Path, found: MovingCamera) -> tuple[Path, Path]:
     """The same for a moving camera."""
     facts = plain(
         {
@@ -90,11 +104,12 @@ def write_moving_report(folder: Path, found: MovingCamera) -> Path:
             "warnings": found.warnings,
         }
     )
-    drawn = rig_from_above([found.lens.camera("", pose) for pose in found.poses], found.points)
+    centers = -np.einsum("nji,nj->ni", found.poses[:, :, :3], found.poses[:, :, 3])
+    drawn = rig_from_above([""] * len(centers), centers[:, :2], found.poses[:, 2, :2], found.points)
     return _write(folder, facts, [drawn, f"<h2>Lens</h2>{_table([facts['lens']])}"])
 
 
-def _write(folder: Path, facts: JsonObject, parts: Sequence[str]) -> Path:
+def _write(folder: Path, facts: JsonObject, parts: Sequence[str]) -> tuple[Path, Path]:
     """Both files of the facts; the page has the lines that a terminal gets, then the parts."""
     lines = _lines(facts)
     write_atomically(folder / REPORT, json.dumps(facts | {"lines": lines}, indent=1).encode())
@@ -103,7 +118,7 @@ def _write(folder: Path, facts: JsonObject, parts: Sequence[str]) -> Path:
     body = "".join([*(f"<p>{escape(line)}</p>" for line in told), "<h2>From above</h2>", *parts])
     page = f"<!doctype html><html><head>{head}</head><body><h1>Calibration</h1>{body}</body></html>"
     write_atomically(folder / PAGE, page.encode())
-    return folder / PAGE
+    return folder / REPORT, folder / PAGE
 
 
 def report_lines(capture: Capture) -> list[str]:
@@ -141,7 +156,11 @@ def _lines(facts: JsonObject) -> list[str]:
         apart = 100 * facts["halves_apart"]
         parts.append(f"two halves of what was seen put the cameras {apart:.2g} % of their extent apart")
     lines = [", ".join(parts)]
-    for camera in cameras:
+    known = sorted((camera["residual"], camera["name"]) for camera in cameras if camera["residual"] is not None)
+    if len(cameras) > _SHOWN and known:
+        usual = (known[(len(known) - 1) // 2][0] + known[len(known) // 2][0]) / 2
+        lines.append(f"median residual {usual:.2f} px, at most {known[-1][0]:.2f} ({known[-1][1]})")
+    for camera in cameras if len(cameras) <= _SHOWN else []:
         told = "no residual" if camera["residual"] is None else f"median residual {camera['residual']:.2f} px"
         within = "" if camera["focal_uncertainty"] is None else f" within {100 * camera['focal_uncertainty']:.2g} %"
         lines.append(f"{camera['name']}: {told}, focal length {camera['focal']:.1f} px{within}")
@@ -163,55 +182,3 @@ def _shown(value: object) -> str:
     if isinstance(value, list):
         return ", ".join(map(_shown, value))
     return f"{value:.5g}" if isinstance(value, float) else "" if value is None else str(value)
-
-
-# --- drawings
-
-
-_SIDE, _MARGIN = 560, 40
-_DOTS = 1500  # points in the drawing of a rig
-_FARTHEST = 8.0  # in halves of the rig's extent, from its middle: farther points do not widen a drawing
-
-
-def rig_from_above(cameras: Sequence[Camera], points: Float64s) -> str:
-    """The cameras and points (P, 3) as an SVG, y up."""
-    dots = points[:: max(1, len(points) // _DOTS), :2]
-    middle, reach = frame_from_above(np.array([camera.center[:2] for camera in cameras]), dots)
-    near = dots[np.abs(dots - middle).max(axis=1, initial=0.0) <= reach]
-    scale = (_SIDE / 2 - _MARGIN) / reach
-
-    def at(place: Float64s) -> tuple[float, float]:
-        x, y = (place - middle) * scale
-        return round(float(x) + _SIDE / 2, 1), round(_SIDE / 2 - float(y), 1)
-
-    parts = [f"<circle cx='{x}' cy='{y}' r='1' fill='#999'/>" for x, y in map(at, near)]
-    for camera in cameras:
-        (x, y), (ex, ey) = at(camera.center[:2]), at(camera.center[:2] + camera.forward[:2] * 22 / scale)
-        parts.append(f"<line x1='{x}' y1='{y}' x2='{ex}' y2='{ey}' stroke='#27c' stroke-width='2'/>")
-        parts.append(f"<circle cx='{x}' cy='{y}' r='4' fill='#27c'/>")
-        parts.append(f"<text x='{x + 6}' y='{y - 6}' font-size='12'>{escape(camera.name)}</text>")
-    return f"<svg viewBox='0 0 {_SIDE} {_SIDE}' width='{_SIDE}' height='{_SIDE}'>{''.join(parts)}</svg>"
-
-
-def frame_from_above(cameras: Float64s, points: Float64s) -> tuple[Float64s, float]:
-    """The square that shows a rig and what it films: its middle, (2,), and half its side.
-
-    Cameras beside each other span far less than the scene in front of them. A background far behind it is left out,
-    or the cameras would be one dot.
-
-    Args:
-        cameras: (C, 2), x and y of at least one camera.
-        points: (P, 2), may be empty.
-    """
-    low, high = cameras.min(axis=0), cameras.max(axis=0)
-    middle, reach = (low + high) / 2, max(float((high - low).max()) / 2, 1e-9)
-    near = points[np.abs(points - middle).max(axis=1, initial=0.0) <= _FARTHEST * reach]
-    if len(near):
-        low, high = np.minimum(low, np.quantile(near, 0.02, axis=0)), np.maximum(high, np.quantile(near, 0.98, axis=0))
-    return (low + high) / 2, max(float((high - low).max()) / 2, 1e-9)
-
-
-def embedded(image: ImageArray) -> str:
-    """An image (H, W, 3) RGB as an ``img`` element, without loss."""
-    _, content = load_opencv().imencode(".png", np.ascontiguousarray(image[..., ::-1]))
-    return f"<img alt='' src='data:image/png;base64,{base64.b64encode(content.tobytes()).decode()}'>"

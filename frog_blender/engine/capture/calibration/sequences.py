@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,13 +13,16 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ...io.atomic_files import write_atomically
-from ..synchronization.films import Film
+from ..synchronization.films import Film, kinds_of
 from ..synchronization.run import Run
 from ..video import decode, find_images, find_videos, image_size, load_opencv
 
 _LEAST_IMAGES = 8  # of a camera, below which it is not taken for a moving one
 _MOST_IMAGES = 300
 _FOLDERS = (".", "images", "input", "frames")
+_NAME = re.compile(r"scan(_.*)?", re.IGNORECASE)  # of a walk-through
+_WALK_RATE = 3.0  # images a second of a walk-through
+_FEWEST_OF_WALK, _MOST_OF_WALK = 24, 90
 
 
 @dataclass(frozen=True)
@@ -26,12 +30,16 @@ class ImageSequence:
     """The images of one moving camera, in order.
 
     Attributes:
+        name: of the camera.
         images: the files.
         size: width and height in pixels of each.
+        group: cameras of one group share their lens.
     """
 
+    name: str
     images: tuple[Path, ...]
     size: tuple[int, int]
+    group: int = 0
 
 
 def still_images(folder: Path) -> list[Path]:
@@ -44,6 +52,45 @@ def still_images(folder: Path) -> list[Path]:
             if len(images) >= _LEAST_IMAGES:
                 return images
     return []
+
+
+def walk_throughs(folder: Path, films: Sequence[Film], standing: Sequence[bool]) -> tuple[list[Film], list[str]]:
+    """Those of the films that are walk-throughs beside standing cameras, and what to tell about them.
+
+    They are named scan or scan_..., and move; or the one film that moves is one.
+
+    Raises:
+        FrogError: if several others move.
+    """
+    moving = [film for film, stands in zip(films, standing, strict=True) if not stands]
+    if not moving or len(moving) == len(films):
+        return [], []
+    others = [film for film in moving if not _NAME.fullmatch(film.name)]
+    if len(others) > 1 or (others and len(moving) > 1):
+        names = ", ".join(film.name for film in others)
+        raise FrogError(
+            f"{folder}: found {names} moving beside standing cameras, expected one walk-through (scan.mp4, or several: "
+            "scan_1.mp4, scan_2.mp4), or standing cameras alone."
+        )
+    told = [f"{film.path.name} moves while the others stand: it was used as a walk-through." for film in others]
+    return moving, told
+
+
+def walk_images(run: Run, films: Sequence[Film]) -> list[ImageSequence]:
+    """Some images of walk-throughs, evenly spread, in the work folder.
+
+    Raises:
+        Stopped: if the run was cancelled.
+        FrogError: if a film cannot be decoded.
+    """
+    sequences = []
+    for film, group in zip(films, kinds_of(films), strict=True):
+        count = film.facts.frame_count
+        images = int(np.clip(_WALK_RATE * film.duration, _FEWEST_OF_WALK, _MOST_OF_WALK))
+        frames = np.unique(np.linspace(0, count - 1, min(images, count)).round().astype(int)).tolist()
+        paths = _written(run, film, frames, run.work.path / f"walk-through-{film.key}")
+        sequences.append(ImageSequence(film.name, tuple(paths), film.size, group))
+    return sequences
 
 
 def film_images(run: Run, film: Film, out: Path) -> tuple[ImageSequence, list[float], list[str]]:
@@ -61,7 +108,7 @@ def film_images(run: Run, film: Film, out: Path) -> tuple[ImageSequence, list[fl
     warnings = [f"{film.path.name}: every {step}. frame is used."] if step > 1 else []
     paths = _written(run, film, frames, out / f"{film.name}_images")
     times = [round(float(time - film.stamps[0]), 6) for time in film.stamps[frames]]  # to what readers tell apart
-    return ImageSequence(tuple(paths), film.size), times, warnings
+    return ImageSequence(film.name, tuple(paths), film.size), times, warnings
 
 
 def image_files(images: Sequence[Path], out: Path) -> tuple[ImageSequence, list[float], list[str]]:
@@ -77,7 +124,7 @@ def image_files(images: Sequence[Path], out: Path) -> tuple[ImageSequence, list[
             if not copy.is_file():
                 shutil.copyfile(image, copy)
     times = (np.arange(len(listed)) / max(len(listed) - 1, 1)).tolist()
-    return ImageSequence(tuple(listed), sizes.pop()), times, []
+    return ImageSequence("camera", tuple(listed), sizes.pop()), times, []
 
 
 def _written(run: Run, film: Film, frames: Sequence[int], target: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""What cameras may come from: features, a board, a person's joints, points that a person clicked.
+"""What cameras may come from: features, a walk-through, a board, a person's joints, points that a person clicked.
 
 Each source is asked with clocks that are known, or in alternation with synchronisation where they are not.
 """
@@ -13,9 +13,10 @@ import numpy as np
 
 from ...errors import FrogError
 from ..readers.geometry import distortion
+from ..synchronization import Synchronization
 from ..synchronization.films import Clocks, Film, with_clocks
 from ..synchronization.run import CalibrationRefused, Run
-from ..synchronization.synchronization import Synchronization, differ
+from ..synchronization.synchronization import differ
 from ..synchronization.synchronize import Cameras, find_clocks
 from .board import TIMES as BOARD_TIMES
 from .board import board_in_films, calibrate_board, corners_in_films
@@ -26,6 +27,7 @@ from .joint_rig import calibrate_joint_films, calibrate_unsynchronised_films
 from .landmark_file import landmark_file
 from .placing import place_views
 from .points import calibrate_clicks, read_points
+from .sequences import walk_images
 from .views import common_times, facts_of, views_of
 
 AUTO = Path("auto")
@@ -33,7 +35,7 @@ AUTO = Path("auto")
 TIMES = 5
 """Common times at which moving points are compared."""
 _ROUNDS = 2  # of synchronisation: calibrated from the background, then from what moves as well
-_BOARD_FILES = ("charuco.toml", "board.toml")  # a board's description beside the films
+_BOARD_FILES = ("charuco.toml", "board.toml", "board.json")  # a board's description beside the films
 _ALMOST = 0.01  # of a side, by which films of one kind of camera may differ
 
 Find = Callable[[Sequence[Film], Cameras], Synchronization]
@@ -59,6 +61,11 @@ class Options:
     board: Path | None = None
     points: Path | None = None
 
+    @property
+    def source_is_given(self) -> bool:
+        """A person says what the cameras are to come from."""
+        return self.board is not None or self.points is not None or self.background_only
+
 
 @dataclass(frozen=True)
 class Source:
@@ -78,7 +85,9 @@ class Source:
     timed: Callable[[Sequence[Film]], tuple[Calibration, Synchronization]] | None = None
 
 
-def sources(folder: Path, films: Sequence[Film], options: Options, run: Run) -> Iterator[Source]:
+def sources(
+    folder: Path, films: Sequence[Film], walk_throughs: Sequence[Film], options: Options, run: Run
+) -> Iterator[Source]:
     """What to try, one after the other until one finds the cameras: what was asked for alone, else the surest first."""
     if options.points is not None:
         yield _clicks(films, options.points, run)
@@ -92,6 +101,8 @@ def sources(folder: Path, films: Sequence[Film], options: Options, run: Run) -> 
     beside = next((folder / name for name in _BOARD_FILES if (folder / name).is_file()), None)
     if beside is not None and not options.background_only:
         yield _board(read_board(beside), run)
+    if walk_throughs:
+        yield _features(run, walk_throughs)
     yield _features(run)
     if options.background_only:
         return
@@ -186,13 +197,14 @@ def _known(calibration: Calibration) -> Cameras:
     }
 
 
-def _features(run: Run) -> Source:
-    """By features."""
+def _features(run: Run, walk_throughs: Sequence[Film] = ()) -> Source:
+    """By features, which walk-throughs connect."""
+    sequences = walk_images(run, walk_throughs)
 
     def solve(films: Sequence[Film], count: int) -> Calibration:
-        return place_views(run, views_of(run, films, common_times(films, count) if count else []))
+        return place_views(run, views_of(run, films, common_times(films, count) if count else []), sequences)
 
-    return Source("features", solve, needs_step=False)
+    return Source("a walk-through" if sequences else "features", solve, needs_step=False)
 
 
 def _board_in(films: Sequence[Film], run: Run) -> Board | None:

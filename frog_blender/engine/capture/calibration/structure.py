@@ -17,7 +17,7 @@ from ...arrays import Bools, Float64s
 from ...io.child_process import Progress
 from . import limits
 from .colmap import Adjusted, adjust, incremental
-from .features import verified_again
+from .matching import verified_again
 from .model import Lens, Model, disagreement
 from .tracks import Pairs, Tracks, cost, join, located, summed
 
@@ -32,23 +32,25 @@ _SAME_FOCAL, _SAME_PLACES = 0.01, 0.01  # of the focal length and of the images'
 
 @dataclass(frozen=True, eq=False)
 class Images:
-    """What structure from motion knows of images before it places them.
+    """What structure from motion knows of images before it places them: standing cameras, then those that move.
 
     Attributes:
         lenses: sizes; focal lengths are not known.
         groups: images of one group are of one kind of camera.
         pixels: (N, 2) of the features of each.
-        may_differ: cameras of one group may be given focal lengths of their own, unlike the images of one camera.
+        standing: how many stand, each of which may be given a focal length of its own.
     """
 
     lenses: tuple[Lens, ...]
     groups: tuple[int, ...]
     pixels: tuple[Float64s, ...]
-    may_differ: bool = False
+    standing: int
 
     def sharing(self, *, own: bool) -> list[int]:
-        """By image: those of one number share their focal length; with ``own`` each has one alone."""
-        return list(range(len(self.groups))) if own else list(self.groups)
+        """By image: those of one number share their focal length; with ``own`` each standing camera has one alone."""
+        first = 1 + max(self.groups)
+        alone = list(range(first, first + self.standing)) if own else list(self.groups[: self.standing])
+        return [*alone, *self.groups[self.standing :]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +129,7 @@ def solve(images: Images, matches: Pairs, verified: Pairs, tell: Progress) -> So
             chosen, best = rival, other
     tell("bundle adjustment", 1, 2)
     model = best.fits[0].model
-    apart = disagreement(model, best.fits[1].model)
+    apart = disagreement(model, best.fits[1].model, images.standing or None)
     if any(best.coefficients):
         verified = verified_again(matches, images.pixels, model.lenses)
     everything = join(verified, images.pixels)
@@ -141,7 +143,7 @@ def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> lis
     Args:
         tracks: that they are compared by; ``pairs`` are those tracks' matches.
     """
-    kinds = [False, True] if images.may_differ and len(set(images.groups)) < len(images.groups) else [False]
+    kinds = [False, True] if len(set(images.groups[: images.standing])) < images.standing else [False]
     focals = STARTS if len(images.lenses) < _MANY_IMAGES else _FEW_STARTS
     starts = [(start, own) for start in focals for own in kinds]
 
@@ -228,7 +230,7 @@ def _weighed(
     adjusted = adjust(model, tracks, images.sharing(own=empty.own), [0] * len(images.lenses))
     if not _is_possible(adjusted.model):
         return empty
-    return replace(empty, adjusted=adjusted, cost=cost(adjusted.distances, adjusted.model.limits[tracks.cameras]))
+    return replace(empty, adjusted=adjusted, cost=_whole_cost(adjusted, tracks))
 
 
 def _is_possible(model: Model) -> bool:
@@ -244,6 +246,11 @@ def _same(one: Model, other: Model) -> bool:
         and bool(np.abs(np.log(focals[:, 0] / focals[:, 1])).max() < _SAME_FOCAL)
         and disagreement(one, other) < _SAME_PLACES
     )
+
+
+def _whole_cost(adjusted: Adjusted, tracks: Tracks) -> float:
+    """Truncated squared residuals of all observations, in units of each image's limit."""
+    return cost(adjusted.distances, adjusted.model.limits[tracks.cameras])
 
 
 def _candidates(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -10,7 +10,7 @@ import numpy as np
 from ...arrays import Array, Bools, Float32s, ImageArray
 from ...errors import FrogError, found_instead
 from ..readers.footage import decode_film
-from ..synchronization.films import Film, kinds_of, spread
+from ..synchronization.films import Film, kinds_of
 from ..synchronization.run import Run, WorkFolder, key_of
 from ..video import load_opencv
 
@@ -138,8 +138,8 @@ def common_times(films: Sequence[Film], count: int) -> list[float]:
     if end < start:
         raise FrogError("The films have no time in common: each starts when another has ended.")
     first = films[0]  # at the times of its frames: where films are in step nothing has to be carried
-    even = [start + (end - start) * (index + 0.5) / count for index in range(count)]
-    return sorted({min(max(first.time_of(round(first.frame_at(time))), start), end) for time in even})
+    spread = [start + (end - start) * (index + 0.5) / count for index in range(count)]
+    return sorted({min(max(first.time_of(round(first.frame_at(time))), start), end) for time in spread})
 
 
 def view_film(film: Film, times: Sequence[float], check: Callable[[], None]) -> View:
@@ -149,14 +149,16 @@ def view_film(film: Film, times: Sequence[float], check: Callable[[], None]) -> 
         check: called before each image; it raises what ends the work.
     """
     count = film.facts.frame_count
-    background = spread(min(count, _BACKGROUND_FRAMES), _BACKGROUND_IMAGES)
+    spread = np.unique(
+        np.linspace(0, min(count, _BACKGROUND_FRAMES) - 1, _BACKGROUND_IMAGES).round().astype(int)
+    ).tolist()
     nearest = [round(film.frame_at(time)) for time in times]
-    needed = sorted({frame for frame in (*background, *nearest) if 0 <= frame < count})
+    needed = sorted({frame for frame in (*spread, *nearest) if 0 <= frame < count})
     images: dict[int, ImageArray] = {}
     for frame, image in zip(needed, film.gray(needed, LONGEST_SIDE), strict=True):
         check()
         images[frame] = image
-    stack = np.stack([images[frame] for frame in background])
+    stack = np.stack([images[frame] for frame in spread])
     return View(_median(stack), _changing(stack), tuple(images.get(frame) for frame in nearest))
 
 

@@ -12,6 +12,7 @@ from ...arrays import Float64s, ImageArray
 from ...errors import found_instead
 from ..readers.footage import decode_film, film_facts, find_footage, state_of
 from ..video import VideoFacts, composed, find_videos, load_opencv
+from .run import key_of
 
 Clocks = Mapping[str, tuple[float, float]]
 """Offset in seconds and rate of each camera's film: capture time = offset + rate * film time."""
@@ -58,6 +59,11 @@ class Film:
         """What tells the file, or the folder, from another one or an older one, for ``key_of``."""
         return state_of(self.path)
 
+    @property
+    def key(self) -> str:
+        """A hash of ``state``."""
+        return key_of(self.state)
+
     def frame_at(self, time: float) -> float:
         """The frame, a real number, that was taken at a capture time in seconds; beyond the ends at the mean rate."""
         stamps, wanted = self.stamps, (time - self.offset) / self.rate
@@ -69,6 +75,10 @@ class Film:
     def time_of(self, frame: int) -> float:
         """The capture time in seconds at which a frame was taken."""
         return self.offset + self.rate * float(self.stamps[min(max(frame, 0), len(self.stamps) - 1)])
+
+    def scale(self, longest: int) -> float:
+        """Pixels of an image of at most ``longest`` a side for each pixel of the film, at most 1."""
+        return min(1.0, longest / max(self.size))
 
     def gray(self, frames: Sequence[int], longest: int) -> Iterator[ImageArray]:
         """The brightness (H, W) of frames, ascending, at most ``longest`` pixels a side; FrogError if undecodable."""
@@ -85,11 +95,6 @@ def resized(gray: ImageArray, longest: int) -> ImageArray:
         return gray
     size = (max(1, round(gray.shape[1] * scale)), max(1, round(gray.shape[0] * scale)))
     return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA))
-
-
-def spread(count: int, most: int) -> list[int]:
-    """At most so many of ``count`` indices, evenly spread."""
-    return sorted({round(index) for index in np.linspace(0, count - 1, min(count, most)).tolist()}) if count else []
 
 
 def find_films(folder: Path) -> list[Film]:

@@ -15,7 +15,7 @@ import numpy as np
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray, Ints
 from ..video import load_opencv
 from . import limits
-from .films import Film, spread
+from .films import Film
 from .run import Run
 
 REACH = 2
@@ -110,15 +110,14 @@ def points_in(film: Film, region: ImageArray, keyframes: Sequence[int], run: Run
     rows, tracks, descriptors = (np.concatenate(part) for part in zip(*parts, strict=True))
     frames = np.array(keyframes, np.int64)
     times = film.stamps[frames[rows][:, None] + np.arange(-REACH, REACH + 1)]
-    scale = min(1.0, limits.LONGEST_SIDE / max(film.size))
-    return MovingPoints(rows, film.stamps[frames], times, tracks / scale, descriptors)
+    return MovingPoints(rows, film.stamps[frames], times, tracks / film.scale(limits.LONGEST_SIDE), descriptors)
 
 
 def _tracked(images: Sequence[ImageArray], region: ImageArray) -> tuple[Float64s, Float32s]:
     """Tracks (M, 5, 2) in pixels of the gray images, centres at +0.5, and descriptors (M, 128), of five images."""
     cv2 = load_opencv()
     options = {"contrastThreshold": limits.CONTRAST, "enable_precise_upscale": True}
-    rows, columns = bounds(region)
+    rows, columns = _bounds(region)
     sift = cv2.SIFT_create(nfeatures=limits.MOST_FEATURES, **options)
     features, descriptors = sift.detectAndCompute(images[REACH][rows, columns], region[rows, columns])
     if descriptors is None or not len(features):
@@ -145,7 +144,7 @@ def _tracked(images: Sequence[ImageArray], region: ImageArray) -> tuple[Float64s
     return tracks[whole] + 0.5, roots[chosen[whole]].astype(np.float32)
 
 
-def bounds(mask: Array) -> tuple[slice, slice]:
+def _bounds(mask: ImageArray) -> tuple[slice, slice]:
     """Rows and columns of a mask (H, W) that hold all of it and a margin: outside, features cost time for nothing."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
@@ -219,8 +218,10 @@ class Search:
 
 def match(first: MovingPoints, second: MovingPoints, search: Search) -> Matches:
     """Mutual nearest neighbours between keyframes that may show the same instant."""
+    count = len(first.key_times)
+    chosen = np.unique(np.linspace(0, count - 1, min(search.most, count)).round().astype(int))
     rows_a, rows_b = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for key_a in spread(len(first.key_times), search.most):
+    for key_a in chosen:
         in_a = first.of_keyframe(key_a)
         apart = first.key_times[key_a] - second.key_times
         near = (apart >= search.lags[0] - search.reach) & (apart <= search.lags[1] + search.reach)

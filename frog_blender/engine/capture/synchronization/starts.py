@@ -17,9 +17,9 @@ from ...errors import FrogError
 from ..media import film_tags, read_sound
 from ..video import load_opencv
 from . import limits
-from .films import Film, spread
+from .films import Film
 from .pairs import Curve, PairLag, maxima
-from .run import Run, key_of
+from .run import Run
 
 RATE = 16_000
 """Samples of sound a second."""
@@ -58,7 +58,7 @@ def audio_lag(pair: tuple[int, int], sounds: tuple[Float32s, Float32s]) -> PairL
     first, second = sounds
     length = int(limits.AUDIO_SEGMENT * RATE)
     count = max(1, len(second) // length)
-    chosen = spread(count, limits.AUDIO_SEGMENTS)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, limits.AUDIO_SEGMENTS)).round().astype(int))
     heard, curves = [], []
     for segment in chosen:
         start = segment * length
@@ -169,7 +169,7 @@ def motion_of(film: Film, run: Run) -> Motion:
 
     def seen() -> dict[str, Array]:
         count = film.facts.frame_count
-        sampled = spread(count, limits.BACKGROUND_SAMPLES)
+        sampled = {round(index) for index in np.linspace(0, count - 1, min(limits.BACKGROUND_SAMPLES, count))}
         small: ImageArray | None = None
         changes, samples = [], []
         for index, gray in enumerate(film.gray(range(count), limits.LONGEST_SIDE)):
@@ -179,13 +179,18 @@ def motion_of(film: Film, run: Run) -> Motion:
                 changes.append(float(np.maximum(np.abs(small - before) - limits.ENERGY_NOISE, 0).mean()))
             if index in sampled:
                 samples.append(gray)
-        stamps = film.stamps[: len(changes) + 1]
-        gaps = np.maximum(np.diff(stamps), 1e-6)
-        times, energies = (stamps[1:] + stamps[:-1]) / 2, np.array(changes[: len(gaps)]) / gaps
+        times, energies = energy_signal(film.stamps, changes)
         return {"times": times, "energies": energies, "region": changing_region(samples)}
 
-    arrays = run.work.kept("motion", key_of(film.state), seen)
+    arrays = run.work.kept("motion", film.key, seen)
     return Motion((arrays["times"], arrays["energies"]), arrays["region"])
+
+
+def energy_signal(timestamps: Float64s, changes: Sequence[float]) -> Signal:
+    """Times (N - 1,) between each two of the frames, and the change (N - 1,) there by second."""
+    times = timestamps[: len(changes) + 1]
+    gaps = np.maximum(np.diff(times), 1e-6)
+    return (times[1:] + times[:-1]) / 2, np.array(changes[: len(gaps)]) / gaps
 
 
 def _reduced(gray: ImageArray) -> ImageArray:

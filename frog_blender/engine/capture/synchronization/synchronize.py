@@ -16,9 +16,10 @@ from .films import Film
 from .motion import Rig, coarse_lags, find_points, fine_lags, straightened
 from .moving_points import MovingPoints
 from .pairs import PairLag, Solution, solve
+from .report import reported
 from .run import Run, WorkFolder
 from .starts import Motion, audio_lag, energy_lag, motion_of, preferred, read_audio, read_timecode
-from .synchronization import Synchronization, in_step, reported
+from .synchronization import Synchronization, in_step
 from .tracks import NamedTracks, track_lags
 
 Cameras = Mapping[str, tuple[Camera, Distortion | None]]
