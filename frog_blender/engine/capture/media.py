@@ -111,8 +111,10 @@ def _opened(path: Path, expected: str, **options: str) -> Iterator[Any]:  # an a
     """A file whose errors become FrogErrors, and which reaches no other file; ``options`` are FFmpeg's."""
     av = _load_av()
     options["protocol_whitelist"] = "file"
+    # Before version 19, which replaces them by itself, letters of a tag that are not UTF-8 were an error.
+    lenient = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_errors": "replace"}
     try:
-        with av.open(f"file:{film_path(path)}", options=options, metadata_errors="replace") as container:
+        with av.open(f"file:{film_path(path)}", options=options, **lenient) as container:
             yield container
     except (av.error.FFmpegError, ValueError, MemoryError) as error:
         found = f"a file that cannot be decoded ({getattr(error, 'strerror', None) or reason(error)})"
