@@ -64,6 +64,8 @@ def _draw_capture(layout: bpy.types.UILayout, folder: str) -> None:
     _draw_calibration(box, Path(folder), summary)
     if summary.error:
         wrapped_label(box, summary.error, icon="ERROR")
+        if environment.lacks_films():
+            environment.draw_calibration_installation(box)
         box.operator("frog.inspect_capture", text="Check Again", icon="FILE_REFRESH")
 
 

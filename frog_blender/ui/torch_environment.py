@@ -204,6 +204,11 @@ def calibration_needed() -> str:
     )
 
 
+def lacks_films() -> bool:
+    """Whether torch is there, and not what reads films, which *Install torch* brings besides. Imports neither."""
+    return not torch_needed() and not _is_importable("av")
+
+
 def make_torch_importable() -> None:
     """Make the environment set in the preferences importable; FrogError if training still lacks torch."""
     add_environment()

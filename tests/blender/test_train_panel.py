@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
 
 import bpy
@@ -52,6 +53,18 @@ def test_a_capture_is_described_and_its_training_timed(empty, capture):
     assert "on the GPU: not known before a first training" in drawn()
     empty.frog.device, empty.frog.minutes = "cpu", 180.0
     assert "Roughly 3" in drawn() and "hours on this processor" in drawn()
+
+
+def test_what_reads_films_can_be_installed_where_torch_is(capture, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    monkeypatch.setattr(torch_environment, "torch_needed", lambda: "")
+    with pytest.raises(RuntimeError, match="PyAV"):
+        bpy.ops.frog.inspect_capture()
+    said = drawn(capture_panel.FROG_PT_capture)
+    assert "Films and sound need PyAV" in said and "frog.install_calibration" in said
+    monkeypatch.undo()
+    bpy.ops.frog.inspect_capture()
+    assert "frog.install_calibration" not in drawn(capture_panel.FROG_PT_capture)
 
 
 def test_a_running_training(empty):

@@ -100,7 +100,8 @@ def switched_off():
 def leave_checkpoint(path, capture, progress=0.5, steps=7):
     """What a training of a capture leaves beside its scene, as far as the panel looks at it."""
     state = {"settings": {"capture": str(capture.resolve())}, "progress": progress, "step_count": steps}
-    save_file({"x": np.zeros(1)}, f"{path}.checkpoint", metadata={"frog-checkpoint": json.dumps(state)})
+    # Of another size after other steps: two may be written in one tick of the clock.
+    save_file({"x": np.zeros(steps)}, f"{path}.checkpoint", metadata={"frog-checkpoint": json.dumps(state)})
 
 
 def told(*said):
