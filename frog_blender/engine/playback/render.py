@@ -69,10 +69,11 @@ def draw(
     frame = Frame(gaussians, camera, background, options, image, depth_limit)
     if camera.exposure != NEUTRAL:
         np.multiply(image["rgb"], np.asarray(camera.exposure, np.float32), out=image["rgb"])
-    offsets: Array = gaussians.means - camera.center.astype(np.float32)
+    # Elementwise on rows of x, y and z: a matrix product would round a depth by which other Gaussians there are.
+    offsets = np.ascontiguousarray(gaussians.means.T) - camera.center.astype(np.float32)[:, None]
     missing = np.full(1, np.nan, np.float32)  # index -1 picks it
-    distances = np.concatenate([np.linalg.norm(offsets, axis=1), missing]).astype(np.float32)
-    planar = np.concatenate([offsets @ camera.forward.astype(np.float32), missing])
+    distances = np.concatenate([np.linalg.norm(offsets, axis=0), missing])
+    planar = np.concatenate([(offsets * camera.forward.astype(np.float32)[:, None]).sum(axis=0), missing])
     return Drawing(
         image["rgb"],
         image["alpha"],
