@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import bpy
 import numpy as np
 
 from ..cameras import distance_added
 from ..engine.errors import FrogError
-
-if TYPE_CHECKING:
-    import bpy
-
-    from ..engine.playback.lens import Lens
+from ..engine.playback.lens import Lens
 
 SHUTTER_SAMPLES = 16  # frames that motion blur averages, unless the scene says otherwise
 LENS_SAMPLES = 32  # points of the lens that depth of field averages
@@ -79,7 +74,6 @@ def lens_of(eye: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Lens | Non
     """
     if not has_lens(eye):
         return None
-    from ..engine.playback.lens import Lens
 
     data, dof = eye.data, eye.data.dof
     focus, stop = _focus_distance(eye, depsgraph), max(dof.aperture_fstop, _LEAST_STOP)

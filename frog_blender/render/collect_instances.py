@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import bpy
 import numpy as np
 
 from .. import point_cloud
 from ..capture_files import is_capture
 from ..engine.errors import FrogError
+from ..engine.gaussians import GaussianArrays, joined
+from ..engine.playback.transform import rotation_and_scale, transform
 from ..timeline import playback
-
-if TYPE_CHECKING:
-    import bpy
-
-    from ..engine.gaussians import GaussianArrays
-    from ..timeline.playback_cache import SceneTime
+from ..timeline.playback_cache import SceneTime
 
 
 def gather(
@@ -46,7 +44,6 @@ def gather(
         if not parts:
             background = np.asarray(playback.open_scene(playback.file_of(obj)).header.background, dtype=np.float32)
         parts.append(part)
-    from ..engine.gaussians import joined
 
     return (joined(parts) if parts else None), background
 
@@ -108,8 +105,6 @@ def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> Gaussian
     """Gaussians transformed by a (4, 4) matrix of rotation, uniform scale and translation; FrogError for another
     matrix.
     """
-    from ..engine.playback.transform import transform
-
     if np.array_equal(matrix, np.eye(4)):
         return gaussians  # the usual case, and bit for bit what the engine draws
     check_placement(matrix, name)
@@ -118,8 +113,6 @@ def placed(gaussians: GaussianArrays, matrix: np.ndarray, name: str) -> Gaussian
 
 def check_placement(matrix: Any, name: str) -> None:
     """Raises FrogError if Gaussians cannot be transformed by an object's matrix."""
-    from ..engine.playback.transform import rotation_and_scale
-
     try:
         rotation_and_scale(np.array(matrix, dtype=np.float64))
     except FrogError as error:

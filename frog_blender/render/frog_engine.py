@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
@@ -20,15 +20,14 @@ from .. import reported_once
 from ..cameras import distance_added
 from ..color_spaces import into_working_space
 from ..engine.errors import FrogError
+from ..engine.gaussians import GaussianArrays
+from ..engine.playback.lens import seen_from
 from ..timeline.retiming import raw_frame
 from . import blur, exit_status, passes, viewport
 from .collect_instances import gather, pass_indices
 from .compositing import renders
 from .rendered_view import RenderedView, Through
 from .world import background_of
-
-if TYPE_CHECKING:
-    from ..engine.gaussians import GaussianArrays
 
 Passes = tuple[np.ndarray, np.ndarray, np.ndarray | None]
 Gathered = tuple["GaussianArrays | None", np.ndarray]
@@ -158,8 +157,6 @@ def render_frame(view: RenderedView) -> Passes:
     With motion blur or depth of field, Combined is averaged over their samples; the rest is of the frame itself, from
     the middle of the lens.
     """
-    from ..engine.playback.lens import seen_from
-
     engine, scene = view.engine, view.depsgraph.scene
     lens = blur.lens_of(view.eye, view.depsgraph)
     samples = blur.samples(view.scene, raw_frame(scene), lens)

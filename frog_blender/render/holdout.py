@@ -9,21 +9,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import TYPE_CHECKING
 
+import bpy
 import numpy as np
 
 from .. import reported_once
 from ..capture_files import is_capture
+from ..engine.capture.camera import Camera
+from ..engine.gaussians import GaussianArrays
+from ..engine.native.options import RasterizeOptions
+from ..engine.playback.render import Drawing, draw
+from ..engine.rasterizer.mesh_depth import mesh_depth
 from .collect_instances import is_seen
-
-if TYPE_CHECKING:
-    import bpy
-
-    from ..engine.capture.camera import Camera
-    from ..engine.gaussians import GaussianArrays
-    from ..engine.native.options import RasterizeOptions
-    from ..engine.playback.render import Drawing
 
 _SURFACES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 _ACROSS = 4  # depths along each side of a pixel
@@ -48,8 +45,6 @@ class Limits:
 
 def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera, options: RasterizeOptions) -> Drawing:
     """Draws Gaussians that end at these limits."""
-    from ..engine.playback.render import draw
-
     if limits is None:
         return draw(gaussians, camera, options=options)
     drawing = draw(gaussians, camera, options=options, depth_limit=limits.front)
@@ -78,8 +73,6 @@ def limits_of_objects(depsgraph: bpy.types.Depsgraph, camera: Camera, options: R
 
 def limits_of_mesh(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, options: RasterizeOptions) -> Limits:
     """Depth limits at a mesh of (V, 3) world-space vertices and (T, 3) triangles."""
-    from ..engine.rasterizer.mesh_depth import mesh_depth
-
     vertices, triangles = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(triangles, np.int32)
     finer = camera.resized(camera.width * _ACROSS, camera.height * _ACROSS)
     left, top, width, height = options.region_of(camera)

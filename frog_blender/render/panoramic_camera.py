@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import bpy
 import numpy as np
 
 from ..cameras import engine_camera
 from ..engine.errors import FrogError
-
-if TYPE_CHECKING:
-    import bpy
 
 _MIRROR = "MIRRORBALL"
 

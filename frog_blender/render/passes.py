@@ -10,19 +10,16 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
 from ..color_spaces import image_to_linear, to_linear
+from ..engine.capture.camera import Camera
+from ..engine.gaussians import GaussianArrays
+from ..engine.native.options import RasterizeOptions
+from ..engine.playback.render import Drawing, draw
 from ..engine.spherical_harmonics import SH_DC
-
-if TYPE_CHECKING:
-    from ..engine.capture.camera import Camera
-    from ..engine.gaussians import GaussianArrays
-    from ..engine.native.options import RasterizeOptions
-    from ..engine.playback.render import Drawing
 
 INDEX = "Object Index" if bpy.app.version >= (5, 0, 0) else "IndexOB"
 
@@ -135,8 +132,6 @@ def _places(gaussians: GaussianArrays, camera: Camera) -> np.ndarray:
 
 def _drawn(gaussians: GaussianArrays, motions: np.ndarray, camera: Camera, options: RasterizeOptions) -> np.ndarray:
     """(H, W, 2) motion of each pixel, blended from motions (N, 2) of Gaussians."""
-    from ..engine.playback.render import draw
-
     longest = min(float(np.abs(motions).max(initial=0.0)), _LONGEST) or 1.0
     colors = np.full((len(motions), 1, 3), 0.5)  # drawn colours are not negative: a half stands for no motion
     colors[:, 0, :2] += 0.5 * (motions / longest).clip(-1, 1)

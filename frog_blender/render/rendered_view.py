@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 
 from ..cameras import distance_added, engine_camera, view_matrix_of
+from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError
+from ..engine.gaussians import GaussianArrays
+from ..engine.native.options import RasterizeOptions
+from ..engine.playback.environment import draw_panorama
+from ..engine.playback.render import Drawing
 from .compositing import renders
 from .holdout import draw_before, limits_of_objects
 from .panoramic_camera import rays_of
-
-if TYPE_CHECKING:
-    from ..engine.capture.camera import Camera
-    from ..engine.gaussians import GaussianArrays
-    from ..engine.native.options import RasterizeOptions
-    from ..engine.playback.render import Drawing
 
 Through = Callable[["Camera"], "Camera"]
 """Moves a camera to a point of its lens."""
@@ -88,8 +87,6 @@ class RenderedView:
         """Options for the Render Region, with the near plane at Blender's camera even if the engine's is further
         back.
         """
-        from ..engine.native.options import RasterizeOptions
-
         near = RasterizeOptions.near_plane + distance_added(self.eye.data)
         return RasterizeOptions(region=self.region, near_plane=near)
 
@@ -110,12 +107,9 @@ class RenderedView:
 
     def draw(self, gaussians: GaussianArrays, rays: np.ndarray | None, through: Through | None = None) -> Drawing:
         """Draws Gaussians in the Render Region, by ``rays`` if there are any."""
-        from ..engine.native.options import RasterizeOptions
-
         if rays is None:
             camera = self.camera()
             return self._before_objects(gaussians, through(camera) if through else camera, self.options())
-        from ..engine.playback.environment import draw_panorama
 
         options = RasterizeOptions(near_plane=self.options().near_plane)
         view = view_matrix_of(self._pose(), f"Camera {self.eye.name}")

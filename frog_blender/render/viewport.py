@@ -10,23 +10,24 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
+import gpu
 import numpy as np
+from gpu_extras.presets import draw_texture_2d
 
 from .. import redrawing, reported_once
 from ..app_handlers import later, not_later
 from ..cameras import view_camera
 from ..color_spaces import into_working_space
+from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError
+from ..engine.gaussians import GaussianArrays
+from ..engine.playback import render
 from .collect_instances import gather, scene_time, visible_captures
 from .passes import combined_pass
 from .world import background_of
-
-if TYPE_CHECKING:
-    from ..engine.capture.camera import Camera
-    from ..engine.gaussians import GaussianArrays
 
 MOVING_SECONDS = 0.016  # that an image may take while things move
 STILL_AFTER = 0.2  # seconds without a change
@@ -100,15 +101,13 @@ def draw_view(
         size: the viewport's width and height in pixels.
         background: (3,) display-referred, or None for transparent.
     """
-    from ..engine.playback.render import draw
-
     started = time.perf_counter()
     step = viewport.step_for(key, *size, started)
     if step == 0:
         assert viewport.image is not None
         return viewport.image
     width, height = (max(1, -(-length // step)) for length in size)
-    drawing = draw(gaussians, camera_of(width, height)) if gaussians is not None else None
+    drawing = render.draw(gaussians, camera_of(width, height)) if gaussians is not None else None
     combined = into_working_space(combined_pass(drawing, background, width, height))
     viewport.image = ViewportImage(key, step, np.ascontiguousarray(combined[::-1], np.float32))
     viewport.seconds_per_pixel = (time.perf_counter() - started) / (width * height)
@@ -124,9 +123,6 @@ def error_message(error: Exception) -> str:
 
 def draw(engine: bpy.types.RenderEngine, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
     """Draws the captures in a region. Problems are shown in the header while they last, and printed once."""
-    import gpu
-    from gpu_extras.presets import draw_texture_2d
-
     size = (context.region.width, context.region.height)
     viewport = engine.viewport = engine.viewport or Viewport()
     try:

@@ -7,17 +7,17 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
+
+import numpy as np
 
 from .. import addon_state
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ..engine.editing.closed_mesh import ClosedMesh
-    from ..engine.editing.edits import Edits
-    from ..engine.editing.marks import Marks
-    from ..engine.playback.player import ScenePlayer
+from ..engine.editing.closed_mesh import ClosedMesh
+from ..engine.editing.edited_scene import EditedScene, edited
+from ..engine.editing.edits import Edits
+from ..engine.editing.marks import Marks
+from ..engine.playback.importance import camera_weights
+from ..engine.playback.player import ScenePlayer
 
 _EDITS_KEPT, _SCENES_KEPT, _VALUES_KEPT = 4, 16, 16
 Edited: TypeAlias = "tuple[ScenePlayer, list[str]]"
@@ -44,8 +44,6 @@ class EditedScenes:
 
     def of(self, scene: ScenePlayer, edits: Edits) -> Edited:
         """A scene with edits; as it is, if they change nothing of it."""
-        from ..engine.editing.edited_scene import EditedScene, edited
-
         with self._lock:
             kept = self._scenes.setdefault(scene.token, OrderedDict())
             known = kept.get(edits)
@@ -63,8 +61,6 @@ class EditedScenes:
 
     def weights(self, scene: ScenePlayer) -> np.ndarray:
         """(C, N) ``importance.camera_weights`` of a scene, found once."""
-        from ..engine.playback.importance import camera_weights
-
         if self._weights is None or self._weights[0] != scene.token:
             self._weights = scene.token, camera_weights(scene)
         return self._weights[1]
@@ -78,16 +74,12 @@ class EditedScenes:
 
 
 def _marks(count: int, scene: str, text: str) -> Marks | None:
-    from ..engine.editing.marks import Marks
-
     with suppress(ValueError):
         return Marks.from_text(count, scene, text)
     return None
 
 
 def _mesh(vertices: bytes, triangles: bytes) -> ClosedMesh | str:
-    from ..engine.editing.closed_mesh import ClosedMesh
-
     try:
         return ClosedMesh(vertices, triangles)
     except ValueError as error:

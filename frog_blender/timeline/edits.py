@@ -5,22 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 
 from .. import addon_state
 from ..capture_files import is_capture
+from ..engine.editing.crops import Crop
+from ..engine.editing.edits import Edits
+from ..engine.editing.grades import NOTHING, RANGES, Grade
+from ..engine.editing.marks import Marks
 from ..engine.errors import FrogError
 from .edited_scenes import EditedScenes
 from .retiming import curves, strip_curves
-
-if TYPE_CHECKING:
-    from ..engine.editing.crops import Crop
-    from ..engine.editing.edits import Edits
-    from ..engine.editing.grades import Grade
-    from ..engine.editing.marks import Marks
 
 SETTINGS = "frog_edits"
 """The name of the edits on objects."""
@@ -46,7 +44,6 @@ def edits_of(
     (cropped.add if len(settings.crops) else cropped.discard)(obj.session_uid)
     if not (settings.use or even_unused) or not has_any(settings):
         return None
-    from ..engine.editing.edits import Edits
 
     marks = marks_of(settings.hidden)
     moves = needs_evaluation(obj, even_unused=even_unused)
@@ -67,8 +64,6 @@ def grades_of(settings: Any) -> tuple[Grade, ...]:
 
 
 def _grade(settings: Any, only: Marks | None) -> Grade:
-    from ..engine.editing.grades import RANGES, Grade
-
     # A driver may set anything.
     values = {name: min(max(getattr(settings, name), RANGES[name][0]), RANGES[name][1]) for name in GRADE}
     values = {name: value if value == value else getattr(Grade(), name) for name, value in values.items()}
@@ -97,8 +92,6 @@ def is_crop_object(obj: bpy.types.Object) -> bool:
 
 
 def _crop(obj: bpy.types.Object, evaluated: bpy.types.Object | None, settings: Any, is_still: bool) -> Crop:
-    from ..engine.editing.crops import Crop
-
     target = settings.object
     if not is_crop_object(target):
         raise FrogError(
@@ -207,9 +200,6 @@ def has_shown_selection(obj: bpy.types.Object) -> bool:
 
 def without_anything(edits: Edits | None) -> Edits:
     """Edits after which nothing of a capture is seen: at a frame at which it is not there."""
-    from ..engine.editing.edits import Edits
-    from ..engine.editing.grades import NOTHING
-
     return Edits(grades=(NOTHING,)) if edits is None else replace(edits, grades=(*edits.grades, NOTHING))
 
 
@@ -223,8 +213,5 @@ def with_selection(obj: bpy.types.Object, edits: Edits | None) -> Edits | None:
 
 def standing_out(edits: Edits | None, selection: Marks) -> Edits:
     """Edits after which marked Gaussians stand out."""
-    from ..engine.editing.edits import Edits
-    from ..engine.editing.grades import Grade
-
     shown = Grade(gains=(_SHADE,) * 3, offsets=_SELECTED, only=selection)
     return Edits(grades=(shown,)) if edits is None else replace(edits, grades=(*edits.grades, shown))

@@ -5,17 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing
-from typing import TYPE_CHECKING
 
 import bpy
 
+from ..engine.editing.edits import Timing
 from ..engine.errors import FrogError
 from . import playback, timing_curve
 from .retiming import capture_frame, frame_rate, is_shown, needs_evaluated_time, stretched
-
-if TYPE_CHECKING:
-    from ..engine.editing.edits import Timing
-
 
 _SAME = 1e-4  # of a frame: nobody sees it
 
@@ -50,8 +46,6 @@ def evaluated_frames(scene: bpy.types.Scene, numbers: Iterable[int]) -> Generato
 
 def timing_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Timing:
     """How a capture plays in a scene's range of frames; see ``frames_shown``."""
-    from ..engine.editing.edits import Timing
-
     shown = frames_shown(obj, scene, range(scene.frame_start, scene.frame_end + 1))
     try:
         return Timing(tuple(shown), frame_rate(scene), scene.frame_start)

@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 from weakref import WeakKeyDictionary
 
+import bpy
+import numpy as np
+
 from .. import addon_state
+from ..engine.playback.importance import most_important, ranking
+from ..engine.playback.player import ScenePlayer
 from ..nodes import ellipsoid_nodes
 from .render_thread import rendering
-
-if TYPE_CHECKING:
-    import bpy
-    import numpy as np
-
-    from ..engine.playback.player import ScenePlayer
 
 _KEPT = 4  # thinned scenes of a scene: objects and renders may each want another density
 Fewer: TypeAlias = "tuple[ScenePlayer, np.ndarray]"
@@ -46,7 +45,6 @@ def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
     count = shown_count(obj, scene.count)
     if count >= scene.count:
         return None
-    from ..engine.playback.importance import most_important, ranking
 
     kept = addon_state.get(ThinnedScenes)
     with kept.lock:

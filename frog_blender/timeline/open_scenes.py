@@ -9,16 +9,14 @@ import sys
 import threading
 from collections.abc import Callable, Container
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .. import addon_state
 from ..engine.errors import FrogError, brief
+from ..engine.playback.bake import Bake
+from ..engine.playback.player import ScenePlayer
 from . import playback_cache
 from .edited_scenes import EditedScenes
-
-if TYPE_CHECKING:
-    from ..engine.playback.bake import Bake
-    from ..engine.playback.player import ScenePlayer
 
 _Stamp = tuple[int, int] | None  # modification time and size of a file; None where there is no file
 
@@ -53,18 +51,6 @@ class _File:
             return self.content
 
 
-def _load_scene(path: Path) -> ScenePlayer:
-    from ..engine.playback.player import ScenePlayer
-
-    return ScenePlayer.load(path)
-
-
-def _load_bake(path: Path, file: Path, scene: ScenePlayer) -> Bake:
-    from ..engine.playback.bake import Bake
-
-    return Bake(path, file, scene)
-
-
 class OpenScenes:
     """The files that were read.
 
@@ -80,8 +66,8 @@ class OpenScenes:
 
     def __init__(
         self,
-        load_scene: Callable[[Path], ScenePlayer] = _load_scene,
-        load_bake: Callable[[Path, Path, ScenePlayer], Bake] = _load_bake,
+        load_scene: Callable[[Path], ScenePlayer] = ScenePlayer.load,
+        load_bake: Callable[[Path, Path, ScenePlayer], Bake] = Bake,
     ) -> None:
         self.load_scene, self.load_bake = load_scene, load_bake
         self.scenes: dict[Path, _File] = {}

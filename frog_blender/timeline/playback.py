@@ -9,13 +9,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import bpy
 
 from .. import addon_state, capture_files, point_cloud, relative_paths, reported_once
 from ..capture_files import file_of
+from ..engine.editing.edits import Edits
 from ..engine.errors import FrogError
+from ..engine.gaussians import GaussianArrays
+from ..engine.playback.bake import SUFFIX, Bake
+from ..engine.playback.player import ScenePlayer
 from . import edits as object_edits
 from . import level_of_detail, open_scenes, retiming
 from .edited_scenes import EditedScenes
@@ -24,17 +27,9 @@ from .playback_cache import SceneTime
 from .render_thread import in_main_thread, rendering
 from .retiming import BadTiming, capture_frame, needs_evaluated_time
 
-if TYPE_CHECKING:
-    from ..engine.editing.edits import Edits
-    from ..engine.gaussians import GaussianArrays
-    from ..engine.playback.bake import Bake
-    from ..engine.playback.player import ScenePlayer
-
 
 def bake_path(obj: bpy.types.Object) -> Path:
     """Path of an object's bake: next to its .frog file, or in the folder chosen for it."""
-    from ..engine.playback.bake import SUFFIX
-
     file, folder = capture_files.named_file(obj), obj.frog.bake_folder
     return (relative_paths.absolute(obj, folder) if folder else file.parent) / f"{file.stem}{SUFFIX}"
 

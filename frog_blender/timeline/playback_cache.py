@@ -7,19 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from .. import addon_state
-from ..engine.playback.frame_delta import FrameCache, Key
+from ..engine.gaussians import GaussianArrays
+from ..engine.playback.bake import Bake
+from ..engine.playback.frame_delta import FrameCache, FrameDelta, Key
+from ..engine.playback.player import ScenePlayer
 from ..worker import Worker
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ..engine.gaussians import GaussianArrays
-    from ..engine.playback.bake import Bake
-    from ..engine.playback.frame_delta import FrameDelta
-    from ..engine.playback.player import ScenePlayer
 
 DEFAULT_MEGABYTES = 1024
 MEGABYTE = 1 << 20

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import bpy
 
 from ..engine.errors import FrogError
-
-if TYPE_CHECKING:
-    import bpy
 
 REMAPPED = "frog.shown_frame"
 """The property whose curve is read directly: frame handlers run before Blender evaluates animation."""

@@ -6,16 +6,17 @@ import os
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .. import addon_state
+from ..engine.capture.calibration.camera_files import found_beside, given_beside
+from ..engine.capture.capture import Capture
+from ..engine.capture.contact_sheet import mask_lines
+from ..engine.capture.readers import open_capture
+from ..engine.capture.video import find_videos
 from ..engine.errors import FrogError
 from ..engine.optional_imports import is_missing, not_loaded
 from ..tasks.calibration import raw_footage
 from ..tasks.clocks import ClockFile, read_clocks
-
-if TYPE_CHECKING:
-    from ..engine.capture.capture import Capture
 
 
 @dataclass(frozen=True)
@@ -99,10 +100,6 @@ def stamp(folder: str) -> object:
 def read(folder: Path) -> CaptureSummary:
     """The summary of a folder, not stored. Any thread may call it; small videos are decoded, which takes a while."""
     try:
-        from ..engine.capture.calibration.camera_files import found_beside, given_beside
-        from ..engine.capture.readers import open_capture
-        from ..engine.capture.video import find_videos
-
         raw = raw_footage(folder)
         if raw:
             sentence = f"Found {raw} without a calibration. Calibrate Cameras finds where the cameras stood."
@@ -131,8 +128,6 @@ def read(folder: Path) -> CaptureSummary:
 
 
 def _lines(capture: Capture) -> tuple[str, ...]:
-    from ..engine.capture.contact_sheet import mask_lines
-
     sizes = sorted({(camera.width, camera.height) for camera in capture.cameras})
     size = " and ".join(f"{width} x {height}" for width, height in sizes[:2]) + (
         " and others" if len(sizes) > 2 else ""

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import bpy
+import gpu
 import numpy as np
+from gpu_extras.batch import batch_for_shader
 
 from .. import addon_state
+from ..engine.editing.gestures import Gesture, OnScreen
 from .overlay import EDGE, Overlay, draw_lines
-
-if TYPE_CHECKING:
-    from ..engine.editing.gestures import Gesture, OnScreen
 
 _HIT, _POINT_SIZE = (1.0, 0.55, 0.1, 1.0), 4.0  # pixels
 _STROKES = ((EDGE, 3.0), ((1.0, 1.0, 1.0, 1.0), 1.0))
@@ -55,9 +54,6 @@ def outline_of(shape: str, path: list[tuple[float, float]], radius: float) -> li
 
 
 def _draw(screen: OnScreen, gesture: Gesture, outline: list[tuple[float, float]]) -> None:
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     context = bpy.context
     height = context.region.height
     if gesture.hit.any():

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import gpu
+from gpu_extras.batch import batch_for_shader
+
 from .. import reported_once
 
 EDGE = (0.0, 0.0, 0.0, 0.8)
@@ -46,9 +49,6 @@ def draw_lines(lines: dict[str, Any], strokes: Sequence[tuple[tuple[float, ...],
         lines: points in pixels, by what they are, such as ``LINE_STRIP``.
         strokes: a colour and a width in pixels.
     """
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
     batches = [batch_for_shader(shader, kind, {"pos": points}) for kind, points in lines.items()]
     gpu.state.blend_set("ALPHA")

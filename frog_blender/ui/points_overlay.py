@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import blf
 import bpy
 
 from .. import addon_state
@@ -95,8 +96,6 @@ def _cross(x: float, y: float, radius: float, color: tuple[float, ...]) -> None:
 
 
 def _text(words: str, x: float, y: float, size: float, color: tuple[float, ...]) -> None:
-    import blf
-
     blf.enable(0, blf.SHADOW)
     blf.shadow(0, 5, 0.0, 0.0, 0.0, 1.0)
     blf.size(0, size)

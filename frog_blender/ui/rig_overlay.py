@@ -7,8 +7,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import blf
 import bpy
+import gpu
 import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from gpu_extras.batch import batch_for_shader
 
 from .. import addon_state
 from ..engine.capture.camera import Camera
@@ -69,9 +73,6 @@ def _corners(camera: Camera, depth: float) -> np.ndarray:
 @lru_cache(maxsize=4)  # windows may show several scenes at a time
 def _rig_of(capture: Capture) -> Rig:
     """Makes what is drawn of a capture."""
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     cameras = list(capture.cameras)
     lines = corners_of(cameras)[:, np.array(EDGES)].astype(np.float32)
@@ -91,8 +92,6 @@ def _rig_of(capture: Capture) -> Rig:
 
 
 def _draw_lines() -> None:
-    import gpu
-
     capture = shown_capture(bpy.context.scene)
     if capture is None:
         return
@@ -109,9 +108,6 @@ def _draw_lines() -> None:
 
 
 def _draw_names() -> None:
-    import blf
-    from bpy_extras.view3d_utils import location_3d_to_region_2d
-
     context = bpy.context
     capture = shown_capture(context.scene)
     if capture is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+from gpu_extras.presets import draw_circle_2d
 
 HAND = "frog.select_by_hand"
 """The operator that they are for."""
@@ -43,8 +44,6 @@ class FROG_TOOL_brush_select(bpy.types.WorkSpaceTool):
 
     @staticmethod
     def draw_cursor(_context: bpy.types.Context, tool: Any, place: tuple[float, float]) -> None:
-        from gpu_extras.presets import draw_circle_2d
-
         draw_circle_2d(place, (1.0, 1.0, 1.0, 1.0), tool.operator_properties(HAND).radius, segments=48)
 
 

@@ -16,6 +16,8 @@ from bpy.props import PointerProperty
 from .. import redrawing, relative_paths
 from ..engine.capture.capture import Capture
 from ..engine.options import OPTIONS, Door, options_at
+from ..engine.recipes import recipe
+from ..engine.training.session.job import usual_scale
 from ..engine.training.session.output_paths import free_output
 from ..option_properties import items_of, property_name, property_of
 from ..properties import HIDDEN, choice, folder, number, path, switch, text, vector
@@ -50,24 +52,18 @@ def known_capture(settings: Any) -> Capture | None:
 
 def usual_steps(settings: Any) -> int:
     """The steps of the chosen recipe, for the capture if it is known."""
-    from ..engine.recipes import recipe
-
     chosen, capture = recipe(settings.recipe), known_capture(settings)
     return chosen.steps_for(capture.frame_count) if capture is not None else chosen.steps
 
 
 def usual_image_scale(settings: Any) -> float:
     """The factor that images are resized by where none is chosen."""
-    from ..engine.training.session.job import usual_scale
-
     capture = known_capture(settings)
     return usual_scale(capture.cameras) if capture is not None else 1.0
 
 
 def usual_gaussians(settings: Any) -> int:
     """How many Gaussians a scene of the chosen recipe has at most."""
-    from ..engine.recipes import recipe
-
     return recipe(settings.recipe).max_gaussians
 
 

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import gpu
 import numpy as np
 
 from . import shaders
-from .clouds import ROW, Texels, rows_for, texels_of
-from .look import SIDE
-
-if TYPE_CHECKING:
-    from .clouds import Textures
-    from .look import Look
-    from .projection import SplatView
+from .clouds import ROW, Texels, Textures, rows_for, texels_of
+from .look import SIDE, Look
+from .projection import SplatView
 
 _FORMATS = {1: "R32F", 4: "RGBA32F"}
 _PICTURE = "RGBA16F"  # 8 bits would round a hundred times where a hundred faint splats overlap
@@ -37,8 +34,6 @@ class Canvas:
     """
 
     def __init__(self, size: tuple[int, int], formats: Sequence[str] = (_PICTURE,)) -> None:
-        import gpu
-
         self.size = size
         self.textures = tuple(gpu.types.GPUTexture(size, format=kind) for kind in formats)
         self._framebuffer = gpu.types.GPUFrameBuffer(color_slots=self.textures)
@@ -94,8 +89,6 @@ class GraphicsCard:
             depth: a texture, see ``depth``.
             through: the share of what lies behind ``depth`` that is seen nevertheless.
         """
-        import gpu
-
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
         projected = self._project(layers)
@@ -115,8 +108,6 @@ class GraphicsCard:
         self, view: SplatView, projected: Canvas, order: Any, count: int, depth: Any, *, is_hidden: bool
     ) -> None:
         """Draws the splats that lie behind a depth, or the others."""
-        import gpu
-
         gpu.state.blend_set("ALPHA_PREMULT")
         shader = self._splats
         shader.bind()
@@ -129,8 +120,6 @@ class GraphicsCard:
 
     def _fade(self, share: float) -> None:
         """Leaves a share of what is drawn."""
-        import gpu
-
         gpu.state.blend_set("MULTIPLY")
         self._fading.bind()
         self._fading.uniform_float("share", share)
@@ -138,8 +127,6 @@ class GraphicsCard:
 
     def _project(self, layers: Sequence[Layer]) -> Canvas:
         """The textures ``shaders.SPLATS`` of captures; they are good until the next ones are projected."""
-        import gpu
-
         if self._projected is None or not self.has_room(layers):
             self._projected = None  # before there are two
             self._projected = Canvas(_size_for(layers), ["RGBA32F"] * len(shaders.SPLATS))
@@ -169,8 +156,6 @@ class GraphicsCard:
 
     def lay_over(self, canvas: Canvas, look: Look) -> None:
         """Lays a drawn image over the whole of what is bound, at whatever size, as a scene shows colors."""
-        import gpu
-
         gpu.state.blend_set("ALPHA_PREMULT")
         gpu.state.depth_test_set("NONE")
         gpu.state.depth_mask_set(False)
@@ -189,6 +174,4 @@ def _size_for(layers: Sequence[Layer]) -> tuple[int, int]:
 
 
 def _texture(size: tuple[int, ...], kind: str, values: np.ndarray) -> Any:
-    import gpu
-
     return gpu.types.GPUTexture(size, format=kind, data=gpu.types.Buffer("FLOAT", values.size, values))

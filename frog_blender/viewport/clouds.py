@@ -11,16 +11,14 @@ import math
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..engine.errors import FrogError
-
-if TYPE_CHECKING:
-    from ..engine.playback.frame_delta import FrameDelta
-    from ..engine.playback.player import ScenePlayer
-    from ..timeline.playback_cache import SceneTime
+from ..engine.playback.frame_delta import FrameDelta
+from ..engine.playback.player import ScenePlayer
+from ..timeline.playback_cache import SceneTime
 
 CHANNELS = {"means": 1, "scales": 1, "quaternions": 4, "base": 4, "sh": 1}
 """Numbers in a texel of each texture. Columns of three numbers take three texels: they are copied as they are."""
@@ -86,8 +84,6 @@ def textures_of(columns: Mapping[str, np.ndarray]) -> dict[str, Texels]:
 
 def still_textures(scene: ScenePlayer) -> dict[str, Texels]:
     """The textures of all Gaussians of a scene at its beginning."""
-    from ..engine.playback.frame_delta import FrameDelta
-
     return textures_of({name: scene.column(name, FrameDelta({})) for name in scene.columns})
 
 
@@ -98,8 +94,6 @@ def moving_textures(scene: ScenePlayer, part: FrameDelta) -> dict[str, Texels]:
     """
     columns = dict(part.columns)
     if any(name.startswith("sh_") for name in columns):
-        from ..engine.playback.frame_delta import FrameDelta
-
         for name in scene.columns:
             if name.startswith("sh_") and name not in columns:
                 columns[name] = scene.column(name, FrameDelta({}))[: scene.num_dynamic]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from .. import addon_state, app_handlers, point_cloud, reported_once
 from ..app_handlers import later, not_later
 from ..cameras import view_camera
+from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError
 from ..redrawing import open_regions, viewports
 from ..render.collect_instances import check_placement, visible_captures
@@ -28,11 +29,7 @@ from .clouds import Clouds, TooManySplats, starts_of
 from .look import Looks
 from .order import OrderRequest, Part, Ranks, Sorter
 from .picture import STILL_AFTER, Picture, Shown
-from .projection import view_of
-
-if TYPE_CHECKING:
-    from ..engine.capture.camera import Camera
-    from .projection import SplatView
+from .projection import SplatView, view_of
 
 _SOON = 0.01  # seconds until an order of many splats is asked for again
 _SLOW_SHADINGS, _LOOK_AGAIN = ("MATERIAL", "RENDERED"), 0.5

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
+import gpu
 import numpy as np
 
 from ..capture_files import is_capture
+from ..engine.capture.camera import Camera
+from ..engine.rasterizer.mesh_depth import mesh_depth
 from ..render.holdout import mesh_of
-
-if TYPE_CHECKING:
-    from ..engine.capture.camera import Camera
-    from .projection import SplatView
+from .projection import SplatView
 
 _HIDING = ("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL", "GPENCIL")
 """Types of objects that can lie before splats; empties can show images and collections."""
@@ -58,8 +58,6 @@ def is_drawn_without_depth(scene: bpy.types.Scene, space: bpy.types.SpaceView3D)
 
 def drawn_depth() -> np.ndarray:
     """(H, W) the depth of what is bound, rows from the bottom."""
-    import gpu
-
     framebuffer = gpu.state.active_framebuffer_get()
     x, y, width, height = framebuffer.viewport_get()
     buffer = framebuffer.read_depth(x, y, width, height)
@@ -80,8 +78,6 @@ class Surfaces:
             looked_at: what determined which captures the viewport shows, which includes whatever may have changed.
             camera: of the viewport, and ``view`` one of a capture through it.
         """
-        from ..engine.rasterizer.mesh_depth import mesh_depth
-
         space = context.space_data
         key = looked_at, None if space.local_view is None else space.as_pointer()
         if key != self._key:

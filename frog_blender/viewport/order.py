@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..engine.native.binding import depth_order
+from ..engine.playback.importance import ranking
+from ..engine.playback.player import ScenePlayer
 from ..worker import Worker
 from .projection import NEAR
-
-if TYPE_CHECKING:
-    from ..engine.playback.player import ScenePlayer
 
 AT_ONCE = 60_000
 """So many are sorted sooner than a thread is asked and a viewport is drawn once more: a millisecond."""
@@ -143,12 +141,6 @@ def _fits(found: Order, request: OrderRequest) -> bool:
     return not len(found.numbers) or found.numbers.max() < last.start + len(last.points)
 
 
-def _ranking(scene: ScenePlayer) -> np.ndarray:
-    from ..engine.playback.importance import ranking
-
-    return ranking(scene)
-
-
 class Ranks:
     """The scenes' Gaussians by importance, as far as they are known.
 
@@ -157,7 +149,7 @@ class Ranks:
         fewest: scenes of fewer are drawn whole.
     """
 
-    def __init__(self, rank: Callable[[ScenePlayer], np.ndarray] = _ranking, fewest: int = FEWEST) -> None:
+    def __init__(self, rank: Callable[[ScenePlayer], np.ndarray] = ranking, fewest: int = FEWEST) -> None:
         self.worker = Worker("FRoG importance", "splats could not be ranked")  # all are drawn, as before
         self._rank, self._fewest = rank, fewest
         self._known: dict[str, np.ndarray | None] = {}

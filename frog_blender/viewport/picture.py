@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..timeline.playback_cache import SceneTime
 from .hiding import Surfaces
-
-if TYPE_CHECKING:
-    from ..timeline.playback_cache import SceneTime
-    from .order import Order
+from .order import Order
 
 STILL_AFTER = 0.2  # seconds without a change
 _COARSEST = 4  # pixels a side that one stands for at most

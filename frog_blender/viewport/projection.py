@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..engine.capture.camera import Camera
 from ..engine.native.options import RasterizeOptions
-
-if TYPE_CHECKING:
-    from ..engine.capture.camera import Camera
 
 NEAR = RasterizeOptions().near_plane
 

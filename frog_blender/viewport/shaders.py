@@ -8,14 +8,14 @@ The first does what the engine's ``project_gaussian`` and ``make_splat`` do (eng
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import gpu
+from gpu_extras.batch import batch_for_shader
 
 from ..engine.native.options import ALPHA_MAX, ALPHA_MIN, RasterizeOptions
 from .clouds import ROW
 from .projection import NEAR
-
-if TYPE_CHECKING:
-    import gpu
 
 TEXTURES = ("means", "scales", "quaternions", "base", "sh")
 """In the order of their samplers: still ones, then moving ones."""
@@ -261,8 +261,6 @@ def projection_shader() -> gpu.types.GPUShader:
 
 def splat_shader() -> gpu.types.GPUShader:
     """Draws quads of two triangles, one instance a splat."""
-    import gpu
-
     between = gpu.types.GPUStageInterfaceInfo("frog_splat")
     for name, kind in (("colour", "VEC3"), ("conic", "VEC4"), ("centre", "VEC2"), ("depth", "FLOAT")):
         between.flat(kind, name)
@@ -278,8 +276,6 @@ def fading_shader() -> gpu.types.GPUShader:
 
 def picture_shader() -> gpu.types.GPUShader:
     """Lays an image of splats, display-referred and premultiplied, over what is there."""
-    import gpu
-
     between = gpu.types.GPUStageInterfaceInfo("frog_picture")
     between.smooth("VEC2", "place")
     constants = {"look": "VEC3"}  # a factor, an exponent, and the side of the table of colors; 0 for none
@@ -288,8 +284,6 @@ def picture_shader() -> gpu.types.GPUShader:
 
 def square(shader: gpu.types.GPUShader) -> gpu.types.GPUBatch:
     """The corners (-1, -1) to (1, 1) for a shader of these."""
-    from gpu_extras.batch import batch_for_shader
-
     return batch_for_shader(shader, "TRI_STRIP", {_CORNER: [(-1, -1), (1, -1), (-1, 1), (1, 1)]})
 
 
@@ -306,8 +300,6 @@ def _made(
         constants: types by names.
         between: what the one gives to the other.
     """
-    import gpu
-
     info = gpu.types.GPUShaderCreateInfo()
     for name, kind in constants.items():
         info.push_constant(kind, name)
