@@ -30,10 +30,14 @@ def remove(handlers: Handlers) -> None:
             functions.remove(guarded(function))
 
 
-def later(function: Handler, seconds: float = 0.0) -> None:
-    """Has Blender call a function after a while, when it does not draw; once, unless the function waits already."""
+def later(function: Handler, seconds: float = 0.0, *, persistent: bool = False) -> None:
+    """Has Blender call a function after a while, when it does not draw; once, unless the function waits already.
+
+    Args:
+        persistent: also where another file is opened meanwhile.
+    """
     if not bpy.app.timers.is_registered(function):
-        bpy.app.timers.register(function, first_interval=seconds)
+        bpy.app.timers.register(function, first_interval=seconds, persistent=persistent)
 
 
 def not_later(*functions: Handler) -> None:

@@ -3,7 +3,6 @@ image, if nothing else helps.
 """
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,8 +12,7 @@ import numpy as np
 from ..engine.capture.synchronization.films import Film, find_films
 from ..engine.capture.video import decode
 from ..engine.errors import FrogError
-from ..engine.io.child_process import Progress
-from ..tasks.calibration import CalibrationTask, Calibrator, calibrator_of
+from ..tasks.calibration import CalibrationTask
 from ..ui import capture_summary, points_overlay, report_images, torch_environment
 from ..ui.clicked_points import ENDING, FILE, ClickedPoints, points_of
 from .bases import CancelOperator, FrogOperator
@@ -50,8 +48,7 @@ def begin_calibration(scene: bpy.types.Scene, points: str = "") -> None:
     needed = torch_environment.calibration_needed()
     if needed:
         raise FrogError(needed)
-    opening = CaptureOpening(folder, calibrator_of(folder, folder / points if points else None))
-    CalibrationTask(folder, opening.calibrate, opening.show).begin()
+    CaptureCalibration(folder, folder / points if points else None).begin()
 
 
 def footage_folder(stored: str) -> Path:
@@ -64,25 +61,25 @@ def footage_folder(stored: str) -> Path:
     return folder
 
 
-class CaptureOpening:
+class CaptureCalibration(CalibrationTask):
     """A calibration, and then the capture that it made of a folder of footage.
 
     The capture is read on the worker thread, because small videos are decoded for that.
     """
 
-    def __init__(self, folder: Path, calibrator: Calibrator) -> None:
-        self.folder, self._calibrator = folder, calibrator
+    def __init__(self, folder: Path, points: Path | None = None) -> None:
+        super().__init__(folder, points)
+        self.on_finished = self._show
         self._summary, self._stamp = capture_summary.CaptureSummary(), capture_summary.stamp(str(folder))
 
-    def calibrate(self, progress: Progress, cancelled: Callable[[], bool]) -> "Outcome":
-        """For the worker thread."""
-        outcome = self._calibrator(progress, cancelled)
-        progress("opening the capture", 0, 1)
+    def work(self) -> "Outcome":
+        outcome = super().work()
+        self.tell("opening the capture", 0, 1)
         self._stamp, self._summary = capture_summary.stamp(str(self.folder)), capture_summary.read(self.folder)
         return outcome
 
-    def show(self, _outcome: "Outcome") -> None:
-        """For the main thread: shows the capture in every scene that names it, and draws what was found."""
+    def _show(self, _outcome: "Outcome") -> None:
+        """Shows the capture in every scene that names it, and draws what was found."""
         for scene in bpy.data.scenes:
             stored = scene.frog.capture_folder
             named = bpy.path.abspath(stored) if stored else ""

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from ..engine.playback.transform import Y_DOWN
 from ..properties import switch, text
 from ..scene_import.capture_objects import finder, root_of, select_capture
 from ..scene_import.create_objects import import_scene
-from ..tasks.foreign_import import Converter, ForeignImport, Importing
+from ..tasks.foreign_import import ForeignImport, Importing
 from ..timeline.retiming import frame_rate
 from .import_frog import DropsIntoViews, ImportsFiles
 from .modal_operator import ModalOperator, Steps
@@ -78,11 +79,10 @@ to a .frog file"""
 
     def paths(self) -> list[Path]:
         """Of a sequence's frames one, as that imports all of their folder."""
-        found: dict[Path, Path] = {}
+        sources: dict[Path, Path] = {}
         for path in super().paths():
-            is_frame = self.sequence and path.suffix.lower() == ".ply"
-            found.setdefault(path.parent if is_frame else path, path)
-        return list(found.values())
+            sources.setdefault(path.parent if self._is_frame(path) else path, path)
+        return list(sources.values())
 
     def begin(self, context: bpy.types.Context) -> tuple[Steps, int]:
         """Converts beside the main thread, and adds each capture when it is there. In a window that takes longer than
@@ -150,17 +150,18 @@ to a .frog file"""
             return "Object Mode"
         return "the present operation" if unsaved_changes.is_scene_in_use(besides=self) else ""
 
-    def _converter(self, path: Path, rate: float, *, is_alone: bool) -> Converter:
+    def _converter(self, path: Path, rate: float, *, is_alone: bool) -> Callable[..., Imported]:
         """What the worker calls, with the properties as they are now."""
-        from ..engine.interchange.imports import free_scene_path
-        from ..engine.interchange.imports import import_scene as import_file
+        from ..engine.interchange import imports
 
-        source = path.parent if self.sequence and path.suffix.lower() == ".ply" else path
+        source = path.parent if self._is_frame(path) else path
         named = Path(bpy.path.abspath(self.scene_file)) if self.scene_file and is_alone else None
-        compact = self.compact
-        return lambda progress: import_file(
-            source, named or free_scene_path(source), compact=compact, rate=rate, progress=progress
-        )
+        target = named or imports.free_scene_path(source)
+        return partial(imports.import_scene, source, target, compact=self.compact, rate=rate)
+
+    def _is_frame(self, path: Path) -> bool:
+        """Whether a file stands for the sequence in its folder."""
+        return self.sequence and path.suffix.lower() == ".ply"
 
     def _add(self, imported: Imported, source: Path, scene: bpy.types.Scene | None) -> None:
         """Adds the capture that a file has become; FrogError where that cannot be."""

@@ -11,12 +11,12 @@ from ..engine.capture.calibration.landmark_file import SIZES as LANDMARK_SIZES
 from ..engine.errors import FrogError
 from ..properties import choice, text
 from ..tasks import installation
-from ..tasks.installation import LandmarkDownload, PipTask
-from ..tasks.package_folders import installed, remove
+from ..tasks.installation import Installation, LandmarkDownload, PipTask
+from ..tasks.package_folders import CALIBRATION, installed, remove
 from ..tasks.packages import (
-    CALIBRATION_SIZES,
     CPU,
     CUDA,
+    NO_TORCH,
     PYCOLMAP,
     SIZES,
     has_nvidia_gpu,
@@ -90,7 +90,8 @@ class FROG_OT_install_torch(_Downloads, bpy.types.Operator):
         # Besides pip's own, which alone has the other packages.
         arguments = ["--extra-index-url", index] if index else []
         is_chosen = self.properties.is_property_set("build")  # else it depends on the index
-        installation.begin(arguments, torch_environment.use_installation, build=self.build if is_chosen else CPU)
+        build, done = self.build if is_chosen else CPU, torch_environment.use_installation
+        Installation(installation.folder(), build, arguments, done).begin()
 
 
 class FROG_OT_remove_torch(ConfirmedOperator, bpy.types.Operator):
@@ -117,15 +118,15 @@ class FROG_OT_install_calibration(_Downloads, bpy.types.Operator):
 
     bl_idname = "frog.install_calibration"
     bl_label = "Install pycolmap"
-    question = f"This downloads pycolmap {PYCOLMAP} and OpenCV, {CALIBRATION_SIZES}."
+    question = f"This downloads pycolmap {PYCOLMAP} and OpenCV, {SIZES[NO_TORCH]}."
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
         return super().problem(context) if has_pycolmap_wheel() else "There is no pycolmap for this kind of computer."
 
     def act(self, _context: bpy.types.Context) -> None:
-        # From pip's own index: PyTorch's has no pycolmap.
-        installation.begin_calibration([], torch_environment.add_folder)
+        folder, done = installation.folder(CALIBRATION), torch_environment.add_folder
+        Installation(folder, NO_TORCH, (), done).begin()  # from pip's own index: PyTorch's has no pycolmap
 
 
 class FROG_OT_fetch_landmarks(_Downloads, bpy.types.Operator):

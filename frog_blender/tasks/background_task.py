@@ -17,9 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self, TypeAlias
 
-import bpy
-
-from .. import addon_state, redrawing
+from .. import addon_state, app_handlers, redrawing
 from ..engine.errors import FrogError, brief
 from ..engine.io.child_process import Stopped
 
@@ -145,8 +143,7 @@ class BackgroundTask(ABC):
     def show(self) -> Self:
         """Panels show it, and a timer pumps it, in whatever file is open."""
         addon_state.get(_Shown).tasks[self.what, self.slot] = self
-        if not bpy.app.timers.is_registered(tick):
-            bpy.app.timers.register(tick, first_interval=TIMER_SECONDS, persistent=True)
+        app_handlers.later(tick, TIMER_SECONDS, persistent=True)
         return self
 
     def start(self) -> Self:
@@ -308,5 +305,4 @@ def unregister() -> None:
     for task in list(addon_state.get(_Shown).tasks.values()):
         task.forget(task.slot)
     atexit.unregister(stop)
-    if bpy.app.timers.is_registered(tick):
-        bpy.app.timers.unregister(tick)
+    app_handlers.not_later(tick)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,32 +9,27 @@ from .background_task import BackgroundTask
 
 if TYPE_CHECKING:
     from ..engine.capture.calibration.pipeline import Outcome
-    from ..engine.io.child_process import Progress
-
-Calibrator = Callable[["Progress", Callable[[], bool]], "Outcome"]
-"""Calibrates; is given where to report progress, and what to ask whether to stop. Called on the worker thread."""
 
 
 class CalibrationTask(BackgroundTask):
     """One calibration; its result is an ``Outcome``. Stages that are done are kept when it is cancelled.
 
     Args:
-        folder: of the videos.
-        calibrator: does the work.
-        on_finished: is given what a successful one wrote.
+        folder: with a video of each camera, or one moving camera's.
+        points: a file of clicked points, if the cameras are to come from them alone.
     """
 
     what = "calibration"
     busy = "A calibration is already running. Wait for it or cancel it first."
 
-    def __init__(
-        self, folder: Path, calibrator: Calibrator, on_finished: Callable[[Outcome], None] | None = None
-    ) -> None:
+    def __init__(self, folder: Path, points: Path | None = None) -> None:
         super().__init__()
-        self.folder, self.on_finished, self._calibrator = folder, on_finished, calibrator
+        self.folder, self._points = folder, points
 
     def work(self) -> Outcome:
-        return self._calibrator(self.tell, self.stopped.is_set)
+        from ..engine.capture.calibration.pipeline import Options, calibrate
+
+        return calibrate(self.folder, Options(points=self._points), self.tell, self.stopped.is_set)
 
     def made(self) -> Path:
         cameras: Path = self.result.cameras
@@ -47,21 +41,6 @@ class CalibrationTask(BackgroundTask):
         from ..engine.capture.synchronization.run import CalibrationRefused
 
         return isinstance(self.cause, CalibrationRefused)
-
-
-def calibrator_of(folder: Path, points: Path | None = None) -> Calibrator:
-    """What calibrates a folder with a video of each camera, or one moving camera's.
-
-    Args:
-        points: a file of clicked points, if the cameras are to come from them alone.
-    """
-
-    def calibrated(progress: Progress, cancelled: Callable[[], bool]) -> Outcome:
-        from ..engine.capture.calibration.pipeline import Options, calibrate
-
-        return calibrate(folder, Options(points=points), progress, cancelled)
-
-    return calibrated
 
 
 def raw_footage(folder: Path) -> str:

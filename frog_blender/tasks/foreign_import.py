@@ -16,9 +16,6 @@ from .background_task import BackgroundTask
 if TYPE_CHECKING:
     from ..engine.interchange.imports import Imported
 
-Converter = Callable[[Callable[[int, int], None]], "Imported"]
-"""Is given ``progress(done, of)``, which may raise. Returns what was written, or raises FrogError."""
-
 
 class Importing:
     """Two imports at once could write the same file.
@@ -33,13 +30,16 @@ class Importing:
 class ForeignImport(BackgroundTask):
     """One file; its result is what was ``Imported``. A cancelled one writes nothing, unless it is writing already:
     then all of it.
+
+    Args:
+        convert: writes the file; given ``progress(done, of)``, which may raise.
     """
 
     what = "import"
     busy = "Another import is running, or has not ended yet. Wait for it, or stop it with Esc."
     quit_seconds = 2.0
 
-    def __init__(self, source: Path, convert: Converter) -> None:
+    def __init__(self, source: Path, convert: Callable[..., Imported]) -> None:
         super().__init__()
         self.source, self.where, self._convert = source, str(source), convert
 
@@ -56,7 +56,7 @@ class ForeignImport(BackgroundTask):
         return super().begin()
 
     def work(self) -> Imported:
-        imported = self._convert(self._tell)
+        imported = self._convert(progress=self._tell)
         if not self.stopped.is_set():  # the add-on may be switched off by now
             with suppress(FrogError):  # which the import tells; read here, the main thread does not wait for it
                 open_scenes.scene(imported.path).at(0.0)

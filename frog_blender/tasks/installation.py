@@ -29,27 +29,19 @@ from .package_folders import (
     remains,
     switch_to,
 )
-from .packages import BYTES_NEEDED, CALIBRATION_BYTES_NEEDED, CALIBRATION_PACKAGES, CPU, PACKAGES
+from .packages import BYTES_NEEDED, CALIBRATION_PACKAGES, CPU, NO_TORCH, PACKAGES
 
 
 class PipTask(BackgroundTask):
-    """One run of pip; its result is a folder, and its stage what pip said last.
-
-    Args:
-        pip: how to start pip; None for ``pip_command()``.
-    """
+    """One run of pip; its result is a folder, and its stage what pip said last."""
 
     what = "installation"
     busy = "An installation is already running."
     quit_seconds = 10.0
 
-    def __init__(self, pip: Sequence[str] | None) -> None:
-        super().__init__()
-        self._pip = pip
-
     def start(self) -> Self:
         """Starts the worker; FrogError without pip."""
-        self._pip = pip_command() if self._pip is None else self._pip
+        self._pip = pip_command()
         return super().start()
 
     def say(self, line: str) -> None:
@@ -66,25 +58,22 @@ class Installation(PipTask):
 
     Args:
         folder: where the packages are to be; an earlier installation there keeps it.
+        build: of torch, which tells how much disk space there has to be; NO_TORCH for what calibration needs alone.
         arguments: further ones of pip's, such as an index.
-        bytes_needed: disk space without which it does not start.
         on_finished: is given the folder where they are.
     """
 
     def __init__(
         self,
         folder: Path,
+        build: str = CPU,
         arguments: Sequence[str] = (),
-        packages: Sequence[str] = PACKAGES,
-        *,
-        pip: Sequence[str] | None = None,
-        bytes_needed: float = BYTES_NEEDED[CPU],
         on_finished: Callable[[Path], None] | None = None,
     ) -> None:
-        super().__init__(pip)
+        super().__init__()
         self.folder, self.on_finished = folder, on_finished
-        self._package, self._bytes_needed = package_of(folder), bytes_needed
-        self._arguments = [*arguments, *packages]
+        self._package, self._bytes_needed = package_of(folder), BYTES_NEEDED[build]
+        self._arguments = [*arguments, *(CALIBRATION_PACKAGES if build == NO_TORCH else PACKAGES)]
 
     def start(self) -> Self:
         """Starts the worker; FrogError without pip or with too little disk space."""
@@ -121,19 +110,11 @@ class Installation(PipTask):
 
 
 class LandmarkDownload(PipTask):
-    """A download of the landmark file.
-
-    Args:
-        cache: where the file is kept; None for the user's cache folder.
-    """
-
-    def __init__(self, *, pip: Sequence[str] | None = None, cache: Path | None = None) -> None:
-        super().__init__(pip)
-        self._cache = cache
+    """A download of the landmark file."""
 
     def work(self) -> Path:
         try:
-            return fetch_landmark_file(self.stopped.is_set, self.say, pip=self._pip, cache=self._cache)
+            return fetch_landmark_file(self.stopped.is_set, self.say, pip=self._pip)
         except (FrogError, OSError) as error:
             raise FrogError(f"The landmark file could not be fetched: {brief(error)}") from error
 
@@ -141,22 +122,6 @@ class LandmarkDownload(PipTask):
 def folder(name: str = TORCH) -> Path:
     """Where this add-on's torch lies: with the user's extensions, so that it outlives upgrades of the add-on."""
     return Path(bpy.utils.user_resource("DATAFILES", path="frog_blender")) / name
-
-
-def begin(arguments: Sequence[str], on_done: Callable[[Path], None], *, build: str = CPU) -> None:
-    """Starts an installation of all packages with additional arguments for pip; FrogError if it cannot be started.
-
-    Args:
-        on_done: is given the folder when all is done, on Blender's main thread.
-        build: of torch, which tells how much disk it needs.
-    """
-    Installation(folder(), arguments, bytes_needed=BYTES_NEEDED[build], on_finished=on_done).begin()
-
-
-def begin_calibration(arguments: Sequence[str], on_done: Callable[[Path], None]) -> None:
-    """The same for what calibration needs, without torch."""
-    packages, room = CALIBRATION_PACKAGES, CALIBRATION_BYTES_NEEDED
-    Installation(folder(CALIBRATION), arguments, packages, bytes_needed=room, on_finished=on_done).begin()
 
 
 def register() -> None:

@@ -21,13 +21,15 @@ PACKAGES = ("torch", *_READING, *_CALIBRATION)
 """Packages that training, reading captures and calibrating need and Blender's Python lacks."""
 CALIBRATION_PACKAGES = (*_CALIBRATION, *_READING)
 """Packages for whoever has torch, or only wants to calibrate."""
-CPU, CUDA = "CPU", "CUDA"
-"""Builds of torch."""
-SIZES = {CPU: "about 0.4 GB (1.2 GB on disk)", CUDA: "about 3 GB (7 GB on disk)"}
-CALIBRATION_SIZES = "about 0.15 GB (0.4 GB on disk)"
-BYTES_NEEDED = {CPU: 1.7e9, CUDA: 10e9}
+CPU, CUDA, NO_TORCH = "CPU", "CUDA", "no torch"
+"""Builds of torch, and what is installed without it."""
+SIZES = {
+    CPU: "about 0.4 GB (1.2 GB on disk)",
+    CUDA: "about 3 GB (7 GB on disk)",
+    NO_TORCH: "about 0.15 GB (0.4 GB on disk)",
+}
+BYTES_NEEDED = {CPU: 1.7e9, CUDA: 10e9, NO_TORCH: 0.6e9}
 """Of the disk, while a build is unpacked."""
-CALIBRATION_BYTES_NEEDED = 0.6e9
 
 
 def has_nvidia_gpu(system: str = sys.platform) -> bool:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-import bpy
-
-from .. import addon_state, redrawing
+from .. import addon_state, app_handlers, redrawing
 from ..timeline import playback
 
 REST = 1.0  # seconds between refreshes: what stays outdated must not keep Blender busy
@@ -30,8 +28,7 @@ def soon(key: str = "captures", refresh: Callable[[], object] = playback.refresh
     """Calls ``refresh`` once after drawing, however often it is requested for ``key``, and redraws sidebars."""
     refreshes = addon_state.get(Refreshes)
     refreshes.wanted.setdefault(key, refresh)
-    if not bpy.app.timers.is_registered(tick):
-        bpy.app.timers.register(tick, first_interval=max(0.0, refreshes.refreshed_at + REST - time.monotonic()))
+    app_handlers.later(tick, max(0.0, refreshes.refreshed_at + REST - time.monotonic()))
 
 
 def tick() -> None:
@@ -46,5 +43,4 @@ def tick() -> None:
 
 
 def unregister() -> None:
-    if bpy.app.timers.is_registered(tick):
-        bpy.app.timers.unregister(tick)
+    app_handlers.not_later(tick)

@@ -20,7 +20,7 @@ from ..properties import text
 from ..tasks import installation
 from ..tasks.installation import PipTask
 from ..tasks.package_folders import CALIBRATION, TORCH, installed
-from ..tasks.packages import CALIBRATION_SIZES, SIZES, has_pycolmap_wheel, suitable_build
+from ..tasks.packages import NO_TORCH, SIZES, has_pycolmap_wheel, suitable_build
 from ..tasks.remote_training import RemoteCommand
 from ..tasks.training_request import REMOTE
 from .sidebar_panel import wrapped_label
@@ -114,7 +114,7 @@ def draw_calibration_installation(layout: bpy.types.UILayout) -> None:
     """Draws the button that installs what calibration needs, and the progress of an installation."""
     if not _draw_running(layout) and has_pycolmap_wheel():
         layout.operator("frog.install_calibration", icon="IMPORT")
-        layout.label(text=f"Downloads {CALIBRATION_SIZES}.")
+        layout.label(text=f"Downloads {SIZES[NO_TORCH]}.")
 
 
 def draw_landmarks(layout: bpy.types.UILayout) -> None:

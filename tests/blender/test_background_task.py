@@ -29,10 +29,10 @@ def scene_capture(folder):
 
 KINDS = {
     "training": lambda folder: TrainingTask(lambda control: iter(())),
-    "calibration": lambda folder: CalibrationTask(folder, None),
+    "calibration": CalibrationTask,
     "scene": scene_capture,
-    "installation": lambda folder: Installation(folder / "torch", pip=["no pip"]),
-    "landmarks": lambda folder: LandmarkDownload(pip=["no pip"]),
+    "installation": lambda folder: Installation(folder / "torch"),
+    "landmarks": lambda folder: LandmarkDownload(),
     "import": lambda folder: ForeignImport(folder / "x.ply", None),
 }
 
@@ -178,7 +178,9 @@ def test_one_at_a_time_and_none_outlives_the_add_on(create):
 def test_the_timer_ends_with_the_last_of_several(addon):
     gate, made = threading.Event(), []
     first = Work(lambda task: gate.wait(20.0), made.append).begin()
-    other = CalibrationTask(Path(), lambda progress, stopped: None).begin()
+    other = CalibrationTask(Path())
+    other.work = lambda: None
+    other.begin()
     assert other.join(20.0)
     other.pump_all()
     assert background_task.tick() == TIMER_SECONDS and not other.is_running

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from support.training_panel import finish, panel_says
 
+from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.synchronization import CameraClock as CameraClockFound
 from frog_blender.engine.capture.synchronization import Synchronization
 from frog_blender.engine.capture.synchronization.pairs import Curve
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.plain_values import plain
-from frog_blender.operators.calibrate import CaptureOpening
 from frog_blender.tasks.background_task import Progress
 from frog_blender.tasks.calibration import CalibrationTask
 from frog_blender.tasks.clocks import CameraClock, read_clocks, write_clock
@@ -30,6 +30,7 @@ from frog_blender.ui import (
     preview_image,
     report_images,
     rig_overlay,
+    torch_environment,
     train_panel,
 )
 
@@ -70,14 +71,21 @@ def drawn(panel=capture_panel.FROG_PT_capture):
     return panel_says(panel) or ""
 
 
-def begin(folder, calibrator):
-    """As the operator does."""
-    opening = CaptureOpening(folder, calibrator)
-    return CalibrationTask(folder, opening.calibrate, opening.show).begin()
+@pytest.fixture
+def begin(monkeypatch):
+    """A function that has the operator calibrate a folder by what stands in for the pipeline."""
+
+    def task(folder, calibrator):
+        bpy.context.scene.frog.capture_folder = str(folder)
+        monkeypatch.setattr(pipeline, "calibrate", lambda folder, options, *told: calibrator(*told))
+        monkeypatch.setattr(torch_environment, "calibration_needed", lambda: "")
+        assert bpy.ops.frog.calibrate() == {"FINISHED"}
+        return CalibrationTask.current()
+
+    return task
 
 
-def test_from_videos_to_a_capture(empty, raw):
-    empty.frog.capture_folder = str(raw)
+def test_from_videos_to_a_capture(empty, raw, begin):
     task = begin(raw, calibrator_of(raw))
     assert not finish(task).error
     said = drawn()
@@ -88,7 +96,7 @@ def test_from_videos_to_a_capture(empty, raw):
     assert "Calibrated" not in drawn(), "that was another folder"
 
 
-def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, raw):
+def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, raw, begin):
     write_cameras(raw, made_by="somebody else")
     empty.frog.capture_folder = str(raw)
     before = (raw / "cameras_opencv.json").read_bytes()
@@ -104,8 +112,7 @@ def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, raw):
     assert "frog.calibrate" in drawn(capture_panel.FROG_PT_cameras).split()
 
 
-def test_a_refusal_says_what_to_film_and_leaves_the_button(empty, raw):
-    empty.frog.capture_folder = str(raw)
+def test_a_refusal_says_what_to_film_and_leaves_the_button(empty, raw, begin):
     files = sorted(raw.iterdir())
 
     def refuse(progress, cancelled):
@@ -126,9 +133,7 @@ def test_the_operator_says_what_is_wrong(empty, raw, tmp_path):
         bpy.ops.frog.calibrate()
 
 
-def test_a_cancelled_calibration(empty, raw):
-    empty.frog.capture_folder = str(raw)
-
+def test_a_cancelled_calibration(empty, raw, begin):
     def calibrate(progress, cancelled):
         while not cancelled():
             pass

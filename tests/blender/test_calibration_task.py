@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import bpy
 import pytest
@@ -19,8 +20,9 @@ from frog_blender.tasks.calibration import CalibrationTask
 
 def started(folder, calibrator=None):
     """A calibration by the real process, which reads its request in a folder."""
-    standing = lambda progress, stopped: CHILD.run(folder, progress, stopped)  # noqa: E731
-    return CalibrationTask(folder, calibrator or standing).start()
+    task = CalibrationTask(folder)
+    task.work = lambda: (calibrator or partial(CHILD.run, folder))(task.tell, task.stopped.is_set)
+    return task.start()
 
 
 @pytest.mark.parametrize("kind", [CalibrationRefused, FrogError])

@@ -1,4 +1,5 @@
-"""torch by one button: a real pip, a package of ours in torch's place, whole or not at all."""
+"""torch, what calibration needs and the landmark file, each by one button: whole or not at all. By a real pip with a
+package of ours in torch's place, or by what stands in for it."""
 
 from __future__ import annotations
 
@@ -20,9 +21,18 @@ from support.wheels import wheel
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.tasks import background_task, installation, package_folders
-from frog_blender.tasks.installation import Installation, PipTask
+from frog_blender.tasks.installation import Installation, LandmarkDownload, PipTask
 from frog_blender.tasks.package_folders import clear_remains, has_package, installed, remove
-from frog_blender.tasks.packages import PACKAGES
+from frog_blender.tasks.packages import (
+    BYTES_NEEDED,
+    CPU,
+    CUDA,
+    NO_TORCH,
+    PACKAGES,
+    has_pycolmap_wheel,
+    index_needed,
+    suitable_build,
+)
 from frog_blender.tasks.training_request import TrainingRequest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -68,7 +78,7 @@ def test_what_cannot_be_found_is_one_sentence_and_leaves_nothing(tmp_path, index
 
 
 @pytest.mark.parametrize("cancelled", [False, True], ids=["done", "cancelled"])
-def test_what_pip_unpacks_lies_on_the_disk_that_is_installed_on_and_goes(tmp_path, cancelled):
+def test_what_pip_unpacks_lies_on_the_disk_that_is_installed_on_and_goes(tmp_path, stands_in, cancelled):
     """pip, which is ended without clearing up, leaves gigabytes where it unpacks. Cancelled, it leaves nothing."""
     code = f"""
 import pathlib, sys, tempfile, time
@@ -79,23 +89,24 @@ print(tempfile.mkdtemp(), flush=True)
 time.sleep(60 * {cancelled:d})
 """
     data = tmp_path / "data"
-    installation = Installation(data / "torch", pip=[sys.executable, "-c", code]).start()
+    stands_in(code)
+    task = Installation(data / "torch").start()
     deadline = time.monotonic() + 20
-    while installation.progress.stage == "Starting" and time.monotonic() < deadline:
-        installation.pump()
+    while task.progress.stage == "Starting" and time.monotonic() < deadline:
+        task.pump()
     if cancelled:
-        installation.cancel()
-    finish(installation)
-    unpacked = Path(installation.progress.stage)
+        task.cancel()
+    unpacked = Path(finish(task).progress.stage)
     assert unpacked.is_relative_to(data) and not unpacked.exists()
     assert [str(path.relative_to(data)) for path in sorted(data.rglob("*"))] == (
         [] if cancelled else ["torch", "torch/torch", "torch/torch/__init__.py"]
     )
 
 
-def test_no_room_is_said_before_anything_is_fetched(tmp_path):
+def test_no_room_is_said_before_anything_is_fetched(tmp_path, monkeypatch):
+    monkeypatch.setitem(BYTES_NEEDED, CUDA, 1e18)
     with pytest.raises(FrogError, match="GB free, torch needs"):
-        Installation(tmp_path / "data" / "torch", bytes_needed=1e18).start()
+        Installation(tmp_path / "data" / "torch", CUDA).start()
 
 
 def test_a_source_package_is_not_run(tmp_path, index):
@@ -111,21 +122,33 @@ def test_a_source_package_is_not_run(tmp_path, index):
     assert failed.result is None and failed.error and not (tmp_path / "caught").exists()
 
 
-@pytest.fixture
-def quick_pip():
-    """A stand-in that brings torch at once."""
-    code = """
+BRINGS_WHAT_IT_IS_ASKED_FOR = """
 import pathlib, sys
-torch = pathlib.Path(sys.argv[sys.argv.index("--target") + 1]) / "torch"
-torch.mkdir()
-(torch / "__init__.py").touch()
+asked = [word for word in sys.argv if word.startswith(("pycolmap", "torch"))]
+for name in asked:
+    package = pathlib.Path(sys.argv[sys.argv.index("--target") + 1]) / name.split("=")[0]
+    package.mkdir()
+    (package / "__init__.py").touch()
 """
-    return [sys.executable, "-c", code]
 
 
-def test_what_is_removed_while_in_use_goes_at_the_next_start(tmp_path, quick_pip, monkeypatch):
+@pytest.fixture
+def stands_in(monkeypatch):
+    """A function after which a program stands in for pip."""
+    return lambda code: monkeypatch.setattr(installation, "pip_command", lambda: [sys.executable, "-c", code])
+
+
+@pytest.fixture
+def torch_folder(tmp_path, stands_in):
+    """An installation of torch, by what brings it at once."""
+    stands_in(BRINGS_WHAT_IT_IS_ASKED_FOR)
     folder = tmp_path / "data" / "torch"
-    finish(Installation(folder, pip=quick_pip).start())
+    finish(Installation(folder).start())
+    return folder
+
+
+def test_what_is_removed_while_in_use_goes_at_the_next_start(torch_folder, monkeypatch):
+    folder = torch_folder
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(__file__=str(folder / "torch" / "__init__.py")))
     assert not remove(folder) and installed(folder) is None and folder.is_dir(), "it is not offered any more"
     monkeypatch.delitem(sys.modules, "torch")
@@ -133,9 +156,8 @@ def test_what_is_removed_while_in_use_goes_at_the_next_start(tmp_path, quick_pip
     assert not list(folder.parent.iterdir())
 
 
-def test_what_another_blender_trains_with_stays_until_that_ends(tmp_path, quick_pip):
-    folder = tmp_path / "data" / "torch"
-    finish(Installation(folder, pip=quick_pip).start())
+def test_what_another_blender_trains_with_stays_until_that_ends(torch_folder):
+    folder = torch_folder
     code = f"""
 import sys; sys.path[:0] = {[str(folder), str(ROOT), *sys.path]!r}
 from frog_blender.tasks import package_folders
@@ -146,7 +168,7 @@ sys.stdin.read()
     command = [sys.executable, "-c", code]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout.readline() == "held\n"
-        second = finish(Installation(folder, pip=quick_pip).start())
+        second = finish(Installation(folder).start())
         clear_remains(folder)
         assert second.result is not None and installed(folder) == second.result and has_package(folder)
     clear_remains(folder)
@@ -246,13 +268,15 @@ def test_a_build_that_the_usual_index_lacks_is_not_replaced_by_another(empty, ow
     from frog_blender.operators import install_torch
 
     asked = []
-    monkeypatch.setattr(installation, "begin", lambda *given, **more: asked.append((given[0], more["build"])))
+    monkeypatch.setattr(
+        install_torch, "Installation", lambda *given: asked.append(given[1:3]) or SimpleNamespace(begin=int)
+    )
     monkeypatch.setattr(install_torch, "index_needed", lambda build: "Elsewhere." if build == "CPU" else "")
     with pytest.raises(RuntimeError, match="Nothing was downloaded"):
         bpy.ops.frog.install_torch(build="CPU")
     assert bpy.ops.frog.install_torch(build="CPU", index="file:///there") == {"FINISHED"}
     assert bpy.ops.frog.install_torch(build="CUDA") == {"FINISHED"}
-    assert asked == [(["--extra-index-url", "file:///there"], "CPU"), ([], "CUDA")]
+    assert asked == [("CPU", ["--extra-index-url", "file:///there"]), ("CUDA", [])]
 
 
 def test_it_can_be_removed(empty, own_folder, tmp_path, monkeypatch):
@@ -265,3 +289,63 @@ def test_it_can_be_removed(empty, own_folder, tmp_path, monkeypatch):
     assert bpy.ops.frog.remove_torch() == {"FINISHED"}
     assert [path.name for path in own_folder.parent.iterdir()] == ["calibration"]
     assert calibration in sys.path and str(own_folder.with_name("torch-2")) not in sys.path
+
+
+def test_what_calibration_needs_is_installed_by_itself(tmp_path, stands_in):
+    folder = tmp_path / "data" / "calibration"
+    stands_in(BRINGS_WHAT_IT_IS_ASKED_FOR)
+    done = finish(Installation(folder, NO_TORCH).start())
+    assert done.result and not done.error and installed(folder) == folder
+    assert (folder / "pycolmap" / "__init__.py").is_file() and not (folder / "torch").exists()
+    again = finish(Installation(folder, NO_TORCH).start())
+    assert installed(folder) == again.result == folder.with_name("calibration-2") and not folder.exists()
+
+
+def test_pycolmap_that_did_not_come_is_named(tmp_path, stands_in):
+    stands_in("print('all is well')")
+    failed = finish(Installation(tmp_path / "data" / "calibration").start())
+    assert failed.error == "pycolmap could not be installed: pip brought none (all is well)."
+
+
+def test_computers_without_a_wheel_are_known():
+    there = [("linux", "x86_64"), ("win32", "AMD64"), ("darwin", "arm64")]
+    missing = [("linux", "aarch64"), ("darwin", "x86_64"), ("win32", "ARM64")]
+    assert all(has_pycolmap_wheel(*computer) for computer in there)
+    assert not any(has_pycolmap_wheel(*computer) for computer in missing)
+
+
+def test_the_build_of_torch_that_suits_the_computer_is_named():
+    assert suitable_build("linux", False) == suitable_build("win32", False) == suitable_build("darwin", True) == CPU
+    assert suitable_build("linux", True) == suitable_build("win32", True) == CUDA
+    assert "for the CPU comes from PyTorch's own" in index_needed(CPU, "linux") and index_needed(CUDA, "linux") == ""
+    assert "with CUDA comes from PyTorch's own" in index_needed(CUDA, "win32") and index_needed(CPU, "win32") == ""
+    assert index_needed(CPU, "darwin") == ""
+
+
+def test_the_landmark_file_is_taken_out_of_what_pip_brings_or_nothing_is(tmp_path, stands_in, monkeypatch):
+    """The real file is not at hand; another one in its place is refused, and nothing stays."""
+    code = """
+import sys, zipfile
+folder = sys.argv[sys.argv.index("--dest") + 1]
+with zipfile.ZipFile(f"{folder}/mediapipe-0.10.21-cp311-cp311-manylinux_2_28_x86_64.whl", "w") as wheel:
+    wheel.writestr("mediapipe/modules/pose_landmark/pose_landmark_full.tflite", "something else")
+print("Saved", folder)
+"""
+    monkeypatch.setenv("FROG_CACHE", str(tmp_path / "cache"))
+    stands_in(code)
+    failed = finish(LandmarkDownload().start())
+    assert failed.result is None and "checksum" in failed.error and failed.progress.stage.startswith("Saved")
+    assert not list(tmp_path.rglob("*.tflite"))
+    stands_in("print('ERROR: no such thing'); raise SystemExit(1)")
+    assert finish(LandmarkDownload().start()).error == "The landmark file could not be fetched: no such thing"
+
+
+def test_nothing_is_downloaded_without_online_access(empty):
+    system = bpy.context.preferences.system
+    allowed = system.use_online_access
+    try:
+        system.use_online_access = False
+        for operator in (bpy.ops.frog.install_torch, bpy.ops.frog.install_calibration, bpy.ops.frog.fetch_landmarks):
+            assert not operator.poll()
+    finally:
+        system.use_online_access = allowed
