@@ -86,6 +86,16 @@ def prepare() -> None:
         splat_nodes.points_group()
 
 
+def triangles_of(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """(V, 3) float32 vertices and (T, 3) int32 triangles."""
+    mesh.calc_loop_triangles()
+    vertices = np.empty((len(mesh.vertices), 3), np.float32)
+    triangles = np.empty((len(mesh.loop_triangles), 3), np.int32)
+    mesh.vertices.foreach_get("co", vertices.reshape(-1))
+    mesh.loop_triangles.foreach_get("vertices", triangles.reshape(-1))
+    return vertices, triangles
+
+
 def _quantiles(values: np.ndarray, shares: tuple[float, float]) -> np.ndarray:
     """(2, C) of (N, C) values."""
     return np.quantile(np.ascontiguousarray(values.T), shares, axis=1)  # row by row would take ten times as long

@@ -13,26 +13,15 @@ from collections.abc import Sequence
 
 import bpy
 
-from .. import addon_state
-
 FAILED = 1
 _RENDERING = {"-a", "--render-anim", "-f", "--render-frame"}
 
 
-class ExitStatus:
-    """Whether Blender will end with ``FAILED``."""
-
-    def __init__(self) -> None:
-        self.has_failed = False
-
-
 def note_failure() -> None:
     """Lets a Blender that renders what its command line asks for end with ``FAILED``; does nothing in another one."""
-    status = addon_state.get(ExitStatus)
-    if status.has_failed or not (bpy.app.background and not bpy.app.module and is_render(sys.argv)):
-        return
-    status.has_failed = True
-    atexit.register(_end)  # at once would lose what Blender has still to write
+    if bpy.app.background and not bpy.app.module and is_render(sys.argv):
+        atexit.unregister(_end)
+        atexit.register(_end)  # at once would lose what Blender has still to write
 
 
 def is_render(arguments: Sequence[str]) -> bool:

@@ -13,7 +13,7 @@ from functools import reduce
 import bpy
 import numpy as np
 
-from .. import reported_once
+from .. import point_cloud, reported_once
 from ..capture_files import is_capture
 from ..engine.capture.camera import Camera
 from ..engine.gaussians import GaussianArrays
@@ -160,10 +160,6 @@ def _mesh_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
     mesh = obj.to_mesh()
     if mesh is None:
         return np.empty((0, 3), np.float32), np.empty((0, 3), np.int32)
-    mesh.calc_loop_triangles()
-    points = np.empty(3 * len(mesh.vertices), np.float32)
-    corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
-    mesh.vertices.foreach_get("co", points)
-    mesh.loop_triangles.foreach_get("vertices", corners)
+    arrays = point_cloud.triangles_of(mesh)
     obj.to_mesh_clear()
-    return points.reshape(-1, 3), corners.reshape(-1, 3)
+    return arrays

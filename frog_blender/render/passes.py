@@ -163,10 +163,5 @@ def _bottom_up(*shape: int) -> np.ndarray:
 
 def _in_bands(height: int, work: Callable[[slice], None]) -> None:
     bands = [slice(top, min(top + _BAND, height)) for top in range(0, height, _BAND)]
-    threads = min(os.cpu_count() or 1, len(bands))
-    if threads < 2:
-        for band in bands:
-            work(band)
-        return
-    with ThreadPoolExecutor(threads) as pool:  # numpy releases the GIL
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # numpy releases the GIL
         list(pool.map(work, bands))

@@ -29,7 +29,7 @@ class EditedScenes:
 
     Attributes:
         cropped: the ``session_uid`` of each capture that had crops when its edits were asked for last.
-        are_changing: see the function.
+        are_changing: whether several edits are being changed by who refreshes afterwards, once instead of at each.
         marks: of a number of Gaussians, a scene and a text; None for damaged ones.
         mesh: the closed mesh of vertices and triangles; a phrase about one that is none.
     """
@@ -86,11 +86,6 @@ def _mesh(vertices: bytes, triangles: bytes) -> ClosedMesh | str:
         return str(error)
 
 
-def are_changing() -> bool:
-    """Whether several edits are being changed by who refreshes afterwards, once instead of at each."""
-    return addon_state.get(EditedScenes).are_changing
-
-
 @contextmanager
 def changing_several() -> Iterator[None]:
     """Around changes of edits. The caller refreshes afterwards."""
@@ -100,8 +95,3 @@ def changing_several() -> Iterator[None]:
         yield
     finally:
         scenes.are_changing = before
-
-
-def forget() -> None:
-    """Drops all."""
-    addon_state.reset(EditedScenes)

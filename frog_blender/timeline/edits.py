@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .. import addon_state
+from .. import addon_state, point_cloud
 from ..capture_files import is_capture
 from ..engine.editing.crops import Crop
 from ..engine.editing.edits import Edits
@@ -42,25 +42,19 @@ def edits_of(
     settings = getattr(obj if evaluated is None else evaluated, SETTINGS)
     cropped = addon_state.get(EditedScenes).cropped
     (cropped.add if len(settings.crops) else cropped.discard)(obj.session_uid)
-    if not (settings.use or even_unused) or not has_any(settings):
+    if not (settings.use or even_unused) or not _has_any(settings):
         return None
 
-    marks = marks_of(settings.hidden)
-    moves = needs_evaluation(obj, even_unused=even_unused)
-    crops = [_crop(obj, evaluated, crop, not moves) for crop in settings.crops if crop.use and crop.object is not None]
-    return Edits(marks, tuple(crops), grades_of(settings))
+    is_still = not needs_evaluation(obj, even_unused=even_unused)
+    crops = [_crop(obj, evaluated, crop, is_still) for crop in settings.crops if crop.use and crop.object is not None]
+    only = [_grade(grade, marks_of(grade.only)) for grade in settings.grades if grade.use]
+    return Edits(marks_of(settings.hidden), tuple(crops), (_grade(settings.grade, None), *only))
 
 
-def has_any(settings: Any) -> bool:
+def _has_any(settings: Any) -> bool:
     """Whether there is any edit, in use or not."""
     is_graded = any(settings.grade.is_property_set(name) for name in (*GRADE, "gains", "offsets"))
     return bool(settings.hidden.bits or len(settings.crops) or len(settings.grades) or is_graded)
-
-
-def grades_of(settings: Any) -> tuple[Grade, ...]:
-    """The grade of the whole capture, and those of selections after it."""
-    only = [(grade, marks_of(grade.only)) for grade in settings.grades if grade.use]
-    return tuple(_grade(grade, marks) for grade, marks in [(settings.grade, None), *only])
 
 
 def _grade(settings: Any, only: Marks | None) -> Grade:
@@ -104,10 +98,11 @@ def _crop(obj: bpy.types.Object, evaluated: bpy.types.Object | None, settings: A
         matrix = matrix @ np.diag([*[target.empty_display_size] * 3, 1.0])
     else:
         shape = "mesh"
-        found = addon_state.get(EditedScenes).mesh(*_triangles(target))
-        if isinstance(found, str):
-            raise FrogError(f"{target.name}: found {found}, expected a closed mesh to crop with.")
-        mesh = found
+        vertices, triangles = point_cloud.triangles_of(target.original.data)
+        made = addon_state.get(EditedScenes).mesh(vertices.astype("<f4").tobytes(), triangles.astype("<i4").tobytes())
+        if isinstance(made, str):
+            raise FrogError(f"{target.name}: found {made}, expected a closed mesh to crop with.")
+        mesh = made
     try:
         return Crop(
             shape,
@@ -122,17 +117,6 @@ def _crop(obj: bpy.types.Object, evaluated: bpy.types.Object | None, settings: A
         raise FrogError(f"{target.name}: found {error}, expected an object to crop with.") from error
 
 
-def _triangles(target: bpy.types.Object) -> tuple[bytes, bytes]:
-    """The vertices and triangles of a mesh object, without its modifiers."""
-    mesh = target.original.data
-    mesh.calc_loop_triangles()
-    vertices = np.empty(3 * len(mesh.vertices), np.float32)
-    triangles = np.empty(3 * len(mesh.loop_triangles), np.int32)
-    mesh.vertices.foreach_get("co", vertices)
-    mesh.loop_triangles.foreach_get("vertices", triangles)
-    return vertices.astype("<f4").tobytes(), triangles.astype("<i4").tobytes()
-
-
 def _in_capture(obj: bpy.types.Object, evaluated: bpy.types.Object | None, target: bpy.types.Object) -> np.ndarray:
     """(4, 4) from a crop object's space to the capture's own.
 
@@ -140,7 +124,7 @@ def _in_capture(obj: bpy.types.Object, evaluated: bpy.types.Object | None, targe
     """
     if _hangs_on_capture(target):
         return np.array(target.matrix_parent_inverse, np.float64) @ np.array(target.matrix_basis, np.float64)
-    world, own = (np.array(one.matrix_world, np.float64) for one in (target, evaluated or obj))
+    world, own = (np.array(posed.matrix_world, np.float64) for posed in (target, evaluated or obj))
     if not own[:3, :3].any():
         return np.eye(4)
     try:
@@ -165,31 +149,27 @@ def needs_evaluation(obj: bpy.types.Object, *, even_unused: bool = False) -> boo
     settings = getattr(obj, SETTINGS)
     if not (settings.use or even_unused):
         return False
-    for crop in settings.crops:
-        target = crop.object
-        if target is not None and crop.use and (_is_animated(target) or not _hangs_on_capture(target)):
-            return True
-    return False
+    targets = [crop.object for crop in settings.crops if crop.use and crop.object is not None]
+    return any(_is_animated(target) or not _hangs_on_capture(target) for target in targets)
 
 
 def _is_animated(obj: bpy.types.Object, matters: Callable[[str], bool] = lambda _path: True) -> bool:
     animation = obj.animation_data
     if animation is None:
         return False
-    if any(matters(driver.data_path) for driver in animation.drivers):
-        return True
-    return any(matters(curve.data_path) for curve in chain(curves(animation), strip_curves(animation)))
+    animating = chain(animation.drivers, curves(animation), strip_curves(animation))
+    return any(matters(curve.data_path) for curve in animating)
 
 
 def cropped_by(objects: set[bpy.types.Object], captures: list[bpy.types.Object]) -> list[bpy.types.Object]:
     """Those captures that any of the objects crops, or that are among the objects and so moved within their crops."""
-    found = []
+    cropped = []
     for obj in captures:
         targets = [crop.object for crop in getattr(obj, SETTINGS).crops if crop.object is not None]
         is_moved = obj in objects and not all(map(_hangs_on_capture, targets))
-        if is_moved or any(target in objects for target in targets):
-            found.append(obj)
-    return found
+        if is_moved or not objects.isdisjoint(targets):
+            cropped.append(obj)
+    return cropped
 
 
 def has_shown_selection(obj: bpy.types.Object) -> bool:
@@ -200,7 +180,7 @@ def has_shown_selection(obj: bpy.types.Object) -> bool:
 
 def without_anything(edits: Edits | None) -> Edits:
     """Edits after which nothing of a capture is seen: at a frame at which it is not there."""
-    return Edits(grades=(NOTHING,)) if edits is None else replace(edits, grades=(*edits.grades, NOTHING))
+    return _graded(edits, NOTHING)
 
 
 def with_selection(obj: bpy.types.Object, edits: Edits | None) -> Edits | None:
@@ -213,5 +193,9 @@ def with_selection(obj: bpy.types.Object, edits: Edits | None) -> Edits | None:
 
 def standing_out(edits: Edits | None, selection: Marks) -> Edits:
     """Edits after which marked Gaussians stand out."""
-    shown = Grade(gains=(_SHADE,) * 3, offsets=_SELECTED, only=selection)
-    return Edits(grades=(shown,)) if edits is None else replace(edits, grades=(*edits.grades, shown))
+    return _graded(edits, Grade(gains=(_SHADE,) * 3, offsets=_SELECTED, only=selection))
+
+
+def _graded(edits: Edits | None, grade: Grade) -> Edits:
+    """Edits with one more grade."""
+    return Edits(grades=(grade,)) if edits is None else replace(edits, grades=(*edits.grades, grade))

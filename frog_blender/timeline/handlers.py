@@ -6,10 +6,12 @@ import atexit
 from typing import Any
 
 import bpy
+from bpy.app import handlers as on
 
-from .. import app_handlers, capture_files, point_cloud, relative_paths, reported_once
+from .. import addon_state, app_handlers, capture_files, point_cloud, relative_paths, reported_once
 from ..capture_files import file_of
-from . import edited_scenes, open_scenes, playback, playback_cache, prefetch
+from . import open_scenes, playback, playback_cache, prefetch
+from .edited_scenes import EditedScenes
 from .render_thread import in_main_thread, is_never_drawn_meanwhile, may_write_points, rendering
 
 
@@ -42,7 +44,7 @@ def on_frame_evaluated(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -
 def on_load(*_: Any) -> None:
     """Forgets everything about the previous file."""
     open_scenes.forget()
-    edited_scenes.forget()
+    addon_state.reset(EditedScenes)
     capture_files.forget()
     reported_once.forget()
     prefetch.forget()
@@ -81,11 +83,6 @@ def before_saving(*_: Any) -> None:
     capture_files.adopt()
 
 
-def refresh_all(*_: Any) -> None:
-    """Shows the current frame of every capture."""
-    playback.refresh_all()
-
-
 def on_render_begin(scene: bpy.types.Scene, *_: Any) -> None:
     """Shows the render density, if another engine draws the points."""
     rendering().is_under_way = True
@@ -106,39 +103,28 @@ def compute_ahead(scene: bpy.types.Scene, *_: Any) -> None:
         prefetch.prefetch(scene)
 
 
-def on_load_pre(*_: Any) -> None:
-    """Stops prefetching before another file is opened."""
-    playback_cache.stop()
-
-
-def every_handler() -> app_handlers.Handlers:
-    """Blender's handler lists and the functions to register in each, in this order."""
-    on = bpy.app.handlers
-    return [
-        (on.load_pre, on_load_pre),
-        (on.frame_change_pre, on_frame),
-        (on.frame_change_post, on_frame_evaluated),
-        (on.frame_change_post, compute_ahead),
-        (on.depsgraph_update_post, on_update),
-        (on.load_post, on_load),
-        (on.blend_import_post, relative_paths.on_import_post),
-        (on.blend_import_post, take_over),
-        (on.undo_post, refresh_all),
-        (on.redo_post, refresh_all),
-        (on.save_pre, before_saving),
-        (on.save_pre, relative_paths.on_save_pre),  # after it, which looks for the files
-        (on.save_post, relative_paths.on_save_post),
-        (on.save_post, refresh_all),
-        (on.save_post_fail, relative_paths.on_save_post),
-        (on.save_post_fail, refresh_all),
-        (on.render_init, on_render_begin),
-        (on.render_complete, on_render_end),
-        (on.render_cancel, on_render_end),
-    ]
+_HANDLERS: app_handlers.Handlers = [
+    (on.load_pre, playback_cache.stop),
+    (on.frame_change_pre, on_frame),
+    (on.frame_change_post, on_frame_evaluated),
+    (on.frame_change_post, compute_ahead),
+    (on.depsgraph_update_post, on_update),
+    (on.load_post, on_load),
+    (on.blend_import_post, relative_paths.on_import_post),
+    (on.blend_import_post, take_over),
+    *((functions, playback.refresh_all) for functions in (on.undo_post, on.redo_post)),
+    (on.save_pre, before_saving),
+    (on.save_pre, relative_paths.on_save_pre),  # after it, which looks for the files
+    *((functions, relative_paths.on_save_post) for functions in (on.save_post, on.save_post_fail)),
+    *((functions, playback.refresh_all) for functions in (on.save_post, on.save_post_fail)),
+    (on.render_init, on_render_begin),
+    *((functions, on_render_end) for functions in (on.render_complete, on.render_cancel)),
+]
+"""Blender's handler lists and the functions to register in each, in this order."""
 
 
 def register() -> None:
-    app_handlers.add(every_handler())
+    app_handlers.add(_HANDLERS)
     app_handlers.later(take_over)  # for a .blend that was opened without the add-on
     atexit.register(playback_cache.stop)
 
@@ -146,7 +132,7 @@ def register() -> None:
 def unregister() -> None:
     atexit.unregister(playback_cache.stop)
     app_handlers.not_later(take_over)
-    app_handlers.remove(every_handler())
+    app_handlers.remove(_HANDLERS)
     playback_cache.stop()
     open_scenes.forget()  # closes bakes: Windows cannot replace open files
     capture_files.forget()

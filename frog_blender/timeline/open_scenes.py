@@ -75,18 +75,14 @@ class OpenScenes:
         self.lock = threading.Lock()
 
 
-def _open() -> OpenScenes:
-    return addon_state.get(OpenScenes)
-
-
 def paths() -> set[Path]:
     """Paths of the open scene files, readable or not."""
-    return set(_open().scenes)
+    return set(addon_state.get(OpenScenes).scenes)
 
 
 def scene(path: Path) -> ScenePlayer:
     """The scene in a file; FrogError with one sentence if it is unusable."""
-    files = _open()
+    files = addon_state.get(OpenScenes)
     with files.lock:
         kept = files.scenes.setdefault(path, _File())
     before = kept.content
@@ -104,7 +100,7 @@ def bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | None:
     if stamp is None:
         let_go_of_bake(path)
         return None
-    files = _open()
+    files = addon_state.get(OpenScenes)
     with files.lock:
         kept = files.bakes.setdefault((path, file), _File())
     problem = f"{path}: frames are computed, because this bake cannot be used"
@@ -122,39 +118,39 @@ def version(path: Path) -> _Stamp:
 
 def problem(path: Path) -> str:
     """Why a file could not be played when it was last read, or an empty string."""
-    return _open().scenes.get(path, _File()).problem
+    return addon_state.get(OpenScenes).scenes.get(path, _File()).problem
 
 
 def is_outdated(path: Path) -> bool:
     """True if the file has changed since it was last read, or was never read."""
-    return _open().scenes.get(path, _File()).version != version(path)
+    return addon_state.get(OpenScenes).scenes.get(path, _File()).version != version(path)
 
 
 def is_missing(path: Path) -> bool:
     """True if there was no file when it was last read."""
-    return _open().scenes.get(path, _File()).version is None
+    return addon_state.get(OpenScenes).scenes.get(path, _File()).version is None
 
 
 def is_bake_outdated(path: Path, file: Path) -> bool:
     """True if a bake was changed, deleted or created since it was last read."""
-    known = _open().bakes.get((path, file), _File()).version
+    known = addon_state.get(OpenScenes).bakes.get((path, file), _File()).version
     return (known[0] if known else None) != version(path)
 
 
 def used_bake(path: Path, file: Path) -> Bake | None:
     """The last used bake of a file."""
-    return _open().bakes.get((path, file), _File()).content
+    return addon_state.get(OpenScenes).bakes.get((path, file), _File()).content
 
 
 def bake_problem(path: Path, file: Path) -> str:
     """Why a bake of a file is not used, or an empty string."""
-    kept = _open().bakes.get((path, file), _File())
+    kept = addon_state.get(OpenScenes).bakes.get((path, file), _File())
     return kept.problem or getattr(kept.content, "problem", "")
 
 
 def let_go_of_bake(path: Path) -> None:
     """Closes a bake so that it can be replaced or deleted. It is opened again on demand."""
-    files = _open()
+    files = addon_state.get(OpenScenes)
     with files.lock:
         let_go = [files.bakes.pop(key) for key in [key for key in files.bakes if key[0] == path]]
     for kept in let_go:
@@ -170,7 +166,7 @@ def forget() -> None:
 
 def forget_all_but(kept: Container[Path]) -> None:
     """Drops scenes and bakes of other files, so that they do not accumulate."""
-    files = _open()
+    files = addon_state.get(OpenScenes)
     with files.lock:
         dropped = [files.scenes.pop(path) for path in [path for path in files.scenes if path not in kept]]
         bakes = {path for path, file in files.bakes if file not in kept}

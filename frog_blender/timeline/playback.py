@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import bpy
 
@@ -94,36 +95,29 @@ class Opened:
             image_frame: of the image that this is a sample of, which decides whether the object is there: motion blur
                 looks at frames before and after it.
         """
-        at = scene_frame if image_frame is None else image_frame
-        return self._shown(scene_frame, evaluated, edits_of(self.obj, evaluated), is_there=self._is_there(at))
+        return self._shown(scene_frame, evaluated, edits_of(self.obj, evaluated), image_frame=image_frame)
 
     def in_viewport(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """What a viewport of the FROG engine shows: ``whole``, where selected Gaussians stand out."""
-        edits = with_selection(self.obj, edits_of(self.obj, evaluated))
-        return self._shown(scene_frame, evaluated, edits, is_there=self._is_there(scene_frame))
+        return self._shown(scene_frame, evaluated, with_selection(self.obj, edits_of(self.obj, evaluated)))
 
     def displayed(self, scene_frame: float, evaluated: bpy.types.Object | None = None) -> SceneTime:
         """See ``displayed``."""
         edits = edits_of(self.obj, evaluated)
         if not rendering().has_render_density:
             edits = with_selection(self.obj, edits)
-        is_there = self._is_there(scene_frame)
-        return self._shown(scene_frame, evaluated, edits, is_there=is_there, fewer=self.fewer)
-
-    def _is_there(self, scene_frame: float) -> bool:
-        return retiming.is_shown(self.obj, scene_frame)
+        return self._shown(scene_frame, evaluated, edits, fewer=self.fewer)
 
     def _shown(
         self,
         scene_frame: float,
         evaluated: bpy.types.Object | None,
         edits: Edits | None,
-        *,
-        is_there: bool,
+        image_frame: float | None = None,
         fewer: level_of_detail.Fewer | None = None,
     ) -> SceneTime:
         """What is left of the scene, or of fewer of its Gaussians, after edits, and which rows of the bake that has."""
-        if not is_there:  # where nothing is shown, nothing moves
+        if not retiming.is_shown(self.obj, scene_frame if image_frame is None else image_frame):  # so nothing moves
             scene_frame, edits = retiming.within_range(self.obj, scene_frame), without_anything(edits)
         time = self.scene.time_of(capture_frame(self.obj, scene_frame, self.scene.header.frame_count, evaluated))
         scene, rows = fewer or (self.scene, None)
@@ -218,7 +212,13 @@ def refresh(scene: bpy.types.Scene) -> None:
         show(obj, scene.frame_current_final)
 
 
-def refresh_all() -> None:
+def on_setting(_settings: Any, context: bpy.types.Context) -> None:
+    """Is called by settings of captures when they change: shows it, unless whoever changes several does afterwards."""
+    if not (relative_paths.are_being_written() or addon_state.get(EditedScenes).are_changing):
+        refresh(context.scene)
+
+
+def refresh_all(*_: Any) -> None:
     """Make every capture show the current frame of its scene; see ``scenes_of_captures``."""
     for obj, scene in scenes_of_captures().items():
         show(obj, scene.frame_current_final)

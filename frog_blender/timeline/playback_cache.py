@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -110,7 +111,7 @@ def summary() -> str:
     return f"Cache: {used:,} MB of {limit:,} MB, {len(frames()):,} frames"
 
 
-def stop() -> None:
+def stop(*_: Any) -> None:
     """Stops the thread and drops all frames. The thread starts again with the next request."""
     worker().stop()
     frames().forget()

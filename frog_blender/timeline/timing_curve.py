@@ -93,8 +93,7 @@ def write_keys(obj: bpy.types.Object, keys: list[tuple[float, float, str]]) -> b
     """Makes keys (frame, value, interpolation) the whole curve of the Shown Frame, which decides from now on."""
     old = shown_curve(obj)
     if old is not None:
-        for point in reversed(old.keyframe_points):
-            old.keyframe_points.remove(point, fast=True)
+        _remove_after(old, -math.inf)
     for frame, _, _ in (keys[0], keys[-1]):  # which makes the curve, whatever holds curves in this Blender
         obj.keyframe_insert(REMAPPED, frame=frame)
     curve = shown_curve(obj)
@@ -142,10 +141,7 @@ def ramp(curve: bpy.types.FCurve, frame: float, length: float, speed: float, end
     near = frame + (_STEP if _begins(curve, frame) else -_STEP)
     before = (curve.evaluate(near) - value) / (near - frame)
     split(curve, frame)
-    points = curve.keyframe_points
-    for point in reversed(points):
-        if point.co.x > frame + _APART:
-            points.remove(point, fast=True)
+    _remove_after(curve, frame)
     # A cubic with handles at the thirds is even in time: its slope goes evenly from one speed to the other.
     third = length / 3
     begin = _key_at(curve, frame) or _insert(curve, frame, value)
@@ -196,10 +192,14 @@ def _left(curve: bpy.types.FCurve, frames: tuple[float, float], ends: tuple[floa
 def _end_at(curve: bpy.types.FCurve, begin: float, end: float) -> None:
     """Lets what begins at a frame hold from another one on."""
     split(curve, end)
-    points = curve.keyframe_points
-    for point in reversed(points):
-        if point.co.x > max(end, begin) + _APART:
-            points.remove(point, fast=True)
+    _remove_after(curve, max(end, begin))
+
+
+def _remove_after(curve: bpy.types.FCurve, frame: float) -> None:
+    """Removes the keys after a frame."""
+    for point in reversed(curve.keyframe_points):
+        if point.co.x > frame + _APART:
+            curve.keyframe_points.remove(point, fast=True)
 
 
 def split(curve: bpy.types.FCurve, frame: float) -> None:

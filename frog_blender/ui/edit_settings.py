@@ -9,9 +9,8 @@ from typing import Any
 import bpy
 from bpy.props import PointerProperty
 
-from .. import relative_paths
 from ..properties import HIDDEN, choice, listed, number, reference, switch, text, vector, whole
-from ..timeline import edited_scenes, edits, playback
+from ..timeline import edits, playback
 
 KEEPS = (
     ("INSIDE", "Inside", "Keep what is inside. Of several such crops, each keeps its own"),
@@ -19,16 +18,11 @@ KEEPS = (
 )
 
 
-def _on_edit(_settings: Any, context: bpy.types.Context) -> None:
-    if not (relative_paths.are_being_written() or edited_scenes.are_changing()):
-        playback.refresh(context.scene)
-
-
 def _can_crop(_settings: Any, obj: bpy.types.Object) -> bool:
     return edits.is_crop_object(obj)
 
 
-_EDITED: dict[str, Any] = {"update": _on_edit}
+_EDITED: dict[str, Any] = {"update": playback.on_setting}
 _switch = partial(switch, **_EDITED)
 _factor = partial(number, default=1.0, min=0.0, max=10.0, **_EDITED)
 _stops = partial(number, soft_min=-2.0, soft_max=2.0, **_EDITED)

@@ -10,12 +10,12 @@ from typing import Any
 import bpy
 from bpy.props import IntVectorProperty, PointerProperty
 
-from .. import capture_files, point_cloud, properties, relative_paths
+from .. import capture_files, point_cloud, properties
 from ..engine.errors import FrogError
 from ..nodes import ellipsoid_nodes
 from ..properties import HIDDEN, choice, number, path, reference, switch, text, whole
 from ..scene_import import camera_clips
-from ..timeline import edited_scenes, playback
+from ..timeline import playback
 from ..timeline.retiming import LAST_FRAME
 
 DISPLAYS = (
@@ -41,17 +41,12 @@ def _on_display(settings: Any, context: bpy.types.Context) -> None:
         playback.refresh(context.scene)
 
 
-def _on_play_setting(_settings: Any, context: bpy.types.Context) -> None:
-    if not (relative_paths.are_being_written() or edited_scenes.are_changing()):
-        playback.refresh(context.scene)
-
-
 def _on_trim(settings: Any, context: bpy.types.Context) -> None:
     if settings.use_trim and settings.last_frame == LAST_FRAME:
         with contextlib.suppress(FrogError):  # shown by the panel
             settings.last_frame = playback.open_scene(playback.file_of(settings.id_data)).header.frame_count - 1
     camera_clips.synchronize_again(settings.id_data)
-    _on_play_setting(settings, context)
+    playback.on_setting(settings, context)
 
 
 def _keep_path(settings: Any, path: str) -> str:
@@ -74,8 +69,8 @@ def _transformed() -> dict[str, Any]:
     }
 
 
-_PLAYED: dict[str, Any] = {"update": _on_play_setting}
-_FIXED: dict[str, Any] = {"options": set(), "update": _on_play_setting}  # which no key animates
+_PLAYED: dict[str, Any] = {"update": playback.on_setting}
+_FIXED: dict[str, Any] = {"options": set(), "update": playback.on_setting}  # which no key animates
 _TRIMMED: dict[str, Any] = {"options": set(), "update": _on_trim}
 _percentage = partial(whole, default=100, min=0, max=100, subtype="PERCENTAGE")
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from bpy.app import handlers as on
 
 from .. import addon_state, app_handlers, point_cloud, reported_once
 from ..app_handlers import later, not_later
@@ -318,21 +319,17 @@ def _on_load(*_: Any) -> None:
         splats.card.free()
 
 
-def _handlers() -> app_handlers.Handlers:
-    on = bpy.app.handlers
-    return [
-        (on.depsgraph_update_post, _on_change),
-        (on.frame_change_post, _on_change),
-        (on.undo_post, _on_change),
-        (on.redo_post, _on_change),
-        (on.load_post, _on_load),
-    ]
+_HANDLERS: app_handlers.Handlers = [
+    *((functions, _on_change) for functions in (on.depsgraph_update_post, on.frame_change_post)),
+    *((functions, _on_change) for functions in (on.undo_post, on.redo_post)),
+    (on.load_post, _on_load),
+]
 
 
 def register() -> None:
     if bpy.app.background:  # nothing is drawn, and there may be no graphics
         return
-    app_handlers.add(_handlers())
+    app_handlers.add(_HANDLERS)
     state().handler = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
 
 
@@ -343,4 +340,4 @@ def unregister() -> None:
     if splats.handler is not None:
         bpy.types.SpaceView3D.draw_handler_remove(splats.handler, "WINDOW")
         splats.handler = None
-        app_handlers.remove(_handlers())
+        app_handlers.remove(_HANDLERS)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
+from bpy.app import handlers as on
 
 from ... import addon_state, app_handlers
 from ...engine.errors import FrogError
@@ -195,18 +196,16 @@ def _on_load_pre(*_: Any) -> None:
     problems().clear()
 
 
-def _handlers() -> app_handlers.Handlers:
-    on = bpy.app.handlers
-    return [
-        (on.render_init, _on_init),
-        (on.render_pre, _on_pre),
-        (on.render_post, _on_post),
-        (on.render_write, _on_write),
-        (on.render_complete, _on_end),
-        (on.render_cancel, _on_end),
-        (on.save_pre, _on_save_pre),
-        (on.load_pre, _on_load_pre),
-    ]
+_HANDLERS: app_handlers.Handlers = [
+    (on.render_init, _on_init),
+    (on.render_pre, _on_pre),
+    (on.render_post, _on_post),
+    (on.render_write, _on_write),
+    (on.render_complete, _on_end),
+    (on.render_cancel, _on_end),
+    (on.save_pre, _on_save_pre),
+    (on.load_pre, _on_load_pre),
+]
 
 
 def trouble(scene: bpy.types.Scene) -> str:
@@ -292,9 +291,9 @@ def _rendered_captures(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 def register() -> None:
-    app_handlers.add(_handlers())
+    app_handlers.add(_HANDLERS)
 
 
 def unregister() -> None:
-    app_handlers.remove(_handlers())
+    app_handlers.remove(_HANDLERS)
     _restore()

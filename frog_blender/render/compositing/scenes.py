@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 import bpy
+from bpy.app import handlers as on
 
 from ... import addon_state, app_handlers, point_cloud
 from ...timeline import playback
@@ -198,26 +199,23 @@ def _matters(update: bpy.types.DepsgraphUpdate) -> bool:
     return block.frog.laid_over and point_cloud.is_drawn_in_renders(block.original)
 
 
-def begin() -> None:
-    """Starts following all scenes that there are."""
+def begin(*_: Any) -> None:
+    """Starts following all scenes that there are. What was opened, appended, pasted, undone or redone may be out of
+    date.
+    """
     addon_state.get(Following).is_needed = True
     follow_all()
 
 
-def _on_other_file(*_: Any) -> None:
-    """Data that was opened, appended, pasted, undone or redone may be out of date."""
-    begin()
-
-
-def _handlers() -> app_handlers.Handlers:
-    on = bpy.app.handlers
-    others = (on.load_post, on.blend_import_post, on.undo_post, on.redo_post)
-    return [(on.depsgraph_update_post, _on_update), *((functions, _on_other_file) for functions in others)]
+_HANDLERS: app_handlers.Handlers = [
+    (on.depsgraph_update_post, _on_update),
+    *((functions, begin) for functions in (on.load_post, on.blend_import_post, on.undo_post, on.redo_post)),
+]
 
 
 def register() -> None:
-    app_handlers.add(_handlers())
+    app_handlers.add(_HANDLERS)
 
 
 def unregister() -> None:
-    app_handlers.remove(_handlers())
+    app_handlers.remove(_HANDLERS)
