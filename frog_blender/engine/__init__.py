@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from .distributed.cluster import Cluster as Cluster
     from .distributed.cluster import Ended as Ended
     from .errors import FrogError as FrogError
-    from .errors import brief as brief
     from .errors import printable as printable
     from .evaluation.evaluate import evaluate_images as evaluate_images
     from .evaluation.metrics import psnr_of as psnr_of
@@ -61,6 +60,7 @@ if TYPE_CHECKING:
     from .model.interface import FINISHED as FINISHED
     from .model.interface import SceneModel as SceneModel
     from .model.interface import ScheduleState as ScheduleState
+    from .model.torch_player import restored as restored
     from .native.binding import instruction_set as instruction_set
     from .playback.player import ScenePlayer as ScenePlayer
     from .playback.render import Drawing as Drawing
@@ -113,7 +113,7 @@ _NAMES = {
     "capture.readers.checks": "checked",
     "capture.video": "load_opencv",
     "distributed.cluster": "Cluster Ended",
-    "errors": "FrogError brief printable",
+    "errors": "FrogError printable",
     "evaluation.evaluate": "evaluate_images",
     "evaluation.metrics": "psnr_of",
     "evaluation.perceptual": "perceptual_metrics",
@@ -126,6 +126,7 @@ _NAMES = {
     "memory": "gc_frozen",
     "model.canonical": "CanonicalField",
     "model.interface": "FINISHED SceneModel ScheduleState",
+    "model.torch_player": "restored",
     "native.binding": "instruction_set",
     "playback.player": "ScenePlayer",
     "playback.render": "Drawing draw",

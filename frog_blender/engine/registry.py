@@ -165,7 +165,7 @@ class Method:
         title: as people write it.
         build: makes the model before the first step, a ``SceneModel``, of a ``ModelInit``.
         play: makes what moves a finished scene's Gaussians, a ``Deformation``, of the arrays and the model's settings
-            in its file, without torch. None for a method in which nothing moves.
+            in its file; without torch where it should play in Blender. None for a method in which nothing moves.
         adapt: the recipe as this method trains it, of a ``Recipe``.
         arrays: names in a scene's file besides those of the canonical Gaussians and "network.*".
     """

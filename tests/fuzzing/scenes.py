@@ -78,7 +78,7 @@ def _d3dgs(scene: SceneFile) -> SceneFile:
     for layer, size in enumerate(inputs):
         shapes |= {f"layers.{layer}.weight": (width, size), f"layers.{layer}.bias": (width,)}
     network = _random(1, **shapes)
-    network |= {"network.centre": np.zeros(3, np.float32), "network.unit": np.ones(3, np.float32)}
+    network |= {"network.origin": np.zeros(3, np.float32), "network.extent": np.ones(3, np.float32)}
     arrays = {name: scene.arrays[name] for name in _SCENES_OWN} | network
     sizes = {"depth": len(inputs), "width": width, "space_frequencies": 2, "time_frequencies": 2}
     return _as("d3dgs", SceneFile(scene.header, arrays), **sizes, motion_unit=0.5)
@@ -99,7 +99,7 @@ def _hexplane(scene: SceneFile) -> SceneFile:
         shapes[f"space_planes.{number}"] = (3, channels, size, size)
         shapes[f"time_planes.{number}"] = (3, channels, rows, size)
     network = _random(2, **shapes)
-    network |= {"network.low": np.full(3, -5, np.float32), "network.high": np.full(3, 5, np.float32)}
+    network |= {"network.origin": np.full(3, -5, np.float32), "network.extent": np.full(3, 10, np.float32)}
     arrays = {name: scene.arrays[name] for name in _SCENES_OWN} | network
     sizes = {"channels": channels, "time_rows": rows, "hidden_width": hidden, "head_width": 0}
     settings = {"resolutions": resolutions, "deformed_sh": 1, "deformed_opacity": True, "motion_unit": 0.5}

@@ -5,20 +5,25 @@ Blender plays without torch (engine/playback); this is for images by the hundred
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import numpy as np
 import torch
 
-from ..arrays import Array
+from ..arrays import Array, SceneArrays
 from ..capture.camera import Camera
 from ..capture.time import frame_to_time
 from ..errors import FrogError
 from ..field.names import FIELD_METHODS
 from ..gaussians import TorchGaussians
 from ..rasterizer import rasterize
-from ..scene.scene_file import VISIBILITY, SceneFile
+from ..scene.scene_file import SceneFile
 from .canonical import ATTRIBUTES, CanonicalField
 from .frog import Frog, FrogSettings
-from .interface import ScheduleState
+from .interface import SceneModel, ScheduleState
+
+Model = TypeVar("Model", bound=SceneModel)
 
 
 class TorchScenePlayer:
@@ -60,16 +65,29 @@ class TorchScenePlayer:
 
 
 def model_of(scene: SceneFile) -> Frog:
-    """The model as training had it, on the CPU and without gradients; FrogError when the file does not hold one."""
-    learned = {name: array for name, array in scene.arrays.items() if name != VISIBILITY}
-    values = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in learned.items()}
+    """The model as training had it; FrogError when the file does not hold one."""
+    try:
+        return restored(lambda canonical: Frog(canonical, FrogSettings(**scene.header.model)), scene.arrays)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise FrogError(f"The scene cannot be played by torch ({str(error).splitlines()[0]}); use the CPU.") from error
+
+
+def restored(build: Callable[[CanonicalField], Model], arrays: SceneArrays) -> Model:
+    """A finished scene's model, on the CPU and without gradients.
+
+    Args:
+        build: makes a model of its canonical Gaussians, with any parameters.
+        arrays: the scene file's; what is not the model's is left out.
+
+    Raises:
+        KeyError, RuntimeError: an array is missing, or has another shape than the model's.
+    """
+    values = {name: torch.from_numpy(np.array(array, np.float32)) for name, array in arrays.items()}
     state = {
         f"canonical.{name}" if name in ATTRIBUTES else name.replace("network.", "deformation."): value
         for name, value in values.items()
     }
-    try:
-        model = Frog(CanonicalField(values), FrogSettings(**scene.header.model))
-        model.load_state_dict(state)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise FrogError(f"The scene cannot be played by torch ({str(error).splitlines()[0]}); use the CPU.") from error
+    model = build(CanonicalField(values))
+    if missing := model.load_state_dict(state, strict=False, assign=True).missing_keys:
+        raise KeyError(missing[0])
     return model.requires_grad_(False)

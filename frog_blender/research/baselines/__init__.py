@@ -8,18 +8,18 @@ from __future__ import annotations
 from ...engine.registry import Method
 
 D3DGS = Method(
-    "Deformable-3DGS", f"{__name__}.d3dgs:model_of", f"{__name__}.playback:PlayableD3dgs", f"{__name__}.d3dgs:adapted"
+    "Deformable-3DGS", f"{__name__}.d3dgs:model_of", f"{__name__}.d3dgs:playable", f"{__name__}.d3dgs:adapted"
 )
 HEXPLANE = Method(
     "4DGaussians",
     f"{__name__}.hexplane:model_of",
-    f"{__name__}.playback:PlayableHexPlane",
+    f"{__name__}.hexplane:playable",
     f"{__name__}.hexplane:plain",
 )
 CURVES = Method(
     "SpacetimeGaussians",
     f"{__name__}.curves:model_of",
-    f"{__name__}.playback:PlayableCurves",
+    f"{__name__}.curves:playable",
     f"{__name__}.curves:adapted",
     frozenset({"embeddings"}),
 )

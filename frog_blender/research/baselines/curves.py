@@ -11,6 +11,8 @@ where a fresh Gaussian begins, in a unit of its own, so that one Adam rate serve
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
+from typing import ClassVar
 
 import torch
 
@@ -27,6 +29,7 @@ from ...engine import (
     TorchGaussians,
     plain,
 )
+from .playback import Playable
 
 EMBEDDING_SIZE = 15
 DEGREE = 3
@@ -54,12 +57,7 @@ class CurveSettings:
     centre_unit: float = 1 / 30
     width_unit: float = 8 / 3
     first_width: float = 1.0
-
-
-def settings_for(motion_unit: float) -> CurveSettings:
-    """``motion_unit``: world units that a network's output of one would move a Gaussian by."""
-    unit = motion_unit / 3
-    return CurveSettings((unit, unit, unit))
+    changing: ClassVar = frozenset({"means", "quaternions", "base"})
 
 
 class Curves(SceneModel):
@@ -69,8 +67,8 @@ class Curves(SceneModel):
         super().__init__()
         self.canonical: CanonicalField = canonical
         self.settings = settings
-        if canonical.embeddings.shape[1] != EMBEDDING_SIZE:
-            raise ValueError(f"embeddings of {canonical.embeddings.shape[1]} numbers, expected {EMBEDDING_SIZE}")
+        if canonical.embeddings.shape != (len(canonical), EMBEDDING_SIZE):
+            raise ValueError(f"embeddings of {tuple(canonical.embeddings.shape)}, expected {EMBEDDING_SIZE} numbers")
 
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
@@ -105,4 +103,8 @@ def adapted(recipe: Recipe) -> Recipe:
 
 def model_of(begin: ModelInit) -> Curves:
     """Before its first step."""
-    return Curves(begin.canonical, settings_for(MOTION_UNIT * begin.scene_scale))
+    unit = MOTION_UNIT * begin.scene_scale / 3
+    return Curves(begin.canonical, CurveSettings((unit, unit, unit)))
+
+
+playable = partial(Playable, Curves, CurveSettings)

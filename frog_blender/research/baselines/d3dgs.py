@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import ClassVar
 
 import torch
 from torch import nn
@@ -29,6 +31,7 @@ from ...engine import (
     plain,
 )
 from .networks import bounds_of, deformed, through_visible_rows
+from .playback import Playable
 
 OUTPUTS = {"means": 3, "quaternions": 4, "log_scales": 3}
 """What the network puts out, in this order."""
@@ -50,25 +53,17 @@ class D3dgsSettings:
     width: int
     space_frequencies: int
     time_frequencies: int
-    motion_unit: float = 1.0
+    motion_unit: float
+    changing: ClassVar = frozenset({"means", "quaternions", "scales"})
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.depth <= 64:
+            raise ValueError(f"{self.depth} layers, expected 1 to 64")
 
     @property
     def skip(self) -> int:
         """The hidden layer that is given the encodings again (the sixth of eight)."""
         return self.depth // 2 + 1
-
-
-def settings_for(hidden_width: int, frame_count: int, motion_unit: float) -> D3dgsSettings:
-    """The original's eight layers of 256 for recipes as wide as the papers', a network for two cores for others.
-
-    Time has as many octaves as the frames can tell apart (the original's ten at 300 frames). Finer ones only let
-    neighbouring frames disagree.
-    """
-    intervals = max(2, frame_count) - 1
-    time_frequencies = max(2, min(10, 1 + round(math.log2(math.pi * intervals))))
-    if hidden_width >= _PAPER_WIDTH:
-        return D3dgsSettings(8, 2 * hidden_width, 10, time_frequencies, motion_unit)
-    return D3dgsSettings(4, hidden_width, 8, time_frequencies, motion_unit)
 
 
 def encode(values: torch.Tensor, frequencies: int) -> torch.Tensor:
@@ -85,26 +80,29 @@ class D3dgsNetwork(nn.Module):
         settings: its shape.
         points: (N, 3) seeds, for the middle of the scene.
         unit: world units.
+
+    Attributes:
+        origin, extent: (3,) where the encoding's zero lies, and what it calls one.
     """
 
-    centre: torch.Tensor
-    unit: torch.Tensor
+    origin: torch.Tensor
+    extent: torch.Tensor
 
     def __init__(self, settings: D3dgsSettings, points: torch.Tensor, unit: float) -> None:
         super().__init__()
         self.settings = settings
         low, high = bounds_of(points)
-        self.register_buffer("centre", (low + high) / 2)
-        self.register_buffer("unit", torch.full((3,), unit, device="cpu"))
+        self.register_buffer("origin", (low + high) / 2)
+        self.register_buffer("extent", torch.full((3,), unit))
         self.space_size = 3 + 6 * settings.space_frequencies
         self.time_size = 1 + 2 * settings.time_frequencies
         layers = []
-        for number in range(settings.depth):
-            encoded = self.space_size + self.time_size if number in (0, settings.skip) else 0
-            inputs = encoded + (settings.width if number else 0)
-            layers.append(nn.Linear(inputs, settings.width, device="cpu"))
+        for index in range(settings.depth):
+            encoded = self.space_size + self.time_size if index in (0, settings.skip) else 0
+            inputs = encoded + (settings.width if index else 0)
+            layers.append(nn.Linear(inputs, settings.width))
         self.layers = nn.ModuleList(layers)
-        self.output = nn.Linear(settings.width, sum(OUTPUTS.values()), device="cpu")
+        self.output = nn.Linear(settings.width, sum(OUTPUTS.values()))
         # Zero outputs: training starts from the undeformed scene.
         nn.init.zeros_(self.output.weight)
         nn.init.zeros_(self.output.bias)
@@ -112,7 +110,7 @@ class D3dgsNetwork(nn.Module):
     def forward(self, means: torch.Tensor, time: float) -> torch.Tensor:
         """(N, 10) of means (N, 3); what time adds to a layer is one vector, the same for all Gaussians."""
         s = self.settings
-        place = encode((means - self.centre) / self.unit, s.space_frequencies)
+        place = encode((means - self.origin) / self.extent, s.space_frequencies)
         encoded_time = encode(torch.full((1, 1), time, device=means.device), s.time_frequencies)[0]
         hidden = place.new_empty(len(place), 0)
         for index, layer in enumerate(self.layers):
@@ -132,7 +130,7 @@ class D3dgsNetwork(nn.Module):
 class D3dgs(SceneModel):
     """See the module."""
 
-    def __init__(self, canonical: CanonicalField, settings: D3dgsSettings, unit: float) -> None:
+    def __init__(self, canonical: CanonicalField, settings: D3dgsSettings, unit: float = 1.0) -> None:
         """``unit``: world units that the encoding calls one."""
         super().__init__()
         self.canonical: CanonicalField = canonical
@@ -161,8 +159,21 @@ def adapted(recipe: Recipe) -> Recipe:
 
 
 def model_of(begin: ModelInit) -> D3dgs:
-    """Before its first step."""
-    scale = begin.scene_scale
-    return D3dgs(
-        begin.canonical, settings_for(begin.recipe.hidden_width, begin.frame_count, MOTION_UNIT * scale), scale
-    )
+    """Before its first step.
+
+    The original's eight layers of 256 for recipes as wide as the papers', a network for two cores for others. Time has
+    as many octaves as the frames can tell apart (the original's ten at 300 frames). Finer ones only let neighbouring
+    frames disagree.
+    """
+    width, unit = begin.recipe.hidden_width, MOTION_UNIT * begin.scene_scale
+    intervals = max(2, begin.frame_count) - 1
+    octaves = max(2, min(10, 1 + round(math.log2(math.pi * intervals))))
+    if width >= _PAPER_WIDTH:
+        settings = D3dgsSettings(8, 2 * width, 10, octaves, unit)
+    else:
+        settings = D3dgsSettings(4, width, 8, octaves, unit)
+    with torch.device("cpu"):
+        return D3dgs(begin.canonical, settings, begin.scene_scale)
+
+
+playable = partial(Playable, D3dgs, D3dgsSettings)

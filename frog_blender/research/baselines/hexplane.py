@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
+from functools import partial
 
 import torch
 from torch import nn
@@ -27,6 +28,7 @@ from ...engine import (
 )
 from ...engine import plain as plain
 from .networks import bounds_of, deformed, through_visible_rows
+from .playback import Playable
 
 AXES = ((0, 1), (0, 2), (1, 2))
 """Columns and rows of the planes of space."""
@@ -56,13 +58,20 @@ class HexPlaneSettings:
     head_width: int
     deformed_sh: int
     deformed_opacity: bool
-    motion_unit: float = 1.0
+    motion_unit: float
 
     @property
     def sizes(self) -> dict[str, int]:
         """Numbers that come out by attribute."""
         sizes = output_sizes(self.deformed_sh)
         return {name: size for name, size in sizes.items() if name != "opacity_logits" or self.deformed_opacity}
+
+    @property
+    def changing(self) -> frozenset[str]:
+        """The columns of Gaussians that change in time."""
+        colors = {f"sh_{index}" for index in range(1, self.deformed_sh)}
+        base = {"base"} if self.deformed_opacity or self.deformed_sh else set()
+        return frozenset({"means", "scales", "quaternions", *base, *colors})
 
 
 @dataclass(frozen=True)
@@ -80,68 +89,54 @@ class Smoothness:
     stillness: float = 1e-4
 
 
-def settings_for(
-    hidden_width: int,
-    head_width: int,
-    frame_count: int,
-    deformed_sh: int,
-    deformed_opacity: bool,
-    motion_unit: float,
-) -> HexPlaneSettings:
-    """The original's planes for recipes as wide as the papers', and fewer cells for others; a row of time for every
-    two frames, as the original advises."""
-    rows = max(2, math.ceil(frame_count / 2))
-    resolutions = (64, 128) if hidden_width >= _PAPER_WIDTH else (32, 64)
-    return HexPlaneSettings(16, resolutions, rows, hidden_width, head_width, deformed_sh, deformed_opacity, motion_unit)
-
-
 class HexPlaneField(nn.Module):
     """Planes and network.
 
     Args:
         settings: their shape.
         points: (N, 3) seeds; the planes span the box around them. What lies outside reads their rims.
+
+    Attributes:
+        origin, extent: (3,) the box's lower corner and its sides.
     """
 
-    low: torch.Tensor
-    high: torch.Tensor
+    origin: torch.Tensor
+    extent: torch.Tensor
 
     def __init__(self, settings: HexPlaneSettings, points: torch.Tensor) -> None:
         super().__init__()
         self.settings = s = settings
         low, high = bounds_of(points)
-        self.register_buffer("low", low)
-        self.register_buffer("high", high)
+        self.register_buffer("origin", low)
+        self.register_buffer("extent", high - low)
         # (3, C, rows, columns): space from 0.1 to 0.5, time one, so that nothing moves before it has learned to.
         self.space_planes = nn.ParameterList(
-            torch.empty(3, s.channels, size, size, device="cpu").uniform_(0.1, 0.5) for size in s.resolutions
+            torch.empty(3, s.channels, size, size).uniform_(0.1, 0.5) for size in s.resolutions
         )
-        self.time_planes = nn.ParameterList(
-            torch.ones(3, s.channels, s.time_rows, size, device="cpu") for size in s.resolutions
-        )
+        self.time_planes = nn.ParameterList(torch.ones(3, s.channels, s.time_rows, size) for size in s.resolutions)
         heads = len(s.sizes)
-        self.first = nn.Linear(s.channels * len(s.resolutions), s.hidden_width, device="cpu")
-        self.second = nn.Linear(s.hidden_width, heads * s.head_width or s.hidden_width, device="cpu")
+        self.first = nn.Linear(s.channels * len(s.resolutions), s.hidden_width)
+        self.second = nn.Linear(s.hidden_width, heads * s.head_width or s.hidden_width)
         nn.init.xavier_uniform_(self.first.weight)
         nn.init.xavier_uniform_(self.second.weight)
         # Zero outputs: training starts from the undeformed scene.
         outputs = sum(s.sizes.values())
-        self.output_weight = nn.Parameter(torch.zeros(outputs, s.head_width or s.hidden_width, device="cpu"))
-        self.output_bias = nn.Parameter(torch.zeros(outputs, device="cpu"))
+        self.output_weight = nn.Parameter(torch.zeros(outputs, s.head_width or s.hidden_width))
+        self.output_bias = nn.Parameter(torch.zeros(outputs))
 
     def features(self, means: torch.Tensor, time: float) -> torch.Tensor:
         """(N, channels * scales) at means (N, 3) and a time in [0, 1]."""
-        places = (means - self.low) / (self.high - self.low) * 2 - 1
+        places = (means - self.origin) / self.extent * 2 - 1
         on_planes = torch.stack([places[:, axes] for axes in AXES])[:, None]  # (3, 1, N, 2)
         on_lines = torch.stack([places.T, torch.zeros_like(places.T)], dim=2)[:, None]
-        found = []
+        features = []
         for space, over_time in zip(self.space_planes, self.time_planes, strict=True):
             at = min(max(time, 0.0), 1.0) * (over_time.shape[2] - 1)
             row = min(int(at), over_time.shape[2] - 2)
             line = torch.lerp(over_time[:, :, row : row + 1], over_time[:, :, row + 1 : row + 2], at - row)
             parts = [*_read(space, on_planes), *_read(line, on_lines)]  # six of (C, 1, N)
-            found.append(_product(parts))
-        return torch.cat(found)[:, 0].T
+            features.append(_product(parts))
+        return torch.cat(features)[:, 0].T
 
     def forward(self, means: torch.Tensor, time: float) -> torch.Tensor:
         """(N, sum of sizes) changes, means in motion units."""
@@ -216,14 +211,24 @@ class HexPlane(SceneModel):
 
 
 def model_of(begin: ModelInit) -> HexPlane:
-    """Before its first step."""
-    recipe, sh_count = begin.recipe, begin.canonical.sh.shape[1]
-    settings = settings_for(
-        recipe.hidden_width,
-        recipe.head_width,
-        begin.frame_count,
-        min(recipe.deformed_sh, sh_count),
-        recipe.deformed_opacity,
-        MOTION_UNIT * begin.scene_scale,
+    """Before its first step.
+
+    The original's planes for recipes as wide as the papers', and fewer cells for others; a row of time for every two
+    frames, as the original advises.
+    """
+    recipe = begin.recipe
+    settings = HexPlaneSettings(
+        channels=16,
+        resolutions=(64, 128) if recipe.hidden_width >= _PAPER_WIDTH else (32, 64),
+        time_rows=max(2, math.ceil(begin.frame_count / 2)),
+        hidden_width=recipe.hidden_width,
+        head_width=recipe.head_width,
+        deformed_sh=min(recipe.deformed_sh, begin.canonical.sh.shape[1]),
+        deformed_opacity=recipe.deformed_opacity,
+        motion_unit=MOTION_UNIT * begin.scene_scale,
     )
-    return HexPlane(begin.canonical, settings)
+    with torch.device("cpu"):
+        return HexPlane(begin.canonical, settings)
+
+
+playable = partial(Playable, HexPlane, HexPlaneSettings)

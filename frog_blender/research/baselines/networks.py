@@ -35,12 +35,12 @@ class _VisibleRows(torch.autograd.Function):
         with torch.enable_grad():
             output = ctx.network(some, ctx.time)
         inputs = [*parameters, some] if wants_means else parameters
-        found = list(torch.autograd.grad(output, inputs, gradient[rows]))
+        gradients = list(torch.autograd.grad(output, inputs, gradient[rows]))
         to_means = None
         if wants_means:
             to_means = torch.zeros_like(means)
-            to_means[rows] = found.pop()
-        return None, None, to_means, *found
+            to_means[rows] = gradients.pop()
+        return None, None, to_means, *gradients
 
 
 def through_visible_rows(network: nn.Module, means: torch.Tensor, time: float) -> torch.Tensor:

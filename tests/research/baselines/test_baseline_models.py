@@ -92,7 +92,7 @@ def test_an_encoding_is_the_values_and_their_octaves() -> None:
 def literal_d3dgs(model: d3dgs.D3dgs, time: float) -> torch.Tensor:
     """As the paper draws it: place and time concatenated, and again before the layer of the skip."""
     network, s = model.deformation, model.settings
-    place = d3dgs.encode((model.canonical.means - network.centre) / network.unit, s.space_frequencies)
+    place = d3dgs.encode((model.canonical.means - network.origin) / network.extent, s.space_frequencies)
     time_code = d3dgs.encode(torch.tensor([[time]]), s.time_frequencies).expand(len(place), -1)
     encoded = torch.cat([place, time_code], dim=1)
     hidden = encoded
@@ -128,16 +128,16 @@ def bilinear(plane: torch.Tensor, column: float, row: float) -> torch.Tensor:
 
 
 def test_hexplane_features_are_products_over_six_planes() -> None:
-    settings = hexplane.HexPlaneSettings(2, (4, 7), 5, 8, 0, 1, True)
+    settings = hexplane.HexPlaneSettings(2, (4, 7), 5, 8, 0, 1, True, 1.0)
     torch.manual_seed(0)
     model = perturbed(hexplane.HexPlane(canonical(), settings))
     field = model.deformation
     # One inside the box, one beyond its rim.
-    means = torch.stack([0.3 * field.low + 0.7 * field.high, field.high + 5])
-    means[1, 0] = 0.6 * field.low[0] + 0.4 * field.high[0]
+    means = torch.stack([field.origin + 0.7 * field.extent, field.origin + field.extent + 5])
+    means[1, 0] = field.origin[0] + 0.4 * field.extent[0]
     found = field.features(means, 0.6)
     for mean, features in zip(means, found, strict=True):
-        u = ((mean - field.low) / (field.high - field.low)).clamp(0, 1)
+        u = ((mean - field.origin) / field.extent).clamp(0, 1)
         expected = []
         for space, over_time, size in zip(field.space_planes, field.time_planes, (4, 7), strict=True):
             x, y, z = (u * (size - 1)).tolist()
