@@ -31,8 +31,10 @@ import peak
 import torch
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.model.frog import FINISHED, Frog, FrogSettings
+from frog_blender.engine.model.deformation import FrogSettings
+from frog_blender.engine.model.frog import Frog
 from frog_blender.engine.model.fused import FieldPass, field_arrays, forward_field
+from frog_blender.engine.model.interface import FINISHED
 from frog_blender.engine.native import binding
 from frog_blender.engine.playback.deformation import DeformationPlayer
 from frog_blender.research.timing import spread_times

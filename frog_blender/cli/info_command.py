@@ -153,19 +153,17 @@ def add_eval_parser(commands: Any) -> None:
 
 
 def _eval(options: argparse.Namespace) -> int:
-    from ..engine.evaluation.evaluate import evaluate_file
+    from ..engine.evaluation.evaluate import evaluate_file, metrics_named
+    from ..engine.evaluation.perceptual import perceptual_metrics
     from .progress import bar
 
+    installed, missing = perceptual_metrics() if options.perceptual else ({}, {})
+    more = {**metrics_named(options.metric), **installed}
+    asked = {"split": options.split, "mask_file": options.mask, "more_metrics": more}
     with bar("Evaluating") as report:
-        figures = evaluate_file(
-            options.scene,
-            options.capture,
-            split=options.split,
-            mask_file=options.mask,
-            perceptual=options.perceptual,
-            metrics=options.metric,
-            progress=report,
-        )
+        figures = evaluate_file(options.scene, options.capture, **asked, progress=report)
+    if options.perceptual:
+        figures |= {**dict.fromkeys(missing), "missing": missing}
     if options.json:
         print(json.dumps(figures, indent=1))
         return 0

@@ -13,7 +13,7 @@ from .capture.camera import Camera
 from .capture.capture import Capture
 from .capture.readers import open_capture as read_capture
 from .errors import FrogError, brief
-from .evaluation.evaluate import Figures, as_trained, evaluate_images, metrics_named, open_training_capture
+from .evaluation.evaluate import Figures, TrueImages, as_trained, evaluate_images, metrics_named, open_training_capture
 from .frames.store import FrameStore
 from .given_options import training_options
 from .notices import say
@@ -209,15 +209,8 @@ def evaluate(
     else:
         seen = open_training_capture(scene, Path(capture))
     more = metrics_named(metrics)
-    figures = evaluate_images(
-        scene,
-        seen,
-        FrameStore.open(seen),
-        split=split,
-        mask_file=Path(mask) if mask is not None else None,
-        more_metrics=more,
-        progress=on_progress,
-    )
+    images = TrueImages(seen, FrameStore.open(seen), Path(mask) if mask is not None else None)
+    figures = evaluate_images(scene, images, split=split, more_metrics=more, progress=on_progress)
     cameras = {name: CameraMetrics(**_metrics(values, more)) for name, values in figures["cameras"].items()}
     return Metrics(**_metrics(figures, more), split=figures["split"], cameras=cameras)
 

@@ -26,6 +26,7 @@ from ..engine import (
     ScenePlayer,
     Started,
     TrainingJob,
+    TrueImages,
     WarningEvent,
     checkpoint_path,
     evaluate_images,
@@ -259,7 +260,7 @@ def _measure(job: TrainingJob, light: float) -> Record:
     if light != 1:
         metrics = {**metrics, "psnr_bright": partial(_bright_psnr, 1 / light)}
     size = job.output.stat().st_size
-    found = evaluate_images(scene, capture, FrameStore.open(capture), more_metrics=metrics, file_bytes=size)
+    found = evaluate_images(scene, TrueImages(capture, FrameStore.open(capture)), more_metrics=metrics)
     camera = capture.cameras[0]
     figures = {name: found.get(name) for name in _FIGURES}
     packed = len(scene_bytes(read_scene(job.output), compact=True))

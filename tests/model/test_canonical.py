@@ -10,7 +10,8 @@ from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.recipes import RECIPES
 from frog_blender.engine.training.optimize.neighbours import (
-    add_embedding_smoothness,
+    SMOOTHED_EVERY,
+    NeighbourGraph,
     nearest,
     neighbour_weights,
 )
@@ -67,9 +68,9 @@ def test_smoothness_gradient_is_that_of_the_weighted_distance() -> None:
     anchors, neighbours = torch.tensor([0, 2]), torch.tensor([[1, 2], [0, 3]])
     weights = torch.tensor([[1.0, 0.5], [0.2, 0.0]], dtype=torch.float64)
     distances = (embeddings[anchors][:, None] - embeddings[neighbours]).norm(dim=2)
-    (expected,) = torch.autograd.grad(0.7 * (weights * distances).mean(), embeddings)
+    (expected,) = torch.autograd.grad(0.7 * SMOOTHED_EVERY * (weights * distances).mean(), embeddings)
     embeddings.grad = torch.ones_like(embeddings)
-    add_embedding_smoothness(embeddings, anchors, neighbours, weights, 0.7)
+    NeighbourGraph(anchors, neighbours, weights).add_gradient(embeddings, 0, 0.7)
     torch.testing.assert_close(embeddings.grad - 1, expected)
     assert not expected[3:].any()
 
@@ -77,7 +78,7 @@ def test_smoothness_gradient_is_that_of_the_weighted_distance() -> None:
 def test_smoothness_of_equal_embeddings_has_no_gradient_and_no_nan() -> None:
     embeddings = torch.ones(3, 2, requires_grad=True)
     embeddings.grad = torch.zeros(3, 2)
-    add_embedding_smoothness(embeddings, torch.tensor([0]), torch.tensor([[1, 2]]), torch.ones(1, 2), 1.0)
+    NeighbourGraph(torch.tensor([0]), torch.tensor([[1, 2]]), torch.ones(1, 2)).add_gradient(embeddings, 0, 1.0)
     assert not embeddings.grad.any()
 
 

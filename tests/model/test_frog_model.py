@@ -11,8 +11,8 @@ from torch.nn import functional
 
 from frog_blender.engine.field.names import FUSIONS, fused_size, network_count
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.model.deformation import DeformationField, fuse
-from frog_blender.engine.model.frog import Frog, FrogSettings, initial_table, total_deformation
+from frog_blender.engine.model.deformation import DeformationField, FrogSettings, fuse
+from frog_blender.engine.model.frog import Frog, initial_table, total_deformation
 from frog_blender.engine.model.interface import FINISHED, ScheduleState, Static
 
 SETTINGS = FrogSettings(temporal_rows=6, coarse_rows=3, temporal_size=7, embedding_size=5, hidden_width=20)
@@ -68,7 +68,8 @@ def test_the_folded_network_equals_the_literal_one(
     networks: int, head_width: int, sh_count: int, modulated: bool
 ) -> None:
     torch.manual_seed(3)
-    field = perturbed(DeformationField(5, 7, 20, head_width, sh_count, networks, modulated=modulated))
+    shape = {"head_width": head_width, "deformed_sh": sh_count, "modulation": modulated}
+    field = perturbed(DeformationField(replace(SETTINGS, fusion="dual" if networks == 2 else "product", **shape)))
     temporal, embeddings = torch.randn(networks, 7), torch.randn(9, 5)
     found, expected = field(temporal, embeddings), literal(field, temporal, embeddings)
     assert (

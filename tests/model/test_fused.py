@@ -16,8 +16,10 @@ from support.random_models import model_of
 from support.torch_drawing import relative_error
 
 from frog_blender.engine.field.names import network_count
-from frog_blender.engine.model.frog import Frog, FrogSettings, ScheduleState
+from frog_blender.engine.model.deformation import FrogSettings
+from frog_blender.engine.model.frog import Frog
 from frog_blender.engine.model.fused import deform_fused
+from frog_blender.engine.model.interface import ScheduleState
 from frog_blender.engine.native.deformation import FieldShape, deform_backward
 from frog_blender.engine.rasterizer import GaussianArrays
 

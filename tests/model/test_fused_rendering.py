@@ -15,7 +15,8 @@ from support.random_models import model_of
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.field.names import FUSIONS
-from frog_blender.engine.model.frog import Frog, FrogSettings
+from frog_blender.engine.model.deformation import FrogSettings
+from frog_blender.engine.model.frog import Frog
 from frog_blender.engine.model.fused import FusedRenderResult
 from frog_blender.engine.model.interface import RenderResult, SceneModel, ScheduleState
 from frog_blender.engine.rasterizer import Image, RasterizeOptions
@@ -23,7 +24,7 @@ from frog_blender.engine.registry import RASTERIZERS
 
 SETTINGS = FrogSettings(temporal_rows=6, coarse_rows=3, temporal_size=9, embedding_size=8, hidden_width=32)
 BACKGROUND = (0.2, 0.5, 0.1)
-HALFWAY = ScheduleState(fine_rows=0.5, opacity=0.7)
+HALFWAY = ScheduleState(fine_rows=0.5, opacity=0.7, sh_count=4)
 
 
 def view(**changes: Any) -> Camera:
@@ -42,7 +43,7 @@ def drawn_by(
     """An image, and the gradients that a random one by its colours (or ``by_rgb``) brings, by name."""
     pose = torch.from_numpy(camera.world_to_camera[:3]).float().requires_grad_() if posed else None
     model.zero_grad()
-    drawn = draw(model, 0.37, camera, BACKGROUND, options, HALFWAY, 4, pose=pose)
+    drawn = draw(model, 0.37, camera, BACKGROUND, options, HALFWAY, pose=pose)
     if by_rgb is None:
         by_rgb = torch.randn(drawn.image.rgb.shape, generator=torch.Generator().manual_seed(5))
     drawn.backward(by_rgb)
@@ -92,7 +93,7 @@ def test_gradients_add_up() -> None:
     model, camera, options = model_of(SETTINGS), view(), RasterizeOptions()
     _, once = drawn_by(Frog.draw, model, camera, options, False)
     by_rgb = torch.randn((40, 50, 3), generator=torch.Generator().manual_seed(5))
-    model.draw(0.37, camera, BACKGROUND, options, HALFWAY, 4).backward(by_rgb)
+    model.draw(0.37, camera, BACKGROUND, options, HALFWAY).backward(by_rgb)
     for name, parameter in model.named_parameters():
         assert parameter.grad is not None
         torch.testing.assert_close(parameter.grad, 2 * once[name], rtol=1e-6, atol=0)
@@ -138,8 +139,8 @@ def test_a_model_is_drawn_by_the_backend_it_is_given() -> None:
 
     model.backend = backend
     camera = view()
-    drawn = model.draw(0.37, camera, BACKGROUND, RasterizeOptions(), HALFWAY, 4)
+    drawn = model.draw(0.37, camera, BACKGROUND, RasterizeOptions(), HALFWAY)
     assert drawn_with == [camera] and type(drawn) is RenderResult
     model.backend = None
-    expected = model.draw(0.37, camera, BACKGROUND, RasterizeOptions(), HALFWAY, 4)
+    expected = model.draw(0.37, camera, BACKGROUND, RasterizeOptions(), HALFWAY)
     torch.testing.assert_close(drawn.image.rgb, expected.image.rgb, atol=1e-4, rtol=1e-3)

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.model.frog import Frog, FrogSettings
+from frog_blender.engine.model.deformation import FrogSettings
+from frog_blender.engine.model.frog import Frog
 from frog_blender.engine.model.interface import ScheduleState
 from frog_blender.engine.model.time_windows import COLUMNS, can_open, has_windows, keep_apart, open_windows
 

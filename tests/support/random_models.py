@@ -5,7 +5,8 @@ from __future__ import annotations
 import torch
 
 from frog_blender.engine.model.canonical import CanonicalField
-from frog_blender.engine.model.frog import Frog, FrogSettings
+from frog_blender.engine.model.deformation import FrogSettings
+from frog_blender.engine.model.frog import Frog
 
 
 def model_of(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, SupportsFloat
 
 import numpy as np
 
-from ..capture.capture import Capture, Shot
+from ..capture.capture import Capture
 from ..capture.readers import open_capture
 from ..errors import FrogError
 from ..frames.store import FrameStore
@@ -20,7 +20,6 @@ from ..registry import METRICS
 from ..scene.header import SceneHeader
 from .masks import Mask, load_masks, moving_mask
 from .metrics import Image, Metric, gradient_energy, psnr_of, ssim
-from .perceptual import perceptual_metrics
 
 
 def as_trained(header: SceneHeader, capture: Capture) -> Capture:
@@ -33,9 +32,9 @@ def as_trained(header: SceneHeader, capture: Capture) -> Capture:
         FrogError: when it is another capture than the scene's.
     """
     sized = capture.scaled(header.scale)
-    for found, expected in _facts(sized, header):
-        if found != expected:
-            raise FrogError(f"{capture.path}: found {found}, expected {expected} as the scene was trained on.")
+    for own, expected in _facts(sized, header):
+        if own != expected:
+            raise FrogError(f"{capture.path}: found {own}, expected {expected} as the scene was trained on.")
     return sized.with_cameras(header.cameras)
 
 
@@ -62,14 +61,55 @@ Figures = dict[str, Any]
 """Metrics by name, as JSON has them: numbers, None, names, and such dictionaries by camera (hence the Any)."""
 
 
+class TrueImages:
+    """What the drawings of a scene are compared with.
+
+    Args:
+        capture: with the cameras as the scene was trained with them.
+        store: its images.
+        mask_file: see ``load_masks``. Without one the mask is ``moving_mask``, which a moving camera does not have.
+
+    Raises:
+        FrogError: if the mask file does not fit the capture.
+    """
+
+    def __init__(self, capture: Capture, store: FrameStore, mask_file: Path | None = None) -> None:
+        self.capture, self._store = capture, store
+        self._given = load_masks(mask_file, capture) if mask_file else None
+        self._found: dict[int, Mask | None] = {}
+
+    def image(self, index: int) -> Image:
+        """(H, W, 3) of a shot."""
+        return self._store.image(index).astype(np.float32) / 255
+
+    def counted(self, index: int) -> Mask | None:
+        """(H, W) what is not to be ignored of a shot; None where all counts."""
+        ignored = self._store.ignored(index) if self.capture.has_masks else None
+        return None if ignored is None or not ignored.any() or ignored.all() else ignored == 0
+
+    def subject(self, index: int) -> Mask | None:
+        """(H, W) pixels of a shot that are the subject's for the most part; None where images are whole."""
+        alpha = self._store.alpha(index) if self.capture.has_masks else None
+        return None if alpha is None else alpha > 127
+
+    def moving(self, index: int) -> Mask | None:
+        """(H, W) the mask of a shot: from the file, or ``moving_mask``, found when it is first needed; None where its
+        camera has none."""
+        shot = self.capture.shots[index]
+        if self._given is not None:
+            mask = self._given.get(self.capture.cameras[shot.camera].name)
+            return mask if mask is None or mask.ndim == 2 else mask[min(shot.frame, len(mask) - 1)]
+        if shot.camera not in self._found:
+            indices = [i for i, other in enumerate(self.capture.shots) if other.camera == shot.camera]
+            self._found[shot.camera] = moving_mask(self._store, indices) if len(indices) > 1 else None
+        return self._found[shot.camera]
+
+
 def evaluate_images(
     scene: ScenePlayer,
-    capture: Capture,
-    store: FrameStore,
+    images: TrueImages,
     *,
     split: str = "auto",
-    mask_file: Path | None = None,
-    file_bytes: int = 0,
     more_metrics: Mapping[str, Metric] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Figures:
@@ -81,42 +121,78 @@ def evaluate_images(
     scene's background. What is to be ignored counts nowhere.
 
     Args:
-        capture: with the cameras as the scene was trained with them.
         split: "held-out", "training", or "auto": held-out images if there are any.
-        mask_file: see ``load_masks``. Without one the mask is ``moving_mask``, which a moving camera does not have.
-        file_bytes: size of the scene's file, reported as "bytes".
         more_metrics: further metrics by name, reported as means over images (see ``metrics_named``).
         progress: called with the number of images done and of all.
 
     Raises:
-        FrogError: if the split has no images, or the mask file does not fit the capture.
+        FrogError: if the split has no images.
     """
+    capture, more = images.capture, more_metrics or {}
     chosen, split = _images_of(split, scene, capture)
-    masks = _Masks(capture, store, load_masks(mask_file, capture) if mask_file else None)
     sums: dict[str, _Sums] = {}
     for done, index in enumerate(chosen):
         shot = capture.shots[index]
         camera = capture.cameras[shot.camera]
-        truth = store.image(index).astype(np.float32) / 255
+        truth, counted = images.image(index), images.counted(index)
         drawing = draw(scene.at(capture.time_of(shot)), camera, scene.header.background)
         say(drawing.notice)
-        image, counted = drawing.rgb.clip(0, 1), _counted(capture, store, index)
+        image = drawing.rgb.clip(0, 1)
         if counted is not None:
             image = np.where(counted[..., None], image, truth)
-        part, subject = sums.setdefault(camera.name, _Sums()), _subject(capture, store, index)
-        part.add(image, truth, _both(masks.of(shot), counted), more_metrics or {}, counted=counted)
-        part.add_subject(image, truth, _both(subject, counted))
+        of_camera, moving = sums.setdefault(camera.name, defaultdict(int)), _both(images.moving(index), counted)
+        of_camera["frames"] += 1
+        error = (image.astype(np.float64) - truth) ** 2
+        of_camera["psnr"] += psnr_of(float(error.mean() if counted is None else error[counted].mean()))
+        of_camera["ssim"] += ssim(image, truth)
+        for name, metric in more.items():
+            of_camera[name] += _number(name, metric(image, truth))
+        if moving is not None and moving.any():
+            of_camera["sharpness"] += gradient_energy(image, moving)
+            of_camera["true sharpness"] += gradient_energy(truth, moving)
+        for part, mask in (("moving", moving), ("inside", _both(images.subject(index), counted))):
+            if mask is not None:
+                of_camera[f"{part} error"] += float(error[mask].mean(axis=1).sum())
+                of_camera[f"{part} pixels"] += int(mask.sum())
         if progress:
             progress(done + 1, len(chosen))
     return {
-        **_figures(list(sums.values())),
+        **_figures(list(sums.values()), more),
         "split": split,
         "method": scene.header.method,
         "gaussians": scene.count,
-        "bytes": file_bytes,
         "steps": scene.header.steps,
         "train_seconds": scene.header.train_seconds,
-        "cameras": {name: _figures([part]) for name, part in sums.items()},
+        "cameras": {name: _figures([part], more) for name, part in sums.items()},
+    }
+
+
+def _both(mask: Mask | None, counted: Mask | None) -> Mask | None:
+    return mask if mask is None or counted is None else mask & counted
+
+
+_Sums = defaultdict[str, float]
+"""Over the images of one camera, by name."""
+
+
+def _figures(parts: Sequence[_Sums], more: Iterable[str]) -> Figures:
+    """Metrics over the images of some cameras."""
+
+    def total(name: str) -> float:
+        return sum(part[name] for part in parts)
+
+    def psnr_in(name: str) -> float | None:
+        return psnr_of(total(f"{name} error") / total(f"{name} pixels")) if total(f"{name} pixels") else None
+
+    frames, true_sharpness, inside = total("frames"), total("true sharpness"), psnr_in("inside")
+    return {
+        "psnr": total("psnr") / frames,
+        "psnr_moving": psnr_in("moving"),
+        **({} if inside is None else {"psnr_inside": inside}),
+        "ssim": total("ssim") / frames,
+        **{name: total(name) / frames for name in more},
+        "sharpness_moving": total("sharpness") / true_sharpness if true_sharpness else None,
+        "frames": frames,
     }
 
 
@@ -157,138 +233,28 @@ def _images_of(split: str, scene: ScenePlayer, capture: Capture) -> tuple[list[i
     return chosen, split
 
 
-def _counted(capture: Capture, store: FrameStore, index: int) -> Mask | None:
-    """(H, W) what is not to be ignored of an image; None where all counts."""
-    ignored = store.ignored(index) if capture.has_masks else None
-    return None if ignored is None or not ignored.any() or ignored.all() else ignored == 0
-
-
-def _subject(capture: Capture, store: FrameStore, index: int) -> Mask | None:
-    """(H, W) pixels of an image that are the subject's for the most part; None where images are whole."""
-    alpha = store.alpha(index) if capture.has_masks else None
-    return None if alpha is None else alpha > 127
-
-
-def _both(mask: Mask | None, counted: Mask | None) -> Mask | None:
-    return mask if mask is None or counted is None else mask & counted
-
-
-class _Masks:
-    """The mask of each image: from a file, or else ``moving_mask`` of its camera, found when it is first needed."""
-
-    def __init__(self, capture: Capture, store: FrameStore, given: Mapping[str, Mask] | None) -> None:
-        self._capture, self._store, self._given = capture, store, given
-        self._found: dict[int, Mask | None] = {}
-
-    def of(self, shot: Shot) -> Mask | None:
-        """(H, W), or None where the camera has no mask."""
-        if self._given is not None:
-            mask = self._given.get(self._capture.cameras[shot.camera].name)
-            return mask if mask is None or mask.ndim == 2 else mask[min(shot.frame, len(mask) - 1)]
-        if shot.camera not in self._found:
-            indices = [i for i, other in enumerate(self._capture.shots) if other.camera == shot.camera]
-            self._found[shot.camera] = moving_mask(self._store, indices) if len(indices) > 1 else None
-        return self._found[shot.camera]
-
-
-@dataclass
-class _Sums:
-    """Running sums over the images of one camera."""
-
-    psnr: float = 0.0
-    ssim: float = 0.0
-    frames: int = 0
-    masked_error: float = 0.0
-    masked_count: int = 0
-    sharpness: float = 0.0
-    true_sharpness: float = 0.0
-    inside_error: float = 0.0
-    inside_count: int = 0
-    more: dict[str, float] = field(default_factory=dict)
-
-    def add(
-        self,
-        image: Image,
-        truth: Image,
-        mask: Mask | None,
-        more_metrics: Mapping[str, Metric],
-        *,
-        counted: Mask | None = None,
-    ) -> None:
-        """An image and its ground truth, both (H, W, 3) in [0, 1], equal where pixels are not ``counted`` (H, W)."""
-        error = (image.astype(np.float64) - truth) ** 2
-        self.psnr += psnr_of(float(error.mean() if counted is None else error[counted].mean()))
-        self.ssim += ssim(image, truth)
-        for name, metric in more_metrics.items():
-            self.more[name] = self.more.get(name, 0.0) + _number(name, metric(image, truth))
-        self.frames += 1
-        if mask is not None and mask.any():
-            self.masked_error += float(error[mask].mean(axis=1).sum())
-            self.masked_count += int(mask.sum())
-            self.sharpness += gradient_energy(image, mask)
-            self.true_sharpness += gradient_energy(truth, mask)
-
-    def add_subject(self, image: Image, truth: Image, mask: Mask | None) -> None:
-        """The pixels (H, W) of its subject, besides."""
-        if mask is not None:
-            error = (image[mask].astype(np.float64) - truth[mask]) ** 2
-            self.inside_error += float(error.mean(axis=1).sum())
-            self.inside_count += int(mask.sum())
-
-
-def _figures(parts: Sequence[_Sums]) -> Figures:
-    """Metrics over the images of some cameras."""
-    frames, count = sum(p.frames for p in parts), sum(p.masked_count for p in parts)
-    true_sharpness = sum(p.true_sharpness for p in parts)
-    inside = sum(p.inside_count for p in parts)
-    return {
-        "psnr": sum(p.psnr for p in parts) / frames,
-        "psnr_moving": psnr_of(sum(p.masked_error for p in parts) / count) if count else None,
-        **({"psnr_inside": psnr_of(sum(p.inside_error for p in parts) / inside)} if inside else {}),
-        "ssim": sum(p.ssim for p in parts) / frames,
-        **{name: sum(p.more[name] for p in parts) / frames for name in parts[0].more},
-        "sharpness_moving": sum(p.sharpness for p in parts) / true_sharpness if true_sharpness else None,
-        "frames": frames,
-    }
-
-
 def evaluate_file(
     scene_path: Path,
     capture_path: Path,
     *,
     split: str = "auto",
     mask_file: Path | None = None,
-    perceptual: bool = False,
-    metrics: Sequence[str] = (),
+    more_metrics: Mapping[str, Metric] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Figures:
-    """Metrics of a scene file on the capture it was trained on; see ``evaluate_images``.
+    """Metrics of a scene file on the capture it was trained on, and its "bytes"; see ``evaluate_images``.
 
     Args:
-        perceptual: "flip" and "lpips" as well. Where one cannot be computed it is None, and "missing" says why by name.
-        metrics: names of further ones, see ``registry.METRICS``.
+        mask_file: see ``TrueImages``.
 
     Raises:
-        FrogError: if a file cannot be read, or the capture is another one than that of the training.
+        FrogError: if a file cannot be read or does not fit, or the capture is another one than that of the training.
     """
     scene = ScenePlayer.load(scene_path)
     capture = open_training_capture(scene, capture_path)
-    more, missing = metrics_named(metrics), Figures()
-    if perceptual:
-        installed, reasons = perceptual_metrics()
-        more |= installed
-        missing = {**dict.fromkeys(reasons), "missing": reasons}
-    figures = evaluate_images(
-        scene,
-        capture,
-        FrameStore.open(capture),
-        split=split,
-        mask_file=mask_file,
-        file_bytes=scene_path.stat().st_size,
-        more_metrics=more,
-        progress=progress,
-    )
-    return {**figures, **missing}
+    images = TrueImages(capture, FrameStore.open(capture), mask_file)
+    figures = evaluate_images(scene, images, split=split, more_metrics=more_metrics, progress=progress)
+    return {**figures, "bytes": scene_path.stat().st_size}
 
 
 def open_training_capture(scene: ScenePlayer, capture_path: Path) -> Capture:

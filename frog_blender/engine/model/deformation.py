@@ -14,58 +14,85 @@ sigmoid(logit + d) * factor(k d) (FRoG, sections of these names).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import nn
 
+from ..field.names import fused_size, network_count
 from ..field.network import output_sizes
 
 
-def _uniform(bound: float, *shape: int) -> nn.Parameter:
+@dataclass(frozen=True)
+class FrogSettings:
+    """The shape of the model; written into the scene file, since playback needs it.
+
+    Attributes:
+        temporal_rows, coarse_rows: rows of the table, and rows it is resampled to for the coarse embedding.
+        temporal_size, embedding_size: lengths of t and e.
+        hidden_width, head_width: of the first layer, and of each head's hidden layer (the paper has five of 128);
+            0 shares the first layer among all heads, which gave the same PSNR at a third of the time.
+        deformed_sh: SH coefficients that deform (0 to K).
+        opacity_reduction, opacity_sharpness: see the module.
+        fusion: of the coarse and the fine temporal embedding, see ``fuse``.
+        modulation: see the module.
+        deformed_opacity: False leaves opacities as they are at every time (and there is nothing to reduce).
+        motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
+            capture's units).
+        fine_rows, opacity_share: how far the schedules had come when the scene was written; all rows (0) and 1 unless
+            training was stopped early.
+    """
+
+    temporal_rows: int
+    coarse_rows: int
+    temporal_size: int = 64
+    embedding_size: int = 32
+    hidden_width: int = 64
+    head_width: int = 0
+    deformed_sh: int = 1
+    opacity_reduction: str = "unit"
+    opacity_sharpness: float = 10.0
+    motion_unit: float = 1.0
+    fine_rows: int = 0
+    opacity_share: float = 1.0
+    fusion: str = "product"
+    deformed_opacity: bool = True
+    modulation: bool = False
+
+
+def uniform(bound: float, *shape: int) -> nn.Parameter:
     """On the CPU, whose generator draws the same numbers wherever the model goes afterwards."""
     return nn.Parameter(torch.empty(shape, device="cpu").uniform_(-bound, bound))
 
 
 class DeformationField(nn.Module):
-    """Args:
-    embedding_size, temporal_size: lengths of e and of the temporal embedding that a network is given.
-    hidden_width: first layer.
-    head_width: hidden layer of each head as in the paper (five of 128); 0 shares the first layer among all heads,
-        which gave the same PSNR at a third of the time.
-    sh_count: SH coefficients that deform (0 to K).
-    networks: 2 for E-D3DGS's coarse and fine network, whose changes add up. Their layers lie one after the other in
-        the same arrays: rows of the first and the heads' layers, columns of the output layer.
-    modulated: see the module; needs temporal_size >= embedding_size.
+    """One network, or E-D3DGS's coarse and fine one, whose changes add up.
+
+    The layers of two lie one after the other in the same arrays: rows of the first and the heads' layers, columns of
+    the output layer. Modulation needs temporal embeddings that are as long as the Gaussians' at least.
     """
 
-    def __init__(
-        self,
-        embedding_size: int,
-        temporal_size: int,
-        hidden_width: int,
-        head_width: int,
-        sh_count: int,
-        networks: int = 1,
-        *,
-        modulated: bool = False,
-    ) -> None:
+    def __init__(self, settings: FrogSettings) -> None:
         super().__init__()
-        self.networks, self.modulated = networks, modulated
-        self.sizes = output_sizes(sh_count)
-        self.head_width = head_width
+        self.networks, self.modulated = network_count(settings.fusion), settings.modulation
+        self.sizes = output_sizes(settings.deformed_sh)
+        self.head_width = settings.head_width
+        embedding_size, temporal_size = settings.embedding_size, fused_size(settings.fusion, settings.temporal_size)
+        units, outputs = self.networks * settings.hidden_width, sum(self.sizes.values())
         bound = (embedding_size + temporal_size) ** -0.5
-        self.embedding_weight = _uniform(bound, networks * hidden_width, embedding_size)
-        self.temporal_weight = _uniform(bound, networks * hidden_width, temporal_size)
-        self.bias = _uniform(bound, networks * hidden_width)
-        outputs = sum(self.sizes.values())
-        if head_width:
-            bound = hidden_width**-0.5
-            width = networks * head_width * len(self.sizes)
-            self.head_weight = _uniform(bound, width, hidden_width)
-            self.head_bias = _uniform(bound, width)
-        if modulated:  # zero: 0.2 dB better than random
-            self.modulation_weight = nn.Parameter(torch.zeros(networks * hidden_width, embedding_size, device="cpu"))
+        self.embedding_weight = uniform(bound, units, embedding_size)
+        self.temporal_weight = uniform(bound, units, temporal_size)
+        self.bias = uniform(bound, units)
+        if self.head_width:
+            bound = settings.hidden_width**-0.5
+            width = self.networks * self.head_width * len(self.sizes)
+            self.head_weight = uniform(bound, width, settings.hidden_width)
+            self.head_bias = uniform(bound, width)
+        if self.modulated:  # zero: 0.2 dB better than random
+            self.modulation_weight = nn.Parameter(torch.zeros(units, embedding_size, device="cpu"))
         # Zero outputs: training starts from the undeformed scene.
-        self.output_weight = nn.Parameter(torch.zeros(outputs, networks * (head_width or hidden_width), device="cpu"))
+        last = self.networks * self.head_width or units
+        self.output_weight = nn.Parameter(torch.zeros(outputs, last, device="cpu"))
         self.output_bias = nn.Parameter(torch.zeros(outputs, device="cpu"))
 
     def hidden(self, temporal: torch.Tensor, embeddings: torch.Tensor) -> torch.Tensor:

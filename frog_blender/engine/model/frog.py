@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import torch
@@ -11,53 +11,15 @@ from torch import nn
 from torch.nn import functional
 
 from ..capture.camera import Camera
-from ..field.names import fused_size, network_count
 from ..field.network import temporal_weights
 from ..gaussians import TorchGaussians
 from ..io.plain_values import JsonObject
 from ..native.deformation import FieldShape
-from ..rasterizer import GaussianArrays, RasterizeOptions
+from ..rasterizer import GaussianArrays, RasterizeOptions, cpu, exposed
 from .canonical import CanonicalField
-from .deformation import DeformationField, fuse, reduction_factor
-from .fused import deform_fused, field_arrays, render_fused
+from .deformation import DeformationField, FrogSettings, fuse, reduction_factor, uniform
+from .fused import FusedRenderResult, deform_fused, field_arrays, forward_field, versions_of
 from .interface import FINISHED, RenderResult, SceneModel, ScheduleState
-
-
-@dataclass(frozen=True)
-class FrogSettings:
-    """The shape of the model; written into the scene file, since playback needs it.
-
-    Attributes:
-        temporal_rows, coarse_rows: rows of the table, and rows it is resampled to for the coarse embedding.
-        temporal_size, embedding_size: lengths of t and e.
-        hidden_width, head_width: see DeformationField.
-        deformed_sh: SH coefficients that deform.
-        opacity_reduction, opacity_sharpness: see model.deformation.
-        fusion: of the coarse and the fine temporal embedding, see model.deformation.fuse.
-        modulation: see model.deformation.
-        deformed_opacity: False leaves opacities as they are at every time (and there is nothing to reduce).
-        motion_unit: world units that a network output of one moves a Gaussian by (makes rates independent of the
-            capture's units).
-        fine_rows, opacity_share: how far the schedules had come when the scene was written; all rows (0) and 1 unless
-            training was stopped early.
-    """
-
-    temporal_rows: int
-    coarse_rows: int
-    temporal_size: int = 64
-    embedding_size: int = 32
-    hidden_width: int = 64
-    head_width: int = 0
-    deformed_sh: int = 1
-    opacity_reduction: str = "unit"
-    opacity_sharpness: float = 10.0
-    motion_unit: float = 1.0
-    fine_rows: int = 0
-    opacity_share: float = 1.0
-    fusion: str = "product"
-    deformed_opacity: bool = True
-    modulation: bool = False
-
 
 _ATTENTION_WIDTH = 16
 
@@ -72,21 +34,11 @@ class Frog(SceneModel):
         self.settings = settings
         self.table_smoothness = table_smoothness
         self.temporal_table = nn.Parameter(initial_table(settings))
-        self.deformation = DeformationField(
-            settings.embedding_size,
-            fused_size(settings.fusion, settings.temporal_size),
-            settings.hidden_width,
-            settings.head_width,
-            settings.deformed_sh,
-            network_count(settings.fusion),
-            modulated=settings.modulation,
-        )
+        self.deformation = DeformationField(settings)
         if settings.fusion == "attention":
             bound = settings.temporal_size**-0.5
-            self.attention_weight = nn.Parameter(
-                torch.empty(_ATTENTION_WIDTH, settings.temporal_size, device="cpu").uniform_(-bound, bound)
-            )
-            self.attention_query = nn.Parameter(torch.empty(_ATTENTION_WIDTH, device="cpu").uniform_(-bound, bound))
+            self.attention_weight = uniform(bound, _ATTENTION_WIDTH, settings.temporal_size)
+            self.attention_query = uniform(bound, _ATTENTION_WIDTH)
         if not settings.deformed_opacity:
             self._silence_opacity()
 
@@ -152,20 +104,25 @@ class Frog(SceneModel):
         background: tuple[float, float, float],
         options: RasterizeOptions,
         schedule_state: ScheduleState = FINISHED,
-        sh_count: int | None = None,
         *,
         pose: torch.Tensor | None = None,
     ) -> RenderResult:
-        """See SceneModel."""
+        """See SceneModel. Where the native library computes the field, nothing of the result has gradients of its own;
+        its ``backward`` brings the same bits as automatic differentiation."""
         if not (self._is_fused and self.canonical.num_dynamic and torch.is_grad_enabled()):
-            return super().draw(time, camera, background, options, schedule_state, sh_count, pose=pose)
-        shape = self.field_shape(schedule_state, sh_count or self.canonical.sh.shape[1])
+            return super().draw(time, camera, background, options, schedule_state, pose=pose)
+        if pose is not None:
+            camera = camera.with_pose(pose.detach().numpy())
         arrays = field_arrays(self.canonical, self.deformation, self.temporal_embedding(time, schedule_state))
+        shape = self.field_shape(schedule_state, schedule_state.sh_count or self.canonical.sh.shape[1])
+        field, gaussians, changes = forward_field(shape, arrays)
+        drawing, rgb, alpha = cpu.draw(gaussians, camera, background, options)
+        screen = torch.empty((len(gaussians), 2), dtype=torch.float32, device="cpu")  # for its gradient alone
+        image = exposed(drawing.image(rgb, alpha, screen), camera)
         silent = None if self.settings.deformed_opacity else self.output_rows("opacity_logits")
-        by_attribute = self.deformation.by_attribute
-        return render_fused(
-            shape, arrays, camera, background, options, pose=pose, silent_rows=silent, by_attribute=by_attribute
-        )
+        by_attribute = self.deformation.by_attribute(changes)
+        versions = versions_of(arrays, gaussians)
+        return FusedRenderResult(image, gaussians, by_attribute, arrays, pose, field, drawing, silent, versions)
 
     @property
     def _is_fused(self) -> bool:

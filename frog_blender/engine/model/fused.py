@@ -1,8 +1,8 @@
 """The field computed by the native library (float32 on the CPU): as one torch operation, or with the image of it.
 
-``render_fused`` makes an image and its backward pass by native calls one after the other: the same bits as
-``deform_fused`` and ``rasterize`` with automatic differentiation, which keeps track of some twenty arrays between them
-and takes a tenth of a training's step for that.
+``FusedRenderResult`` is an image that was made by native calls one after the other, and so is its backward pass: the
+same bits as ``deform_fused`` and ``rasterize`` with automatic differentiation, which keeps track of some twenty arrays
+between them and takes a tenth of a training's step for that.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import torch
 
 from ..arrays import Array
-from ..capture.camera import NEUTRAL, Camera
+from ..capture.camera import NEUTRAL
 from ..field.network import first_layer, first_layer_gradients
 from ..gaussians import TorchGaussians
 from ..native.deformation import FieldShape, deform, deform_backward
-from ..rasterizer import GaussianArrays, RasterizeOptions, exposed
-from ..rasterizer.cpu import RasterPass, draw
+from ..rasterizer import GaussianArrays
+from ..rasterizer.cpu import RasterPass
 from ..rasterizer.torch_types import Context
 from .canonical import ATTRIBUTES, CanonicalField
 from .deformation import DeformationField
@@ -150,7 +150,7 @@ class FusedRenderResult(RenderResult):
 
     def backward(self, by_rgb: torch.Tensor, by_alpha: torch.Tensor | None = None) -> None:
         """See RenderResult; RuntimeError when an array has been changed in place since."""
-        if _versions(self.arrays, self.gaussians) != self.versions:
+        if versions_of(self.arrays, self.gaussians) != self.versions:
             raise RuntimeError("one of the scene's arrays has been changed since the image was drawn")
         if self.drawing.camera.exposure != NEUTRAL:
             by_rgb = by_rgb * by_rgb.new_tensor(self.drawing.camera.exposure)
@@ -168,37 +168,6 @@ class FusedRenderResult(RenderResult):
             parameter.grad = gradient if parameter.grad is None else parameter.grad + gradient
 
 
-def render_fused(
-    shape: FieldShape,
-    arrays: dict[str, torch.Tensor],
-    camera: Camera,
-    background: tuple[float, float, float],
-    options: RasterizeOptions,
-    *,
-    pose: torch.Tensor | None,
-    silent_rows: slice | None,
-    by_attribute: Callable[[torch.Tensor], dict[str, torch.Tensor]],
-) -> FusedRenderResult:
-    """An image whose colours, alpha and Gaussians are without gradients of their own.
-
-    Args:
-        shape, arrays: see ``forward_field``; parameters but for ``temporal``.
-        camera, background, options, pose: see ``rasterizer.rasterize``.
-        silent_rows: see FusedRenderResult.
-        by_attribute: see DeformationField.
-    """
-    if pose is not None:
-        camera = camera.with_pose(pose.detach().numpy())
-    field, gaussians, changes = forward_field(shape, arrays)
-    drawing, rgb, alpha = draw(gaussians, camera, background, options)
-    screen = torch.empty((len(gaussians), 2), dtype=torch.float32, device="cpu")  # for its gradient alone
-    image = exposed(drawing.image(rgb, alpha, screen), camera)
-    versions = _versions(arrays, gaussians)
-    return FusedRenderResult(
-        image, gaussians, by_attribute(changes), arrays, pose, field, drawing, silent_rows, versions
-    )
-
-
-def _versions(arrays: dict[str, torch.Tensor], gaussians: TorchGaussians) -> list[int]:
+def versions_of(arrays: dict[str, torch.Tensor], gaussians: TorchGaussians) -> list[int]:
     """How often each array, and each of what was drawn from them, has been changed in place."""
     return [array._version for array in (*arrays.values(), *vars(gaussians).values())]

@@ -16,15 +16,17 @@ from .canonical import CanonicalField
 
 @dataclass(frozen=True)
 class ScheduleState:
-    """How far the schedules inside a model have come, each from 0 to 1 (all 1 in a finished scene).
+    """How far the schedules inside a model have come; the first two from 0 to 1 (1 in a finished scene).
 
     Attributes:
         fine_rows: the fine embedding's rows grow from the coarse to all (E-D3DGS's coarse-to-fine schedule).
         opacity: how far the opacity reduction is ramped in.
+        sh_count: coefficients of colour that have begun, from the first; None for all.
     """
 
     fine_rows: float = 1.0
     opacity: float = 1.0
+    sh_count: int | None = None
 
 
 FINISHED = ScheduleState()
@@ -85,13 +87,12 @@ class SceneModel(nn.Module):
         background: tuple[float, float, float],
         options: RasterizeOptions,
         schedule_state: ScheduleState = FINISHED,
-        sh_count: int | None = None,
         *,
         pose: torch.Tensor | None = None,
     ) -> RenderResult:
         """An image at ``time``, differentiable in the model's parameters and in ``pose``; for the arguments
         see ``deform`` and ``rasterizer.rasterize``."""
-        gaussians, changes = self.deform(time, schedule_state, sh_count)
+        gaussians, changes = self.deform(time, schedule_state, schedule_state.sh_count)
         return RenderResult(self.rasterize(gaussians, camera, background, options, pose=pose), gaussians, changes)
 
     def rasterize(

@@ -20,7 +20,8 @@ from ..gaussians import TorchGaussians
 from ..rasterizer import rasterize
 from ..scene.scene_file import SceneFile
 from .canonical import ATTRIBUTES, CanonicalField
-from .frog import Frog, FrogSettings
+from .deformation import FrogSettings
+from .frog import Frog
 from .interface import SceneModel, ScheduleState
 
 Model = TypeVar("Model", bound=SceneModel)

@@ -8,11 +8,12 @@ from __future__ import annotations
 from . import passive_threads  # noqa: F401
 
 # isort: split
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 from ..errors import FrogError
 from ..model.canonical import CanonicalField
-from ..model.frog import Frog, FrogSettings
+from ..model.deformation import FrogSettings
+from ..model.frog import Frog
 from ..model.interface import Static
 from ..recipes import Recipe
 
@@ -44,21 +45,15 @@ def frog(begin: ModelInit) -> Frog:
     """FRoG, or E-D3DGS by another recipe."""
     recipe, sh_count = begin.recipe, begin.canonical.sh.shape[1]
     rows = recipe.temporal_rows_for(begin.frame_count, begin.image_count)
-    settings = FrogSettings(
-        temporal_rows=rows,
-        coarse_rows=recipe.coarse_rows_for(rows),
-        temporal_size=recipe.temporal_size,
-        embedding_size=begin.canonical.embeddings.shape[1],
-        hidden_width=recipe.hidden_width,
-        head_width=recipe.head_width,
-        deformed_sh=min(recipe.deformed_sh, sh_count),
-        opacity_reduction=recipe.opacity_reduction,
-        opacity_sharpness=recipe.opacity_sharpness,
-        motion_unit=MOTION_UNIT * begin.scene_scale,
-        fusion=recipe.fusion,
-        deformed_opacity=recipe.deformed_opacity,
-        modulation=recipe.modulation,
-    )
+    named = {field.name: getattr(recipe, field.name) for field in fields(FrogSettings) if hasattr(recipe, field.name)}
+    adapted = {
+        "temporal_rows": rows,
+        "coarse_rows": recipe.coarse_rows_for(rows),
+        "embedding_size": begin.canonical.embeddings.shape[1],
+        "deformed_sh": min(recipe.deformed_sh, sh_count),
+        "motion_unit": MOTION_UNIT * begin.scene_scale,
+    }
+    settings = FrogSettings(**{**named, **adapted})
     return Frog(begin.canonical, settings, recipe.table_smoothness)
 
 

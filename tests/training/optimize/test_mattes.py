@@ -19,7 +19,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import over
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.evaluation.evaluate import evaluate_images
+from frog_blender.engine.evaluation.evaluate import TrueImages, evaluate_images
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
@@ -176,7 +176,9 @@ def test_a_training_with_masks_learns_the_subject_alone(
     everything = trained(folder, tmp_path / "all.frog", lively, masks="off")
     capture = open_capture(folder)
     store = FrameStore.open(capture)
-    found, other = (evaluate_images(scene, capture, store, split="training") for scene in (subject, everything))
+    found, other = (
+        evaluate_images(scene, TrueImages(capture, store), split="training") for scene in (subject, everything)
+    )
     assert found["psnr_inside"] > 22 and found["psnr_inside"] > other["psnr_inside"] - 1
     hull = VisualHull(capture, store, capture.train_indices)
     for frame in range(film.FRAMES):

@@ -12,7 +12,7 @@ from support import synthetic_capture as film
 from support.builders import scene_file
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.evaluation.evaluate import evaluate_images
+from frog_blender.engine.evaluation.evaluate import TrueImages, evaluate_images
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import RasterizeOptions
@@ -81,5 +81,5 @@ def test_evaluation_draws_the_scene_as_it_was(
     header = replace(scene.header, cameras=late.cameras, test_cameras=tuple(late.test_cameras), test_frames=())
     scene.header = replace(header, camera_shots=((),) * len(late.cameras), frame_count=late.frame_count)
     monkeypatch.setattr(ScenePlayer, "at", recorded)
-    evaluate_images(scene, late, store, split="held-out")
+    evaluate_images(scene, TrueImages(late, store), split="held-out")
     assert times == [time_of(shot.frame + LATE) for shot in late.test_shots]

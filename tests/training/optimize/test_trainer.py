@@ -170,7 +170,7 @@ def test_a_short_training_passes_through_every_schedule(
         return call
 
     trainer = make_trainer(120, sh_degree=3, deformed_sh=4, densify_threshold=1e-5, trainer_type=Watched)
-    for module, name in ((losses, "native_ssim"), (neighbours, "add_embedding_smoothness")):
+    for module, name in ((losses, "native_ssim"), (neighbours.NeighbourGraph, "add_gradient")):
         monkeypatch.setattr(module, name, counted(name, getattr(module, name)))
     density_round = DensificationStrategy.round
 
@@ -193,7 +193,7 @@ def test_a_short_training_passes_through_every_schedule(
     assert trainer.count > start
     bursts = sum(r.dssim_from <= i / 120 and i % r.dssim_period < r.dssim_burst for i in range(120))
     assert calls["native_ssim"] == bursts > 0
-    assert calls["add_embedding_smoothness"] > 15  # every fourth step
+    assert calls["add_gradient"] > 15  # every fourth step
     assert trainer.smoothness.graph is not None and int(trainer.smoothness.graph.neighbours.max()) < trainer.count
 
 

@@ -9,7 +9,7 @@ import pytest
 from support import turning_object
 
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.evaluation.evaluate import evaluate_images
+from frog_blender.engine.evaluation.evaluate import TrueImages, evaluate_images
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.recipes import recipe
@@ -35,7 +35,7 @@ def test_one_image_a_camera_generalises(tmp_path: Path, cache: Path) -> None:
     for _ in run_training(TrainingJob(folder, output, recipe=settings, steps=800, device="cpu")):
         pass
     store, scene = FrameStore.open(capture), ScenePlayer.load(output)
-    learned = evaluate_images(scene, capture, store, split="training")["psnr"]
-    other = evaluate_images(scene, capture, store, split="held-out")["psnr"]
+    learned = evaluate_images(scene, TrueImages(capture, store), split="training")["psnr"]
+    other = evaluate_images(scene, TrueImages(capture, store), split="held-out")["psnr"]
     assert learned > 30.0  # far above an image of the background, which has 14
     assert other > learned - _MOST_LOST

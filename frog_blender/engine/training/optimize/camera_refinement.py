@@ -258,10 +258,6 @@ class ExposureCompensation:
         """Whether a step that draws this camera at ``progress`` is to be observed."""
         return step % _OBSERVED_EVERY == 0 and progress >= self._from and index in self._learned
 
-    def observe(self, index: int, camera: Camera, rgb: torch.Tensor, target: Truth) -> None:
-        """Adds what a step drew of camera ``index``, see ``measured``."""
-        self.add(index, self.measured(camera, rgb, target))
-
     @staticmethod
     def measured(camera: Camera, rgb: torch.Tensor, target: Truth) -> torch.Tensor:
         """(2, 3) brightness of what an image should be and of its drawing (H, W, 3), before the camera's exposure: of

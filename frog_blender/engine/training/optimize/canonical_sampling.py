@@ -66,28 +66,21 @@ def distances_along_rays(image: Image, camera: Camera, kind: str) -> torch.Tenso
 @torch.no_grad()
 def worst_points(
     image: Image,
+    distances: torch.Tensor,
     truth: torch.Tensor,
     camera: Camera,
     count: int,
-    depth: str,
     generator: torch.Generator,
-    *,
-    among: torch.Tensor | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Points (M, 3) in the deformed scene, and colours (M, 3), of at most ``count`` pixels of high error.
 
     Args:
-        image: drawn with depth.
+        image: a drawing.
+        distances: (H, W) along its rays to the surface; not finite for pixels that may not be chosen.
         truth: (H, W, 3) the training image.
-        depth: "median" or "mean".
-        among: (H, W) the pixels that may be chosen; None for all.
     """
-    distances = distances_along_rays(image, camera, depth)
     # Coverage is a second cue: what nothing covers shows no error against a dark truth.
-    target = truth if among is None else torch.where(among[..., None], truth, image.rgb)  # patches reach beyond
-    score = error_map(image.rgb, target) + (1 - image.alpha)
-    if among is not None:
-        score = torch.where(among, score, 0)
+    score = error_map(image.rgb, truth) + (1 - image.alpha)
     chosen = choose_pixels(score, distances, count, generator)
     width = distances.shape[1]
     pixels = torch.stack([chosen % width, torch.div(chosen, width, rounding_mode="floor")], dim=1) + 0.5
@@ -154,8 +147,12 @@ def inject_anchors(
     if not changes:
         return
     truth, subject = image_on(gaussians.device, target.pixels), target.whole
-    among = None if subject is None else torch.from_numpy(subject).to(gaussians.device)
-    points, colors = worst_points(drawn.image, truth, camera, num_new, recipe.sampling_depth, generator, among=among)
+    distances = distances_along_rays(drawn.image, camera, recipe.sampling_depth)
+    if subject is not None:
+        chosen = torch.from_numpy(subject).to(gaussians.device)
+        truth = torch.where(chosen[..., None], truth, drawn.image.rgb)  # patches of the error reach beyond
+        distances = torch.where(chosen, distances, torch.inf)
+    points, colors = worst_points(drawn.image, distances, truth, camera, num_new, generator)
     if recipe.sampling == "inverse":
         deformed = drawn.gaussians.means[: gaussians.num_dynamic]
         points, embeddings = undeformed(points, deformed, changes["means"], canonical.embeddings)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -40,18 +37,6 @@ def doubt_of_scale(scene_scale: float) -> str | None:
         f"The scene is {scene_scale:.2g} units away from its cameras, and nothing nearer than {near} is drawn: "
         "expected camera poses in larger units, such as metres."
     )
-
-
-@contextmanager
-def own_random_numbers(seed: int) -> Iterator[None]:
-    """What torch's layers draw inside, from the CPU's generator, is the same for the same seed; whoever else uses that
-    generator, as another add-on in Blender's process, finds it as it was."""
-    before = torch.get_rng_state()
-    torch.default_generator.manual_seed(seed)
-    try:
-        yield
-    finally:
-        torch.set_rng_state(before)
 
 
 def first_model(

@@ -117,13 +117,26 @@ class NeighbourGraph:
             NeighbourGraph(places[self.anchors[left]], neighbours.clamp(min=0), weights) if bool(left.any()) else None
         )
 
+    @torch.no_grad()
     def add_gradient(self, embeddings: torch.Tensor, step: int, weight: float, size: int | None = None) -> None:
         """Regularises the first ``size`` columns of ``embeddings`` (M, E), or all, for SMOOTHED_EVERY steps at once;
-        another part of the sample each time."""
+        another part of the sample each time.
+
+        Adds to ``embeddings.grad`` the gradient of the mean over (i, j) of w_ij |e_i - e_j| (the paper's L_emb-reg).
+        Written out, because only the few drawn rows have a gradient; automatic differentiation would make one of all
+        rows for each of the two look-ups.
+        """
+        assert embeddings.grad is not None
         start = (step // SMOOTHED_EVERY * _BATCH) % max(1, len(self.anchors))
         part = slice(start, start + _BATCH)
-        sample = self.anchors[part], self.neighbours[part], self.weights[part]
-        add_embedding_smoothness(embeddings, *sample, SMOOTHED_EVERY * weight, size=size)
+        anchors, neighbours, weights = self.anchors[part], self.neighbours[part], self.weights[part]
+        compared, gradients = embeddings[:, :size], embeddings.grad[:, :size]
+        differences = compared[anchors][:, None] - compared[neighbours]
+        lengths = (differences.square().sum(-1) + 1e-12).sqrt()
+        scale = SMOOTHED_EVERY * weight / weights.numel()
+        gradient = differences * (scale * weights / lengths)[..., None]
+        gradients.index_add_(0, anchors, gradient.sum(1))
+        gradients.index_add_(0, neighbours.flatten(), gradient.flatten(0, 1), alpha=-1)
 
 
 class EmbeddingSmoothness:
@@ -180,38 +193,6 @@ class EmbeddingSmoothness:
         if not neighbours.numel():
             raise ValueError("no neighbours")
         self.graph = NeighbourGraph(*(part.to(self._canonical.means.device) for part in (anchors, neighbours, weights)))
-
-
-@torch.no_grad()
-def add_embedding_smoothness(
-    embeddings: torch.Tensor,
-    anchors: torch.Tensor,
-    neighbours: torch.Tensor,
-    weights: torch.Tensor,
-    weight: float,
-    *,
-    size: int | None = None,
-) -> None:
-    """Adds to ``embeddings.grad`` the gradient of the mean over (i, j) of w_ij |e_i - e_j| (the paper's L_emb-reg).
-
-    Written out, because only the few drawn rows have a gradient; automatic differentiation would make one of all rows
-    for each of the two look-ups.
-
-    Args:
-        embeddings: (N, E) with a gradient.
-        anchors: (A,) indices i, drawn this time.
-        neighbours: (A, k) indices j.
-        weights: (A, k), see ``neighbour_weights``.
-        weight: of the loss.
-        size: columns that are compared, from the first; None for all.
-    """
-    assert embeddings.grad is not None
-    compared, gradients = embeddings[:, :size], embeddings.grad[:, :size]
-    differences = compared[anchors][:, None] - compared[neighbours]
-    lengths = (differences.square().sum(-1) + 1e-12).sqrt()
-    gradient = differences * (weight / weights.numel() * weights / lengths)[..., None]
-    gradients.index_add_(0, anchors, gradient.sum(1))
-    gradients.index_add_(0, neighbours.flatten(), gradient.flatten(0, 1), alpha=-1)
 
 
 def neighbour_weights(distances: torch.Tensor, falloff: float) -> torch.Tensor:

@@ -32,7 +32,7 @@ from .densification import DensityStrategy, Statistics
 from .device import torch_threads
 from .gaussian_state import GaussianState, add_size_gradient, limit_sizes, sort_by_morton_code
 from .hooks import Hook
-from .initialization import first_model, own_random_numbers, scale_of
+from .initialization import first_model, scale_of
 from .losses import matte_loss
 from .mattes import Mattes, Truth, behind_ignored
 from .neighbours import SMOOTHED_EVERY, EmbeddingSmoothness
@@ -101,7 +101,8 @@ class Trainer(TrainingImages):
         self.method, self.limits = method, limits
         self.generator = torch.Generator().manual_seed(seed)
         self.scene_scale = scale_of(capture, seeds.points)
-        with own_random_numbers(seed):
+        with torch.random.fork_rng(devices=[]):  # whoever else uses the CPU's generator finds it as it was
+            torch.default_generator.manual_seed(seed)
             model = first_model(capture, seeds, recipe, method, self.scene_scale, self.device)
         if recipe.rasterizer != "auto":
             model.backend = RASTERIZERS[recipe.rasterizer]

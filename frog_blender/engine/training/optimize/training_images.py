@@ -61,12 +61,14 @@ class TrainingImages:
         shot = self.capture.shots[shot_index]
         camera = self.camera_at(shot.camera, progress)
         truth = self.mattes.truth(shot_index, camera, options.region_of(camera), background)
-        background, sh_count = truth.background, self.sh_count_at(progress)
         if progress < self.recipe.warm_up:
-            gaussians = self.model.canonical.gaussians(sh_count)
-            return truth, RenderResult(rasterize(gaussians, camera, background, options, pose=pose), gaussians, {})
-        frame_time, schedules = self.capture.time_of(shot), self.schedule_state(progress)
-        return truth, self.model.draw(frame_time, camera, background, options, schedules, sh_count, pose=pose)
+            gaussians = self.model.canonical.gaussians(self.sh_count_at(progress))
+            image = rasterize(gaussians, camera, truth.background, options, pose=pose)
+            return truth, RenderResult(image, gaussians, {})
+        schedules = self.schedule_state(progress)
+        return truth, self.model.draw(
+            self.capture.time_of(shot), camera, truth.background, options, schedules, pose=pose
+        )
 
     def camera_at(self, index: int, progress: float) -> Camera:
         """A camera at the size at which it is drawn at ``progress``."""
@@ -76,7 +78,8 @@ class TrainingImages:
     def schedule_state(self, progress: float | None = None) -> ScheduleState:
         """The schedules inside the model at ``progress``, or as they stand."""
         r, progress = self.recipe, self.progress if progress is None else progress
-        return ScheduleState(ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp))
+        rows, opacity = ramp(progress, 0.0, r.fine_rows_until), ramp(progress, *r.opacity_ramp)
+        return ScheduleState(rows, opacity, self.sh_count_at(progress))
 
     def sh_count_at(self, progress: float) -> int:
         """Coefficients of the degrees that have begun."""
@@ -86,10 +89,10 @@ class TrainingImages:
     def deform(self, time: float, progress: float | None = None) -> tuple[TorchGaussians, Tensors]:
         """Gaussians and changes at a time in [0, 1], with the schedules at ``progress``, or as they stand."""
         progress = self.progress if progress is None else progress
-        sh_count = self.sh_count_at(progress)
+        schedules = self.schedule_state(progress)
         if progress >= self.recipe.warm_up:
-            return self.model.deform(time, self.schedule_state(progress), sh_count)
-        return self.model.canonical.gaussians(sh_count), {}
+            return self.model.deform(time, schedules, schedules.sh_count)
+        return self.model.canonical.gaussians(schedules.sh_count), {}
 
     @torch.no_grad()
     def render_image(self, shot_index: int, largest_side: int | None = None) -> NDArray[np.float32]:

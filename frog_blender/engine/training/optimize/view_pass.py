@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 
@@ -18,8 +17,9 @@ class PeerLost(FrogError):
     """A process of the training has ended, or does not answer any more. What this one has learned is whole."""
 
 
-class Peers(Protocol):
-    """All processes of a training, each of which holds the whole scene and takes some views of every step.
+class Peers:
+    """All processes of a training, each of which holds the whole scene and takes some views of every step; here the
+    one process of a plain training.
 
     Every method that exchanges something has to be called by all of them in the same order.
 
@@ -29,32 +29,16 @@ class Peers(Protocol):
         decodes_first: whether this one is the first on its computer, which decodes the frames for all there.
     """
 
-    rank: int
-    size: int
-    decodes_first: bool
-
-    def add(self, tensor: torch.Tensor) -> None:
-        """Makes ``tensor`` the sum over the processes, in place; PeerLost."""
-        ...
-
-    def maximum(self, tensor: torch.Tensor) -> None:
-        """Makes ``tensor`` the largest of each number over the processes, in place; PeerLost."""
-        ...
-
-
-class Alone:
-    """The one process of a plain training."""
-
     rank, size, decodes_first = 0, 1, True
 
     def add(self, tensor: torch.Tensor) -> None:
-        """See Peers."""
+        """Makes ``tensor`` the sum over the processes, in place; PeerLost."""
 
     def maximum(self, tensor: torch.Tensor) -> None:
-        """See Peers."""
+        """Makes ``tensor`` the largest of each number over the processes, in place; PeerLost."""
 
 
-ALONE = Alone()
+ALONE = Peers()
 
 
 def agreed(peers: Peers, wishes: tuple[bool, ...], facts: tuple[int, ...]) -> tuple[tuple[bool, ...], bool]:

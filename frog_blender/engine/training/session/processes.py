@@ -22,7 +22,7 @@ from torch import distributed
 
 from ...errors import FrogError, reason
 from ...native.binding import set_thread_count
-from ..optimize.view_pass import PeerLost
+from ..optimize.view_pass import PeerLost, Peers
 from .torchrun import number
 
 _BEAT = 2.0  # seconds between two heartbeats
@@ -32,7 +32,7 @@ _LONGEST = timedelta(days=7)  # of a wait for the others, who may be saving or d
 _POLLED = 2e-4  # seconds
 
 
-class Processes:
+class Processes(Peers):
     """See ``Peers``.
 
     Args:
