@@ -13,10 +13,10 @@ import pytest
 from support.training_panel import finish, panel_says
 
 from frog_blender.engine.capture.calibration import pipeline
-from frog_blender.engine.capture.synchronization import CameraClock as CameraClockFound
-from frog_blender.engine.capture.synchronization import Synchronization
 from frog_blender.engine.capture.synchronization.pairs import Curve
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused
+from frog_blender.engine.capture.synchronization.synchronization import CameraClock as CameraClockFound
+from frog_blender.engine.capture.synchronization.synchronization import Synchronization
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.plain_values import plain
 from frog_blender.tasks.background_task import Progress

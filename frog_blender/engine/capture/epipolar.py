@@ -1,14 +1,43 @@
-"""Two views of known cameras: the line of the second image on which each point of the first must lie, and how far off.
+"""Two views: which views to compare, which of their features match, and how far these lie off their epipolar lines.
 
 The one place that knows this: seeds, checks, calibration and synchronisation ask it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from ..arrays import Float64s
+from ..arrays import Float32s, Float64s, Ints
 from .camera import Camera
+
+
+def alike_pairs(cameras: Sequence[Camera], partners: int) -> list[tuple[int, int]]:
+    """Indices of each camera and of so many others that look in directions nearest to its own."""
+    forward = np.array([camera.forward for camera in cameras])
+    alike = forward @ forward.T
+    np.fill_diagonal(alike, -np.inf)
+    nearest = np.argsort(-alike, axis=1, kind="stable")[:, : min(partners, len(cameras) - 1)].tolist()
+    return sorted({(min(i, j), max(i, j)) for i, row in enumerate(nearest) for j in row})
+
+
+def mutual(similarity: Float32s, ratio: float, farthest: float = np.inf) -> tuple[Ints, Ints]:
+    """Rows and columns of the mutual best of unit descriptors' products (N, K) that are clearly better than the second
+    best in their row, by Lowe's ratio test (2004).
+
+    Args:
+        similarity: is changed.
+        ratio: of their distances, at most.
+        farthest: distance of the best.
+    """
+    best, columns = similarity.argmax(axis=1), similarity.argmax(axis=0)
+    rows = np.arange(len(best))
+    score = similarity[rows, best]
+    similarity[rows, best] = -2.0
+    distance, second = (np.sqrt(np.maximum(2 - 2 * values, 0)) for values in (score, similarity.max(axis=1)))
+    keep = (distance < ratio * second) & (distance < farthest) & (columns[best] == rows)
+    return rows[keep].astype(np.int64), best[keep].astype(np.int64)
 
 
 def fundamental(first: Camera, second: Camera) -> Float64s:

@@ -11,15 +11,15 @@ import pytest
 
 from frog_blender.engine.capture.calibration.calibration import Calibration
 from frog_blender.engine.capture.calibration.sources import TIMES, Source, alternated
-from frog_blender.engine.capture.synchronization import CameraClock, Synchronization
 from frog_blender.engine.capture.synchronization.films import Film
-from frog_blender.engine.capture.synchronization.pairs import no_curve
+from frog_blender.engine.capture.synchronization.pairs import Curve
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused
+from frog_blender.engine.capture.synchronization.synchronization import CameraClock, Synchronization
 
 
 def clocks(offset: float, refusal: str | None = None) -> Synchronization:
     cameras = [
-        CameraClock(name, late, 1.0, 1.0, ("motion",), None, no_curve()) for name, late in (("a", 0.0), ("b", offset))
+        CameraClock(name, late, 1.0, 1.0, ("motion",), None, Curve()) for name, late in (("a", 0.0), ("b", offset))
     ]
     return Synchronization(tuple(cameras), 1 / 30, refusal=refusal)
 

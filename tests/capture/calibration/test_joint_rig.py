@@ -27,10 +27,11 @@ from frog_blender.engine.capture.calibration.joints import (
 )
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.epipolar import fundamental
-from frog_blender.engine.capture.synchronization import NamedTracks, Synchronization, synchronize
 from frog_blender.engine.capture.synchronization.films import Film, find_films
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run, WorkFolder
-from frog_blender.engine.capture.synchronization.tracks import track_lags
+from frog_blender.engine.capture.synchronization.synchronization import Synchronization
+from frog_blender.engine.capture.synchronization.synchronize import synchronize
+from frog_blender.engine.capture.synchronization.tracks import NamedTracks, track_lags
 
 from ..synchronization.moving_scene import MovingScene, cards, ring
 from ..synchronization.test_starts import RATE, speech
@@ -190,7 +191,7 @@ def test_sound_times_films_before_any_joint_is_looked_for(
 
     def find(run: Run, films: Sequence[Film], tracks: Mapping[str, NamedTracks]) -> Synchronization:
         steps.append("clocks by joints" if tracks else "clocks")
-        return synchronize(films, run, tracks=tracks)
+        return synchronize(films, run.work, tracks=tracks)
 
     def of_joints(_run: Run, films: Sequence[Film], _views: object, times: Sequence[float], _file: Path) -> Calibration:
         steps.append("joints")

@@ -17,8 +17,8 @@ from frog_blender.engine.capture.calibration.report import REPORT, report_lines,
 from frog_blender.engine.capture.calibration.views import view_film
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.synchronization import CameraClock, Synchronization
 from frog_blender.engine.capture.synchronization.pairs import Curve
+from frog_blender.engine.capture.synchronization.synchronization import CameraClock, Synchronization
 
 from .test_result_files import calibrated
 

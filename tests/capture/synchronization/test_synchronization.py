@@ -7,14 +7,14 @@ import json
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.synchronization import (
+from frog_blender.engine.capture.synchronization.pairs import Curve
+from frog_blender.engine.capture.synchronization.report import draw_curves
+from frog_blender.engine.capture.synchronization.synchronization import (
     CameraClock,
     RunnerUp,
     Synchronization,
-    draw_curves,
     read_synchronization,
 )
-from frog_blender.engine.capture.synchronization.pairs import Curve
 from frog_blender.engine.io.plain_values import UnfitValue, plain
 
 
@@ -23,7 +23,7 @@ def answer() -> Synchronization:
     scores = np.exp(-((lags - 0.25) ** 2) / 0.01)
     scores[3] = np.nan
     clock = CameraClock("cam01", 0.25, 1.001, 0.9, ("audio", "motion"), RunnerUp(-0.5, 0.95), Curve(lags, scores))
-    other = CameraClock("cam02", 0.0, 1.0, 0.2, (), None, Curve(np.zeros(0), np.zeros(0)))
+    other = CameraClock("cam02", 0.0, 1.0, 0.2, (), None, Curve())
     return Synchronization((clock, other), 1 / 30, 0.0004, ("A warning.",), "A refusal.")
 
 

@@ -10,10 +10,11 @@ import pytest
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Distortion
-from frog_blender.engine.capture.synchronization import Synchronization, draw_curves, synchronize
 from frog_blender.engine.capture.synchronization.films import find_films
+from frog_blender.engine.capture.synchronization.motion import Cameras
 from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
-from frog_blender.engine.capture.synchronization.synchronize import find_clocks
+from frog_blender.engine.capture.synchronization.synchronization import Synchronization
+from frog_blender.engine.capture.synchronization.synchronize import find_clocks, synchronize
 from frog_blender.engine.io.child_process import Stopped
 
 from .moving_scene import MovingScene, Start, cards, ring, write_film, write_films
@@ -22,12 +23,8 @@ from .test_tracks import seen
 SIZE = (200, 150)
 
 
-def run_in(folder: Path, told: list[tuple[str, int, int]] | None = None) -> Run:
-    return Run(WorkFolder(folder), lambda *step: None if told is None else told.append(step), lambda: False)
-
-
-def known(cameras: dict[str, Camera]) -> dict[str, tuple[Camera, Distortion | None]]:
-    return {name: (camera, Distortion(np.zeros(5)) if name == "cam00" else None) for name, camera in cameras.items()}
+def known(cameras: dict[str, Camera]) -> Cameras:
+    return {name: (camera, Distortion(np.zeros(5))) for name, camera in cameras.items()}
 
 
 def errors(found: Synchronization, starts: dict[str, Start]) -> np.ndarray:
@@ -41,7 +38,8 @@ def test_offsets_are_right_to_a_few_hundredths_of_a_frame(tmp_path: Path) -> Non
     starts = {name: Start(o, 20.0) for name, o in zip(cameras, (0.0, 0.317, -0.208, 0.111), strict=True)}
     write_films(tmp_path, MovingScene(cards()), cameras, starts, 2.0)
     told: list[tuple[str, int, int]] = []
-    found = synchronize(find_films(tmp_path), run_in(tmp_path / "work", told), known(cameras))
+    work = WorkFolder(tmp_path / "work")
+    found = synchronize(find_films(tmp_path), work, known(cameras), tell=lambda *step: told.append(step))
     assert errors(found, starts).max() < 0.05
     assert found.refusal is None and found.warnings == ()
     assert all(camera.confidence > 0.8 and camera.sources == ("motion",) for camera in found.cameras)
@@ -64,7 +62,7 @@ def test_films_of_different_rates_by_cameras_that_are_not_quite_right(tmp_path: 
         name: camera.moved(np.radians(random.normal(0, 0.2, 3)), random.normal(0, 0.02, 3))
         for name, camera in cameras.items()
     }
-    found = synchronize(find_films(tmp_path), run_in(tmp_path / "work"), known(rough))
+    found = synchronize(find_films(tmp_path), WorkFolder(tmp_path / "work"), known(rough))
     assert errors(found, starts).max() < 0.1
     assert found.refusal is None
 
@@ -73,7 +71,7 @@ def test_a_fast_clock_is_measured(tmp_path: Path) -> None:
     cameras = ring(2, *SIZE)
     starts = {"cam00": Start(0.0, 10.0), "cam01": Start(0.13, 10.0, 1.001)}
     write_films(tmp_path, MovingScene(cards()), cameras, starts, 26.0)
-    found = synchronize(find_films(tmp_path), run_in(tmp_path / "work"), known(cameras))
+    found = synchronize(find_films(tmp_path), WorkFolder(tmp_path / "work"), known(cameras))
     assert abs(found.clocks["cam01"][1] / found.clocks["cam00"][1] - 1.001) < 1e-4
     assert errors(found, starts).max() < 0.1
 
@@ -83,31 +81,33 @@ def test_what_was_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pyte
     cameras = known(ring(2, *SIZE))
     starts = {"cam00": Start(0.0, 20.0), "cam01": Start(0.15, 20.0)}
     write_films(tmp_path, MovingScene(cards()), ring(2, *SIZE), starts, 1.5)
-    films, run, told = find_films(tmp_path), run_in(tmp_path / "kept"), []
+    films, work, told = find_films(tmp_path), WorkFolder(tmp_path / "kept"), list[tuple[str, int, int]]()
+    run = Run(work, lambda *step: told.append(step), lambda: False)
     with pytest.raises(Stopped):
-        synchronize(films, replace(run, cancelled=lambda: True), cameras)
-    first = synchronize(films, run, cameras)
+        find_clocks(replace(run, cancelled=lambda: True), films, cameras)
+    first = synchronize(films, work, cameras)
 
     def decoded(*_: object) -> None:
         raise AssertionError("a film was decoded again")
 
     monkeypatch.setattr("frog_blender.engine.capture.synchronization.films.decode_film", decoded)
-    assert synchronize(films, run, cameras).clocks == first.clocks
+    assert synchronize(films, work, cameras).clocks == first.clocks
     monkeypatch.undo()
-    found = find_clocks(run_in(tmp_path / "kept", told), films, cameras)
+    found = find_clocks(run, films, cameras)
     for name, clock in first.clocks.items():
         assert found.clocks[name] == pytest.approx(clock, abs=1e-6)
-    assert draw_curves(found).ndim == 3 and told[-1][0] == "offsets"
+    assert told[-1][0] == "offsets"
     write_film(tmp_path / "cam01.mp4", lambda frame: np.full((150, 200, 3), 90, np.uint8), 20, 20.0)
-    assert synchronize(find_films(tmp_path), run, cameras).refusal is not None  # another film of the same name
+    assert synchronize(find_films(tmp_path), work, cameras).refusal is not None  # another film of the same name
 
 
 def test_sound_alone_and_named_points_are_asked_in_the_child(tmp_path: Path) -> None:
     cameras = ring(2, *SIZE)
     write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20.0) for name in cameras}, 0.5)
-    films, run = find_films(tmp_path), run_in(tmp_path / "work")
-    silent = synchronize(films, run, tracks={})
+    films, work = find_films(tmp_path), WorkFolder(tmp_path / "work")
+    silent = synchronize(films, work, tracks={})
     assert silent.refusal is not None and not silent.by_sound  # though their motion is alike
+    run = Run(work, lambda *_: None, lambda: False)
     found = find_clocks(run, films, tracks={"cam00": seen(0, 1.0, 60, 1.5), "cam01": seen(2, 1.287, 60, 1.5)})
     assert found.clocks["cam01"][0] - found.clocks["cam00"][0] == pytest.approx(0.287, abs=0.34 / 30)
     assert found.refusal is None and not found.by_sound
@@ -119,6 +119,6 @@ def test_a_film_that_shares_nothing_is_refused(tmp_path: Path) -> None:
     cameras = ring(2, *SIZE)
     write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20.0) for name in cameras}, 1.0)
     write_film(tmp_path / "still.mp4", lambda frame: np.full((150, 200, 3), 90, np.uint8), 20, 20.0)
-    found = synchronize(find_films(tmp_path), run_in(tmp_path / "work"))
+    found = synchronize(find_films(tmp_path), WorkFolder(tmp_path / "work"))
     assert found.refusal is not None and "still" in found.refusal
     assert all(camera.confidence < 0.75 for camera in found.cameras)  # motion energy alone proves little

@@ -17,10 +17,11 @@ import numpy as np
 
 from ...arrays import Float64s
 from ..epipolar import fundamental
-from ..synchronization import NamedTracks, Synchronization
 from ..synchronization.films import Film, with_clocks
 from ..synchronization.run import CalibrationRefused, Run
+from ..synchronization.synchronization import Synchronization
 from ..synchronization.synchronize import find_clocks
+from ..synchronization.tracks import NamedTracks
 from . import limits
 from .calibration import Calibration
 from .joints import (

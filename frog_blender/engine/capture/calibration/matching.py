@@ -11,7 +11,7 @@ import numpy as np
 
 from ...arrays import Float32s, Float64s, ImageArray, Ints
 from ...io.child_process import Progress
-from ..synchronization.moving_points import mutual
+from ..epipolar import mutual
 from .colmap import undistorted_pixels, verified
 from .features import Features
 from .model import Lens

@@ -10,9 +10,9 @@ import numpy as np
 
 from ...errors import FrogError
 from ...io.child_process import Progress
-from ..synchronization import Synchronization
 from ..synchronization.films import Film, find_films, with_clocks
-from ..synchronization.run import NAME, CalibrationRefused, Run, WorkFolder
+from ..synchronization.run import NAME, CalibrationRefused, Run, WorkFolder, key_of
+from ..synchronization.synchronization import Synchronization
 from .calibration import Calibration
 from .camera_files import write_cameras, write_transforms
 from .landmark_file import landmark_file
@@ -88,7 +88,9 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
 def _is_standing(film: Film, run: Run) -> bool:
     """Whether a camera stands that took a film, of an earlier run or new."""
     run.check()
-    return bool(run.work.kept("standing", film.key, lambda: {"standing": np.array(is_standing(film))})["standing"])
+    return bool(
+        run.work.kept("standing", key_of(film.state), lambda: {"standing": np.array(is_standing(film))})["standing"]
+    )
 
 
 def _of_moving(footage: Sequence[Path] | Sequence[Film], out: Path, run: Run) -> Outcome:

@@ -15,8 +15,9 @@ from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject, UnfitValue, entries, items, number, plain, text
 from ..capture import Capture
 from ..readers.checks import read_json
-from ..synchronization import Synchronization, draw_curves
 from ..synchronization.films import Film
+from ..synchronization.report import draw_curves
+from ..synchronization.synchronization import Synchronization
 from .calibration import Calibration, MovingCamera
 from .drawings import camera_image, rig_from_above, wide_image
 from .views import View

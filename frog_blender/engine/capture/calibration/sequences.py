@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import FrogError, found_instead
 from ...io.atomic_files import write_atomically
 from ..synchronization.films import Film, kinds_of
-from ..synchronization.run import Run
+from ..synchronization.run import Run, key_of
 from ..video import decode, find_images, find_videos, image_size, load_opencv
 
 _LEAST_IMAGES = 8  # of a camera, below which it is not taken for a moving one
@@ -88,7 +88,7 @@ def walk_images(run: Run, films: Sequence[Film]) -> list[ImageSequence]:
         count = film.facts.frame_count
         images = int(np.clip(_WALK_RATE * film.duration, _FEWEST_OF_WALK, _MOST_OF_WALK))
         frames = np.unique(np.linspace(0, count - 1, min(images, count)).round().astype(int)).tolist()
-        paths = _written(run, film, frames, run.work.path / f"walk-through-{film.key}")
+        paths = _written(run, film, frames, run.work.path / f"walk-through-{key_of(film.state)}")
         sequences.append(ImageSequence(film.name, tuple(paths), film.size, group))
     return sequences
 

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FrogError
-from ..readers.geometry import distortion
-from ..synchronization import Synchronization
+from ..capture import Distortion
 from ..synchronization.films import Clocks, Film, with_clocks
+from ..synchronization.motion import Cameras
 from ..synchronization.run import CalibrationRefused, Run
-from ..synchronization.synchronization import differ
-from ..synchronization.synchronize import Cameras, find_clocks
+from ..synchronization.synchronization import Synchronization, differ
+from ..synchronization.synchronize import find_clocks
 from .board import TIMES as BOARD_TIMES
 from .board import board_in_films, calibrate_board, corners_in_films
 from .board_detection import Board, read_board
@@ -192,7 +192,7 @@ def _first(source: Source, films: list[Film], find: Find) -> tuple[Calibration, 
 
 def _known(calibration: Calibration) -> Cameras:
     return {
-        found.camera.name: (found.camera, distortion(np.array([*found.distortion, 0.0, 0.0])))
+        found.camera.name: (found.camera, Distortion(np.array([*found.distortion, 0.0, 0.0])))
         for found in calibration.cameras
     }
 

@@ -12,7 +12,6 @@ from ...arrays import Float64s, ImageArray
 from ...errors import found_instead
 from ..readers.footage import decode_film, film_facts, find_footage, state_of
 from ..video import VideoFacts, composed, find_videos, load_opencv
-from .run import key_of
 
 Clocks = Mapping[str, tuple[float, float]]
 """Offset in seconds and rate of each camera's film: capture time = offset + rate * film time."""
@@ -59,26 +58,17 @@ class Film:
         """What tells the file, or the folder, from another one or an older one, for ``key_of``."""
         return state_of(self.path)
 
-    @property
-    def key(self) -> str:
-        """A hash of ``state``."""
-        return key_of(self.state)
-
     def frame_at(self, time: float) -> float:
         """The frame, a real number, that was taken at a capture time in seconds; beyond the ends at the mean rate."""
-        stamps, wanted = self.stamps, (time - self.offset) / self.rate
-        if wanted < stamps[0] or wanted > stamps[-1]:
-            end = 0 if wanted < stamps[0] else len(stamps) - 1
-            return end + float(wanted - stamps[end]) * self.facts.frames_per_second
-        return float(np.interp(wanted, stamps, np.arange(len(stamps))))
+        stamps, film_time = self.stamps, (time - self.offset) / self.rate
+        if film_time < stamps[0] or film_time > stamps[-1]:
+            end = 0 if film_time < stamps[0] else len(stamps) - 1
+            return end + float(film_time - stamps[end]) * self.facts.frames_per_second
+        return float(np.interp(film_time, stamps, np.arange(len(stamps))))
 
     def time_of(self, frame: int) -> float:
         """The capture time in seconds at which a frame was taken."""
         return self.offset + self.rate * float(self.stamps[min(max(frame, 0), len(self.stamps) - 1)])
-
-    def scale(self, longest: int) -> float:
-        """Pixels of an image of at most ``longest`` a side for each pixel of the film, at most 1."""
-        return min(1.0, longest / max(self.size))
 
     def gray(self, frames: Sequence[int], longest: int) -> Iterator[ImageArray]:
         """The brightness (H, W) of frames, ascending, at most ``longest`` pixels a side; FrogError if undecodable."""
@@ -104,11 +94,10 @@ def find_films(folder: Path) -> list[Film]:
         FrogError: if there are neither, two have one name, or one cannot be decoded.
     """
     paths = find_videos(folder)
-    names = [composed(video.stem) for video in paths]
     if not paths:
         paths = sorted((footage.files[0].parent for footage in find_footage(folder)), key=lambda path: path.name)
         paths = [path.parent if path.name == "images" else path for path in paths]
-        names = [composed(path.name) for path in paths]
+    names = [composed(path.name if path.is_dir() else path.stem) for path in paths]
     if not paths:
         expected = "one video of each camera, such as cam01.mp4, cam02.mp4, or a folder of frames of each"
         raise found_instead(folder, "no video", expected)
@@ -120,10 +109,8 @@ def find_films(folder: Path) -> list[Film]:
 
 def with_clocks(films: Sequence[Film], clocks: Clocks) -> list[Film]:
     """The films with the clocks that are known."""
-    return [
-        replace(film, offset=clocks[film.name][0], rate=clocks[film.name][1]) if film.name in clocks else film
-        for film in films
-    ]
+    timed = ((film, clocks.get(film.name, (film.offset, film.rate))) for film in films)
+    return [replace(film, offset=offset, rate=rate) for film, (offset, rate) in timed]
 
 
 def kinds_of(films: Sequence[Film], alike: float = 0.0) -> list[int]:
@@ -132,11 +119,9 @@ def kinds_of(films: Sequence[Film], alike: float = 0.0) -> list[int]:
     Args:
         alike: by what part of a side sizes may differ within a kind; encoders pad some films by a few pixels.
     """
-    sizes: list[tuple[int, int]] = []
-    kinds: dict[tuple[int, int], int] = {}
+    kinds: dict[tuple[int, int], tuple[int, int]] = {}  # the size that stands for a size's kind
     for size in sorted({film.size for film in films}):
-        near = (all(abs(a - b) <= alike * max(a, b) for a, b in zip(size, other, strict=True)) for other in sizes)
-        kinds[size] = next((kind for kind, is_near in enumerate(near) if is_near), len(sizes))
-        if kinds[size] == len(sizes):
-            sizes.append(size)
-    return [kinds[film.size] for film in films]
+        near = (kind for kind in kinds.values() if all(abs(np.subtract(size, kind)) <= alike * np.maximum(size, kind)))
+        kinds[size] = next(near, size)
+    first = list(dict.fromkeys(kinds.values()))
+    return [first.index(kinds[film.size]) for film in films]

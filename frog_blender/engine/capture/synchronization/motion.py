@@ -7,189 +7,45 @@ along its epipolar line, says nothing and is left out. A coarse search comes fir
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...arrays import Array, Bools, Float64s, Ints
+from ...arrays import Bools, Float64s, Ints
 from ..camera import Camera
 from ..capture import Distortion
-from ..epipolar import fundamental, sampson_distances, sampson_table
+from ..epipolar import alike_pairs, fundamental, sampson_distances, sampson_table
 from ..video import load_opencv
 from . import limits
 from .films import Film
-from .moving_points import REACH, Matches, MovingPoints, Search, keyframes_of, match, points_in
+from .moving_points import REACH, Matches, MovingPoints, match, points_in
 from .pairs import Clocks, Curve, PairLag, maxima
 from .run import Run, key_of
 from .starts import Motion
 
 _ROUNDS = 8  # of reweighting
 
-
-@dataclass(frozen=True, eq=False)
-class Rig:
-    """Films, and of those whose cameras are known these and their moving points, by the film's index.
-
-    Attributes:
-        films: all.
-        cameras: at the size of the films.
-        points: without lens distortion.
-    """
-
-    films: Sequence[Film]
-    cameras: Mapping[int, Camera]
-    points: Mapping[int, MovingPoints]
-
-    def pairs(self) -> list[tuple[int, int]]:
-        """Each camera with those that look at the scene most alike."""
-        known = np.array(list(self.cameras))
-        forward = np.array([camera.forward for camera in self.cameras.values()])
-        alike = forward @ forward.T
-        np.fill_diagonal(alike, -np.inf)
-        nearest = known[np.argsort(-alike, axis=1, kind="stable")[:, : limits.NEIGHBORS]]
-        pairs = {(min(i, j), max(i, j)) for i, row in zip(known.tolist(), nearest.tolist(), strict=True) for j in row}
-        return sorted(pair for pair in pairs if pair[0] != pair[1])
-
-    def frame(self, pair: tuple[int, int]) -> float:
-        """Seconds between frames of the slower of two films."""
-        return max(self.films[film].interval for film in pair)
-
-    def geometry(self, pair: tuple[int, int], search: Search) -> Geometry:
-        """Two films' points and the matches that a search finds."""
-        first, second = (self.points[film] for film in pair)
-        cameras = [self.cameras[film] for film in pair]
-        width = max(camera.width for camera in cameras)
-        matrix = fundamental(cameras[0], cameras[1])
-        return Geometry((first, second), match(first, second, search), matrix, self.frame(pair), width)
-
-    def along_lines(self, pair: tuple[int, int], clocks: Clocks) -> Callable[[Ints, Ints], Bools]:
-        """Which points of two films lie near each other's epipolar lines, by clocks that are nearly right.
-
-        Fewer rivals pass the ratio test the more: several times as many matches where little has texture.
-        """
-        first, second = (self.points[film] for film in pair)
-        cameras = [self.cameras[film] for film in pair]
-        matrix = fundamental(cameras[0], cameras[1])
-        band = limits.BAND * max(1.0, 0.005 * max(camera.width for camera in cameras))
-
-        def allowed(in_first: Ints, in_second: Ints) -> Bools:
-            time_a, time_b = first.times[in_first[0], REACH], second.times[in_second[0], REACH]
-            half = (time_b + clocks.lag(*pair, time_b) - time_a) / 2
-            a, _ = first.positions(in_first, np.full(len(in_first), time_a + half))
-            b, _ = second.positions(in_second, np.full(len(in_second), time_b - half))
-            return np.abs(sampson_table(matrix, a, b)) < band
-
-        return allowed
-
-
-def find_points(film: Film, motion: Motion, clocks: Clocks, index: int, run: Run) -> MovingPoints:
-    """The moving points of a film, at every third frame; of a long one near times that all films share.
-
-    Args:
-        clocks: of all films, as far as known.
-        index: the film's among them.
-    """
-    keyframes = _keyframes(film, clocks, index)
-
-    def found() -> dict[str, Array]:
-        points = points_in(film, motion.region, keyframes, run)
-        return {part.name: getattr(points, part.name) for part in fields(points)}
-
-    return MovingPoints(**run.work.kept("moving_points", key_of(film.state, keyframes), found))
-
-
-def is_short(film: Film) -> bool:
-    """Every third frame of it can be looked at."""
-    return film.facts.frame_count <= limits.KEYFRAME_EVERY * limits.MOST_KEYFRAMES
-
-
-def _keyframes(film: Film, clocks: Clocks, index: int) -> list[int]:
-    count, every, most = film.facts.frame_count, limits.KEYFRAME_EVERY, limits.MOST_KEYFRAMES
-    if is_short(film):
-        step = max(1, min(every, count // limits.FEWEST_KEYFRAMES), count // most)
-        return keyframes_of(range(REACH, count - REACH, step), count)
-    # Frames of other films are compared only where they were taken at nearly the same time.
-    apart = every * film.interval * max(1.0, count / (every * most))
-    apart = 2.0 ** np.ceil(np.log2(apart))  # the same grid for all films, though they differ in length
-    start, end = (clocks.capture_time(index, float(time)) for time in film.stamps[[0, -1]])
-    times = np.arange(np.ceil(start / apart), np.floor(end / apart) + 1) * apart
-    at = [clocks.film_time(index, float(time)) for time in times]
-    return keyframes_of([int(np.abs(film.stamps - time).argmin()) for time in at], count)
-
-
-def coarse_lags(rig: Rig, start: Clocks, is_sure: bool, run: Run) -> list[PairLag]:
-    """Lags right to a fraction of a frame: near a start that is sure, else over all of two short films."""
-
-    def of_pair(pair: tuple[int, int]) -> PairLag | None:
-        run.check()
-        lags = _range(rig, pair, start, is_sure)
-        views = rig.geometry(pair, Search(lags, REACH * rig.frame(pair), limits.COARSE_KEYFRAMES))
-        return epipolar_lag(pair, views, lags, limits.COARSE_STEP)
-
-    return [lag for lag in run.in_threads("coarse offsets", of_pair, rig.pairs()) if lag is not None]
-
-
-def fine_lags(rig: Rig, start: Clocks, run: Run) -> list[PairLag]:
-    """Lags to a few hundredths of a frame, near clocks that are right to a frame or two."""
-
-    def of_pair(pair: tuple[int, int]) -> PairLag | None:
-        run.check()
-        lags = _near(rig, pair, start, limits.FINE_FRAMES)
-        search = Search(lags, REACH * rig.frame(pair), allowed=rig.along_lines(pair, start))
-        return epipolar_lag(pair, rig.geometry(pair, search), lags)
-
-    return [lag for lag in run.in_threads("offsets", of_pair, rig.pairs()) if lag is not None]
-
-
-def _range(rig: Rig, pair: tuple[int, int], start: Clocks, is_sure: bool) -> tuple[float, float]:
-    first, second = (rig.films[film] for film in pair)
-    if is_sure or not (is_short(first) and is_short(second)):
-        return _near(rig, pair, start, limits.START_FRAMES)
-    least = limits.LEAST_OVERLAP * min(first.duration, second.duration)
-    return least - second.duration, first.duration - least
-
-
-def _near(rig: Rig, pair: tuple[int, int], start: Clocks, frames: float) -> tuple[float, float]:
-    second = rig.films[pair[1]]
-    ends = [start.lag(*pair, at) for at in (float(second.stamps[0]), float(second.stamps[-1]))]
-    reach = frames * rig.frame(pair)
-    return min(ends) - reach, max(ends) + reach
-
-
-def straightened(camera: Camera, distortion: Distortion | None, positions: Float64s) -> Float64s:
-    """Positions (..., 2) in pixels of ``camera``, pixel centres at +0.5, without its lens's distortion; NaN stays."""
-    if distortion is None or not positions.size:
-        return positions
-    cv2 = load_opencv()
-    lens = camera.intrinsics.copy()
-    lens[:2, 2] -= 0.5  # OpenCV counts pixel centres from 0
-    straight: Float64s = positions.reshape(-1, 2).copy()
-    known = np.isfinite(straight).all(axis=1)
-    if known.any():
-        given = np.ascontiguousarray(straight[known] - 0.5)
-        given[:, 0] -= distortion.skew * lens[0, 0] * (given[:, 1] - lens[1, 2]) / lens[1, 1]
-        straight[known] = cv2.undistortPoints(given[:, None], lens, distortion.coefficients, P=lens)[:, 0] + 0.5
-    return straight.reshape(positions.shape)
-
-
-# --- one pair of films
+Cameras = Mapping[str, tuple[Camera, Distortion]]
+"""Cameras that are known, by name, with their lenses' distortion by OpenCV's model."""
 
 
 @dataclass(frozen=True, eq=False)
-class Geometry:
-    """Two views' points, matched, and how the views lie to each other.
+class Views:
+    """Two films of cameras that are known, and how these lie to each other.
 
     Attributes:
-        points: of the two films, in pixels without lens distortion.
-        matches: between them.
+        pair: indices of the films.
+        films: the two.
+        points: that move in them, in pixels without lens distortion.
         matrix: (3, 3) fundamental matrix, first to second.
         frame: seconds between frames, of the slower film.
         width: pixels of the wider film.
         bias: (3,) pixels by ``bias_terms``: what the cameras' calibration leaves of every residual.
     """
 
+    pair: tuple[int, int]
+    films: tuple[Film, Film]
     points: tuple[MovingPoints, MovingPoints]
-    matches: Matches
     matrix: Float64s
     frame: float
     width: int
@@ -199,6 +55,32 @@ class Geometry:
     def truncation(self) -> float:
         """Pixels beyond which a residual is that of a false match."""
         return max(1.0, limits.TRUNCATION * self.width)
+
+    @property
+    def reach(self) -> float:
+        """Seconds in which a point is tracked to either side of its frame."""
+        return REACH * self.frame
+
+    def near(self, start: Clocks, frames: float) -> tuple[float, float]:
+        """The least and the greatest lag, seconds, within so many frames of clocks that are nearly right."""
+        ends = [start.lag(*self.pair, at) for at in self.films[1].stamps[[0, -1]].tolist()]
+        return min(ends) - frames * self.frame, max(ends) + frames * self.frame
+
+    def along_lines(self, clocks: Clocks) -> Callable[[Ints, Ints], Bools]:
+        """Which points of the films lie near each other's epipolar lines, by clocks that are nearly right.
+
+        Fewer rivals pass the ratio test the more: several times as many matches where little has texture.
+        """
+        first, second = self.points
+
+        def allowed(in_first: Ints, in_second: Ints) -> Bools:
+            time_a, time_b = first.times[in_first[0], REACH], second.times[in_second[0], REACH]
+            half = (time_b + clocks.lag(*self.pair, time_b) - time_a) / 2
+            a, _ = first.positions(in_first, np.full(len(in_first), time_a + half))
+            b, _ = second.positions(in_second, np.full(len(in_second), time_b - half))
+            return np.abs(sampson_table(self.matrix, a, b)) < limits.BAND * self.truncation
+
+        return allowed
 
     def residuals(self, matches: Matches, lags: Float64s | float) -> tuple[Float64s, Bools]:
         """(M,) pixels at lags (M,) seconds, and which of them could be had."""
@@ -216,55 +98,139 @@ class Geometry:
         return np.column_stack([np.ones(len(where)), 2 * (where - middle) / self.width])
 
     def slopes(self, matches: Matches, lags: Float64s | float) -> tuple[Float64s, Float64s, Bools]:
-        """Residuals (M,) pixels, their derivatives (M,) in pixels a second of lag, and which could be had."""
+        """Residuals (M,) pixels, their derivatives (M,) in pixels a second of lag, and which of them tell the lag."""
         step = 0.25 * self.frame
         before, good_before = self.residuals(matches, lags - step)
         after, good_after = self.residuals(matches, lags + step)
-        return (before + after) / 2, (after - before) / (2 * step), good_before & good_after
+        slopes = (after - before) / (2 * step)
+        tells = good_before & good_after & (np.abs(slopes) * self.frame > limits.LEAST_SLOPE)
+        return (before + after) / 2, slopes, tells
 
 
-def epipolar_lag(
-    pair: tuple[int, int], views: Geometry, lags: tuple[float, float], step: float = 0.25
-) -> PairLag | None:
+def views_of(films: Sequence[Film], motions: Sequence[Motion], known: Cameras, start: Clocks, run: Run) -> list[Views]:
+    """Each film with those whose cameras look at the scene most alike; ``start`` has their clocks as far as known."""
+    cameras = [known[film.name][0].resized(*film.size) for film in films]
+
+    def of_film(index: int) -> MovingPoints:
+        film, keyframes = films[index], _keyframes(films[index], start, index)
+        found = run.work.kept(
+            "moving_points",
+            key_of(film.state, keyframes),
+            lambda: vars(points_in(film, motions[index].region, keyframes)),
+        )
+        points = MovingPoints(**found)
+        return replace(points, tracks=straightened(cameras[index], known[film.name][1], points.tracks))
+
+    points = run.in_threads("moving points", of_film, range(len(films)))
+    return [
+        Views(
+            pair=(i, j),
+            films=(films[i], films[j]),
+            points=(points[i], points[j]),
+            matrix=fundamental(cameras[i], cameras[j]),
+            frame=max(films[i].interval, films[j].interval),
+            width=max(cameras[i].width, cameras[j].width),
+        )
+        for i, j in alike_pairs(cameras, limits.NEIGHBORS)
+    ]
+
+
+def _is_short(film: Film) -> bool:
+    """Every third frame of it can be looked at."""
+    return film.facts.frame_count <= limits.KEYFRAME_EVERY * limits.MOST_KEYFRAMES
+
+
+def _keyframes(film: Film, clocks: Clocks, index: int) -> list[int]:
+    """Every third frame of a film; of a long one those near times that all films share."""
+    count, every, most = film.facts.frame_count, limits.KEYFRAME_EVERY, limits.MOST_KEYFRAMES
+    if _is_short(film):
+        step = max(1, min(every, count // limits.FEWEST_KEYFRAMES), count // most)
+        return list(range(REACH, count - REACH, step))
+    # Frames of other films are compared only where they were taken at nearly the same time.
+    apart = every * film.interval * max(1.0, count / (every * most))
+    apart = 2.0 ** np.ceil(np.log2(apart))  # the same grid for all films, though they differ in length
+    start, end = (clocks.capture_time(index, time) for time in film.stamps[[0, -1]].tolist())
+    times = np.arange(np.ceil(start / apart), np.floor(end / apart) + 1) * apart
+    nearest = {int(np.abs(film.stamps - clocks.film_time(index, time)).argmin()) for time in times.tolist()}
+    return sorted(frame for frame in nearest if REACH <= frame < count - REACH)
+
+
+def coarse_lags(rig: Sequence[Views], start: Clocks, is_sure: bool, run: Run) -> list[PairLag]:
+    """Lags right to a fraction of a frame: near a start that is sure, else over all of two short films."""
+
+    def of_pair(views: Views) -> PairLag | None:
+        first, second = views.films
+        if is_sure or not (_is_short(first) and _is_short(second)):
+            lags = views.near(start, limits.START_FRAMES)
+        else:
+            least = limits.LEAST_OVERLAP * min(first.duration, second.duration)
+            lags = least - second.duration, first.duration - least
+        matches = match(views.points, (lags[0] - views.reach, lags[1] + views.reach), limits.COARSE_KEYFRAMES)
+        return epipolar_lag(views, matches, lags, limits.COARSE_STEP)
+
+    return [lag for lag in run.in_threads("coarse offsets", of_pair, rig) if lag is not None]
+
+
+def fine_lags(rig: Sequence[Views], start: Clocks, run: Run) -> list[PairLag]:
+    """Lags to a few hundredths of a frame, near clocks that are right to a frame or two."""
+
+    def of_pair(views: Views) -> PairLag | None:
+        lags = views.near(start, limits.FINE_FRAMES)
+        apart = lags[0] - views.reach, lags[1] + views.reach
+        return epipolar_lag(views, match(views.points, apart, allowed=views.along_lines(start)), lags)
+
+    return [lag for lag in run.in_threads("offsets", of_pair, rig) if lag is not None]
+
+
+def straightened(camera: Camera, distortion: Distortion, positions: Float64s) -> Float64s:
+    """Positions (..., 2) in pixels of ``camera``, pixel centres at +0.5, without its lens's distortion; NaN stays."""
+    cv2 = load_opencv()
+    lens = camera.intrinsics.copy()
+    lens[:2, 2] -= 0.5  # OpenCV counts pixel centres from 0
+    given = np.ascontiguousarray(positions.reshape(-1, 1, 2) - 0.5)
+    straight: Float64s = cv2.undistortPoints(given, lens, distortion.coefficients, P=lens) if len(given) else given
+    return (straight + 0.5).reshape(positions.shape)
+
+
+def epipolar_lag(views: Views, matches: Matches, lags: tuple[float, float], step: float = 0.25) -> PairLag | None:
     """The lag between two films at which their moving points agree best; None where too few points move.
 
     Args:
-        pair: indices of the films.
-        views: their points and geometry.
+        matches: between their points.
         lags: the least and the greatest lag to be considered, seconds.
         step: frames between the lags that are tried first.
     """
-    curve = score_curve(views, lags, step * views.frame)
+    curve = score_curve(views, matches, lags, step)
     fits = []
     for start, _ in maxima(curve, views.frame, most=limits.REFINED_PEAKS):
-        if (fit := _refined(pair, views, start)) is not None:
+        if (fit := _refined(views, matches, start)) is not None:
             lag, unbiased = fit
-            scores = score_curve(unbiased, (lag.lag, lag.lag), step * views.frame).scores
-            fits.append((float(np.nanmax(scores)) if np.isfinite(scores).any() else 0.0, lag, unbiased))
+            scores = score_curve(unbiased, matches, (lag.lag, lag.lag), step).scores
+            fits.append((float(np.nan_to_num(scores).max()), lag, unbiased))
     score, best, unbiased = max(fits, key=lambda fit: fit[0], default=(0.0, None, views))
     if best is None or score <= 0:
         return None
-    curve = score_curve(unbiased, lags, step * views.frame)
+    curve = score_curve(unbiased, matches, lags, step)
     others = tuple(other for other in maxima(curve, views.frame) if abs(other[0] - best.lag) >= views.frame)
     return replace(best, score=score, others=others, curve=curve)
 
 
-def score_curve(views: Geometry, lags: tuple[float, float], step: float) -> Curve:
-    """How many of the moving matches lie on their epipolar lines, 0 to 1, over lags."""
+def score_curve(views: Views, matches: Matches, lags: tuple[float, float], step: float) -> Curve:
+    """How many of the moving matches lie on their epipolar lines, 0 to 1, over lags ``step`` frames apart."""
+    step = step * views.frame
     grid = np.arange(np.floor(lags[0] / step), np.ceil(lags[1] / step) + 1) * step
     scores = np.full(len(grid), np.nan)
     for position, lag in enumerate(grid):
-        near = views.matches.within(lag, REACH * views.frame).thinned(limits.MOST_TRIED)
-        if len(near) < limits.LEAST_MATCHES:
+        near = matches.near(lag, views.reach, limits.MOST_TRIED)
+        if len(near.apart) < limits.LEAST_MATCHES:
             continue
-        residuals, slopes, good = views.slopes(near, lag)
-        good &= np.abs(slopes) * views.frame > limits.LEAST_SLOPE
-        agreement = np.maximum(1 - (residuals[good] / views.truncation) ** 2, 0)
-        scores[position] = agreement.sum() / (good.sum() + limits.DOUBT)
+        residuals, _, tells = views.slopes(near, lag)
+        agreement = np.maximum(1 - (residuals[tells] / views.truncation) ** 2, 0)
+        scores[position] = agreement.sum() / (tells.sum() + limits.DOUBT)
     return Curve(grid, scores)
 
 
-def _refined(pair: tuple[int, int], views: Geometry, lag: float) -> tuple[PairLag, Geometry] | None:
+def _refined(views: Views, matches: Matches, lag: float) -> tuple[PairLag, Views] | None:
     """The lag near one that is right to a frame or so, and the views with their bias; None where too few matches move.
 
     Reweighted least squares on residuals that are linear in the lag, in a rate where the films are long, and in where
@@ -273,14 +239,13 @@ def _refined(pair: tuple[int, int], views: Geometry, lag: float) -> tuple[PairLa
     start, at, rate, sigmas = lag, 0.0, 0.0, (np.inf, np.inf)
     scale, bias = views.truncation, np.zeros(3)
     for turn in range(_ROUNDS):
-        times = views.points[1].times[views.matches.second, REACH]
-        predicted = lag + rate * (times - at)
-        near = views.matches.within(predicted, REACH * views.frame).thinned(limits.MOST_FITTED)
+        times = views.points[1].times[matches.second, REACH]
+        near = matches.near(lag + rate * (times - at), views.reach, limits.MOST_FITTED)
         times = views.points[1].times[near.second, REACH]
         residuals, slopes, good = views.slopes(near, lag + rate * (times - at))
         bias_terms = views.bias_terms(near)
         residuals = residuals + bias_terms @ bias
-        good &= (np.abs(slopes) * views.frame > limits.LEAST_SLOPE) & (np.abs(residuals) < 3 * scale)
+        good &= np.abs(residuals) < 3 * scale
         if good.sum() < limits.LEAST_MATCHES:
             return None
         r, g, t = residuals[good], slopes[good], times[good]
@@ -305,4 +270,4 @@ def _refined(pair: tuple[int, int], views: Geometry, lag: float) -> tuple[PairLa
     if abs(lag - start) > 2 * views.frame and abs(rate) < limits.SLOWEST:
         return None
     sigma = max(sigmas[0], 1e-3 * views.frame)
-    return PairLag(*pair, lag, at, sigma, 0.0, "motion", 1 + rate, sigmas[1]), replace(views, bias=bias)
+    return PairLag(*views.pair, lag, at, sigma, 0.0, "motion", 1 + rate, sigmas[1]), replace(views, bias=bias)

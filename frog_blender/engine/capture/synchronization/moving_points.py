@@ -7,20 +7,21 @@ between these frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray, Ints
+from ..epipolar import mutual
 from ..video import load_opencv
 from . import limits
 from .films import Film
-from .run import Run
 
 REACH = 2
 """Frames to either side of its own in which a point is tracked."""
 _NODES = 2 * REACH + 1
+_SHIFTS = range(-REACH, REACH + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +41,6 @@ class MovingPoints:
     times: Float64s
     tracks: Float64s
     descriptors: Float32s
-
-    def __len__(self) -> int:
-        return len(self.keyframes)
 
     def of_keyframe(self, keyframe: int) -> Ints:
         """The points found in one keyframe: their rows (M,)."""
@@ -65,63 +63,48 @@ class MovingPoints:
         p = tracks[rows[:, None], three]
         frame = (t[:, 2] - t[:, 0]) / 2
         holds = (at >= t[:, 0] - limits.BEYOND * frame) & (at <= t[:, 2] + limits.BEYOND * frame)
-        return _lagrange(t, p, at), holds
+        gaps, result = at[:, None] - t, np.zeros((len(middle), 2))
+        for i, j, k in ((0, 1, 2), (1, 0, 2), (2, 0, 1)):  # Lagrange's polynomials
+            weight = gaps[:, j] * gaps[:, k] / ((t[:, i] - t[:, j]) * (t[:, i] - t[:, k]))
+            result += weight[:, None] * p[:, i]
+        return result, holds
 
 
-def _lagrange(times: Float64s, points: Float64s, at: Float64s) -> Float64s:
-    """(M, 2) on parabolas through points (M, 3, 2) at times (M, 3), evaluated at (M,)."""
-    gaps = at[:, None] - times
-    t0, t1, t2 = times.T
-    weights = np.stack(
-        [
-            gaps[:, 1] * gaps[:, 2] / ((t0 - t1) * (t0 - t2)),
-            gaps[:, 0] * gaps[:, 2] / ((t1 - t0) * (t1 - t2)),
-            gaps[:, 0] * gaps[:, 1] / ((t2 - t0) * (t2 - t1)),
-        ],
-        axis=1,
-    )
-    result: Float64s = (weights[..., None] * points).sum(axis=1)
-    return result
-
-
-def keyframes_of(indices: Iterable[int], frame_count: int) -> list[int]:
-    """Those of the frames that have REACH frames to either side."""
-    return sorted({index for index in indices if REACH <= index < frame_count - REACH})
-
-
-def points_in(film: Film, region: ImageArray, keyframes: Sequence[int], run: Run) -> MovingPoints:
+def points_in(film: Film, region: ImageArray, keyframes: Sequence[int]) -> MovingPoints:
     """The moving points of a film.
 
     Args:
         region: (H, W) uint8 of its gray images, where something moves.
-        keyframes: of ``keyframes_of``.
+        keyframes: ascending, with REACH frames to either side.
     """
-    needed = sorted({key + shift for key in keyframes for shift in range(-REACH, REACH + 1)})
+    needed = sorted({key + shift for key in keyframes for shift in _SHIFTS})
     recent: dict[int, ImageArray] = {}
     parts = [(np.zeros(0, np.int64), np.zeros((0, _NODES, 2)), np.zeros((0, 128), np.float32))]
     for index, gray in zip(needed, film.gray(needed, limits.LONGEST_SIDE), strict=True):
-        run.check()
         recent[index] = gray
         key = index - REACH
         if key in keyframes and region.any():
-            tracks, descriptors = _tracked([recent[key + shift] for shift in range(-REACH, REACH + 1)], region)
-            parts.append((np.full(len(tracks), keyframes.index(key)), tracks, descriptors))
+            found = _tracked([recent[key + shift] for shift in _SHIFTS], region)
+            if found is not None:
+                parts.append((np.full(len(found[0]), keyframes.index(key)), *found))
         recent.pop(index - 2 * REACH, None)
     rows, tracks, descriptors = (np.concatenate(part) for part in zip(*parts, strict=True))
     frames = np.array(keyframes, np.int64)
-    times = film.stamps[frames[rows][:, None] + np.arange(-REACH, REACH + 1)]
-    return MovingPoints(rows, film.stamps[frames], times, tracks / film.scale(limits.LONGEST_SIDE), descriptors)
+    times = film.stamps[frames[rows][:, None] + np.array(_SHIFTS)]
+    scale = min(1.0, limits.LONGEST_SIDE / max(film.size))
+    return MovingPoints(rows, film.stamps[frames], times, tracks / scale, descriptors)
 
 
-def _tracked(images: Sequence[ImageArray], region: ImageArray) -> tuple[Float64s, Float32s]:
-    """Tracks (M, 5, 2) in pixels of the gray images, centres at +0.5, and descriptors (M, 128), of five images."""
+def _tracked(images: Sequence[ImageArray], region: ImageArray) -> tuple[Float64s, Float32s] | None:
+    """Tracks (M, 5, 2) in pixels of the gray images, centres at +0.5, and descriptors (M, 128), of five images; None
+    where no feature moves."""
     cv2 = load_opencv()
     options = {"contrastThreshold": limits.CONTRAST, "enable_precise_upscale": True}
-    rows, columns = _bounds(region)
+    rows, columns = (_span(region.any(axis=axis)) for axis in (1, 0))
     sift = cv2.SIFT_create(nfeatures=limits.MOST_FEATURES, **options)
     features, descriptors = sift.detectAndCompute(images[REACH][rows, columns], region[rows, columns])
-    if descriptors is None or not len(features):
-        return np.zeros((0, _NODES, 2)), np.zeros((0, 128), np.float32)
+    if descriptors is None:
+        return None
     corner = (columns.start, rows.start)
     start = (np.array([feature.pt for feature in features]) + corner).astype(np.float32)
     after, good = _flow(images[REACH], images[REACH + 1], start)
@@ -129,7 +112,7 @@ def _tracked(images: Sequence[ImageArray], region: ImageArray) -> tuple[Float64s
     strength = np.array([features[point].response for point in moving])
     chosen = np.sort(moving[np.argsort(-strength, kind="stable")[: limits.MOST_MOVING]])
     if not len(chosen):
-        return np.zeros((0, _NODES, 2)), np.zeros((0, 128), np.float32)
+        return None
     tracks = np.full((len(chosen), _NODES, 2), np.nan)
     tracks[:, REACH] = start[chosen]
     for direction in (-1, 1):
@@ -144,15 +127,10 @@ def _tracked(images: Sequence[ImageArray], region: ImageArray) -> tuple[Float64s
     return tracks[whole] + 0.5, roots[chosen[whole]].astype(np.float32)
 
 
-def _bounds(mask: ImageArray) -> tuple[slice, slice]:
-    """Rows and columns of a mask (H, W) that hold all of it and a margin: outside, features cost time for nothing."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return slice(0, mask.shape[0]), slice(0, mask.shape[1])
-    top, left = max(int(rows[0]) - limits.FEATURE_MARGIN, 0), max(int(columns[0]) - limits.FEATURE_MARGIN, 0)
-    return slice(top, int(rows[-1]) + limits.FEATURE_MARGIN + 1), slice(
-        left, int(columns[-1]) + limits.FEATURE_MARGIN + 1
-    )
+def _span(changes: Bools) -> slice:
+    """The rows or columns that change and a margin: outside, features cost time for nothing."""
+    first, last = np.flatnonzero(changes)[[0, -1]].tolist()
+    return slice(max(first - limits.FEATURE_MARGIN, 0), last + limits.FEATURE_MARGIN + 1)
 
 
 def _flow(before: ImageArray, after: ImageArray, points: Float32s) -> tuple[Float32s, Bools]:
@@ -165,9 +143,6 @@ def _flow(before: ImageArray, after: ImageArray, points: Float32s) -> tuple[Floa
     missed = np.linalg.norm(back[:, 0] - points, axis=1)
     good = (gone[:, 0] > 0) & (returned[:, 0] > 0) & (missed < limits.FLOW_BACK)
     return there[:, 0], good
-
-
-# --- matches
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,75 +158,46 @@ class Matches:
     second: Ints
     apart: Float64s
 
-    def __len__(self) -> int:
-        return len(self.first)
-
-    def thinned(self, most: int) -> Matches:
-        """At most so many of them, drawn evenly."""
-        if len(self) <= most:
-            return self
-        kept = np.linspace(0, len(self) - 1, most).round().astype(np.int64)
+    def near(self, lag: Float64s | float, reach: float, most: int) -> Matches:
+        """Those whose two times, ``lag`` seconds apart in the films, lie within ``reach`` seconds of each other; of
+        more than ``most`` evenly drawn ones."""
+        kept = np.flatnonzero(np.abs(self.apart - lag) <= reach)
+        if len(kept) > most:
+            kept = kept[np.linspace(0, len(kept) - 1, most).round().astype(np.int64)]
         return Matches(self.first[kept], self.second[kept], self.apart[kept])
 
-    def within(self, lag: Float64s | float, reach: float) -> Matches:
-        """Those whose two times, ``lag`` seconds apart in the films, lie within ``reach`` seconds of each other."""
-        keep = np.abs(self.apart - lag) <= reach
-        return Matches(self.first[keep], self.second[keep], self.apart[keep])
 
+def match(
+    points: tuple[MovingPoints, MovingPoints],
+    apart: tuple[float, float],
+    most: int = 1000,
+    allowed: Callable[[Ints, Ints], Bools] | None = None,
+) -> Matches:
+    """Mutual nearest neighbours between keyframes that may show the same instant.
 
-@dataclass(frozen=True, eq=False)
-class Search:
-    """Which keyframes are compared, and which of their points may be the same.
-
-    Attributes:
-        lags: the least and the greatest lag to be considered, seconds.
-        reach: seconds by which two keyframes may miss each other and still be compared.
+    Args:
+        points: of the two films.
+        apart: seconds by which the first film's keyframe is later than the second's, the least and the greatest.
         most: keyframes of the first film that are looked at, evenly spread.
-        allowed: of rows of the first film's points (M,) and rows of the second's (K,): (M, K) bool; all without it.
+        allowed: of rows of the first film's points (M,) and rows of the second's (K,), which may be the same (M, K);
+            all without it.
     """
-
-    lags: tuple[float, float]
-    reach: float
-    most: int = 1000
-    allowed: Callable[[Ints, Ints], Bools] | None = None
-
-
-def match(first: MovingPoints, second: MovingPoints, search: Search) -> Matches:
-    """Mutual nearest neighbours between keyframes that may show the same instant."""
+    first, second = points
     count = len(first.key_times)
-    chosen = np.unique(np.linspace(0, count - 1, min(search.most, count)).round().astype(int))
+    chosen = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
     rows_a, rows_b = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for key_a in chosen:
         in_a = first.of_keyframe(key_a)
-        apart = first.key_times[key_a] - second.key_times
-        near = (apart >= search.lags[0] - search.reach) & (apart <= search.lags[1] + search.reach)
-        for key_b in np.flatnonzero(near):
+        later = first.key_times[key_a] - second.key_times
+        for key_b in np.flatnonzero((later >= apart[0]) & (later <= apart[1])):
             in_b = second.of_keyframe(int(key_b))
             if min(len(in_a), len(in_b)) < 2:
                 continue
             similarity = first.descriptors[in_a] @ second.descriptors[in_b].T
-            if search.allowed is not None:
-                similarity[~search.allowed(in_a, in_b)] = -1.0
+            if allowed is not None:
+                similarity[~allowed(in_a, in_b)] = -1.0
             a, b = mutual(similarity, limits.MATCH_RATIO, limits.MATCH_FARTHEST)
             rows_a.append(in_a[a])
             rows_b.append(in_b[b])
     a, b = np.concatenate(rows_a), np.concatenate(rows_b)
-    apart = first.key_times[first.keyframes[a]] - second.key_times[second.keyframes[b]]
-    return Matches(a, b, apart)
-
-
-def mutual(similarity: Float32s, ratio: float, farthest: float = np.inf) -> tuple[Ints, Ints]:
-    """Rows and columns of the mutual best of unit descriptors' products (N, K) that are clearly better than the second
-    best in their row, by Lowe's ratio test (2004).
-
-    Args:
-        ratio: of their distances, at most.
-        farthest: distance of the best.
-    """
-    best, columns = similarity.argmax(axis=1), similarity.argmax(axis=0)
-    rows = np.arange(len(best))
-    score = similarity[rows, best]
-    similarity[rows, best] = -2.0
-    distance, second = (np.sqrt(np.maximum(2 - 2 * values, 0)) for values in (score, similarity.max(axis=1)))
-    keep = (distance < ratio * second) & (distance < farthest) & (columns[best] == rows)
-    return rows[keep].astype(np.int64), best[keep].astype(np.int64)
+    return Matches(a, b, first.key_times[first.keyframes[a]] - second.key_times[second.keyframes[b]])

@@ -26,12 +26,14 @@ class Curve:
         scores: (L,) float64; the greater the better, NaN where nothing could be compared.
     """
 
-    lags: Float64s
-    scores: Float64s
+    lags: Float64s = field(default_factory=lambda: np.zeros(0))
+    scores: Float64s = field(default_factory=lambda: np.zeros(0))
 
-
-def no_curve() -> Curve:
-    return Curve(np.zeros(0), np.zeros(0))
+    @property
+    def known(self) -> Curve:
+        """The part of it where something could be compared."""
+        known = np.isfinite(self.scores)
+        return Curve(self.lags[known], self.scores[known])
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +63,7 @@ class PairLag:
     rate: float = 1.0
     rate_sigma: float = float("inf")
     others: tuple[tuple[float, float], ...] = ()
-    curve: Curve = field(default_factory=no_curve)
+    curve: Curve = field(default_factory=Curve)
 
     @property
     def rivals(self) -> tuple[float, ...]:
@@ -75,21 +77,17 @@ def maxima(curve: Curve, apart: float, most: int = 4) -> list[tuple[float, float
     Peaks lie between samples where a parabola through three of them says so.
     """
     scores = np.where(np.isfinite(curve.scores), curve.scores, -np.inf)
-    if not len(scores) or not np.isfinite(scores).any():
-        return []
     padded = np.concatenate([[-np.inf], scores, [-np.inf]])
     peaks = np.flatnonzero((scores >= padded[:-2]) & (scores >= padded[2:]) & np.isfinite(scores))
-    found: list[tuple[float, float]] = []
+    chosen: list[tuple[float, float]] = []
     for peak in peaks[np.argsort(-scores[peaks], kind="stable")]:
-        lag = _vertex(curve.lags, scores, int(peak))
-        if all(abs(lag - other) >= apart for other, _ in found):
-            found.append((lag, float(scores[peak])))
-            if len(found) == most:
-                break
-    return found
+        lag = vertex(curve.lags, scores, int(peak))
+        if len(chosen) < most and all(abs(lag - other) >= apart for other, _ in chosen):
+            chosen.append((lag, float(scores[peak])))
+    return chosen
 
 
-def _vertex(lags: Float64s, scores: Float64s, peak: int) -> float:
+def vertex(lags: Float64s, scores: Float64s, peak: int) -> float:
     """Where the parabola through a maximum and its two neighbours has its vertex."""
     if not 0 < peak < len(lags) - 1:
         return float(lags[peak])
@@ -209,7 +207,8 @@ def solve(count: int, pairs: Sequence[PairLag], frame: float, length: float) -> 
     agreeing = weights[np.abs(misses) < limits.CLOSES * frame].sum(axis=0)
     support = np.where(agreeing > 0, agreeing / np.maximum(weights.sum(axis=0), 1e-300), 0.0)
     triangles = _open_triangles(count, pairs, chosen, links.weights, frame)
-    return Solution(Clocks(offsets, rates), misses, support, _connected(links), triangles)
+    connected = _spanning(links, int(links.own.sum(axis=0).argmax()))[1] & bool(pairs)
+    return Solution(Clocks(offsets, rates), misses, support, connected, triangles)
 
 
 def _rates(count: int, pairs: Sequence[PairLag], frame: float, length: float) -> Float64s:
@@ -233,7 +232,7 @@ def _offsets(links: _Links, frame: float) -> Float64s:
     count = links.matrix.shape[1]
     best, least = np.zeros(count), np.inf
     for root in range(count if len(links.matrix) else 0):
-        offsets = _spanning(links, root)
+        offsets, _ = _spanning(links, root)
         for _ in range(8):
             before, offsets = offsets, _least_misses(links, links.nearest(offsets), offsets, frame)
             if np.abs(offsets - before).max() < 1e-4 * frame:
@@ -246,8 +245,9 @@ def _offsets(links: _Links, frame: float) -> Float64s:
     return best
 
 
-def _spanning(links: _Links, root: int) -> Float64s:
-    """(C,) offsets along the tree of the heaviest pairs that grows from one film; first candidates."""
+def _spanning(links: _Links, root: int) -> tuple[Float64s, Bools]:
+    """(C,) offsets along the tree of the heaviest pairs that grows from one film, by first candidates, and the films
+    that it reaches."""
     offsets, reached = np.zeros(len(links.matrix.T)), np.arange(len(links.matrix.T)) == root
     while (leaves := (links.own & reached).sum(axis=1) == 1).any():
         link = int(np.where(leaves, links.weights, -1).argmax())
@@ -255,7 +255,7 @@ def _spanning(links: _Links, root: int) -> Float64s:
         # What has not been reached is at 0 and adds nothing.
         offsets[film] = (links.candidates[link, 0] - links.matrix[link] @ offsets) * links.matrix[link, film]
         reached[film] = True
-    return offsets
+    return offsets, reached
 
 
 def _least_misses(links: _Links, lags: Float64s, start: Float64s, frame: float) -> Float64s:
@@ -273,16 +273,6 @@ def _least_misses(links: _Links, lags: Float64s, start: Float64s, frame: float) 
     return offsets
 
 
-def _connected(links: _Links) -> Bools:
-    """(C,) which films a chain of pairs joins to the film with most of them."""
-    own = links.own
-    reached = np.zeros(own.shape[1], dtype=bool)
-    reached[int(own.sum(axis=0).argmax())] = bool(len(own))
-    for _ in range(len(reached)):
-        reached |= own[(own & reached).any(axis=1)].any(axis=0)
-    return reached
-
-
 def _open_triangles(count: int, pairs: Sequence[PairLag], lags: Float64s, weights: Float64s, frame: float) -> Float64s:
     """(C,) weighted share of the triangles of pairs through a film whose lags do not add up; NaN in none."""
     lag, weight = np.full((count, count), np.nan), np.zeros((count, count))
@@ -291,12 +281,8 @@ def _open_triangles(count: int, pairs: Sequence[PairLag], lags: Float64s, weight
         if heavy > weight[first, second]:
             lag[first, second], lag[second, first] = value, -value
             weight[first, second] = weight[second, first] = heavy
-    shares = np.full(count, np.nan)
-    for film in range(count):
-        around = lag[film][:, None] + lag + lag[:, film][None]  # film -> b -> c -> film
-        heavy = np.minimum(np.minimum(weight[film][:, None], weight), weight[:, film][None])
-        known = np.isfinite(around) & (heavy > 0)
-        if known.any():
-            is_open = np.abs(around) > limits.CLOSES * frame
-            shares[film] = float(heavy[known & is_open].sum() / heavy[known].sum())
-    return shares
+    around = lag[:, :, None] + lag + lag.T[:, None]  # film -> b -> c -> film
+    heavy = np.minimum(np.minimum(weight[:, :, None], weight), weight.T[:, None])
+    heavy[np.isnan(around)] = 0
+    total, is_open = heavy.sum(axis=(1, 2)), np.abs(around) > limits.CLOSES * frame
+    return np.where(total > 0, (heavy * is_open).sum(axis=(1, 2)) / np.maximum(total, 1e-300), np.nan)

@@ -18,8 +18,8 @@ from ..media import film_tags, read_sound
 from ..video import load_opencv
 from . import limits
 from .films import Film
-from .pairs import Curve, PairLag, maxima
-from .run import Run
+from .pairs import Curve, PairLag, maxima, vertex
+from .run import WorkFolder, key_of
 
 RATE = 16_000
 """Samples of sound a second."""
@@ -60,14 +60,13 @@ def audio_lag(pair: tuple[int, int], sounds: tuple[Float32s, Float32s]) -> PairL
     count = max(1, len(second) // length)
     chosen = np.unique(np.linspace(0, count - 1, min(count, limits.AUDIO_SEGMENTS)).round().astype(int))
     heard, curves = [], []
-    for segment in chosen:
-        start = segment * length
+    for start in chosen * length:
         piece = second[start : start + length] if count > 1 else second
-        curve = _phase_correlation(first, piece)
+        curve = _phase_correlation(first, piece, start)
         lag, prominence = _peak(curve)
         if prominence >= limits.AUDIO_LEAST_PEAK:
-            heard.append(((start + len(piece) / 2) / RATE, lag - start / RATE, prominence))
-            curves.append(Curve(curve.lags - start / RATE, curve.scores))
+            heard.append(((start + len(piece) / 2) / RATE, lag, prominence))
+            curves.append(curve)
     if not heard:
         return None
     times, lags, prominences = np.array(heard).T
@@ -76,18 +75,9 @@ def audio_lag(pair: tuple[int, int], sounds: tuple[Float32s, Float32s]) -> PairL
         return None
     best = int(np.where(agrees, prominences, 0).argmax())
     sureness = float(np.clip(prominences[best] / limits.AUDIO_SURE_PEAK, 0, 1))
-    return PairLag(
-        first=pair[0],
-        second=pair[1],
-        lag=value,
-        at=float(times[agrees].mean()),
-        sigma=limits.AUDIO_TRAVEL,
-        score=float(agrees.sum()) / len(chosen) * sureness,
-        source="audio",
-        rate=1 + slope,
-        rate_sigma=slope_sigma,
-        curve=_shown(curves[best], lags[best]),
-    )
+    score, middle, shown = float(agrees.sum()) / len(chosen) * sureness, float(times[agrees].mean()), curves[best]
+    rate = 1 + slope, slope_sigma
+    return PairLag(*pair, value, middle, limits.AUDIO_TRAVEL, score, "audio", *rate, curve=_shown(shown, lags[best]))
 
 
 def _drift(times: Float64s, lags: Float64s) -> tuple[float, float, float, Bools]:
@@ -113,8 +103,9 @@ def _drift(times: Float64s, lags: Float64s) -> tuple[float, float, float, Bools]
     return float(v.mean()), slope, float(np.sqrt(noise / spread)), agrees
 
 
-def _phase_correlation(first: Float32s, second: Float32s) -> Curve:
-    """The generalised cross-correlation with phase transform over lags, seconds; both signals whole."""
+def _phase_correlation(first: Float32s, second: Float32s, start: int) -> Curve:
+    """The generalised cross-correlation with phase transform over lags, seconds; both signals whole, the second of a
+    film from sample ``start`` on."""
     size = 1 << int(np.ceil(np.log2(len(first) + len(second))))
     cross = np.fft.rfft(first, size) * np.conj(np.fft.rfft(second, size))
     frequencies = np.fft.rfftfreq(size, 1 / RATE)
@@ -124,8 +115,7 @@ def _phase_correlation(first: Float32s, second: Float32s) -> Curve:
     floor = 1e-3 * float(magnitude[inside].mean()) + 1e-20
     whitened = np.where(inside, cross / (magnitude + floor), 0)
     values = np.roll(np.fft.irfft(whitened, size), len(second) - 1)[: len(first) + len(second) - 1]
-    lags = np.arange(-(len(second) - 1), len(first)) / RATE
-    return Curve(lags, values)
+    return Curve(np.arange(-(len(second) - 1) - start, len(first) - start) / RATE, values)
 
 
 def _peak(curve: Curve) -> tuple[float, float]:
@@ -133,10 +123,7 @@ def _peak(curve: Curve) -> tuple[float, float]:
     # By the median: the peak and its reflections must not count as noise.
     deviation = 1.4826 * float(np.median(np.abs(curve.scores)))
     prominence = float(curve.scores.max() / max(deviation, 1e-20))
-    top = int(curve.scores.argmax())
-    part = slice(max(top - 2, 0), top + 3)
-    peaks = maxima(Curve(curve.lags[part], curve.scores[part]), 1.0, most=1)
-    return (peaks[0][0] if peaks else float(curve.lags[top])), prominence
+    return vertex(curve.lags, curve.scores, int(curve.scores.argmax())), prominence
 
 
 def _shown(curve: Curve, lag: float) -> Curve:
@@ -145,7 +132,7 @@ def _shown(curve: Curve, lag: float) -> Curve:
     step = RATE // 1000
     whole = int(near.sum()) // step * step
     lags, scores = curve.lags[near][:whole].reshape(-1, step), np.abs(curve.scores[near][:whole]).reshape(-1, step)
-    return Curve(lags.mean(axis=1), scores.max(axis=1)) if whole else Curve(np.zeros(0), np.zeros(0))
+    return Curve(lags.mean(axis=1), scores.max(axis=1)) if whole else Curve()
 
 
 # --- motion energy
@@ -156,15 +143,22 @@ class Motion:
     """What moves in a film, by one pass over all of it.
 
     Attributes:
-        energy: how much changes by second, between each two frames.
+        times: (N - 1,) seconds in the film, between each two frames.
+        energies: (N - 1,) how much changes there by second.
         region: (H, W) uint8 of the gray images, 255 where something moves, and nothing of the background.
     """
 
-    energy: Signal
+    times: Float64s
+    energies: Float64s
     region: ImageArray
 
+    @property
+    def energy(self) -> Signal:
+        """How much changes when."""
+        return self.times, self.energies
 
-def motion_of(film: Film, run: Run) -> Motion:
+
+def motion_of(film: Film, work: WorkFolder) -> Motion:
     """Decodes a film once, unless what came of it was kept; FrogError if it cannot be decoded."""
 
     def seen() -> dict[str, Array]:
@@ -173,24 +167,16 @@ def motion_of(film: Film, run: Run) -> Motion:
         small: ImageArray | None = None
         changes, samples = [], []
         for index, gray in enumerate(film.gray(range(count), limits.LONGEST_SIDE)):
-            run.check()
             before, small = small, _reduced(gray)
             if before is not None:
                 changes.append(float(np.maximum(np.abs(small - before) - limits.ENERGY_NOISE, 0).mean()))
             if index in sampled:
                 samples.append(gray)
-        times, energies = energy_signal(film.stamps, changes)
+        times = (film.stamps[1:] + film.stamps[:-1]) / 2
+        energies = np.array(changes) / np.maximum(np.diff(film.stamps), 1e-6)
         return {"times": times, "energies": energies, "region": changing_region(samples)}
 
-    arrays = run.work.kept("motion", film.key, seen)
-    return Motion((arrays["times"], arrays["energies"]), arrays["region"])
-
-
-def energy_signal(timestamps: Float64s, changes: Sequence[float]) -> Signal:
-    """Times (N - 1,) between each two of the frames, and the change (N - 1,) there by second."""
-    times = timestamps[: len(changes) + 1]
-    gaps = np.maximum(np.diff(times), 1e-6)
-    return (times[1:] + times[:-1]) / 2, np.array(changes[: len(gaps)]) / gaps
+    return Motion(**work.kept("motion", key_of(film.state), seen))
 
 
 def _reduced(gray: ImageArray) -> ImageArray:
@@ -234,19 +220,9 @@ def energy_lag(pair: tuple[int, int], signals: tuple[Signal, Signal], step: floa
     peaks = maxima(curve, 2 * step)
     if not peaks or peaks[0][1] <= 0:
         return None
-    lag, score = peaks[0]
-    overlap = len(first[1]) * step
-    return PairLag(
-        first=pair[0],
-        second=pair[1],
-        lag=lag,
-        at=second[0] + overlap / 2,
-        sigma=step * max(0.1, 1.5 * (1 - score)),
-        score=score,
-        source="energy",
-        others=tuple(peaks[1:]),
-        curve=curve,
-    )
+    (lag, score), *others = peaks
+    middle, sigma = second[0] + len(first[1]) * step / 2, step * max(0.1, 1.5 * (1 - score))
+    return PairLag(*pair, lag, middle, sigma, score, "energy", others=tuple(others), curve=curve)
 
 
 def _resampled(signal: Signal, step: float) -> tuple[float, Float64s]:

@@ -83,7 +83,7 @@ def track_lags(tracks: Sequence[NamedTracks], width: int) -> list[PairLag]:
 def _curve(first: NamedTracks, second: NamedTracks, frame: float, width: int) -> Curve:
     """How well one geometry explains two films' points, over lags."""
     if min(len(first.times), len(second.times)) < 2:
-        return Curve(np.zeros(0), np.zeros(0))
+        return Curve()
     least = limits.TRACK_OVERLAP * min(np.ptp(first.times), np.ptp(second.times))
     low, high = first.times[0] - second.times[-1] + least, first.times[-1] - second.times[0] - least
     step = limits.TRACK_STEP * frame
