@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from .arguments import add_scene_arguments, add_scheduler_argument, edited_scene
 from .terminal import say
 
 if TYPE_CHECKING:
-    from ..engine.interchange.take import SceneTake, Sound
+    from ..engine.interchange.take import Take
     from ..engine.playback.render_files import FrameRenderer, PlayedFrames
     from ..engine.scene.header import SceneHeader
     from ..engine.scene.scene_file import SceneFile
@@ -184,7 +184,7 @@ _OF_FORMATS = {
 
 def _export(options: argparse.Namespace) -> int:
     from ..engine.editing.edited_scene import RetimedScene
-    from ..engine.interchange.take import SceneTake
+    from ..engine.interchange.take import scene_take
     from ..engine.playback.player import ScenePlayer
 
     for name, (kinds, found, expected) in _OF_FORMATS.items():
@@ -193,35 +193,28 @@ def _export(options: argparse.Namespace) -> int:
     scene, timing = edited_scene(ScenePlayer.load(options.scene), options.edits)
     frames = frames_of(options.frames, scene.header.frame_count if timing is None else len(timing.frames))
     if options.kind in ("usd", "html"):
-        _export_take(options, SceneTake(scene, options.scene.stem, frames, timing=timing))
+        _export_take(options, scene_take(scene, options.scene.stem, frames, timing))
     else:
         _export_frames(options, scene if timing is None else RetimedScene(scene, timing), frames)
     return 0
 
 
-def _export_take(options: argparse.Namespace, take: SceneTake) -> None:
+def _export_take(options: argparse.Namespace, take: Take) -> None:
+    from ..engine.interchange.take import with_sound
     from ..engine.interchange.usd_export import write_usd
     from ..engine.interchange.web_page.page import write_page
     from .progress import bar
 
     if not options.silent:
-        take = replace(take, sound=_sound(options.scene, take))
+        take = with_sound(take, options.scene)
     is_page = options.kind == "html"
     with bar("Exporting") as report:
         for done in (
             write_page(options.out, take) if is_page else write_usd(options.out, take, full_precision=options.float)
         ):
-            report(done, len(take.chosen))
+            report(done, len(take.numbers))
     size = options.out.stat().st_size / 1e6
-    say(f"{len(take.chosen)} frames in {options.out}, {size:,.1f} MB{', with sound' if take.sound else ''}")
-
-
-def _sound(scene_file: Path, take: SceneTake) -> Sound | None:
-    """What is heard with a take of a scene's file; None for silence."""
-    from ..engine.interchange.take import sound_of
-
-    shown = [float(frame) if take.timing is None else take.timing.frames[frame] for frame in take.chosen]
-    return sound_of(take.header, scene_file, shown, take.rate)
+    say(f"{len(take.numbers)} frames in {options.out}, {size:,.1f} MB{', with sound' if take.sound else ''}")
 
 
 def _export_frames(options: argparse.Namespace, scene: PlayedFrames, frames: range) -> None:

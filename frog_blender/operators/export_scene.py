@@ -23,15 +23,14 @@ from ..properties import choice, switch, whole
 from ..scene_import.capture_objects import active_capture, stored_path
 from ..scene_import.capture_sound import has_sound
 from ..timeline import playback
-from ..timeline.frame_timing import frames_shown
 from ..timeline.retiming import raw_frame, stretched
 from .bases import UNDOABLE, FrogOperator
 from .modal_operator import ModalOperator, Steps
-from .timeline_visit import TimelineTake, TimelineVisit
+from .timeline_visit import TimelineVisit, timeline_take
 
 if TYPE_CHECKING:
     from ..engine.gaussians import GaussianArrays
-    from ..engine.interchange.take import Sound
+    from ..engine.interchange.take import Take
 
 FORMATS = (
     (".ply", "3DGS (.ply)", "What every splat program opens"),
@@ -241,12 +240,12 @@ class _ExportsTake(_ExportsTimeline):
         self.layout.prop(self, "use_sound")
 
     def written(self, visit: TimelineVisit, frames: list[float]) -> Steps:
-        take = TimelineTake.of(visit, frames, placed=self.is_placed and self.apply_transform)
-        if self.use_sound:
-            take.sound = _sound(*visit.found(), take)
-        return self.take_written(take)
+        from ..engine.interchange.take import with_sound
 
-    def take_written(self, take: TimelineTake) -> Steps:
+        take = timeline_take(visit, frames, placed=self.is_placed and self.apply_transform)
+        return self.take_written(with_sound(take, file_of(visit.found()[0]), has_sound) if self.use_sound else take)
+
+    def take_written(self, take: Take) -> Steps:
         """Writes the take; raises FrogError."""
         raise NotImplementedError
 
@@ -255,14 +254,6 @@ class _ExportsTake(_ExportsTimeline):
 
     def stopped_message(self) -> str:
         return f"The export was stopped. {self.path} was not written."
-
-
-def _sound(obj: bpy.types.Object, scene: bpy.types.Scene, take: TimelineTake) -> Sound | None:
-    """What is heard with a take; None for silence."""
-    from ..engine.interchange.take import sound_of
-
-    shown = frames_shown(obj, scene, [int(number) for number in take.numbers])
-    return sound_of(take.header, file_of(obj), shown, take.rate, has_sound)
 
 
 class FROG_OT_export_usd(_ExportsTake, bpy.types.Operator):
@@ -284,7 +275,7 @@ the right mouse button to stop"""
         super().draw(context)
         self.layout.prop(self, "full_precision")
 
-    def take_written(self, take: TimelineTake) -> Steps:
+    def take_written(self, take: Take) -> Steps:
         from ..engine.interchange.usd_export import write_usd
 
         bpy.utils.expose_bundled_modules()  # Blender's own USD library, which the builds of Linux distributions lack
@@ -305,7 +296,7 @@ the right mouse button to stop"""
     is_placed = False
     filter_glob: StringProperty(default="*.html", options={"HIDDEN"})
 
-    def take_written(self, take: TimelineTake) -> Steps:
+    def take_written(self, take: Take) -> Steps:
         from ..engine.interchange.web_page.page import write_page
 
         return write_page(self.path, take)

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
 from ..engine.errors import FrogError
-from ..engine.interchange.take import Sound, TakeFrame
+from ..engine.interchange.take import Take, TakeFrame
 from ..scene_import.capture_objects import find_by_uid
 from ..timeline import playback
 from ..timeline.edits import needs_evaluation
+from ..timeline.frame_timing import frames_shown
 from ..timeline.retiming import frame_rate, is_shown, raw_frame, stretched
-
-if TYPE_CHECKING:
-    from ..engine.scene.header import SceneHeader
 
 
 @dataclass(frozen=True)
@@ -70,57 +67,35 @@ class TimelineVisit:
             scene.frame_set(self.shown[0], subframe=self.shown[1])
 
 
-@dataclass
-class TimelineTake:
-    """Frames of the timeline as a ``Take``.
+def timeline_take(visit: TimelineVisit, numbers: Sequence[float], *, placed: bool) -> Take:
+    """Frames of the timeline, as a capture shows them; FrogError if its file cannot be played.
 
-    Attributes:
+    Args:
         visit: finds the capture at each frame.
-        name: of the capture's root.
-        numbers: frames of the timeline.
-        rate: frames a second.
-        header, num_dynamic, changing: of the capture (see ``Take``).
-        keeps_identity: see ``Take``.
         placed: whether the Gaussians stand where the capture has been placed; else in the capture's own space.
-        sound: what plays with it.
     """
+    obj, scene = visit.found()
+    playing = playback.scene_time(obj, numbers[0]).scene
+    several = len(numbers) > 1
+    appears = len({is_shown(obj, stretched(scene, number)) for number in numbers}) > 1
+    all_change = needs_evaluation(obj) or appears  # edits that are animated, and where it is not there
 
-    visit: TimelineVisit
-    name: str
-    numbers: Sequence[float]
-    rate: float
-    header: SceneHeader
-    num_dynamic: int
-    changing: Sequence[str]
-    keeps_identity: bool
-    placed: bool
-    sound: Sound | None = None
-
-    @classmethod
-    def of(cls, visit: TimelineVisit, numbers: Sequence[float], *, placed: bool) -> TimelineTake:
-        """What the capture shows; FrogError if its file cannot be played."""
-        obj, scene = visit.found()
-        playing = playback.scene_time(obj, numbers[0]).scene
-        several = len(numbers) > 1
-        appears = len({is_shown(obj, stretched(scene, number)) for number in numbers}) > 1
-        all_change = needs_evaluation(obj) or appears  # edits that are animated, and where it is not there
-        return cls(
-            visit=visit,
-            name=obj.parent.name if obj.parent is not None else obj.name,
-            numbers=numbers,
-            rate=frame_rate(scene),
-            header=playing.header,
-            num_dynamic=(playing.count if all_change else playing.num_dynamic) if several else 0,
-            changing=(playing.columns if all_change else playing.changing) if several else (),
-            keeps_identity=playing.keeps_identity,
-            placed=placed,
-        )
-
-    def frames(self) -> Iterator[TakeFrame]:
-        """Each frame, in order; the scene is moved to it."""
-        for number in self.numbers:
-            obj, scene, evaluated = self.visit.evaluated_at(number)
+    def frames() -> Iterator[TakeFrame]:
+        """The scene is moved to each."""
+        for number in numbers:
+            obj, scene, evaluated = visit.evaluated_at(number)
             time = playback.shown_frame(obj, scene.frame_current_final, evaluated)
             gaussians = playback.gaussians_at(obj, scene.frame_current_final, evaluated)
-            placement = np.array(evaluated.matrix_world) if self.placed else None
-            yield TakeFrame(number, time, gaussians, placement)
+            yield TakeFrame(number, time, gaussians, np.array(evaluated.matrix_world) if placed else None)
+
+    return Take(
+        name=obj.parent.name if obj.parent is not None else obj.name,
+        header=playing.header,
+        num_dynamic=(playing.count if all_change else playing.num_dynamic) if several else 0,
+        changing=(playing.columns if all_change else playing.changing) if several else (),
+        keeps_identity=playing.keeps_identity,
+        rate=frame_rate(scene),
+        numbers=numbers,
+        shown=frames_shown(obj, scene, [int(number) for number in numbers]),
+        frames=frames,
+    )

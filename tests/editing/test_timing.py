@@ -17,7 +17,7 @@ from frog_blender.engine.editing.edited_scene import RetimedScene
 from frog_blender.engine.editing.edits import Edits, Timing
 from frog_blender.engine.editing.edits_file import load_edits, save_edits
 from frog_blender.engine.interchange.ply import read_splats
-from frog_blender.engine.interchange.take import SceneTake, encoded, sound_of
+from frog_blender.engine.interchange.take import encoded, scene_take, with_sound
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import render_image
 from frog_blender.engine.scene.scene_file import SceneFile, write_scene
@@ -60,14 +60,14 @@ def test_rendered_and_exported_frames_are_the_retimed_ones(saved, capsys):
 
 def test_takes_are_as_long_and_as_fast_as_the_retiming():
     scene = ScenePlayer(scene_file(60))
-    take = SceneTake(scene, "x", range(1, 8), timing=TIMING)
-    assert take.numbers == tuple(float(number) for number in range(11, 18)) and take.rate == 24
+    take = scene_take(scene, "x", range(1, 8), TIMING)
+    assert take.numbers == [*range(11, 18)] and take.rate == 24
     assert (take.num_dynamic, tuple(take.changing)) == (60, scene.columns), "all of it is there and then is not"
     frames = list(take.frames())
     assert [frame.time for frame in frames] == [0.0, 0.5, 1.25, 6.0, 3.0, 0.0, 0.0]
     np.testing.assert_array_equal(frames[2].gaussians.means, scene.at_frame(1.25).means)
     assert frames[4].gaussians.opacities.any() and not frames[5].gaussians.opacities.any()
-    within = replace(take, chosen=range(1, 6))
+    within = scene_take(scene, "x", range(1, 6), TIMING)
     assert (within.num_dynamic, tuple(within.changing)) == (scene.num_dynamic, scene.changing)
     retimed = RetimedScene(scene, TIMING)
     assert len(retimed.at_frame(0)) == 60 and not retimed.at_frame(0).opacities.any()
@@ -80,7 +80,8 @@ def test_the_sound_of_an_export_is_retimed(tmp_path, capsys):
     write_scene(tmp_path / "s.frog", SceneFile(header, file.arrays))
     film_of_clicks(tmp_path / f"{header.cameras[0].name}.mp4", [3 / rate], count / rate, round(rate))
     shown = (None, None, *(0.5 * k for k in range(2 * count - 1)))
-    sound = sound_of(header, tmp_path / "s.frog", shown, 24.0)
+    take = scene_take(ScenePlayer.load(tmp_path / "s.frog"), "x", range(len(shown)), Timing(shown, 24.0))
+    sound = with_sound(take, tmp_path / "s.frog").sound
     assert sound is not None
     np.testing.assert_allclose(times_of_clicks(samples_of(sound.content)) * 24, [8], atol=0.5)
     save_edits(tmp_path / "e.json", Edits(timing=Timing(shown, 24.0)))

@@ -30,7 +30,7 @@ from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import imports
 from frog_blender.engine.interchange.imports import import_scene
 from frog_blender.engine.interchange.ply import splat_bytes
-from frog_blender.engine.interchange.take import SceneTake
+from frog_blender.engine.interchange.take import scene_take
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from fuzzing.worker import Kind, limit_time
@@ -106,7 +106,7 @@ def usd(scene: ScenePlayer, folder: Path, name: str = "whole.usdc") -> list[byte
 
     contents = []
     for full in (False, True):
-        list(write_usd(folder / name, SceneTake(scene, "x", range(3)), full_precision=full))
+        list(write_usd(folder / name, scene_take(scene, "x", range(3)), full_precision=full))
         contents.append((folder / name).read_bytes())
     return contents
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.interchange.imports import import_scene, open_source
-from frog_blender.engine.interchange.take import SceneTake, Sound
+from frog_blender.engine.interchange.take import Sound, scene_take
 from frog_blender.engine.interchange.usd_export import write_usd
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.transform import transform
@@ -38,7 +39,7 @@ def scene(tmp_path: Path) -> ScenePlayer:
 
 
 def written(scene: ScenePlayer, path: Path, **options: bool) -> Path:
-    assert list(write_usd(path, SceneTake(scene, "my scene", range(7)), **options)) == [1, 2, 3, 4, 5, 6, 7]
+    assert list(write_usd(path, scene_take(scene, "my scene", range(7)), **options)) == [1, 2, 3, 4, 5, 6, 7]
     return path
 
 
@@ -137,7 +138,7 @@ def test_a_moving_camera_and_a_moving_root_have_time_samples(tmp_path: Path) -> 
     from fuzzing.scenes import kinds
 
     moving = ScenePlayer(kinds()["moving camera"])
-    list(write_usd(tmp_path / "x.usdc", SceneTake(moving, "x", range(7))))
+    list(write_usd(tmp_path / "x.usdc", scene_take(moving, "x", range(7))))
     stage = Usd.Stage.Open(str(tmp_path / "x.usdc"))
     (prim,) = [prim for prim in stage.Traverse() if prim.GetTypeName() == "Camera"]
     for frame in (0, 6):
@@ -146,8 +147,8 @@ def test_a_moving_camera_and_a_moving_root_have_time_samples(tmp_path: Path) -> 
 
 
 def test_sound_is_named_beside_the_file(scene: ScenePlayer, tmp_path: Path) -> None:
-    take = SceneTake(scene, "x", range(2, 5), Sound(tmp_path / "films" / "cam.mp4", 0.5))
-    list(write_usd(tmp_path / "x.usdc", take))
+    take = scene_take(scene, "x", range(2, 5))
+    list(write_usd(tmp_path / "x.usdc", replace(take, sound=Sound(tmp_path / "films" / "cam.mp4", 0.5))))
     stage = Usd.Stage.Open(str(tmp_path / "x.usdc"))
     prim = stage.GetPrimAtPath("/x/Sound")
     assert prim.GetAttribute("filePath").Get().path == "films/cam.mp4"
@@ -156,7 +157,7 @@ def test_sound_is_named_beside_the_file(scene: ScenePlayer, tmp_path: Path) -> N
 
 def test_an_export_that_ends_early_leaves_nothing(scene: ScenePlayer, tmp_path: Path) -> None:
     (tmp_path / "x.usdc").write_bytes(b"before")
-    steps = write_usd(tmp_path / "x.usdc", SceneTake(scene, "x", range(7)))
+    steps = write_usd(tmp_path / "x.usdc", scene_take(scene, "x", range(7)))
     next(steps)
     steps.close()
     assert (tmp_path / "x.usdc").read_bytes() == b"before" and {p.name for p in tmp_path.iterdir()} == {
@@ -164,10 +165,10 @@ def test_an_export_that_ends_early_leaves_nothing(scene: ScenePlayer, tmp_path: 
         "x.usdc",
     }
     with pytest.raises(FrogError, match=r"expected \.usdc"):
-        list(write_usd(tmp_path / "x.obj", SceneTake(scene, "x", range(7))))
+        list(write_usd(tmp_path / "x.obj", scene_take(scene, "x", range(7))))
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(FrogError, match="could not be written"):
-        list(write_usd(tmp_path / "file" / "x.usdc", SceneTake(scene, "x", range(7))))
+        list(write_usd(tmp_path / "file" / "x.usdc", scene_take(scene, "x", range(7))))
 
 
 def test_there_and_back_by_the_commands(scene: ScenePlayer, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -281,12 +282,8 @@ def test_a_process_that_ends_is_one_sentence(scene: ScenePlayer, tmp_path: Path)
 def test_what_was_placed_is_written_as_the_roots_transform(scene: ScenePlayer, tmp_path: Path) -> None:
     matrix = np.array([[0, -2, 0, 1], [2, 0, 0, 2], [0, 0, 2, 3], [0, 0, 0, 1.0]])
 
-    class Placed(SceneTake):
-        def frames(self):  # type: ignore[no-untyped-def]
-            from dataclasses import replace
-
-            return (replace(frame, placement=matrix) for frame in super().frames())
-
-    list(write_usd(tmp_path / "x.usdc", Placed(scene, "x", range(7)), full_precision=True))
+    take = scene_take(scene, "x", range(7))
+    placed = replace(take, frames=lambda: (replace(frame, placement=matrix) for frame in take.frames()))
+    list(write_usd(tmp_path / "x.usdc", placed, full_precision=True))
     back = ScenePlayer.load(import_scene(tmp_path / "x.usdc", tmp_path / "back.frog").path)
     assert_plays_alike(back, lambda frame: transform(scene.at_frame(frame), matrix), [0, 4], 2e-5)

@@ -15,7 +15,7 @@ import pytest
 from support.builders import scene_file
 
 from frog_blender.engine.evaluation.metrics import psnr_of
-from frog_blender.engine.interchange.take import SceneTake
+from frog_blender.engine.interchange.take import scene_take
 from frog_blender.engine.interchange.web_page.page import write_page
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import render_image
@@ -35,7 +35,7 @@ def scene() -> ScenePlayer:
 @pytest.fixture(scope="module")
 def address(scene: ScenePlayer, tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("page") / "x.html"
-    list(write_page(path, SceneTake(scene, "x", FRAMES)))
+    list(write_page(path, scene_take(scene, "x", FRAMES)))
     return path.as_uri()
 
 

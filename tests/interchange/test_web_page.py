@@ -21,7 +21,7 @@ from frog_blender.cli.main import main
 from frog_blender.engine.capture.media import read_sound_file
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.interchange import web_page
-from frog_blender.engine.interchange.take import SceneTake, Sound
+from frog_blender.engine.interchange.take import Sound, scene_take
 from frog_blender.engine.interchange.web_page import page as web_pages
 from frog_blender.engine.interchange.web_page.page import write_page
 from frog_blender.engine.playback.frame_delta import column_of
@@ -46,7 +46,7 @@ def export(
     scene: ScenePlayer, path: Path, frames: range = FRAMES, name: str = "x", sound: Sound | None = None
 ) -> list[int]:
     """What it yielded."""
-    return list(write_page(path, SceneTake(scene, name, frames, sound)))
+    return list(write_page(path, replace(scene_take(scene, name, frames), sound=sound)))
 
 
 def parts(page: Path) -> tuple[dict[str, Any], bytes]:

@@ -6,9 +6,8 @@ The sound is that of the first of the capture's films that has any, or one made 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from ..editing.edits import Timing
 from ..errors import found_instead
 from ..gaussians import NumpyGaussians
 from ..playback.player import ScenePlayer
+from ..playback.render_files import PlayedFrames
 from ..scene.header import SceneHeader
 from ..source_media.retimed_sound import retimed_sound
 from ..source_media.sound import RATE, find_sound, read_sound, wav_of
@@ -61,145 +61,87 @@ class TakeFrame:
     placement: Array | None = None
 
 
-class Take(Protocol):
+@dataclass(frozen=True)
+class Take:
     """Frames that can be gone through, more than once, with as many Gaussians in each.
 
     Attributes:
         name: of the scene, for objects made of it.
         header: the scene file's header.
         num_dynamic: Gaussians that change over time, the first rows.
-        changing: names of their columns that do (see playback.frame_delta).
+        changing: names of their columns that do (see playback.frame_delta); none in a single frame.
         keeps_identity: whether the same row is the same Gaussian in each.
         rate: frames a second.
         numbers: frame numbers, ascending.
+        shown: the capture's frame at each, counted from 0; None where nothing is shown.
+        frames: each frame, in order; FrogError where one cannot be made.
         sound: what plays with it from frame ``numbers[0]`` on; None for silence.
     """
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def header(self) -> SceneHeader: ...
-    @property
-    def num_dynamic(self) -> int: ...
-    @property
-    def changing(self) -> Sequence[str]: ...
-    @property
-    def keeps_identity(self) -> bool: ...
-    @property
-    def rate(self) -> float: ...
-    @property
-    def numbers(self) -> Sequence[float]: ...
-    @property
-    def sound(self) -> Sound | None: ...
-
-    def frames(self) -> Iterator[TakeFrame]:
-        """Each frame, in order; FrogError where one cannot be made."""
-        ...
-
-
-def duration_of(take: Take) -> float:
-    """Seconds that a take lasts, the last frame's own included."""
-    last = take.numbers[-1] + (take.numbers[-1] - take.numbers[-2] if len(take.numbers) > 1 else 1.0)
-    return float((last - take.numbers[0]) / take.rate)
-
-
-@dataclass(frozen=True)
-class SceneTake:
-    """Frames of a scene as it was captured, or as a retiming has it: a ``Take``.
-
-    Attributes:
-        scene: the scene.
-        name: of the scene.
-        chosen: frames of the capture, or of the retiming, counted from 0, ascending, at least one.
-        sound: see ``Take``.
-        timing: the retiming; None for none.
-    """
-
-    scene: ScenePlayer
     name: str
-    chosen: range
+    header: SceneHeader
+    num_dynamic: int
+    changing: Sequence[str]
+    keeps_identity: bool
+    rate: float
+    numbers: Sequence[float]
+    shown: Sequence[float | None]
+    frames: Callable[[], Iterator[TakeFrame]]
     sound: Sound | None = None
-    timing: Timing | None = None
-    numbers: Sequence[float] = field(init=False)
-
-    def __post_init__(self) -> None:
-        first = FIRST_NUMBER if self.timing is None else self.timing.start
-        object.__setattr__(self, "numbers", tuple(float(frame + first) for frame in self.chosen))
 
     @property
-    def header(self) -> SceneHeader:
-        """The scene file's header."""
-        return self.scene.header
-
-    @property
-    def num_dynamic(self) -> int:
-        """Gaussians that change over time."""
-        if self._appears:
-            return self.scene.count
-        return self.scene.num_dynamic if self.changing else 0
-
-    @property
-    def changing(self) -> Sequence[str]:
-        """Columns that change; none in a single frame."""
-        if self._appears:
-            return self.scene.columns
-        return self.scene.changing if len(self.chosen) > 1 else ()
-
-    @property
-    def keeps_identity(self) -> bool:
-        """Whether the same row is the same Gaussian in each frame."""
-        return self.scene.keeps_identity
-
-    @property
-    def rate(self) -> float:
-        """Frames a second."""
-        return self.header.frames_per_second if self.timing is None else self.timing.rate
-
-    def frames(self) -> Iterator[TakeFrame]:
-        """Each frame, in order."""
-        if self.timing is None:
-            for frame in self.chosen:
-                yield TakeFrame(frame + FIRST_NUMBER, frame, self.scene.at_frame(frame))
-            return
-        retimed = RetimedScene(self.scene, self.timing)
-        for number, frame in zip(self.numbers, self.chosen, strict=True):
-            yield TakeFrame(number, self.timing.capture_frame(frame), retimed.at_frame(frame))
-
-    @property
-    def _appears(self) -> bool:
-        """Whether the scene is there in some frames and not in others."""
-        frames = () if self.timing is None else self.timing.frames
-        return len({frames[frame] is None for frame in self.chosen}) > 1 if frames else False
+    def seconds(self) -> float:
+        """How long it lasts, the last frame's own time included."""
+        last = self.numbers[-1] + (self.numbers[-1] - self.numbers[-2] if len(self.numbers) > 1 else 1.0)
+        return (last - self.numbers[0]) / self.rate
 
 
-def sound_of(
-    header: SceneHeader,
-    scene_file: Path,
-    shown: Sequence[float | None],
-    rate: float,
-    has_sound: Callable[[Path], bool] = media.has_sound,
-) -> Sound | None:
-    """What is heard while frames of a capture are shown; None where no film with sound is found.
+def scene_take(scene: ScenePlayer, name: str, chosen: Sequence[int], timing: Timing | None = None) -> Take:
+    """Frames of a scene as it was captured, or as a retiming has it.
+
+    Args:
+        chosen: frames of the capture, or of the retiming, counted from 0, ascending, at least one.
+    """
+    played: PlayedFrames = scene
+    shown: list[float | None] = [*map(float, chosen)]
+    first, rate = FIRST_NUMBER, scene.header.frames_per_second
+    if timing is not None:
+        played, shown = RetimedScene(scene, timing), [timing.frames[frame] for frame in chosen]
+        first, rate = timing.start, timing.rate
+    numbers = [float(frame + first) for frame in chosen]
+    changing, num_dynamic = (scene.changing, scene.num_dynamic) if len(chosen) > 1 and scene.changing else ((), 0)
+    if len({frame is None for frame in shown}) > 1:  # there in some frames, and not in others
+        changing, num_dynamic = scene.columns, scene.count
+
+    def frames() -> Iterator[TakeFrame]:
+        for number, frame, time in zip(numbers, chosen, shown, strict=True):
+            yield TakeFrame(number, time or 0.0, played.at_frame(frame))
+
+    return Take(name, scene.header, num_dynamic, changing, scene.keeps_identity, rate, numbers, shown, frames)
+
+
+def with_sound(take: Take, scene_file: Path, has_sound: Callable[[Path], bool] = media.has_sound) -> Take:
+    """A take with what is heard while its frames are shown; without sound where no film with sound is found.
 
     It is the film's own sound if the frames follow each other as they were filmed, otherwise a retimed one.
 
     Args:
-        shown: the capture's frames, counted from 0; None where nothing is shown.
-        rate: frames a second at which they are shown.
         has_sound: tells whether a film has any.
 
     Raises:
         FrogError: for a sound that cannot be read, and where PyAV is missing and nothing else tells of sound.
     """
-    found = find_sound(header, scene_file, has_sound)
-    if found is None:
-        return None
+    header, shown = take.header, take.shown
+    film = find_sound(header, scene_file, has_sound)
+    if film is None:
+        return take
     count, own_rate = header.frame_count, header.frames_per_second
-    start = found.start + (shown[0] or 0.0) / own_rate
-    if rate == own_rate and start >= 0 and _follow_each_other(shown, count):
-        return Sound(found.path, start)
-    read = read_sound(found.path, found.start, count / own_rate)
-    return Sound(found.path, 0.0, wav_of(retimed_sound(read, shown, rate, count, own_rate)))
+    start = film.start + (shown[0] or 0.0) / own_rate
+    if take.rate == own_rate and start >= 0 and _follow_each_other(shown, count):
+        return replace(take, sound=Sound(film.path, start))
+    samples = read_sound(film.path, film.start, count / own_rate)
+    content = wav_of(retimed_sound(samples, shown, take.rate, count, own_rate))
+    return replace(take, sound=Sound(film.path, 0.0, content))
 
 
 def _follow_each_other(shown: Sequence[float | None], count: int) -> bool:

@@ -26,7 +26,7 @@ from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
 from ...playback.frame_delta import WIDTHS, column_names, column_of, column_width
-from ..take import Take, duration_of, encoded
+from ..take import Take, encoded
 
 MOST_BYTES = 2**29
 """Of a scene's numbers once a browser has unpacked them."""
@@ -255,7 +255,7 @@ def write_page(path: Path, take: Take) -> Generator[int, None, None]:
     }
     sound = ""
     if take.sound is not None:
-        ogg = encoded(take.sound, duration_of(take))
+        ogg = encoded(take.sound, take.seconds)
         sound = f"data:audio/ogg;base64,{base64.b64encode(ogg).decode()}"
     write_atomically(path, _filled(take.name, description, data, sound).encode())
 
