@@ -19,7 +19,8 @@ def _families() -> list[ModuleType]:
 def _classes(family: ModuleType) -> list[Any]:  # Any: Blender's classes
     """The operators and file handlers that a family defines, in order."""
     of_it = [kind for kind in vars(family).values() if getattr(kind, "__module__", "") == family.__name__]
-    return [kind for kind in of_it if isinstance(kind, type) and "bl_idname" in vars(kind)]
+    registered = bpy.types.Operator, bpy.types.FileHandler
+    return [kind for kind in of_it if isinstance(kind, type) and issubclass(kind, registered)]
 
 
 def _draw(self: bpy.types.Menu, name: str) -> None:

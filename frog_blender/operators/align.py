@@ -17,7 +17,6 @@ from .bases import UndoableOperator
 class FROG_OT_align_to_floor(UndoableOperator, bpy.types.Operator):
     """Rotate and move the capture so that its floor lies on the grid, z points up and its center is at the origin"""
 
-    bl_idname = "frog.align_to_floor"
     bl_label = "Align to Floor"
     needs_capture = True
 

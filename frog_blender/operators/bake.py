@@ -74,10 +74,10 @@ class FROG_OT_bake(_OfCapture, ModalOperator, bpy.types.Operator):
     """Compute this capture at every frame of the scene's frame range and store the results on disk, so that scrubbing \
 has nothing to compute. Press Esc or the right mouse button to stop"""
 
-    bl_idname = "frog.bake"
     bl_label = "Bake Playback"
 
     doing = "Baking {done:,} of {total:,} frames"
+    stopped = "Baking was stopped. Nothing was written."
     slice_seconds = 0.03
     _path = Path()
 
@@ -96,14 +96,10 @@ has nothing to compute. Press Esc or the right mouse button to stop"""
         size = self._path.stat().st_size / playback_cache.MEGABYTE
         return f"Baked {self._total:,} frames to {self._path} ({size:,.0f} MB)."
 
-    def stopped_message(self) -> str:
-        return "Baking was stopped. Nothing was written."
-
 
 class FROG_OT_clear_bake(_OfCapture, ConfirmedOperator, bpy.types.Operator):
     """Delete the baked playback of this capture from disk. Frames are computed again when they are shown"""
 
-    bl_idname = "frog.clear_bake"
     bl_label = "Clear Bake"
 
     def act(self, context: bpy.types.Context) -> None:
@@ -118,7 +114,6 @@ class FROG_OT_clear_bake(_OfCapture, ConfirmedOperator, bpy.types.Operator):
 class FROG_OT_clear_cache(FrogOperator, bpy.types.Operator):
     """Free the memory used by cached frames. They are computed again when they are shown"""
 
-    bl_idname = "frog.clear_cache"
     bl_label = "Clear Playback Cache"
 
     def act(self, _context: bpy.types.Context) -> None:

@@ -1,13 +1,18 @@
 """Bases of operators: what is missing is said beforehand, and an error in one sentence afterwards."""
 
+# mypy: disable-error-code="valid-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
 import numpy as np
+from bpy.props import StringProperty
 
+from ..capture_files import named_file
 from ..engine.errors import FrogError
 from ..scene_import.capture_objects import active_capture
 from ..tasks.background_task import BackgroundTask
@@ -23,8 +28,12 @@ MISSING = {"selection": "Select Gaussians of the capture first.", "hidden": "No 
 
 
 class FrogOperator:
-    """Base of all, next to ``bpy.types.Operator``: ``problem`` says why it cannot be done, ``act`` does it."""
+    """Base of all, next to ``bpy.types.Operator``: ``problem`` says why it cannot be done, ``act`` does it.
 
+    Only what is not in the room ``frog`` has a ``bl_idname`` of its own.
+    """
+
+    bl_idname: str
     report: Callable[[set[str], str], None]  # of the Operator
     poll_message_set: Callable[[str], None]
 
@@ -32,6 +41,13 @@ class FrogOperator:
     """What it is called in File > Import and in File > Export, if it stands there."""
     needs_capture = False
     """Whether there is nothing to do without an active capture."""
+
+    def __init_subclass__(cls) -> None:
+        """Names an operator as its class: FROG_OT_bake is ``frog.bake``."""
+        super().__init_subclass__()
+        room, _, name = cls.__name__.partition("_OT_")
+        if name and "bl_idname" not in vars(cls):
+            cls.bl_idname = f"{room.lower()}.{name}"
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
@@ -99,6 +115,26 @@ class CancelOperator(FrogOperator):
         task = self.kind.current()
         if task is not None:
             task.cancel()
+
+
+class CaptureFileOperator(FrogOperator):
+    """Base, before a helper of Blender's for file browsers, of those on a file next to the active capture's."""
+
+    filepath: StringProperty(subtype="FILE_PATH")
+    needs_capture = True
+    suffix = ""
+    """Of the suggested name; empty for ``filename_ext``."""
+
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if not self.filepath:
+            self.filepath = str(named_file(active_capture(context)).with_suffix(self.suffix or self.filename_ext))
+        result: set[str] = super().invoke(context, event)  # type: ignore[misc]  # of Blender's helper
+        return result
+
+    @property
+    def path(self) -> Path:
+        """The chosen one."""
+        return Path(bpy.path.abspath(self.filepath))
 
 
 class EditOperator(UndoableOperator):

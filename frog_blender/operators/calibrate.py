@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 class FROG_OT_calibrate(FrogOperator, bpy.types.Operator):
     """Find where the cameras stood and when each began to film, in the background. No file that is there is changed"""
 
-    bl_idname = "frog.calibrate"
     bl_label = "Calibrate Cameras"
 
     @classmethod
@@ -38,7 +37,6 @@ class FROG_OT_calibrate(FrogOperator, bpy.types.Operator):
 class FROG_OT_cancel_calibration(CancelOperator, bpy.types.Operator):
     """Stop the calibration. Stages that are done are kept, so that the next one continues there"""
 
-    bl_idname = "frog.cancel_calibration"
     kind = CalibrationTask
 
 
@@ -92,7 +90,6 @@ class FROG_OT_click_points(FrogOperator, bpy.types.Operator):
     """Click the same 16 points in each camera's image: corners near and far, not all on one plane. Each click is \
 saved beside the videos"""
 
-    bl_idname = "frog.click_points"
     bl_label = "Click Points"
 
     _films: tuple[Film, ...] = ()
@@ -189,7 +186,6 @@ saved beside the videos"""
 class FROG_OT_calibrate_from_points(FrogOperator, bpy.types.Operator):
     """Find where the cameras stood by the clicked points alone, in the background. No file that is there is changed"""
 
-    bl_idname = "frog.calibrate_from_points"
     bl_label = "Calibrate from Points"
 
     def act(self, context: bpy.types.Context) -> None:

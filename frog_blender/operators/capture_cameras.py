@@ -14,13 +14,13 @@ from ..properties import number
 from ..tasks.calibration import CalibrationTask
 from ..tasks.clocks import OFFSETS, RATES, CameraClock, write_clock
 from ..ui import capture_reading, capture_summary, contact_sheet, preview_image, report_images, torch_environment
+from ..ui.sidebar_panel import split
 from .bases import FrogOperator
 
 
 class FROG_OT_show_contact_sheet(FrogOperator, bpy.types.Operator):
     """Show the first image of each camera"""
 
-    bl_idname = "frog.show_contact_sheet"
     bl_label = "Show Images"
 
     def act(self, context: bpy.types.Context) -> str:
@@ -41,7 +41,6 @@ class FROG_OT_show_contact_sheet(FrogOperator, bpy.types.Operator):
 class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
     """Correct when this camera began to film. The calibration that FRoG wrote is changed, never one that was given"""
 
-    bl_idname = "frog.edit_clock"
     bl_label = "Correct Clock"
 
     camera: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
@@ -70,8 +69,7 @@ class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self, width=400, title=f"Clock of {self.camera}")
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.use_property_split = True
+        layout = split(self.layout)
         layout.prop(self, "offset")
         layout.prop(self, "rate")
         preview_image.draw(layout, report_images.ONE_CURVE)
@@ -119,7 +117,6 @@ class _UseCameras(FrogOperator):
 class FROG_OT_use_found_cameras(_UseCameras, bpy.types.Operator):
     """Train from the cameras that were found from now on. The given calibration is kept beside them"""
 
-    bl_idname = "frog.use_found_cameras"
     bl_label = "Use Found Cameras"
     other = staticmethod(found_beside)
     use = staticmethod(lambda folder: use_found(folder)[0])
@@ -128,7 +125,6 @@ class FROG_OT_use_found_cameras(_UseCameras, bpy.types.Operator):
 class FROG_OT_use_given_cameras(_UseCameras, bpy.types.Operator):
     """Train from the given calibration again. What was found is kept beside it"""
 
-    bl_idname = "frog.use_given_cameras"
     bl_label = "Use Given Cameras"
     other = staticmethod(given_beside)
     use = staticmethod(use_given)

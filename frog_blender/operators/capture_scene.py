@@ -19,7 +19,6 @@ from .bases import CancelOperator, FrogOperator, UndoableOperator
 class FROG_OT_place_rig(UndoableOperator, bpy.types.Operator):
     """Place cameras around the box, in a collection of their own. Around the selected objects if there is no box yet"""
 
-    bl_idname = "frog.place_rig"
     bl_label = "Place Cameras"
 
     fit: switch(
@@ -43,7 +42,6 @@ class FROG_OT_place_rig(UndoableOperator, bpy.types.Operator):
 class FROG_OT_remove_rig(UndoableOperator, bpy.types.Operator):
     """Delete the rig's cameras and box. What was rendered stays"""
 
-    bl_idname = "frog.remove_rig"
     bl_label = "Remove Rig"
 
     @classmethod
@@ -59,7 +57,6 @@ class FROG_OT_capture_scene(FrogOperator, bpy.types.Operator):
     """Render the scene's frames through the rig, in a Blender beside this one, as a capture to train from. This scene \
 and its settings stay as they are"""
 
-    bl_idname = "frog.capture_scene"
     bl_label = "Render Capture"
 
     @classmethod
@@ -76,7 +73,6 @@ and its settings stay as they are"""
 class FROG_OT_cancel_scene_capture(CancelOperator, bpy.types.Operator):
     """Stop rendering. Images that are done are kept, and the next rendering continues there"""
 
-    bl_idname = "frog.cancel_scene_capture"
     kind = SceneCaptureTask
 
 

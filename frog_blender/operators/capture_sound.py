@@ -12,7 +12,6 @@ from .bases import EditOperator
 class FROG_OT_add_sound_strip(EditOperator, bpy.types.Operator):
     """Put the sound of the capture's video into the sequencer, in time with the capture as it is retimed now"""
 
-    bl_idname = "frog.add_sound_strip"
     bl_label = "Add Sound Strip"
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
@@ -23,7 +22,6 @@ class FROG_OT_add_sound_strip(EditOperator, bpy.types.Operator):
 class FROG_OT_add_speaker(EditOperator, bpy.types.Operator):
     """Add a speaker at the capture that plays its video's sound, in time with the capture as it is retimed now"""
 
-    bl_idname = "frog.add_speaker"
     bl_label = "Add Speaker"
 
     @classmethod
@@ -38,7 +36,6 @@ class FROG_OT_add_speaker(EditOperator, bpy.types.Operator):
 class FROG_OT_update_sound(EditOperator, bpy.types.Operator):
     """Make the sound of the capture's strip and speaker anew, as the capture is retimed now"""
 
-    bl_idname = "frog.update_sound"
     bl_label = "Update Sound"
 
     @classmethod

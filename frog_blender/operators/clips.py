@@ -25,7 +25,6 @@ class FROG_OT_add_clips(ModalOperator, bpy.types.Operator):
     """Show each camera's video as its background, synchronized with the capture. For lenses with distortion, \
 undistorted copies are first written next to the scene file"""
 
-    bl_idname = "frog.add_clips"
     bl_label = "Show Clips"
     bl_options = UNDOABLE
 
@@ -135,7 +134,6 @@ def _is_covered(context: bpy.types.Context) -> bool:
 class FROG_OT_hide_clips(UndoableOperator, bpy.types.Operator):
     """Hide the videos behind the capture's cameras"""
 
-    bl_idname = "frog.hide_clips"
     bl_label = "Hide Clips"
 
     @classmethod

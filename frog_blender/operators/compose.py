@@ -24,7 +24,6 @@ class FROG_OT_compose(UndoableOperator, bpy.types.Operator):
     """Render your objects with Cycles or EEVEE and the captures with FRoG into one image, with correct occlusion. \
 Later changes of camera, frame range, render region, resolution, collections and objects are followed"""
 
-    bl_idname = "frog.compose"
     bl_label = "Render With My Objects"
 
     engine: choice(

@@ -8,13 +8,13 @@ from collections.abc import Callable
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty
 
 from .. import addon_state
 from ..engine.errors import FrogError
 from ..properties import choice, number, switch, whole
 from ..timeline import playback
 from ..timeline.edited_scenes import EditedScenes
+from ..ui.sidebar_panel import split
 from .bases import EditOperator, chosen_in, mark, scene_of, select
 
 CRITERIA = (
@@ -41,7 +41,6 @@ MODES = (
 class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
     """Select Gaussians of the capture by what they are"""
 
-    bl_idname = "frog.select_gaussians"
     bl_label = "Select Gaussians"
 
     by: choice("By", "Which to select", CRITERIA, "CLUSTER")
@@ -53,8 +52,7 @@ class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
     members: whole("Fewer Than", "Gaussians in a cluster", 50, min=2, soft_max=1000)
 
     def draw(self, _context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.use_property_split = True
+        layout = split(self.layout)
         layout.prop(self, "by")
         layout.prop(self, "mode")
         if self.by in _LIMITS:
@@ -64,13 +62,13 @@ class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
         from ..engine.editing.selections import combined
 
         before = chosen_in(obj.frog_edits.selection, scene_of(obj))
-        return select(obj, combined(before, self._found(context, obj), self.mode))
+        return select(obj, combined(before, self._matching(context, obj), self.mode))
 
-    def _found(self, context: bpy.types.Context, obj: bpy.types.Object) -> np.ndarray:
+    def _matching(self, context: bpy.types.Context, obj: bpy.types.Object) -> np.ndarray:
         from ..engine.editing import selections
 
         scene, center = scene_of(obj), np.array(obj.matrix_world.inverted_safe() @ context.scene.cursor.location)
-        found: dict[str, Callable[[], np.ndarray]] = {
+        criteria: dict[str, Callable[[], np.ndarray]] = {
             "OPACITY": lambda: selections.by_opacity(scene, self.opacity),
             "SIZE": lambda: selections.by_size(scene, self.size),
             "DISTANCE": lambda: selections.by_distance(scene, center, self.distance, _time(context, obj)),
@@ -81,23 +79,22 @@ class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
             "HIDDEN": lambda: chosen_in(obj.frog_edits.hidden, scene),
             "POINTS": lambda: _selected_points(context, obj),
         }
-        return found[self.by]()
+        return criteria[self.by]()
 
 
 class FROG_OT_select_gaussians_all(EditOperator, bpy.types.Operator):
     """Select all Gaussians of the capture, none, or those that are not selected"""
 
-    bl_idname = "frog.select_gaussians_all"
     bl_label = "Select All Gaussians"
 
-    action: EnumProperty(
-        name="Action",
-        items=(
+    action: choice(
+        "Action",
+        "",
+        (
             ("ALL", "All", "Select all"),
             ("NONE", "None", "Select none"),
             ("INVERT", "Invert", "Select the others"),
         ),
-        default="ALL",
     )
 
     def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> None:
@@ -112,7 +109,6 @@ class FROG_OT_select_gaussians_all(EditOperator, bpy.types.Operator):
 class FROG_OT_grow_selection(EditOperator, bpy.types.Operator):
     """Select the Gaussians near selected ones as well, or deselect those near others"""
 
-    bl_idname = "frog.grow_selection"
     bl_label = "Grow Selection"
     needs = "selection"
 
@@ -130,7 +126,6 @@ class FROG_OT_grow_selection(EditOperator, bpy.types.Operator):
 class FROG_OT_hide_gaussians(EditOperator, bpy.types.Operator):
     """Hide the selected Gaussians at all times, in viewports, renders and exports. The .frog file keeps them"""
 
-    bl_idname = "frog.hide_gaussians"
     bl_label = "Hide Gaussians"
     needs = "selection"
 
@@ -151,7 +146,6 @@ class FROG_OT_hide_gaussians(EditOperator, bpy.types.Operator):
 class FROG_OT_restore_gaussians(EditOperator, bpy.types.Operator):
     """Show the hidden Gaussians that are selected, or all if none of them is selected"""
 
-    bl_idname = "frog.restore_gaussians"
     bl_label = "Restore Gaussians"
     needs = "hidden"
 
@@ -166,7 +160,6 @@ class FROG_OT_restore_gaussians(EditOperator, bpy.types.Operator):
 class FROG_OT_clean_up(EditOperator, bpy.types.Operator):
     """Hide what no training image misses, and what hangs alone. Surfaces that only one camera sees stay"""
 
-    bl_idname = "frog.clean_up"
     bl_label = "Clean Up"
 
     strength: number(
@@ -179,11 +172,11 @@ class FROG_OT_clean_up(EditOperator, bpy.types.Operator):
         scene, settings = scene_of(obj), obj.frog_edits
         context.window_manager.progress_begin(0, 1)  # a busy cursor
         try:
-            found = clean_up(scene, self.strength, _weights(obj))
+            cleaned = clean_up(scene, self.strength, _weights(obj))
         finally:
             context.window_manager.progress_end()
-        mark(settings.hidden, scene, chosen_in(settings.hidden, scene) | found.hidden)
-        return f"Hid {found.unmissed:,} Gaussians that no image misses, and {found.floaters:,} that hang alone."
+        mark(settings.hidden, scene, chosen_in(settings.hidden, scene) | cleaned.hidden)
+        return f"Hid {cleaned.unmissed:,} Gaussians that no image misses, and {cleaned.floaters:,} that hang alone."
 
 
 def _weights(obj: bpy.types.Object) -> np.ndarray:

@@ -5,25 +5,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, IntProperty, StringProperty
+from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 from mathutils import Matrix
 
 from .. import addon_state
-from ..capture_files import named_file
 from ..engine.errors import FrogError
-from ..scene_import.capture_objects import active_capture
+from ..properties import choice, whole
 from ..timeline.edited_scenes import EditedScenes
 from ..timeline.edits import GRADE, SETTINGS, edits_of, is_crop_object, needs_evaluation, store_marks
 from ..timeline.frame_timing import timing_of, write_timing
 from ..timeline.retiming import is_plain, needs_evaluated_time
 from ..timeline.timing_curve import check_editable
-from .bases import EditOperator, chosen_in, mark, scene_of
+from .bases import CaptureFileOperator, EditOperator, chosen_in, mark, scene_of
 
 if TYPE_CHECKING:
     from ..engine.editing.crops import Crop
@@ -36,17 +34,16 @@ _MARGIN = 1.05  # of a first crop around what the cameras see together
 class FROG_OT_add_crop(EditOperator, bpy.types.Operator):
     """Crop the capture by a new box or sphere around what its cameras see together, or by the selected objects"""
 
-    bl_idname = "frog.add_crop"
     bl_label = "Add Crop"
 
-    shape: EnumProperty(
-        name="Shape",
-        items=(
+    shape: choice(
+        "Shape",
+        "",
+        (
             ("BOX", "Box", "A new box"),
             ("SPHERE", "Sphere", "A new sphere"),
             ("OBJECT", "Object", "The selected closed meshes, and empties shown as cubes or spheres"),
         ),
-        default="BOX",
     )
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
@@ -82,14 +79,14 @@ def _crop_by(obj: bpy.types.Object, objects: list[bpy.types.Object]) -> None:
 class _RemovesEntry(EditOperator):
     """Base of operators that remove one of several crops or grades."""
 
-    index: IntProperty(name="Index", min=0)
+    index: whole("Index", "", min=0)
     entries = ""
     """The list of the capture's edits that it is in."""
 
     def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> None:
-        found = len(getattr(obj.frog_edits, self.entries))
-        if self.index >= found:
-            raise FrogError(f"{obj.name}: found {found} {self.entries}, expected one of the number {self.index}.")
+        count = len(getattr(obj.frog_edits, self.entries))
+        if self.index >= count:
+            raise FrogError(f"{obj.name}: found {count} {self.entries}, expected one of the number {self.index}.")
         if self.entries == "crops":
             remove_crop(obj, self.index)
         else:
@@ -99,7 +96,6 @@ class _RemovesEntry(EditOperator):
 class FROG_OT_remove_crop(_RemovesEntry, bpy.types.Operator):
     """Remove a crop of the capture, and its empty if it was made for it"""
 
-    bl_idname = "frog.remove_crop"
     bl_label = "Remove Crop"
     entries = "crops"
 
@@ -107,7 +103,6 @@ class FROG_OT_remove_crop(_RemovesEntry, bpy.types.Operator):
 class FROG_OT_remove_grade(_RemovesEntry, bpy.types.Operator):
     """Remove a grade of a selection"""
 
-    bl_idname = "frog.remove_grade"
     bl_label = "Remove Grade"
     entries = "grades"
 
@@ -115,7 +110,6 @@ class FROG_OT_remove_grade(_RemovesEntry, bpy.types.Operator):
 class FROG_OT_add_grade(EditOperator, bpy.types.Operator):
     """Add a grade of the selected Gaussians alone"""
 
-    bl_idname = "frog.add_grade"
     bl_label = "Grade Selection"
     needs = "selection"
 
@@ -131,44 +125,29 @@ class FROG_OT_add_grade(EditOperator, bpy.types.Operator):
 class FROG_OT_reset_grade(EditOperator, bpy.types.Operator):
     """Reset the grade of the whole capture"""
 
-    bl_idname = "frog.reset_grade"
     bl_label = "Reset Grade"
 
     def edit(self, _context: bpy.types.Context, obj: bpy.types.Object) -> None:
-        reset_grade(obj)
+        reset_grade(obj.frog_edits.grade)
 
 
-def reset_grade(obj: bpy.types.Object) -> None:
-    """Gives the grade of a whole capture its defaults."""
+def reset_grade(grade: Any) -> None:
+    """Gives a grade its defaults."""
     for name in (*GRADE, "gains", "offsets"):
-        obj.frog_edits.grade.property_unset(name)
+        grade.property_unset(name)
 
 
-class _OfFile(EditOperator):
+class _OfFile(EditOperator, CaptureFileOperator):
     """Base, with a helper of Blender's for file browsers, of operators on a file of edits."""
 
-    filename_ext = ".json"
-    filepath: StringProperty(subtype="FILE_PATH")
+    filename_ext, suffix = ".json", ".edits.json"
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if not self.filepath:
-            path = named_file(active_capture(context))
-            self.filepath = str(path.with_name(f"{path.stem}.edits.json"))
-        result: set[str] = super().invoke(context, event)  # type: ignore[misc]  # of Blender's helper
-        return result
-
-    @property
-    def path(self) -> Path:
-        """Of the file."""
-        return Path(bpy.path.abspath(self.filepath))
 
 
 class FROG_OT_save_edits(_OfFile, ExportHelper, bpy.types.Operator):
     """Write the edits of the capture as they are at the current frame, and its timing in the scene's frame range, for \
 ``frog render --edits`` and other files"""
 
-    bl_idname = "frog.save_edits"
     bl_label = "Save Edits"
     bl_options = {"REGISTER"}
 
@@ -189,7 +168,6 @@ class FROG_OT_save_edits(_OfFile, ExportHelper, bpy.types.Operator):
 class FROG_OT_load_edits(_OfFile, ImportHelper, bpy.types.Operator):
     """Replace the edits of the capture by those of a file, and its timing if the file has one"""
 
-    bl_idname = "frog.load_edits"
     bl_label = "Load Edits"
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
@@ -221,7 +199,7 @@ def write_edits(obj: bpy.types.Object, edits: Edits, scene: bpy.types.Scene) -> 
     settings.grades.clear()
     for crop in edits.crops:
         _add_crop(obj, crop, scene)
-    reset_grade(obj)
+    reset_grade(settings.grade)
     for grade in edits.grades:
         _write_grade(settings.grade if grade.only is None else settings.grades.add(), grade)
     settings.use = True

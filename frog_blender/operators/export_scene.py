@@ -8,7 +8,6 @@ Each frame becomes a file of its own (.ply, .spz, .glb), or all become one that 
 from __future__ import annotations
 
 from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
@@ -16,7 +15,7 @@ import numpy as np
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..capture_files import file_of, named_file
+from ..capture_files import file_of
 from ..engine.errors import FrogError
 from ..engine.playback.transform import Y_DOWN
 from ..properties import choice, switch, whole
@@ -24,9 +23,10 @@ from ..scene_import.capture_objects import active_capture, stored_path
 from ..scene_import.capture_sound import has_sound
 from ..timeline import playback
 from ..timeline.retiming import raw_frame, stretched
-from .bases import UNDOABLE, FrogOperator
-from .modal_operator import ModalOperator, Steps
-from .timeline_visit import TimelineVisit, timeline_take
+from ..ui.sidebar_panel import split
+from .bases import UNDOABLE, CaptureFileOperator
+from .modal_operator import Steps
+from .timeline_visit import TimelineVisit, VisitsTimeline, timeline_take
 
 if TYPE_CHECKING:
     from ..engine.gaussians import GaussianArrays
@@ -44,24 +44,7 @@ RANGES = (
 )
 
 
-class _ExportsCapture(FrogOperator, ExportHelper):
-    """Base of all: suggests a path next to the .frog file, with the same name."""
-
-    filepath: StringProperty(subtype="FILE_PATH")
-    needs_capture = True
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if not self.filepath:
-            self.filepath = str(named_file(active_capture(context)).with_suffix(self.filename_ext))
-        return super().invoke(context, event)
-
-    @property
-    def path(self) -> Path:
-        """The chosen one."""
-        return Path(bpy.path.abspath(self.filepath))
-
-
-class _ExportsTimeline(_ExportsCapture, ModalOperator):
+class _ExportsTimeline(CaptureFileOperator, VisitsTimeline, ExportHelper):
     """Base of those that write frames of the timeline; classes say how."""
 
     frames: choice("Frames", "Frames of the timeline to write", RANGES, "SCENE")
@@ -76,7 +59,6 @@ class _ExportsTimeline(_ExportsCapture, ModalOperator):
     bl_options = {"REGISTER"}
     doing = "Exporting {done:,} of {total:,} frames"
     is_placed = True  # it matters where the capture stands
-    _visit: TimelineVisit | None = None
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self.is_interactive = True
@@ -84,8 +66,7 @@ class _ExportsTimeline(_ExportsCapture, ModalOperator):
         return super().invoke(context, event)
 
     def draw(self, _context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.use_property_split, layout.use_property_decorate = True, False
+        layout = split(self.layout)
         layout.prop(self, "frames")
         if self.frames == "CUSTOM":
             layout.prop(self, "first")
@@ -103,16 +84,11 @@ class _ExportsTimeline(_ExportsCapture, ModalOperator):
             frames = [raw_frame(scene)]
         if not frames:
             raise FrogError(f"The range is empty: it starts at frame {first} and ends at frame {last}.")
-        self._visit = TimelineVisit.of(context, obj)
-        return self.written(self._visit, frames), len(frames)
+        return self.written(self.visiting(context, obj), frames), len(frames)
 
     def written(self, visit: TimelineVisit, frames: list[float]) -> Steps:
         """Writes frames of a capture; raises FrogError."""
         raise NotImplementedError
-
-    def restore(self) -> None:
-        if self._visit is not None:
-            self._visit.restore()
 
 
 class FROG_OT_export_frames(_ExportsTimeline, bpy.types.Operator):
@@ -143,12 +119,12 @@ Esc or the right mouse button to stop"""
     )
 
     def draw(self, context: bpy.types.Context) -> None:
-        self.layout.use_property_split = True
-        self.layout.prop(self, "file_format")
+        layout = split(self.layout)
+        layout.prop(self, "file_format")
         if self.file_format == ".spz":
-            self.layout.prop(self, "spz_version")
+            layout.prop(self, "spz_version")
         super().draw(context)
-        row = self.layout.row()
+        row = layout.row()
         row.enabled = self.apply_transform and self.file_format == ".ply"
         row.prop(self, "y_down")
 
@@ -198,7 +174,7 @@ def _gaussians(visit: TimelineVisit, frame: float, turn: np.ndarray | None) -> G
         raise FrogError(f"{obj.name}: {reason}, or be exported without Apply Transform.") from error
 
 
-class FROG_OT_export_scene(_ExportsCapture, bpy.types.Operator):
+class FROG_OT_export_scene(CaptureFileOperator, ExportHelper, bpy.types.Operator):
     """Copy the capture's .frog file to another location"""
 
     bl_idname = "export_scene.frog"

@@ -148,7 +148,6 @@ class FROG_OT_import_scene(ImportsFiles, bpy.types.Operator):
 class FROG_FH_scene(DropsIntoViews, bpy.types.FileHandler):
     """Lets a .frog file be dropped into a window."""
 
-    bl_idname = "FROG_FH_scene"
     bl_label = "FRoG Scene"
     bl_import_operator = "import_scene.frog"
     bl_file_extensions = ".frog"

@@ -200,7 +200,6 @@ to a .frog file"""
 class FROG_FH_splats(DropsIntoViews, bpy.types.FileHandler):
     """Lets such files be dropped into a viewport; Blender asks whether to use its own importer or this one."""
 
-    bl_idname = "FROG_FH_splats"
     bl_label = "3DGS Splats (FRoG)"
     bl_import_operator = "import_scene.frog_splats"
     bl_file_extensions = ";".join(SUFFIXES)

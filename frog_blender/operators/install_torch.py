@@ -46,7 +46,6 @@ class _Downloads(ConfirmedOperator):
 class FROG_OT_install_torch(_Downloads, bpy.types.Operator):
     """Download torch, OpenCV and pycolmap into a separate folder. Blender itself is not changed"""
 
-    bl_idname = "frog.install_torch"
     bl_label = "Install torch"
 
     build: choice(
@@ -97,7 +96,6 @@ class FROG_OT_install_torch(_Downloads, bpy.types.Operator):
 class FROG_OT_remove_torch(ConfirmedOperator, bpy.types.Operator):
     """Remove what Install torch downloaded. Training needs it again; playing and rendering do not"""
 
-    bl_idname = "frog.remove_torch"
     bl_label = "Remove torch"
 
     @classmethod
@@ -116,7 +114,6 @@ class FROG_OT_remove_torch(ConfirmedOperator, bpy.types.Operator):
 class FROG_OT_install_calibration(_Downloads, bpy.types.Operator):
     """Download pycolmap and OpenCV, which calibration needs, into a separate folder. Blender itself is not changed"""
 
-    bl_idname = "frog.install_calibration"
     bl_label = "Install pycolmap"
     question = f"This downloads pycolmap {PYCOLMAP} and OpenCV, {SIZES[NO_TORCH]}."
 
@@ -132,7 +129,6 @@ class FROG_OT_install_calibration(_Downloads, bpy.types.Operator):
 class FROG_OT_fetch_landmarks(_Downloads, bpy.types.Operator):
     """Download the file that finds a person's joints, by which cameras that stand far apart can be calibrated"""
 
-    bl_idname = "frog.fetch_landmarks"
     bl_label = "Fetch Landmark File"
     question = f"This downloads {LICENSE}: {LANDMARK_SIZES}."
 
@@ -147,5 +143,4 @@ class FROG_OT_fetch_landmarks(_Downloads, bpy.types.Operator):
 class FROG_OT_cancel_installation(CancelOperator, bpy.types.Operator):
     """Stop the download and discard what was downloaded so far"""
 
-    bl_idname = "frog.cancel_installation"
     kind = PipTask

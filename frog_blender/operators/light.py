@@ -20,7 +20,6 @@ class FROG_OT_light_objects(UndoableOperator, bpy.types.Operator):
     """Light the objects of this scene with what the capture shows at the current frame. Cameras see the world as \
 before. Press again after changes to take the light anew"""
 
-    bl_idname = "frog.light_objects"
     bl_label = "Light Objects by This Capture"
     needs_capture = True
 
@@ -50,7 +49,6 @@ class FROG_OT_use_own_world(UndoableOperator, bpy.types.Operator):
     """Light the objects of this scene with its own world again. What else was changed in the world while it was lit \
 stays in the lit one, which the .blend then keeps"""
 
-    bl_idname = "frog.use_own_world"
     bl_label = "Use My Own World"
 
     @classmethod

@@ -16,18 +16,17 @@ from ..render.compositing import scenes
 from ..scene_import.capture_objects import active_capture
 from ..timeline import playback, retiming
 from .bases import no_own_capture
-from .modal_operator import ModalOperator, Steps
-from .timeline_visit import TimelineVisit
+from .modal_operator import Steps
+from .timeline_visit import TimelineVisit, VisitsTimeline
 
 if TYPE_CHECKING:
     from ..engine.gaussians import NumpyGaussians
 
 
-class FROG_OT_make_proxy(ModalOperator, bpy.types.Operator):
+class FROG_OT_make_proxy(VisitsTimeline, bpy.types.Operator):
     """Fuse what the capture's cameras see of it into a mesh that moves with it, in place of an earlier one. Crops and \
 other edits count; after another edit or another timing, make it again. Press Esc or the right mouse button to stop"""
 
-    bl_idname = "frog.make_proxy"
     bl_label = "Make Proxy Mesh"
     bl_options = {"UNDO"}  # not REGISTER: each change in the redo panel would fuse everything again
 
@@ -63,9 +62,8 @@ other edits count; after another edit or another timing, make it again. Press Es
     )
 
     doing = "Making the proxy mesh: step {done:,} of {total:,}"
+    stopped = "The proxy mesh was stopped. Nothing was changed."
     slice_seconds = 0.03
-    _visit: TimelineVisit | None = None
-    _told = ""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str:
@@ -79,44 +77,34 @@ other edits count; after another edit or another timing, make it again. Press Es
         from ..engine.surfaces.proxy import steps_of
 
         obj, scene = active_capture(context), context.scene
-        numbers = list(range(scene.frame_start, scene.frame_end + 1))
+        frames = list(range(scene.frame_start, scene.frame_end + 1))
         if self.frames == "CURRENT":
-            numbers = [scene.frame_current]
-        numbers = [number for number in numbers if retiming.is_shown(obj, retiming.stretched(scene, number))]
-        if not numbers:
+            frames = [scene.frame_current]
+        frames = [frame for frame in frames if retiming.is_shown(obj, retiming.stretched(scene, frame))]
+        if not frames:
             raise FrogError(f"{obj.name}: it is in none of these frames, as Limit in its timing says.")
-        playing = playback.scene_time(obj, retiming.stretched(scene, numbers[0])).scene
+        playing = playback.scene_time(obj, retiming.stretched(scene, frames[0])).scene
         if not playing.source.changing and not playback.needs_evaluation(obj):
-            numbers = numbers[:1]
-        self._visit = TimelineVisit.of(context, obj)
-        return self._made(self._visit, numbers, playing.keeps_identity), steps_of(len(numbers))
+            frames = frames[:1]
+        visit = self.visiting(context, obj)
+        return self._made(visit, frames, playing.keeps_identity), steps_of(len(frames))
 
-    def _made(self, visit: TimelineVisit, numbers: list[int], keeps_identity: bool) -> Steps:
+    def _made(self, visit: TimelineVisit, frames: list[int], keeps_identity: bool) -> Steps:
         from ..engine.surfaces.proxy import make_proxy
 
         obj, _ = visit.found()
         cameras = playback.open_scene(playback.file_of(obj)).header.cameras
-        frames = [partial(_gaussians_at, visit, number) for number in numbers]
-        made = yield from make_proxy(frames, cameras, self.resolution, keeps_identity=keeps_identity)
+        gaussians = [partial(_gaussians_at, visit, frame) for frame in frames]
+        made = yield from make_proxy(gaussians, cameras, self.resolution, keeps_identity=keeps_identity)
         obj, scene = visit.found()
-        proxy.place(obj, scene, made, numbers[0], self.use)
+        proxy.place(obj, scene, made, frames[0], self.use)
         scenes.follow_all()  # which sees what catches shadows
         quads = len(made.still.quads), [len(mesh.quads) for mesh in made.moving]
         moving = f", and {max(quads[1]):,} at most in {len(quads[1]):,} frames of what moves" if quads[1] else ""
-        self._told = f"The proxy mesh has {quads[0]:,} faces{moving}; its detail is {made.voxel:.3g}."
-
-    def restore(self) -> None:
-        if self._visit is not None:
-            self._visit.restore()
-
-    def finished_message(self) -> str:
-        return self._told
-
-    def stopped_message(self) -> str:
-        return "The proxy mesh was stopped. Nothing was changed."
+        self.said = f"The proxy mesh has {quads[0]:,} faces{moving}; its detail is {made.voxel:.3g}."
 
 
-def _gaussians_at(visit: TimelineVisit, number: int) -> NumpyGaussians:
+def _gaussians_at(visit: TimelineVisit, frame: int) -> NumpyGaussians:
     """In the capture's own space."""
-    obj, scene, evaluated = visit.evaluated_at(number)
+    obj, scene, evaluated = visit.evaluated_at(frame)
     return playback.gaussians_at(obj, scene.frame_current_final, evaluated)

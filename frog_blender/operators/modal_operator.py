@@ -26,6 +26,8 @@ class ModalOperator(FrogOperator):
 
     doing = "Working: {done:,} of {total:,}"
     """Text of the status bar."""
+    said = stopped = ""
+    """The reports when all steps are done, and when the user stopped the operator."""
     stop_keys: tuple[str, ...] = ("ESC", "RIGHTMOUSE")
     at_once = 0.0
     """Seconds of work before the user goes on."""
@@ -110,11 +112,11 @@ class ModalOperator(FrogOperator):
 
     def finished_message(self) -> str:
         """The report when all steps are done."""
-        raise NotImplementedError
+        return self.said
 
     def stopped_message(self) -> str:
         """The report when the user stopped the operator."""
-        raise NotImplementedError
+        return self.stopped
 
     def failed_message(self, reason: str) -> str:
         """The report when a step failed; ``reason`` is a sentence."""

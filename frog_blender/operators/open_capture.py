@@ -26,8 +26,8 @@ class OpensCapture(ModalOperator):
 
     doing = "Reading the capture"
     stop_keys = ("ESC",)
+    stopped = "No capture was chosen."
     at_once = 0.03  # seconds: for a folder whose films are long, of which nothing is decoded
-    _said = ""
 
     def folder(self) -> Path:
         """The folder that is opened; FrogError if there is none."""
@@ -53,20 +53,13 @@ class OpensCapture(ModalOperator):
             raise FrogError(f"{folder}: the scene that it was chosen for is not there any more.")
         capture_reading.choose(scene, str(folder), summary)
         self.has_changed_file = True
-        self._said = f"{folder.name}: {'; '.join(summary.lines)}"
+        self.said = f"{folder.name}: {'; '.join(summary.lines)}"
         _show_panel(bpy.context)
-
-    def finished_message(self) -> str:
-        return self._said
-
-    def stopped_message(self) -> str:
-        return "No capture was chosen."
 
 
 class FROG_OT_drop_videos(OpensCapture, bpy.types.Operator):
     """Use the folder of these videos for training and show what was found in it"""
 
-    bl_idname = "frog.drop_videos"
     bl_label = "FRoG Capture of These Videos"
     bl_options = {"REGISTER", "UNDO", "INTERNAL"}
 
@@ -80,7 +73,6 @@ class FROG_OT_drop_videos(OpensCapture, bpy.types.Operator):
 class FROG_FH_videos(bpy.types.FileHandler):
     """Lets the videos of a capture be dropped into a 3D viewport."""
 
-    bl_idname = "FROG_FH_videos"
     bl_label = "FRoG Capture"
     bl_import_operator = "frog.drop_videos"
     bl_file_extensions = ";".join(sorted(VIDEO_SUFFIXES))

@@ -98,7 +98,6 @@ def _instancer(context: bpy.types.Context, hit: Hit) -> bpy.types.Object | None:
 class FROG_OT_pick(FrogOperator, bpy.types.Operator):
     """Select the capture whose splats are under the mouse"""
 
-    bl_idname = "frog.pick"
     bl_label = "Select Capture"
     bl_options = {"UNDO", "INTERNAL"}
 

@@ -53,7 +53,6 @@ def _plays(path: Path) -> bool:
 class FROG_OT_relink(UndoableOperator, ImportHelper, bpy.types.Operator):
     """Choose the current location of this capture's .frog file"""
 
-    bl_idname = "frog.relink"
     bl_label = "Find Scene File"
 
     filename_ext = ".frog"

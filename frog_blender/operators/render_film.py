@@ -18,7 +18,6 @@ from .bases import FrogOperator
 class FROG_OT_render_film(FrogOperator, bpy.types.Operator, ExportHelper):
     """Render the scene's frame range into an .mp4 film, with its sound. Sets the scene's output to that film"""
 
-    bl_idname = "frog.render_film"
     bl_label = "Render Film"
 
     filename_ext = ".mp4"

@@ -40,7 +40,6 @@ class _EditsCurve(_Retimes):
 class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
     """Make two captures of one, which follow each other at the current frame. The file stays as it is"""
 
-    bl_idname = "frog.split_capture"
     bl_label = "Split Capture"
 
     @classmethod
@@ -69,7 +68,6 @@ class FROG_OT_split_capture(_Retimes, bpy.types.Operator):
 class FROG_OT_reverse_capture(_EditsCurve, bpy.types.Operator):
     """Play the capture backward in the same frames of the timeline"""
 
-    bl_idname = "frog.reverse_capture"
     bl_label = "Reverse Capture"
 
     @classmethod
@@ -107,7 +105,6 @@ class FROG_OT_reverse_capture(_EditsCurve, bpy.types.Operator):
 class FROG_OT_freeze_frame(_EditsCurve, bpy.types.Operator):
     """Hold the current frame of the capture for a while; the rest comes that much later. Its timing becomes a curve"""
 
-    bl_idname = "frog.freeze_frame"
     bl_label = "Freeze Frame"
 
     length: whole("Frames", "How long to hold it", 24, min=1, soft_max=1000)
@@ -124,7 +121,6 @@ class FROG_OT_ramp_speed(_EditsCurve, bpy.types.Operator):
     """Go evenly from the speed at the current frame to another one, and on with that to the end. The timing becomes a \
 curve"""
 
-    bl_idname = "frog.ramp_speed"
     bl_label = "Ramp Speed"
 
     speed: number(
@@ -145,7 +141,6 @@ curve"""
 class FROG_OT_timing_to_curve(_EditsCurve, bpy.types.Operator):
     """Make a curve of the capture's start, speed and repetition, to be edited in the Graph Editor"""
 
-    bl_idname = "frog.timing_to_curve"
     bl_label = "Timing to Curve"
 
     @classmethod
@@ -160,7 +155,6 @@ class FROG_OT_timing_to_curve(_EditsCurve, bpy.types.Operator):
 class FROG_OT_play_in_sequence(EditOperator, bpy.types.Operator):
     """Let the selected captures play one after another, in the order in which they start, each alone"""
 
-    bl_idname = "frog.play_in_sequence"
     bl_label = "Play in Sequence"
 
     @classmethod
@@ -201,7 +195,6 @@ class _OfChosen(UndoableOperator):
 class FROG_OT_fit_frame_range(_OfChosen, bpy.types.Operator):
     """Make the scene begin and end with the chosen capture, as its Start Frame and Speed have it"""
 
-    bl_idname = "frog.fit_frame_range"
     bl_label = "Fit Frame Range"
 
     @classmethod
@@ -226,7 +219,6 @@ class FROG_OT_fit_frame_range(_OfChosen, bpy.types.Operator):
 class FROG_OT_play_in_real_time(_OfChosen, bpy.types.Operator):
     """Set the chosen capture's Speed so that it plays as fast as it was filmed at the scene's frame rate"""
 
-    bl_idname = "frog.play_in_real_time"
     bl_label = "Real Time"
 
     @classmethod

@@ -20,6 +20,7 @@ from ..scene_import.capture_objects import active_capture
 from ..timeline import playback
 from ..ui import gesture_overlay
 from ..ui.selection_tools import HAND, LARGEST_BRUSH, brush_in
+from ..ui.sidebar_panel import split
 from .bases import EditOperator, FrogOperator, chosen_in, scene_of, select
 from .edit_clean import MODES
 
@@ -52,10 +53,10 @@ class Seen:
 
     def chosen(self, hit: np.ndarray, file_count: int) -> np.ndarray:
         """(file_count,) bool of what was hit (K,)."""
-        found = np.zeros(file_count, bool)
+        chosen = np.zeros(file_count, bool)
         rows = self.screen.rows[hit]
-        found[rows if self.rows is None else self.rows[rows]] = True
-        return found
+        chosen[rows if self.rows is None else self.rows[rows]] = True
+        return chosen
 
 
 def seen_in(context: bpy.types.Context, obj: bpy.types.Object, only_visible: bool) -> Seen:
@@ -81,7 +82,6 @@ def seen_in(context: bpy.types.Context, obj: bpy.types.Object, only_visible: boo
 class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
     """Select Gaussians of the capture where they are shown now, for all times. Shift adds, Ctrl deselects"""
 
-    bl_idname = HAND
     bl_label = "Select Gaussians by Hand"
 
     shape: choice("Shape", "What is drawn with the mouse", SHAPES, "BRUSH")
@@ -105,8 +105,7 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
         return super().problem(context) or here
 
     def draw(self, _context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.use_property_split = True
+        layout = split(self.layout)
         for name in ("shape", "mode", "only_visible"):
             layout.prop(self, name)
         if self.shape == "BRUSH":
@@ -171,7 +170,7 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
         if not len(self.path):
             raise FrogError("Found no path of the mouse, expected the places it went through.")
         self._seen = seen_in(context, obj, self.only_visible)
-        stroke = [(place.loc[0], self._seen.height - place.loc[1]) for place in self.path]
+        stroke = [(point.loc[0], self._seen.height - point.loc[1]) for point in self.path]
         self._gesture = drawn(self.shape, self._seen.screen, stroke, self.radius)
 
     def _move(self, event: bpy.types.Event) -> None:
@@ -181,7 +180,6 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
 class FROG_OT_resize_selection_brush(FrogOperator, bpy.types.Operator):
     """Make the brush that selects Gaussians larger or smaller"""
 
-    bl_idname = "frog.resize_selection_brush"
     bl_label = "Resize Selection Brush"
     bl_options = {"INTERNAL"}
 

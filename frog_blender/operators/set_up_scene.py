@@ -20,9 +20,13 @@ from ..timeline import playback
 from .bases import UndoableOperator
 
 
-class ChoosesParts:
-    """Base of an operator: which parts of the scene are matched to a capture, see ``scene_setup.PARTS``."""
+class FROG_OT_set_up_scene(UndoableOperator, bpy.types.Operator):
+    """Match the scene to the capture: frame range, frame rate, image size, camera, background and colors"""
 
+    bl_label = "Set Up Scene"
+    needs_capture = True
+
+    # As ``scene_setup.PARTS``.
     use_frames: switch("Frame Range", "Begin and end with the capture", True)
     use_rate: switch("Frame Rate", "Play as fast as it was filmed", True)
     use_size: switch("Image Size", "Render at the size of the capture's images", True)
@@ -34,19 +38,6 @@ class ChoosesParts:
     )
     use_background: switch("Background", "A world of the color behind the capture. The present one is kept", True)
     use_engine: switch("Render with FRoG", "Make FRoG the render engine, and show rendered viewports", True)
-
-    @property
-    def parts(self) -> list[str]:
-        """The chosen ones."""
-        return [part for part in PARTS if getattr(self, f"use_{part}")]
-
-
-class FROG_OT_set_up_scene(ChoosesParts, UndoableOperator, bpy.types.Operator):
-    """Match the scene to the capture: frame range, frame rate, image size, camera, background and colors"""
-
-    bl_idname = "frog.set_up_scene"
-    bl_label = "Set Up Scene"
-    needs_capture = True
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_props_dialog(self, title="Match the Scene to the Capture?")
@@ -63,8 +54,9 @@ class FROG_OT_set_up_scene(ChoosesParts, UndoableOperator, bpy.types.Operator):
     def act(self, context: bpy.types.Context) -> None:
         obj, scene = active_capture(context), context.scene
         header = playback.open_scene(playback.file_of(obj)).header
+        parts = [part for part in PARTS if getattr(self, f"use_{part}")]
         with all_or_nothing(scene):
-            set_up(scene, header, obj.frog.start_frame, cameras_of(obj), self.parts)
+            set_up(scene, header, obj.frog.start_frame, cameras_of(obj), parts)
 
 
 def _values(obj: bpy.types.Object) -> dict[str, str]:
@@ -73,21 +65,20 @@ def _values(obj: bpy.types.Object) -> dict[str, str]:
         header = playback.open_scene(playback.file_of(obj)).header
     except FrogError:
         return {}
-    found: dict[str, str] = {}
+    said: dict[str, str] = {}
     if header.frame_count > 1:
         first, last = frame_range(header, obj.frog.start_frame)
-        found |= {"frames": f"{first} to {last}", "rate": f"{header.frames_per_second:g} per second"}
+        said |= {"frames": f"{first} to {last}", "rate": f"{header.frames_per_second:g} per second"}
     if cameras := cameras_of(obj):
         width, height = cameras[0].data.frog.size
-        found |= {"size": f"{width} x {height} pixels", "camera": cameras[0].name}
-    return found
+        said |= {"size": f"{width} x {height} pixels", "camera": cameras[0].name}
+    return said
 
 
 class FROG_OT_show_as_filmed(UndoableOperator, bpy.types.Operator):
     """Show the colors of the videos unchanged: Standard view transform, no look and no dithering. It holds for \
 everything in the scene"""
 
-    bl_idname = "frog.show_as_filmed"
     bl_label = "Show Colors as Filmed"
 
     @classmethod
@@ -103,7 +94,6 @@ everything in the scene"""
 class FROG_OT_look_through(UndoableOperator, bpy.types.Operator):
     """Make the selected camera active and render at the size of its captured images"""
 
-    bl_idname = "frog.look_through"
     bl_label = "Look Through Camera"
 
     @classmethod

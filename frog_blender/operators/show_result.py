@@ -21,7 +21,6 @@ _FIELD = 3.0  # reaches of a capture without cameras that a view is away from it
 class FROG_OT_show_result(UndoableOperator, bpy.types.Operator):
     """Select the capture and look at it as its first camera did"""
 
-    bl_idname = "frog.show_result"
     bl_label = "Show"
 
     filepath: text("Scene", "The .frog file that is shown", options={"SKIP_SAVE"})
@@ -66,7 +65,6 @@ def look_at(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 class FROG_OT_hide_start_cube(UndoableOperator, bpy.types.Operator):
     """Hide the cube of a new file in viewports and renders"""
 
-    bl_idname = "frog.hide_start_cube"
     bl_label = "Hide the Default Cube"
 
     @classmethod

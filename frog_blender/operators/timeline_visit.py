@@ -15,6 +15,7 @@ from ..timeline import playback
 from ..timeline.edits import needs_evaluation
 from ..timeline.frame_timing import frames_shown
 from ..timeline.retiming import frame_rate, is_shown, raw_frame, stretched
+from .modal_operator import ModalOperator
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,21 @@ class TimelineVisit:
         scene = find_by_uid(bpy.data.scenes, self.scene)
         if scene is not None and (scene.frame_current, scene.frame_subframe) != self.shown:
             scene.frame_set(self.shown[0], subframe=self.shown[1])
+
+
+class VisitsTimeline(ModalOperator):
+    """A base next to ``bpy.types.Operator``: its steps go through frames of the timeline."""
+
+    _visit: TimelineVisit | None = None
+
+    def visiting(self, context: bpy.types.Context, obj: bpy.types.Object) -> TimelineVisit:
+        """A visit of the current scene, which shows its present frame again afterwards."""
+        self._visit = TimelineVisit.of(context, obj)
+        return self._visit
+
+    def restore(self) -> None:
+        if self._visit is not None:
+            self._visit.restore()
 
 
 def timeline_take(visit: TimelineVisit, numbers: Sequence[float], *, placed: bool) -> Take:

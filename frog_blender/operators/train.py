@@ -116,7 +116,6 @@ class StartsTraining(FrogOperator):
 class FROG_OT_train(StartsTraining, bpy.types.Operator):
     """Train a dynamic Gaussian scene from the capture, in the background"""
 
-    bl_idname = "frog.train"
     bl_label = "Train FRoG"
 
     resume: switch(
@@ -138,7 +137,6 @@ class FROG_OT_train(StartsTraining, bpy.types.Operator):
 class FROG_OT_train_longer(StartsTraining, bpy.types.Operator):
     """Go on with the finished training, for more steps. Its scene stays as it is; the new one gets a number"""
 
-    bl_idname = "frog.train_longer"
     bl_label = "Train Longer"
 
     steps: whole(
@@ -170,26 +168,34 @@ class FROG_OT_train_longer(StartsTraining, bpy.types.Operator):
 class _OfTraining(FrogOperator):
     """Base of operators on the training that there is."""
 
+    applies: ClassVar[Any]  # Any: a function of the task
+    """Whether there is anything to do."""
+
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
         task = TrainingTask.current()
         return task is not None and cls.applies(task)
 
-    applies: ClassVar[Any]  # Any: a function of the task
-    """Whether there is anything to do."""
+    def act(self, _context: bpy.types.Context) -> None:
+        task = TrainingTask.current()
+        if task is not None:
+            self.change(task)
+        redrawing.status_bars()
+
+    def change(self, task: TrainingTask) -> None:
+        """Does it."""
+        raise NotImplementedError
 
 
 class FROG_OT_dismiss_training(_OfTraining, bpy.types.Operator):
     """Remove the report of the last training from the panel. Its files stay"""
 
-    bl_idname = "frog.dismiss_training"
     bl_label = "Dismiss"
     applies = staticmethod(lambda task: not task.is_running and not task.waiting)
 
-    def act(self, _context: bpy.types.Context) -> None:
-        TrainingTask.forget()
+    def change(self, task: TrainingTask) -> None:
+        task.forget()
         redrawing.sidebars()
-        redrawing.status_bars()
 
 
 def forget_shown_training(*_: Any) -> None:
@@ -204,42 +210,32 @@ def forget_shown_training(*_: Any) -> None:
 class FROG_OT_cancel_training(CancelOperator, bpy.types.Operator):
     """Stop the training. The scene as trained so far is written to the output file"""
 
-    bl_idname = "frog.cancel_training"
     kind = TrainingTask
 
 
 class FROG_OT_pause_training(_OfTraining, bpy.types.Operator):
     """Pause the training to free the computer for other work. Nothing is lost"""
 
-    bl_idname = "frog.pause_training"
     bl_label = "Pause"
     applies = staticmethod(lambda _task: TrainingTask.is_computing())
 
-    def act(self, _context: bpy.types.Context) -> None:
-        task = TrainingTask.current()
-        if task is not None:
-            task.control.pause()
-            redrawing.status_bars()
+    def change(self, task: TrainingTask) -> None:
+        task.control.pause()
 
 
 class FROG_OT_resume_training(_OfTraining, bpy.types.Operator):
     """Continue the paused training"""
 
-    bl_idname = "frog.resume_training"
     bl_label = "Resume"
     applies = staticmethod(lambda task: task.paused)
 
-    def act(self, _context: bpy.types.Context) -> None:
-        task = TrainingTask.current()
-        if task is not None:
-            task.control.resume()
-            redrawing.status_bars()
+    def change(self, task: TrainingTask) -> None:
+        task.control.resume()
 
 
 class FROG_OT_inspect_capture(FrogOperator, bpy.types.Operator):
     """Read the capture folder again"""
 
-    bl_idname = "frog.inspect_capture"
     bl_label = "Check Capture"
 
     def act(self, context: bpy.types.Context) -> None:
@@ -248,15 +244,11 @@ class FROG_OT_inspect_capture(FrogOperator, bpy.types.Operator):
             raise FrogError(summary.error)
 
 
-def _handlers() -> app_handlers.Handlers:
-    return [(bpy.app.handlers.load_pre, forget_shown_training)]
-
-
 def on_register() -> None:
     """See ``operators``."""
-    app_handlers.add(_handlers())
+    app_handlers.add([(bpy.app.handlers.load_pre, forget_shown_training)])
 
 
 def on_unregister() -> None:
     """See ``operators``."""
-    app_handlers.remove(_handlers())
+    app_handlers.remove([(bpy.app.handlers.load_pre, forget_shown_training)])
