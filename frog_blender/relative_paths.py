@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,17 @@ def _rewriting() -> Rewriting:
 def are_being_written() -> bool:
     """Whether paths are being written that are not valid yet and must not be opened."""
     return _rewriting().is_writing
+
+
+@contextmanager
+def being_written() -> Iterator[None]:
+    """Around a change of paths that must not be opened."""
+    rewriting = _rewriting()
+    rewriting.is_writing = True
+    try:
+        yield
+    finally:
+        rewriting.is_writing = False
 
 
 def library_of(block: bpy.types.ID) -> bpy.types.Library | None:
@@ -101,13 +113,9 @@ def _owner_of(block: bpy.types.ID, name: str) -> tuple[Any, str]:
 
 
 def _write(block: bpy.types.ID, name: str, value: str) -> None:
-    rewriting = _rewriting()
-    rewriting.is_writing = True
-    try:
-        owner, own = _owner_of(block, name)
+    owner, own = _owner_of(block, name)
+    with being_written():
         setattr(owner, own, value)
-    finally:
-        rewriting.is_writing = False
 
 
 def seen_from(folder: Path, path: str) -> str:

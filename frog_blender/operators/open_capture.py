@@ -11,8 +11,9 @@ from ..engine.capture.video import VIDEO_SUFFIXES
 from ..engine.errors import FrogError
 from ..properties import text
 from ..scene_import.capture_objects import find_by_uid
-from ..ui import capture_reading
+from ..ui.capture_reading import CaptureReading
 from ..ui.sidebar_panel import show_tab
+from ..ui.training_settings import choose_capture
 from .bases import UNDOABLE
 from .modal_operator import ModalOperator, Steps
 
@@ -39,7 +40,7 @@ class OpensCapture(ModalOperator):
 
     def _reading(self, uid: int) -> Steps:
         folder = self.folder()
-        reading = capture_reading.begin(str(folder))
+        reading = CaptureReading(str(folder)).start()
         while reading.is_running:
             reading.join(_WAIT if self.timer is None else 0.0)
             reading.pump()
@@ -51,7 +52,7 @@ class OpensCapture(ModalOperator):
         scene = find_by_uid(bpy.data.scenes, uid)
         if scene is None:
             raise FrogError(f"{folder}: the scene that it was chosen for is not there any more.")
-        capture_reading.choose(scene, str(folder), summary)
+        choose_capture(scene.frog, str(folder), summary)
         self.has_changed_file = True
         self.said = f"{folder.name}: {'; '.join(summary.lines)}"
         _show_panel(bpy.context)

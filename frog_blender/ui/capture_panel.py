@@ -251,8 +251,7 @@ class FROG_PT_synchronization(_OfCapture, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, summary, clocks = self.layout, _summary(context), _summary(context).clocks
-        if clocks is None:
-            return
+        assert clocks is not None  # see poll
         column = layout.column(align=True)
         for clock in clocks.clocks:
             row = column.row(align=True)

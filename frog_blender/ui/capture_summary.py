@@ -55,13 +55,11 @@ class Inspected:
     """The inspected folders.
 
     Attributes:
-        summaries: what was found, by folder.
-        stamps: of the folders, as they were then.
+        folders: what was found in them, and their stamps as they were then.
     """
 
     def __init__(self) -> None:
-        self.summaries: dict[str, CaptureSummary] = {}
-        self.stamps: dict[str, object] = {}
+        self.folders: dict[str, tuple[CaptureSummary, object]] = {}
 
 
 _FILES_LOOKED_AT = 100  # of such a folder, at every redraw of the panel
@@ -69,21 +67,21 @@ _FILES_LOOKED_AT = 100  # of such a folder, at every redraw of the panel
 
 def known(folder: str) -> CaptureSummary | None:
     """The summary of a folder that was inspected, or None. Opens nothing."""
-    return addon_state.get(Inspected).summaries.get(folder)
+    inspected = addon_state.get(Inspected).folders.get(folder)
+    return inspected[0] if inspected else None
 
 
 def is_outdated(folder: str) -> bool:
     """Whether a folder that could not be used as it was has changed, so that what was missing may be there."""
-    inspected = addon_state.get(Inspected)
-    summary = inspected.summaries.get(folder)
-    is_unfit = summary is not None and bool(summary.error or summary.raw_footage)
-    return is_unfit and stamp(folder) != inspected.stamps.get(folder)
+    inspected = addon_state.get(Inspected).folders.get(folder)
+    if inspected is None or not (inspected[0].error or inspected[0].raw_footage):
+        return False
+    return stamp(folder) != inspected[1]
 
 
 def store(folder: str, summary: CaptureSummary, stamp: object) -> None:
     """Stores the summary of a folder, and its stamp from before it was read."""
-    inspected = addon_state.get(Inspected)
-    inspected.stamps[folder], inspected.summaries[folder] = stamp, summary
+    addon_state.get(Inspected).folders[folder] = summary, stamp
 
 
 def stamp(folder: str) -> object:
@@ -116,15 +114,7 @@ def read(folder: Path) -> CaptureSummary:
         return CaptureSummary(error=f"Reading a capture needs the Python package {error.name or error}.")
     except Exception as error:
         return CaptureSummary(error=f"{folder}: this capture cannot be read ({type(error).__name__}: {error}).")
-    return CaptureSummary(
-        _lines(capture),
-        tuple(capture.warnings),
-        capture=capture,
-        clocks=clocks,
-        has_videos=has_videos,
-        found=found,
-        given=given,
-    )
+    return CaptureSummary(_lines(capture), tuple(capture.warnings), "", capture, "", clocks, has_videos, found, given)
 
 
 def _lines(capture: Capture) -> tuple[str, ...]:

@@ -119,6 +119,14 @@ def _file(context: bpy.types.Context) -> Path:
     return playback.file_of(chosen_capture(context))
 
 
+class OfCaptures:
+    """Base of panels about scenes with captures."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return playback.has_captures(context.scene)
+
+
 class OfChosen(SidebarPanel):
     """Base of sub-panels about the chosen capture."""
 

@@ -7,9 +7,8 @@ from functools import partial
 from typing import Any
 
 import bpy
-from bpy.props import PointerProperty
 
-from ..properties import HIDDEN, choice, listed, number, reference, switch, text, vector, whole
+from ..properties import HIDDEN, choice, groups_factory, listed, number, reference, switch, text, vector, whole
 from ..timeline import edits, playback
 
 KEEPS = (
@@ -106,14 +105,4 @@ class FrogEdits(bpy.types.PropertyGroup):
 
 
 _CLASSES = (FrogMarks, FrogCrop, FrogGrade, FrogEdits)
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
-
-
-def register() -> None:
-    _register_classes()
-    bpy.types.Object.frog_edits = PointerProperty(type=FrogEdits)
-
-
-def unregister() -> None:
-    del bpy.types.Object.frog_edits
-    _unregister_classes()
+register, unregister = groups_factory(_CLASSES, (bpy.types.Object, "frog_edits", FrogEdits))

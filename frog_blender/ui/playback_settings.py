@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 import bpy
-from bpy.props import IntVectorProperty, PointerProperty
+from bpy.props import IntVectorProperty
 
 from .. import capture_files, point_cloud, properties
 from ..engine.errors import FrogError
@@ -187,18 +187,5 @@ class FrogCameraSettings(bpy.types.PropertyGroup):
     )
 
 
-_CLASSES = (FrogPlaybackSettings, FrogCameraSettings)
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
-_OWNERS: dict[str, Any] = {"Object": FrogPlaybackSettings, "Camera": FrogCameraSettings}
-
-
-def register() -> None:
-    _register_classes()
-    for owner, cls in _OWNERS.items():
-        getattr(bpy.types, owner).frog = PointerProperty(type=cls)
-
-
-def unregister() -> None:
-    for owner in _OWNERS:
-        del getattr(bpy.types, owner).frog
-    _unregister_classes()
+_ATTACHED = (bpy.types.Object, "frog", FrogPlaybackSettings), (bpy.types.Camera, "frog", FrogCameraSettings)
+register, unregister = properties.groups_factory((FrogPlaybackSettings, FrogCameraSettings), *_ATTACHED)

@@ -51,10 +51,5 @@ class FROG_PT_training_presets(PresetPanel, bpy.types.Panel):
         self.layout.operator(self.preset_add_operator, text="Keep These Settings", icon="ADD")
 
 
-def draw_button(panel: bpy.types.Panel) -> None:
-    """Draws the preset button in a panel's header."""
-    FROG_PT_training_presets.draw_panel_header(panel.layout)
-
-
 _CLASSES = (FROG_MT_training_presets, FROG_OT_training_preset_add, FROG_PT_training_presets)
 register, unregister = bpy.utils.register_classes_factory(_CLASSES)

@@ -15,19 +15,19 @@ class Refreshes:
     """Pending refreshes.
 
     Attributes:
-        wanted: what to call, by what it is for.
+        pending: what to call, by what it is for.
         refreshed_at: when that was done last (of ``time.monotonic``).
     """
 
     def __init__(self) -> None:
-        self.wanted: dict[str, Callable[[], object]] = {}
+        self.pending: dict[str, Callable[[], object]] = {}
         self.refreshed_at = -REST
 
 
 def soon(key: str = "captures", refresh: Callable[[], object] = playback.refresh_all) -> None:
     """Calls ``refresh`` once after drawing, however often it is requested for ``key``, and redraws sidebars."""
     refreshes = addon_state.get(Refreshes)
-    refreshes.wanted.setdefault(key, refresh)
+    refreshes.pending.setdefault(key, refresh)
     app_handlers.later(tick, max(0.0, refreshes.refreshed_at + REST - time.monotonic()))
 
 
@@ -35,9 +35,8 @@ def tick() -> None:
     """Called by Blender's timer: runs all pending refreshes."""
     refreshes = addon_state.get(Refreshes)
     refreshes.refreshed_at = time.monotonic()
-    pending = list(refreshes.wanted.values())
-    refreshes.wanted.clear()
-    for refresh in pending:
+    pending, refreshes.pending = refreshes.pending, {}
+    for refresh in pending.values():
         refresh()
     redrawing.sidebars()
 

@@ -8,19 +8,14 @@ from ..lighting import world
 from ..lighting.proxy import is_for_shadows, proxies_of
 from ..render.compositing import renders
 from ..scene_import.scene_setup import are_colors_unchanged, is_set_up
-from ..timeline import playback
-from .captures_panel import chosen_capture
+from .captures_panel import OfCaptures, chosen_capture
 from .sidebar_panel import SidebarPanel, split, wrapped_label
 
 
-class FROG_PT_render(SidebarPanel, bpy.types.Panel):
+class FROG_PT_render(OfCaptures, SidebarPanel, bpy.types.Panel):
     """What a render of this scene shows of its captures."""
 
     bl_label = "Render"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return playback.has_captures(context.scene)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, scene = split(self.layout), context.scene
@@ -61,16 +56,12 @@ def _draw_lock(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     layout.prop(render, "use_lock_interface")
 
 
-class FROG_PT_light(SidebarPanel, bpy.types.Panel):
+class FROG_PT_light(OfCaptures, SidebarPanel, bpy.types.Panel):
     """Light for the objects of this scene, and what their shadows fall on."""
 
     bl_label = "Light and Shadow"
     bl_parent_id = "FROG_PT_render"
     bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return playback.has_captures(context.scene)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)

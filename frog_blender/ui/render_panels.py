@@ -6,16 +6,22 @@ import bpy
 
 from ..render import blur
 from ..render.world import background_node
-from ..timeline import playback
+from .captures_panel import OfCaptures
 from .render_panel import draw_colors, draw_with_objects
 from .sidebar_panel import wrapped_label
 
 
-class _EnginePanel:
-    """Base of panels that are shown while FROG is the render engine."""
+class _RenderPanel:
+    """Base of panels in the properties editor."""
 
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
+    bl_context = "render"
+
+
+class _EnginePanel(_RenderPanel):
+    """Base of those that are shown while FROG is the render engine."""
+
     COMPAT_ENGINES = {"FROG"}
 
     @classmethod
@@ -27,7 +33,6 @@ class FROG_PT_film(_EnginePanel, bpy.types.Panel):
     """Film transparency and holdout."""
 
     bl_label = "Film"
-    bl_context = "render"
 
     def draw(self, context: bpy.types.Context) -> None:
         self.layout.use_property_split = True
@@ -41,7 +46,6 @@ class FROG_PT_motion_blur(_EnginePanel, bpy.types.Panel):
     """Motion blur: Blender's own settings, whose panels belong to its engines."""
 
     bl_label = "Motion Blur"
-    bl_context = "render"
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw_header(self, context: bpy.types.Context) -> None:
@@ -61,7 +65,6 @@ class FROG_PT_depth_of_field(_EnginePanel, bpy.types.Panel):
     """Depth of field: the settings of the scene's camera, and what they cost."""
 
     bl_label = "Depth of Field"
-    bl_context = "render"
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
@@ -132,17 +135,10 @@ class FROG_PT_passes(_EnginePanel, bpy.types.Panel):
         self.layout.prop(context.view_layer, "use_pass_object_index", text="Object Index")
 
 
-class FROG_PT_with_objects(bpy.types.Panel):
+class FROG_PT_with_objects(OfCaptures, _RenderPanel, bpy.types.Panel):
     """Captures among the objects of another engine's scene, where renders are set up."""
 
     bl_label = "FRoG Captures"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_context = "render"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return playback.has_captures(context.scene)
 
     def draw(self, context: bpy.types.Context) -> None:
         draw_with_objects(self.layout)

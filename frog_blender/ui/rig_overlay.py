@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -27,19 +26,6 @@ _MOST_POINTS = 50_000
 _COLOR, _HELD_OUT, _POINTS = (1.0, 0.62, 0.15, 1.0), (0.35, 0.7, 1.0, 1.0), (0.6, 0.6, 0.6, 0.6)
 EDGES = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1), (1, 5), (5, 2))
 """Between corners of a camera: a pyramid from the centre to its image, with a roof that shows what is up."""
-
-
-@dataclass(frozen=True, eq=False)
-class Rig:
-    """What is drawn of one capture.
-
-    Attributes:
-        batches: with a colour each; of the graphics card.
-        names: of the cameras, with the points that they stand at.
-    """
-
-    batches: list[tuple[Any, tuple[float, ...]]]
-    names: list[tuple[str, np.ndarray]]
 
 
 class RigOverlay(Overlay):
@@ -71,8 +57,8 @@ def _corners(camera: Camera, depth: float) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)  # windows may show several scenes at a time
-def _rig_of(capture: Capture) -> Rig:
-    """Makes what is drawn of a capture."""
+def _batches_of(capture: Capture) -> list[tuple[Any, tuple[float, ...]]]:
+    """What is drawn of a capture, on the graphics card, with a colour each."""
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     cameras = list(capture.cameras)
     lines = corners_of(cameras)[:, np.array(EDGES)].astype(np.float32)
@@ -86,21 +72,18 @@ def _rig_of(capture: Capture) -> Rig:
         step = -(-len(capture.points) // _MOST_POINTS)
         points = capture.points[::step].astype(np.float32)
         batches.append((batch_for_shader(shader, "POINTS", {"pos": points}), _POINTS))
-    few = cameras if len(cameras) <= _MOST_NAMES else []
-    names = [(camera.name, camera.center) for camera in few]
-    return Rig(batches, names)
+    return batches
 
 
 def _draw_lines() -> None:
     capture = shown_capture(bpy.context.scene)
     if capture is None:
         return
-    rig = _rig_of(capture)
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("LESS_EQUAL")
     shader.bind()
-    for batch, color in rig.batches:
+    for batch, color in _batches_of(capture):
         shader.uniform_float("color", color)
         batch.draw(shader)
     gpu.state.depth_test_set("NONE")
@@ -110,15 +93,15 @@ def _draw_lines() -> None:
 def _draw_names() -> None:
     context = bpy.context
     capture = shown_capture(context.scene)
-    if capture is None:
+    if capture is None or len(capture.cameras) > _MOST_NAMES:
         return
     blf.size(0, 11.0 * context.preferences.system.ui_scale)
     blf.color(0, *_COLOR)
-    for name, place in _rig_of(capture).names:
-        pixel = location_3d_to_region_2d(context.region, context.region_data, place)
+    for camera in capture.cameras:
+        pixel = location_3d_to_region_2d(context.region, context.region_data, camera.center)
         if pixel is not None:
             blf.position(0, pixel.x + 6, pixel.y + 6, 0)
-            blf.draw(0, name)
+            blf.draw(0, camera.name)
 
 
 def register() -> None:
@@ -131,4 +114,4 @@ def register() -> None:
 
 def unregister() -> None:
     addon_state.get(RigOverlay).end()
-    _rig_of.cache_clear()
+    _batches_of.cache_clear()

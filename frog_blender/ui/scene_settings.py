@@ -3,14 +3,12 @@
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
 
-from typing import Any
-
 import bpy
-from bpy.props import PointerProperty
 
 from .. import edition
-from ..properties import HIDDEN, choice, reference, switch, text, whole
+from ..properties import HIDDEN, choice, groups_factory, reference, switch, text, whole
 from ..render.blur import LENS_SAMPLES, SHUTTER_SAMPLES
+from ..viewport import drawing
 from .captures_panel import ChoosesCapture
 
 if edition.TRAINS:
@@ -30,12 +28,6 @@ DRAWINGS = (
     ("CARD", "Splats", "The splats themselves, drawn by the graphics card and hidden by what lies before them"),
     ("POINTS", "Points", "An object of points, which other engines render as well"),
 )
-
-
-def _on_viewport_drawing(_settings: Any, _context: bpy.types.Context) -> None:
-    from ..viewport import drawing  # imported late: it draws, and settings are read everywhere
-
-    drawing.choose()
 
 
 class FrogSceneSettings(_Training, ChoosesCapture, bpy.types.PropertyGroup):
@@ -76,7 +68,7 @@ class FrogSceneSettings(_Training, ChoosesCapture, bpy.types.PropertyGroup):
         "What viewports show of captures in Solid, Material Preview, Wireframe and other engines' Rendered mode",
         DRAWINGS,
         "AUTO",
-        update=_on_viewport_drawing,
+        update=drawing.choose,
     )
     set_up_as: text(
         "Set Up As",
@@ -85,14 +77,4 @@ class FrogSceneSettings(_Training, ChoosesCapture, bpy.types.PropertyGroup):
     )
 
 
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory((*_CLASSES, FrogSceneSettings))
-
-
-def register() -> None:
-    _register_classes()
-    bpy.types.Scene.frog = PointerProperty(type=FrogSceneSettings)
-
-
-def unregister() -> None:
-    del bpy.types.Scene.frog
-    _unregister_classes()
+register, unregister = groups_factory((*_CLASSES, FrogSceneSettings), (bpy.types.Scene, "frog", FrogSceneSettings))

@@ -26,29 +26,8 @@ def _resizing(key: str, factor: float) -> tuple[Any, ...]:
     return "frog.resize_selection_brush", pressed, {"properties": [("factor", factor)]}
 
 
-class FROG_TOOL_brush_select(bpy.types.WorkSpaceTool):
-    """Select Gaussians of the capture by drawing over them. Shift adds, Ctrl deselects, [ and ] resize the brush"""
-
-    bl_space_type = "VIEW_3D"
-    bl_context_mode = "OBJECT"
-    bl_idname = BRUSH
-    bl_label = "Select Gaussians: Brush"
-    bl_icon = "ops.generic.select_circle"
-    bl_keymap = (*_keys("BRUSH"), _resizing("LEFT_BRACKET", 0.8), _resizing("RIGHT_BRACKET", 1.25))
-
-    @staticmethod
-    def draw_settings(_context: bpy.types.Context, layout: bpy.types.UILayout, tool: Any) -> None:
-        settings = tool.operator_properties(HAND)
-        layout.prop(settings, "radius")
-        layout.prop(settings, "only_visible")
-
-    @staticmethod
-    def draw_cursor(_context: bpy.types.Context, tool: Any, place: tuple[float, float]) -> None:
-        draw_circle_2d(place, (1.0, 1.0, 1.0, 1.0), tool.operator_properties(HAND).radius, segments=48)
-
-
-class _Enclosing:
-    """What the lasso and the box share."""
+class _Tool:
+    """What the tools share."""
 
     bl_space_type = "VIEW_3D"
     bl_context_mode = "OBJECT"
@@ -58,7 +37,25 @@ class _Enclosing:
         layout.prop(tool.operator_properties(HAND), "only_visible")
 
 
-class FROG_TOOL_lasso_select(_Enclosing, bpy.types.WorkSpaceTool):
+class FROG_TOOL_brush_select(_Tool, bpy.types.WorkSpaceTool):
+    """Select Gaussians of the capture by drawing over them. Shift adds, Ctrl deselects, [ and ] resize the brush"""
+
+    bl_idname = BRUSH
+    bl_label = "Select Gaussians: Brush"
+    bl_icon = "ops.generic.select_circle"
+    bl_keymap = (*_keys("BRUSH"), _resizing("LEFT_BRACKET", 0.8), _resizing("RIGHT_BRACKET", 1.25))
+
+    @staticmethod
+    def draw_settings(context: bpy.types.Context, layout: bpy.types.UILayout, tool: Any) -> None:
+        layout.prop(tool.operator_properties(HAND), "radius")
+        _Tool.draw_settings(context, layout, tool)
+
+    @staticmethod
+    def draw_cursor(_context: bpy.types.Context, tool: Any, xy: tuple[float, float]) -> None:
+        draw_circle_2d(xy, (1.0, 1.0, 1.0, 1.0), tool.operator_properties(HAND).radius, segments=48)
+
+
+class FROG_TOOL_lasso_select(_Tool, bpy.types.WorkSpaceTool):
     """Select Gaussians of the capture by drawing around them. Shift adds, Ctrl deselects"""
 
     bl_idname = LASSO
@@ -67,7 +64,7 @@ class FROG_TOOL_lasso_select(_Enclosing, bpy.types.WorkSpaceTool):
     bl_keymap = _keys("LASSO")
 
 
-class FROG_TOOL_box_select(_Enclosing, bpy.types.WorkSpaceTool):
+class FROG_TOOL_box_select(_Tool, bpy.types.WorkSpaceTool):
     """Select Gaussians of the capture in a rectangle. Shift adds, Ctrl deselects"""
 
     bl_idname = BOX

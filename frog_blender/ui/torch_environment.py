@@ -87,11 +87,8 @@ class TrainingPreferences:
 
 def remote_command() -> RemoteCommand:
     """The command of the preferences; an empty one where there is none."""
-    preferences = addon_preferences()
-    if preferences is None:
-        return RemoteCommand("")
-    local = bpy.path.abspath(preferences.remote_local_folder)
-    return RemoteCommand(preferences.remote_command, local, preferences.remote_folder)
+    local = bpy.path.abspath(preference("remote_local_folder"))
+    return RemoteCommand(preference("remote_command"), local, preference("remote_folder"))
 
 
 def needed(settings: Any) -> str:
@@ -137,39 +134,36 @@ def _draw_running(layout: bpy.types.UILayout) -> bool:
     return current.is_running
 
 
-def addon_preferences() -> Any:
-    """This add-on's preferences; None if it was registered by a script."""
+def preference(name: str) -> str:
+    """A text of this add-on's preferences; an empty one where a script registered it."""
     addon = bpy.context.preferences.addons.get(base_package)
-    return addon.preferences if addon is not None else None
+    return getattr(addon.preferences, name) if addon is not None else ""
 
 
 def package_index() -> str:
     """URL of pip's package index; an empty string for the default."""
-    preferences = addon_preferences()
-    return preferences.package_index.strip() if preferences is not None else ""
+    return preference("package_index").strip()
 
 
 def use_installation(folder: Path) -> None:
     """Makes the packages of an installation importable, in place of an environment that the preferences name."""
-    preferences = addon_preferences()
-    if preferences is not None:
-        preferences.torch_path = ""
+    addon = bpy.context.preferences.addons.get(base_package)
+    if addon is not None:
+        addon.preferences.torch_path = ""
     add_folder(folder)
 
 
 def forget_installation() -> None:
     """Makes what *Install torch* had installed no longer importable."""
-    place = installation.folder().parent
-    ours = [path for path in sys.path if Path(path).parent == place and Path(path).name.startswith(TORCH)]
+    parent = installation.folder().parent
+    ours = [path for path in sys.path if Path(path).parent == parent and Path(path).name.startswith(TORCH)]
     sys.path[:] = [path for path in sys.path if path not in ours]
     importlib.invalidate_caches()
 
 
 def torch_path() -> str:
     """The folder set in the preferences, or that of *Install torch*; otherwise an empty string."""
-    preferences = addon_preferences()
-    named = preferences.torch_path if preferences is not None else ""
-    return str(named or installed(installation.folder()) or "")
+    return preference("torch_path") or str(installed(installation.folder()) or "")
 
 
 def torch_needed() -> str:
@@ -212,8 +206,7 @@ def lacks_films() -> bool:
 def make_torch_importable() -> None:
     """Make the environment set in the preferences importable; FrogError if training still lacks torch."""
     add_environment()
-    needed = torch_needed()
-    if needed:
+    if needed := torch_needed():
         raise FrogError(needed)
 
 
@@ -244,8 +237,8 @@ def site_packages(folder: Path) -> Path:
         if (choice / "torch" / "__init__.py").is_file():
             return choice
     others = sorted(path.parent.parent.name for path in folder.glob("lib/python*/site-packages/torch"))
-    found = f"torch for {', '.join(others)}" if others else "no torch"
-    raise FrogError(f"{folder}: found {found}, expected an environment of Python {_PYTHON} with torch.")
+    torch = f"torch for {', '.join(others)}" if others else "no torch"
+    raise FrogError(f"{folder}: found {torch}, expected an environment of Python {_PYTHON} with torch.")
 
 
 def _is_importable(package: str = "torch") -> bool:

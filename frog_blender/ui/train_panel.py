@@ -18,7 +18,8 @@ from ..scene_import.capture_objects import plays
 from ..scene_import.scene_setup import is_set_up, start_cube
 from ..tasks.training import TrainingState, TrainingTask
 from ..tasks.training_request import REMOTE, can_resume, can_train_longer
-from . import presets, preview_image, torch_environment, training_settings
+from . import preview_image, torch_environment, training_settings
+from .presets import FROG_PT_training_presets
 from .sidebar_panel import SidebarPanel, duration, split, wrapped_label
 
 _LEGEND = "Orange moves, blue stands still, red dots were left out."
@@ -30,7 +31,7 @@ class FROG_PT_train(SidebarPanel, bpy.types.Panel):
     bl_label = "Train"
 
     def draw_header_preset(self, _context: bpy.types.Context) -> None:
-        presets.draw_button(self)
+        FROG_PT_training_presets.draw_panel_header(self.layout)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = split(self.layout)
@@ -56,10 +57,9 @@ class FROG_PT_train_report(SidebarPanel, bpy.types.Panel):
         return task is not None and task.state.step > 0
 
     def draw(self, context: bpy.types.Context) -> None:
-        task = TrainingTask.current()
-        if task is None:
-            return
-        layout, state = self.layout, task.state
+        layout, task = self.layout, TrainingTask.current()
+        assert task is not None  # see poll
+        state = task.state
         if state.result is not None:
             wrapped_label(layout, f"Saved: {state.result}", icon="FILE_TICK")
         _draw_figures(layout, state)

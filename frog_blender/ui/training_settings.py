@@ -21,8 +21,9 @@ from ..engine.training.session.job import usual_scale
 from ..engine.training.session.output_paths import free_output
 from ..option_properties import items_of, property_name, property_of
 from ..properties import HIDDEN, choice, folder, number, path, switch, text, vector
+from ..tasks.training import TrainingTask
 from ..tasks.training_request import KEY_MASKS, REMOTE
-from . import capture_summary
+from . import capture_reading, capture_summary
 from .rig_settings import FrogRigSettings
 
 DEVICES = (
@@ -85,11 +86,21 @@ def _set_limited(settings: Any, value: bool) -> None:
 
 
 def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
-    if relative_paths.are_being_written():
-        return
-    from . import capture_reading  # imported late, as this imports the readers
+    if not relative_paths.are_being_written():
+        capture_reading.read(bpy.path.abspath(settings.capture_folder))
+        _derive_output(settings)
 
-    capture_reading.read(bpy.path.abspath(settings.capture_folder))
+
+def choose_capture(settings: Any, folder: str, summary: capture_summary.CaptureSummary) -> None:
+    """Makes a folder that was just read the capture of ``Scene.frog``, without reading it again."""
+    with relative_paths.being_written():
+        settings.capture_folder = folder
+    capture_reading.show(folder, summary, capture_summary.stamp(folder))
+    _derive_output(settings)
+
+
+def _derive_output(settings: Any) -> None:
+    """Names the output after the capture, unless another name was chosen."""
     if settings.capture_folder and settings.output_path in ("", settings.derived_output):
         capture = Path(bpy.path.abspath(settings.capture_folder))
         settings.derived_output = settings.output_path = str(free_output(Path(f"{capture}.frog"), capture))
@@ -106,8 +117,6 @@ def _on_show_rig(_settings: Any, _context: bpy.types.Context) -> None:
 
 
 def _on_preview_camera(settings: Any, _context: bpy.types.Context) -> None:
-    from ..tasks.training import TrainingTask
-
     task = TrainingTask.current()
     if task is not None:
         task.control.preview_camera = settings.preview_camera

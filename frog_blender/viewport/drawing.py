@@ -275,7 +275,7 @@ def _depth_before(
     return None if depth is None else card.depth(depth)
 
 
-def choose() -> None:
+def choose(_settings: Any, _context: bpy.types.Context) -> None:
     """What a scene's setting was changed to is tried, whatever failed before."""
     state().problem = ""
     apply()
