@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..engine.arrays import ImageArray
-from ..engine.capture.calibration.drawings import frame_from_above
+from ..engine.capture.calibration.report import REPORT, from_above
 from ..engine.capture.capture import Capture
 from ..engine.capture.readers.checks import read_json
 from ..engine.capture.synchronization.report import draw_curves
@@ -18,13 +18,11 @@ from ..engine.errors import FrogError
 from ..engine.io.plain_values import UnfitValue
 from . import preview_image
 
-REPORT = "calibration_report.json"
 ONE_CURVE = "one curve"
 """The name of the curve in ``preview_image`` that is looked at while its clock is corrected."""
 _NARROW = 400  # pixels
-_SIDE, _MARGIN = 480, 50  # pixels
+_SIDE = 480  # pixels
 _PAPER, _POINTS, _CAMERA = (255, 255, 255), (170, 170, 170), (30, 100, 200)
-_MOST_POINTS = 3000
 
 
 def show(folder: Path, capture: Capture | None) -> None:
@@ -79,22 +77,11 @@ def curves(report: Path, camera: str = "") -> ImageArray | None:
 def rig_from_above(capture: Capture) -> ImageArray:
     """(SIDE, SIDE, 3) uint8: the cameras with their viewing directions, and the points, seen along -z."""
     cv2 = load_opencv()
-    centers = np.array([camera.center[:2] for camera in capture.cameras])
-    ahead = np.array([camera.forward[:2] for camera in capture.cameras])
-    points = np.empty((0, 2)) if capture.points is None else capture.points[:, :2]
-    points = points[:: max(1, len(points) // _MOST_POINTS)]
-    middle, reach = frame_from_above(centers, points)
-    points = points[np.abs(points - middle).max(axis=1, initial=0.0) <= reach]
-    scale = (_SIDE / 2 - _MARGIN) / reach
-
-    def pixel(place: np.ndarray) -> tuple[int, int]:
-        x, y = (place - middle) * scale
-        return round(_SIDE / 2 + float(x)), round(_SIDE / 2 - float(y))
-
+    dots, eyes = from_above(capture.cameras, np.empty((0, 3)) if capture.points is None else capture.points, _SIDE)
     image = np.full((_SIDE, _SIDE, 3), _PAPER, np.uint8)
-    for point in points:
-        cv2.circle(image, pixel(point), 1, _POINTS, -1)
-    for center, direction in zip(centers, ahead, strict=True):
-        cv2.line(image, pixel(center), pixel(center + direction * 24 / scale), _CAMERA, 2, cv2.LINE_AA)
-        cv2.circle(image, pixel(center), 5, _CAMERA, -1, cv2.LINE_AA)
+    for dot in dots.round().astype(int).tolist():
+        cv2.circle(image, dot, 1, _POINTS, -1)
+    for center, ahead in eyes.round().astype(int).tolist():
+        cv2.line(image, center, ahead, _CAMERA, 2, cv2.LINE_AA)
+        cv2.circle(image, center, 5, _CAMERA, -1, cv2.LINE_AA)
     return image

@@ -9,11 +9,10 @@ from itertools import combinations
 import numpy as np
 
 from frog_blender.engine.arrays import Array, Float64s
-from frog_blender.engine.capture.calibration.checks import refusal, warnings
+from frog_blender.engine.capture.calibration.checks import Support, refusal, support_of, warnings
 from frog_blender.engine.capture.calibration.colmap import verified
 from frog_blender.engine.capture.calibration.model import Lens, Model
 from frog_blender.engine.capture.calibration.structure import Images, Solution, solve
-from frog_blender.engine.capture.calibration.support import Support, support_of
 from frog_blender.engine.capture.camera import Camera
 
 from .rigs import pixels_of

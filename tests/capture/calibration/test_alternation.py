@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.capture.calibration.calibration import Calibration
-from frog_blender.engine.capture.calibration.sources import TIMES, Source, alternated
+from frog_blender.engine.capture.calibration.pipeline import TIMES, Source, alternated
 from frog_blender.engine.capture.synchronization.films import Film
 from frog_blender.engine.capture.synchronization.pairs import Curve
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from frog_blender.engine.arrays import Float64s, ImageArray
-from frog_blender.engine.capture.calibration import joint_rig, landmark_file, landmarks
-from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, find_joints
-from frog_blender.engine.capture.calibration.landmarks import JOINTS, Box, LandmarkNetwork, Person
-from frog_blender.engine.capture.calibration.views import CameraFacts, View
+from frog_blender.engine.capture.calibration import joint_rig, joints, landmark_file
+from frog_blender.engine.capture.calibration.joints import JOINTS, OTHER_SIDE, Box, LandmarkNetwork, Person, find_joints
+from frog_blender.engine.capture.calibration.views import CameraFacts
 from frog_blender.engine.capture.synchronization.films import find_films
 from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
 from frog_blender.engine.errors import FrogError
 
 from ..conftest import write_video
+from .walls import at_rest
 
 # --- joints in images
 
@@ -80,17 +80,16 @@ def test_films_are_read_at_the_times_that_are_asked_for(tmp_path: Path, monkeypa
     write_video(tmp_path / "one.avi", 6, 320, 240, lambda index: images[index])
     films = find_films(tmp_path)
     monkeypatch.setattr(joint_rig, "LandmarkNetwork", lambda path: Watcher())
-    monkeypatch.setattr(Run, "in_child", lambda run, function, facts, pixels: pixels)
     asked: list[bool] = []
     run = Run(WorkFolder(tmp_path / "work"), lambda *_: None, lambda: bool(asked.append(True)))
-    view = View(np.full((240, 320), 40, np.uint8), np.ones((240, 320), bool))
-    run.work.keep("view", "0", view.arrays)
+    run.work.keep("view", "0", vars(at_rest(np.full((240, 320), 40, np.uint8), changing=1)))
+    facts = [CameraFacts("one", *films[0].size, key="0")]
 
     rate = films[0].facts.frames_per_second
     times = [1 / rate, 4 / rate, 9 / rate]
-    found = joint_rig.calibrate_joint_films(run, films, [CameraFacts("one", *films[0].size, key="0")], times, tmp_path)
+    (found,) = joint_rig._joints_of_films(run, films, facts, [times], tmp_path)
 
-    assert np.allclose(found[0, :, 0, 0], [69.5, 189.5, np.nan], atol=1.5, equal_nan=True)  # type: ignore[index]
+    assert np.allclose(found[:, 0, 0], [69.5, 189.5, np.nan], atol=1.5, equal_nan=True)
     assert len(asked) == 3
 
 
@@ -147,7 +146,7 @@ def test_a_landmark_moves_to_the_middle_of_its_heat() -> None:
     places = np.full((39, 2), 0.5)
     places[5], places[7] = (30.2 / 64, 21.9 / 64), (-0.3, 1.4)  # the latter lies outside
 
-    refined = landmarks._refined(places, heat)
+    refined = joints._refined(places, heat)
 
     assert np.allclose(refined[5], (31 / 64, 21 / 64), atol=1e-6)
     assert np.array_equal(np.delete(refined, 5, 0), np.delete(places, 5, 0))  # cold: they stay

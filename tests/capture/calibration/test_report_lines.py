@@ -14,7 +14,6 @@ from frog_blender.engine.capture.calibration.calibration import MovingCamera
 from frog_blender.engine.capture.calibration.camera_files import write_cameras
 from frog_blender.engine.capture.calibration.model import Lens
 from frog_blender.engine.capture.calibration.report import REPORT, report_lines, write_moving_report, write_report
-from frog_blender.engine.capture.calibration.views import view_film
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.pairs import Curve
@@ -37,9 +36,8 @@ def capture(tmp_path: Path) -> Capture:
     calibration, films = calibrated(tmp_path)
     calibration = replace(calibration, warnings=(WARNING,), halves_apart=0.0012)
     write_cameras(tmp_path, calibration, films)
-    views = [view_film(film, [], lambda: None) for film in films]
     found = synchronization([film.name for film in films])
-    write_report(tmp_path, calibration, films, views, found)
+    write_report(tmp_path, calibration, films, found)
     return open_capture(tmp_path)
 
 

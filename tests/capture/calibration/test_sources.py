@@ -14,12 +14,12 @@ import pytest
 
 from frog_blender.cli.main import main
 from frog_blender.engine.arrays import ImageArray
-from frog_blender.engine.capture.calibration import sources
+from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.calibration.board_detection import Board
 from frog_blender.engine.capture.calibration.calibration import Calibration
 from frog_blender.engine.capture.calibration.pipeline import Options, Outcome, calibrate
 from frog_blender.engine.capture.calibration.points import calibrate_clicks, read_points
-from frog_blender.engine.capture.calibration.views import CameraFacts, facts_of
+from frog_blender.engine.capture.calibration.views import facts_of
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.films import Film, find_films
 from frog_blender.engine.capture.synchronization.run import NAME, CalibrationRefused
@@ -82,7 +82,7 @@ def looked_at(board_footage: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     out = tmp_path_factory.mktemp("looked at")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FROG_CACHE", str(out / "cache"))
-        patch.setattr(sources, "board_in_films", lambda *_: None)
+        patch.setattr(pipeline, "board_in_films", lambda *_: None)
         with pytest.raises(CalibrationRefused):
             run(board_footage, Options(out=out))
     return out / NAME
@@ -142,7 +142,7 @@ def test_a_board_is_looked_for_where_features_are_refused(board_footage: Path, l
 
 def test_films_without_a_board_are_refused_where_one_was_asked_for(room_footage: Path, tmp_path: Path) -> None:
     with pytest.raises(FrogError, match="found no board in the films"):
-        run(room_footage, Options(out=tmp_path, board=sources.AUTO))
+        run(room_footage, Options(out=tmp_path, board=pipeline.AUTO))
     (tmp_path / "mine.toml").write_text(BOARD_FILE)
     with pytest.raises(CalibrationRefused, match="shows the board in 0 of 3 images"):
         run(room_footage, Options(out=tmp_path, board=tmp_path / "mine.toml"))
@@ -183,20 +183,18 @@ def test_a_person_is_looked_for_last(
     shutil.copytree(looked_at, tmp_path / NAME)
     network = tmp_path / "network"
 
-    def of_joints(
-        _run: object, films: Sequence[Film], views: Sequence[CameraFacts], times: object, file: Path
-    ) -> Calibration:
-        assert file == network and [view.name for view in views] == ["cam00", "cam01"]
+    def of_joints(_run: object, films: Sequence[Film], file: Path) -> Calibration:
+        assert file == network and [film.name for film in films] == ["cam00", "cam01"]
         seen = np.random.default_rng(2).uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.8), (30, 3))
         cameras = around([0.0, 30.0], (640, 480), 640.0)
         clicks = {each.name: pixels_of(each, seen) for each in cameras}
         return calibrate_clicks(facts_of(films), clicks)
 
-    monkeypatch.setattr(sources, "board_in_films", lambda *_: None)
+    monkeypatch.setattr(pipeline, "board_in_films", lambda *_: None)
     with pytest.raises(CalibrationRefused, match=r"2 standing cameras.* their joints will do.*--fetch-landmarks"):
         run(board_footage, Options(out=tmp_path))
-    monkeypatch.setattr(sources, "landmark_file", lambda: network)
-    monkeypatch.setattr(sources, "calibrate_joint_films", of_joints)
+    monkeypatch.setattr(pipeline, "landmark_file", lambda: network)
+    monkeypatch.setattr(pipeline, "calibrate_joint_films", of_joints)
     outcome = run(board_footage, Options(out=tmp_path))
     assert report_of(outcome)["source"] == "a person's joints"
     assert outcome.warnings[0].startswith("The cameras come from a person's joints, because features failed: 2 stand")

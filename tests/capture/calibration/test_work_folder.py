@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.calibration.views import view_of
+from frog_blender.engine.capture.calibration.views import View
 from frog_blender.engine.capture.synchronization.run import WorkFolder
 
 from .walls import rig, view
@@ -15,11 +15,11 @@ from .walls import rig, view
 
 def test_what_was_kept_is_loaded(tmp_path: Path) -> None:
     work, seen = WorkFolder(tmp_path), view(rig()[0])
-    work.keep("view", "0", seen.arrays)
+    work.keep("view", "0", vars(seen))
     arrays = work.load("view", "0")
     assert arrays is not None
-    again = view_of(arrays)
-    assert np.array_equal(again.background, seen.background) and again.images == ()
+    again = View(**arrays)
+    assert np.array_equal(again.background, seen.background) and again.images.shape == (0, *seen.background.shape)
 
 
 @pytest.mark.parametrize("other", [{"a": np.arange(4)}, {"a": np.arange(3.0)}, {"b": np.arange(3)}, {}])

@@ -76,10 +76,15 @@ def image(seen_by: Camera, seed: int = 1) -> np.ndarray:
     return result
 
 
+def at_rest(plate: np.ndarray, changing: int = 0) -> View:
+    """A view of nothing but its background."""
+    return View(plate, np.full(plate.shape, changing, bool), np.empty((0, *plate.shape), np.uint8), np.empty(0, int))
+
+
 def view(seen_by: Camera, seed: int = 1) -> View:
     """What calibration looks at, in which nothing moves."""
     plate = image(seen_by, seed)
-    return View(plate, np.zeros(plate.shape, bool))
+    return at_rest(plate)
 
 
 def distorted_view(seen_by: Camera, k1: float) -> View:
@@ -92,7 +97,7 @@ def distorted_view(seen_by: Camera, k1: float) -> View:
     straight = cv2.undistortPoints(pixels, seen_by.intrinsics, np.array([k1, 0, 0, 0]), P=wide.intrinsics)
     columns, rows = np.float32(straight.reshape(HEIGHT, WIDTH, 2) - 0.5).transpose(2, 0, 1)
     plate = cv2.remap(image(wide), columns, rows, cv2.INTER_LINEAR)
-    return View(plate, np.zeros(plate.shape, bool))
+    return at_rest(plate)
 
 
 def film(path: Path, images: list[np.ndarray]) -> None:
@@ -116,7 +121,7 @@ def kept(run: Run, cameras: list[Camera], views: list[View]) -> list[CameraFacts
     """The views in the work folder."""
     files = []
     for seen_by, view in zip(cameras, views, strict=True):
-        key = key_of(seen_by.name, *view.arrays.values())
-        run.work.keep("view", key, view.arrays)
+        key = key_of(seen_by.name, *vars(view).values())
+        run.work.keep("view", key, vars(view))
         files.append(CameraFacts(seen_by.name, seen_by.width, seen_by.height, key=key))
     return files

@@ -1,55 +1,101 @@
-"""Cameras from a calibration board that their films show: lenses, poses, and the metric scale from its squares."""
+"""Cameras from a calibration board that their films show: lenses, poses, and the metric scale from its squares.
+
+COLMAP adjusts them. Seen from the board, the cameras are a rig that moves: the board's corners stay where they are,
+each common time is a pose of the rig, and the cameras stand within it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ...arrays import Bools, Float64s, ImageArray
-from ..synchronization.films import Film
+from ...arrays import Bools, Float64s, Ints
+from ..synchronization.films import Film, spread
 from ..synchronization.run import CalibrationRefused, Run
 from ..video import load_opencv
 from . import limits
 from .board_detection import Board, Corners, find_board, find_corners
-from .board_rig import BoardRig, Corners3D, adjust_rig
 from .calibration import Calibration
-from .colmap import Adjusted
+from .checks import calibration_of, camera_support
+from .colmap import MODELS, Adjusted, adjustment_options, colmap_camera, load_pycolmap
 from .model import Lens, Model
-from .support import calibration_of, camera_support
-from .tracks import Tracks
-from .views import CameraFacts, images_at
+from .tracks import Tracks, residuals
+from .views import CameraFacts, common_times, facts_of, images_at
 
-TIMES = 60
-"""Common times at which the board is looked at: more of them cost time and win little."""
+_TIMES = 60  # common ones at which the board is looked at: more of them cost time and win little
 _IMAGES = 24  # of all films together, in which an unknown board is looked for
 _FIRST_FOCALS = (0.45, 0.7, 1.0, 1.5, 2.4)  # of the longer side
 _FIRST_IMAGES, _LEAST_CORNERS = 8, 4  # for these, and of an image
 _LOSS = 2.0  # pixels
 _LOOSE_LOSS = 20.0  # pixels, before the poses of all cameras fit together
 _HELD_OUT = 3  # every third frame
+_BEHIND = 1e3  # pixels of residual of a point behind its camera, the largest of any
+_ITERATIONS = 100
 
 
-def board_in_films(films: Sequence[Film], times: Sequence[float], check: Callable[[], None]) -> Board | None:
-    """The board that the films show at capture times in seconds, of unknown size; None where they show none."""
-    images: list[ImageArray] = []
-    share = max(3, _IMAGES // len(films))
-    for film in films:
-        chosen = np.unique(np.linspace(0, len(times) - 1, min(share, len(times))).round().astype(int)).tolist()
-        images += [image for image in images_at(film, [times[index] for index in chosen], check) if image is not None]
-    return find_board(images)
+@dataclass(frozen=True, eq=False)
+class Corners3D:
+    """Who saw which corner when, M rows.
+
+    Attributes:
+        cameras, frames: (M,) index of the camera, and of the common time.
+        places: (M, 3) the corner in the board's own axes.
+        pixels: (M, 2) where it was seen.
+    """
+
+    cameras: Ints
+    frames: Ints
+    places: Float64s
+    pixels: Float64s
+
+    def where(self, chosen: Bools) -> Corners3D:
+        """The chosen rows; frames keep their numbers."""
+        return Corners3D(self.cameras[chosen], self.frames[chosen], self.places[chosen], self.pixels[chosen])
 
 
-def corners_in_films(
-    run: Run, films: Sequence[Film], times: Sequence[float], board: Board
-) -> list[list[Corners | None]]:
-    """What each film shows of a board at common capture times in seconds; FrogError if one cannot be decoded."""
-    corners: list[list[Corners | None]] = []
+@dataclass(frozen=True, eq=False)
+class BoardRig:
+    """What is solved for.
+
+    Attributes:
+        model: the cameras; the first one's axes are the world's.
+        boards: (F, 4, 4) board to world at each common time.
+    """
+
+    model: Model
+    boards: Float64s
+
+    def world(self, seen: Corners3D) -> Float64s:
+        """(M, 3) where the corners are in the world."""
+        boards = self.boards[seen.frames]
+        return np.asarray(np.einsum("mij,mj->mi", boards[:, :3, :3], seen.places) + boards[:, :3, 3])
+
+    def distances(self, seen: Corners3D) -> Float64s:
+        """(M,) pixels between where corners were seen and where the rig puts them."""
+        rows = np.arange(len(seen.frames))
+        tracks = Tracks(rows, seen.cameras, rows, seen.pixels, len(rows))
+        return np.minimum(residuals(tracks, self.world(seen), self.model), _BEHIND)
+
+
+def board_in_films(run: Run, films: Sequence[Film]) -> Board | None:
+    """The board that the films show, of unknown size; None where they show none."""
+    run.progress("board", 0, 1)
+    times = common_times(films, _TIMES)
+    times = [times[index] for index in spread(len(times), max(3, _IMAGES // len(films)))]
+    shown = (image for film in films for image in images_at(film, times, run.check))
+    return find_board([image for image in shown if image is not None])
+
+
+def calibrate_board_films(run: Run, films: Sequence[Film], board: Board) -> Calibration:
+    """The cameras of films that show a board; see ``calibrate_board``. FrogError if a film cannot be decoded."""
+    times, corners = common_times(films, _TIMES), []
     for index, film in enumerate(films):
         run.progress("board", index, len(films))
         corners.append(list(find_corners(board, images_at(film, times, run.check))))
-    return corners
+    return run.in_child(calibrate_board, facts_of(films), board, corners)
 
 
 def calibrate_board(
@@ -76,20 +122,22 @@ def calibrate_board(
             )
     seen = _seen(board, corners)
     singles = [_single_camera(camera, seen.where(seen.cameras == index)) for index, camera in enumerate(facts)]
-    rig = _assembled(tuple(facts), seen, singles, _relative_poses(facts, seen, singles))
+    rig = _assembled(seen, singles, _relative_poses(facts, seen, singles))
     one = (1,) * len(facts)
     rig = adjust_rig(adjust_rig(rig, seen, (), _LOOSE_LOSS), seen, one, _LOSS)
     # A lower residual alone says nothing: what is freed must predict frames that it has not seen.
     two = (2,) * len(facts)
     is_better = _held_out_costs(rig, seen, two) < (1.0 - limits.BOARD_GAINS) * _held_out_costs(rig, seen, one)
-    is_better &= _is_possible(adjust_rig(rig, seen, two, _LOSS))
+    is_better &= [_is_possible(lens) for lens in adjust_rig(rig, seen, two, _LOSS).model.lenses]
     if is_better.any():
         rig = adjust_rig(rig, seen, tuple(np.where(is_better, 2, 1).tolist()), _LOSS)
     sigmas = np.array([single.sigma for single in singles])
-    warnings = _checked(rig, seen, board, sigmas)
+    warnings = _checked(facts, rig.distances(seen), seen, board, sigmas)
     if not board.square:
         warnings.append(f"The size of the squares of {board} is not given: the rig's scale is arbitrary.")
-    return replace(_calibration(rig, seen, sigmas, is_metric=board.square is not None), warnings=tuple(warnings))
+    names = [camera.name for camera in facts]
+    calibration = _calibration(names, rig, seen, sigmas, is_metric=board.square is not None)
+    return replace(calibration, warnings=tuple(warnings))
 
 
 def _seen(board: Board, corners: Sequence[Sequence[Corners | None]]) -> Corners3D:
@@ -112,10 +160,10 @@ def _seen(board: Board, corners: Sequence[Sequence[Corners | None]]) -> Corners3
 
 @dataclass(frozen=True, eq=False)
 class _Single:
-    """A camera by itself: its lens (3,) as of ``BoardRig``, the boards (F, 4, 4) in its axes, and the standard
-    deviation of its focal length, over it."""
+    """A camera by itself: its lens, the boards (F, 4, 4) in its axes, and the standard deviation of its focal length,
+    over it."""
 
-    lens: Float64s
+    lens: Lens
     boards: Float64s
     sigma: float
 
@@ -129,8 +177,8 @@ def _single_camera(facts: CameraFacts, seen: Corners3D) -> _Single:
     while True:
         _, focal, k1, sigma, poses = _opencv_camera(facts, seen, focal)
         boards[np.unique(seen.frames)] = poses
-        lens = np.array([focal, k1, 0.0])
-        alone = BoardRig((facts,), lens[None], np.eye(4)[None], boards)
+        lens = Lens(*facts.size, focal, k1, tolerance=limits.BOARD_FALSE * facts.side / facts.width)
+        alone = BoardRig(Model(np.eye(4)[None, :3], (lens,)), boards)
         is_false = alone.distances(replace(seen, cameras=np.zeros_like(seen.cameras))) > limits.BOARD_FALSE * facts.side
         good = seen.where(~is_false)
         good = good.where(np.bincount(good.frames)[good.frames] >= _LEAST_CORNERS)
@@ -165,8 +213,9 @@ def _opencv_camera(facts: CameraFacts, seen: Corners3D, focal: float) -> tuple[f
     return float(residual), float(matrix[0, 0]), float(bent.reshape(-1)[0]), sigma, poses
 
 
-def _cost(rig: BoardRig, seen: Corners3D, loss: float) -> float:
-    return float(np.log1p((rig.distances(seen) / loss) ** 2).sum())
+def _costs(rig: BoardRig, seen: Corners3D, loss: float) -> Float64s:
+    """(M,) Cauchy's."""
+    return np.asarray(np.log1p((rig.distances(seen) / loss) ** 2))
 
 
 def _relative_poses(facts: Sequence[CameraFacts], seen: Corners3D, singles: Sequence[_Single]) -> Float64s:
@@ -207,12 +256,9 @@ def _most_agreed(steps: Float64s) -> tuple[Float64s, float]:
     return steps[best], float(scatter[best])
 
 
-def _assembled(
-    facts: tuple[CameraFacts, ...], seen: Corners3D, singles: Sequence[_Single], poses: Float64s
-) -> BoardRig:
+def _assembled(seen: Corners3D, singles: Sequence[_Single], poses: Float64s) -> BoardRig:
     """All cameras, and in each frame the board where the camera put it that the others agree with most."""
-    lenses = np.stack([single.lens for single in singles])
-    rig = BoardRig(facts, lenses, poses, singles[0].boards.copy())
+    model = Model(poses[:, :3], tuple(single.lens for single in singles))
     boards = np.tile(np.eye(4), (int(seen.frames.max()) + 1, 1, 1))
     for frame in range(len(boards)):
         rows = seen.where(seen.frames == frame)
@@ -220,9 +266,9 @@ def _assembled(
         for camera in np.unique(rows.cameras).tolist():
             tried = boards.copy()
             tried[frame] = np.linalg.inv(poses[camera]) @ singles[camera].boards[frame]
-            placed.append((_cost(replace(rig, boards=tried), rows, _LOOSE_LOSS), camera, tried))
+            placed.append((_costs(BoardRig(model, tried), rows, _LOOSE_LOSS).sum(), camera, tried))
         boards = min(placed, key=lambda entry: entry[:2])[2]
-    return replace(rig, boards=boards)
+    return BoardRig(model, boards)
 
 
 def _held_out_costs(rig: BoardRig, seen: Corners3D, coefficients: tuple[int, ...]) -> Float64s:
@@ -231,21 +277,22 @@ def _held_out_costs(rig: BoardRig, seen: Corners3D, coefficients: tuple[int, ...
     trained = adjust_rig(rig, seen.where(~is_held_out), coefficients, _LOSS)
     rest = seen.where(is_held_out)
     fitted = adjust_rig(trained, rest, (), _LOSS, poses=False)
-    costs = np.log1p((fitted.distances(rest) / _LOSS) ** 2)
-    return np.bincount(rest.cameras, costs, minlength=len(rig.facts)).astype(np.float64)
+    costs = _costs(fitted, rest, _LOSS)
+    return np.bincount(rest.cameras, costs, minlength=len(coefficients)).astype(np.float64)
 
 
-def _is_possible(rig: BoardRig) -> Bools:
-    """(C,) whether a lens still grows outwards at its image's corner, where boards are seldom seen."""
-    focal, k1, k2 = rig.lenses.T
-    square = np.array([camera.width**2 + camera.height**2 for camera in rig.facts]) / (2 * focal) ** 2
-    return np.asarray(1.0 + 3.0 * k1 * square + 5.0 * k2 * square**2 > limits.BOARD_SLOPE)
+def _is_possible(lens: Lens) -> bool:
+    """Whether it still grows outwards at its image's corner, where boards are seldom seen."""
+    square = (lens.width**2 + lens.height**2) / (2 * lens.focal) ** 2
+    return 1.0 + 3.0 * lens.k1 * square + 5.0 * lens.k2 * square**2 > limits.BOARD_SLOPE
 
 
-def _checked(rig: BoardRig, seen: Corners3D, board: Board, sigmas: Float64s) -> list[str]:
+def _checked(
+    facts: Sequence[CameraFacts], distances: Float64s, seen: Corners3D, board: Board, sigmas: Float64s
+) -> list[str]:
     """Refuses what does not hold together; the warnings where it hardly does."""
-    warnings, distances = [], rig.distances(seen)
-    for index, (camera, sigma) in enumerate(zip(rig.facts, sigmas.tolist(), strict=True)):
+    warnings = []
+    for index, (camera, sigma) in enumerate(zip(facts, sigmas.tolist(), strict=True)):
         if not sigma < limits.MOST_UNSURE:
             raise CalibrationRefused(
                 f"The focal length of camera {camera.name} stays uncertain by {100 * sigma:.0f} %: hold the board "
@@ -265,18 +312,78 @@ def _checked(rig: BoardRig, seen: Corners3D, board: Board, sigmas: Float64s) -> 
     return warnings
 
 
-def _calibration(rig: BoardRig, seen: Corners3D, sigmas: Float64s, *, is_metric: bool) -> Calibration:
+def _calibration(
+    names: Sequence[str], rig: BoardRig, seen: Corners3D, sigmas: Float64s, *, is_metric: bool
+) -> Calibration:
     """The rig in its world, with what supports each camera."""
-    boards = rig.boards[seen.frames]
-    places = np.einsum("mij,mj->mi", boards[:, :3, :3], seen.places) + boards[:, :3, 3]
     corners = np.column_stack([seen.frames, seen.places])
     _, first, point_of = np.unique(corners, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(point_of.reshape(-1), kind="stable")
     tracks = Tracks(point_of.reshape(-1)[order], seen.cameras[order], order, seen.pixels[order], len(first))
-    lenses = tuple(
-        Lens(*facts.size, focal, k1, k2, limits.BOARD_FALSE * facts.side / facts.width)
-        for facts, (focal, k1, k2) in zip(rig.facts, rig.lenses.tolist(), strict=True)
-    )
-    adjusted = Adjusted(Model(rig.cameras[:, :3], lenses), places[first], rig.distances(seen)[order], sigmas)
-    supports = camera_support(adjusted, tracks, len(lenses))
-    return calibration_of([facts.name for facts in rig.facts], adjusted, tracks, supports, is_metric=is_metric)
+    adjusted = Adjusted(rig.model, rig.world(seen)[first], rig.distances(seen)[order], sigmas)
+    return calibration_of(names, adjusted, tracks, camera_support(adjusted, tracks, len(names)), is_metric=is_metric)
+
+
+def adjust_rig(
+    rig: BoardRig, seen: Corners3D, coefficients: tuple[int, ...], loss: float, *, poses: bool = True
+) -> BoardRig:
+    """The rig that explains the corners best, from a start near it; frames without a corner stay.
+
+    Args:
+        coefficients: for each camera how many of k1 and k2 are free beside its focal length; none: no lens is.
+        loss: Cauchy's scale in pixels.
+        poses: the cameras' are free.
+    """
+    pycolmap = load_pycolmap()
+    reconstruction, config = _reconstruction(rig, seen, coefficients)
+    options = adjustment_options(loss, _ITERATIONS)
+    options.refine_points3D = False
+    options.refine_sensor_from_rig = poses
+    options.refine_focal_length = options.refine_extra_params = bool(coefficients)
+    pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction).solve()
+    lenses, cameras, boards = list(rig.model.lenses), rig.model.poses.copy(), rig.boards.copy()
+    for index, lens in enumerate(lenses):
+        camera = reconstruction.camera(index + 1)
+        freed = dict(zip(("k1", "k2"), camera.params[3:].tolist(), strict=False))
+        lenses[index] = replace(lens, focal=float(camera.params[0]), **freed)
+        if index:
+            cameras[index] = reconstruction.rig(1).sensor_from_rig(camera.sensor_id).matrix()
+    for frame in reconstruction.frames:
+        boards[frame - 1, :3] = reconstruction.frame(frame).rig_from_world.matrix()
+    return BoardRig(Model(cameras, tuple(lenses)), boards)
+
+
+def _reconstruction(rig: BoardRig, seen: Corners3D, coefficients: tuple[int, ...]) -> tuple[Any, Any]:
+    """pycolmap's, with its adjustment's configuration: an image for each camera and time that shows the board."""
+    pycolmap = load_pycolmap()
+    reconstruction, config = pycolmap.Reconstruction(), pycolmap.BundleAdjustmentConfig()
+    colmap_rig = pycolmap.Rig(rig_id=1)
+    for index, lens in enumerate(rig.model.lenses):
+        camera = colmap_camera(lens, index + 1, MODELS[coefficients[index] if coefficients else -1])
+        reconstruction.add_camera(camera)
+        if index:
+            colmap_rig.add_sensor(camera.sensor_id, pycolmap.Rigid3d(rig.model.poses[index]))
+        else:
+            colmap_rig.add_ref_sensor(camera.sensor_id)
+    reconstruction.add_rig(colmap_rig)
+    places, corner_of = np.unique(seen.places, axis=0, return_inverse=True)
+    tracks = [pycolmap.Track() for _ in places]
+    for frame in np.unique(seen.frames).tolist():
+        posed = pycolmap.Frame(frame_id=frame + 1, rig_id=1, rig_from_world=pycolmap.Rigid3d(rig.boards[frame, :3]))
+        images = []
+        for index in np.unique(seen.cameras[seen.frames == frame]).tolist():
+            rows = np.flatnonzero((seen.frames == frame) & (seen.cameras == index))
+            number = 1 + frame * len(rig.model.lenses) + index
+            image = pycolmap.Image(f"{number:08d}", keypoints=seen.pixels[rows], camera_id=index + 1, image_id=number)
+            image.frame_id = frame + 1
+            posed.add_data_id(image.data_id)
+            images.append(image)
+            config.add_image(number)
+            for row, corner in enumerate(corner_of.reshape(-1)[rows].tolist()):
+                tracks[corner].add_element(number, row)
+        reconstruction.add_frame(posed)
+        for image in images:
+            reconstruction.add_image(image)
+    for place, track in zip(places, tracks, strict=True):
+        reconstruction.add_point3D(place, track)
+    return reconstruction, config

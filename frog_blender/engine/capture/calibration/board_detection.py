@@ -13,7 +13,8 @@ import numpy as np
 from ...arrays import Bools, Float64s, ImageArray, Ints
 from ...errors import brief, found_instead
 from ...io.plain_values import JsonObject, UnfitValue, entries, number, plain_json, text, whole
-from ...io.regular_file import regular_file
+from ..readers.checks import read_text
+from ..synchronization.films import resized, spread
 from ..video import load_opencv
 
 FAMILIES = ("4X4", "5X5", "6X6", "7X7")
@@ -105,25 +106,14 @@ def find_board(images: Sequence[ImageArray]) -> Board | None:
     ChArUco boards of the common dictionaries are found in both polarities and with both patterns; checkerboards where
     most images that show them show them whole.
     """
-    first = [_small(_gray(images[index], False), _FIRST_SIDE) for index in _spread(len(images), _FIRST_IMAGES)]
-    second = [_small(_gray(images[index], False), _SIDE) for index in _spread(len(images), _IMAGES)]
+    first = [resized(_gray(images[index], False), _FIRST_SIDE) for index in spread(len(images), _FIRST_IMAGES)]
+    second = [resized(_gray(images[index], False), _SIDE) for index in spread(len(images), _IMAGES)]
     return _find_charuco(first, second) or _find_checkerboard(first, second)
-
-
-def _spread(count: int, most: int) -> list[int]:
-    return sorted({round(index) for index in np.linspace(0, count - 1, min(count, most)).tolist()}) if count else []
 
 
 def _gray(image: ImageArray, inverted: bool) -> ImageArray:
     gray = image if image.ndim == 2 else load_opencv().cvtColor(image, load_opencv().COLOR_RGB2GRAY)
     return np.ascontiguousarray(255 - gray if inverted else gray)
-
-
-def _small(gray: ImageArray, side: int) -> ImageArray:
-    cv2 = load_opencv()
-    ratio = side / max(gray.shape)
-    small: ImageArray = gray if ratio >= 1 else cv2.resize(gray, None, fx=ratio, fy=ratio, interpolation=cv2.INTER_AREA)
-    return small
 
 
 def _dictionary(name: str) -> Any:  # a cv2.aruco.Dictionary
@@ -132,9 +122,8 @@ def _dictionary(name: str) -> Any:  # a cv2.aruco.Dictionary
 
 
 def _charuco(board: Board) -> Any:  # a cv2.aruco.CharucoBoard
-    made = load_opencv().aruco.CharucoBoard(
-        (board.columns, board.rows), 1.0, board.marker, _dictionary(board.dictionary)
-    )
+    size, dictionary = (board.columns, board.rows), _dictionary(board.dictionary)
+    made = load_opencv().aruco.CharucoBoard(size, 1.0, board.marker, dictionary)
     made.setLegacyPattern(board.legacy)
     return made
 
@@ -170,13 +159,20 @@ def _refined(board: Board, gray: ImageArray, found: Corners) -> Corners | None:
     side = np.linalg.norm(seen[1:] - seen[0], axis=2).min(axis=0)
     reach = np.clip(0.45 * (1.0 - board.marker) * side, *_REACH).astype(int)
     refined = found.pixels.copy()
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.001)
-    for each in np.unique(reach).tolist():
-        rows = reach == each
-        start = np.ascontiguousarray(found.pixels[rows], np.float32).reshape(-1, 1, 2)
-        refined[rows] = cv2.cornerSubPix(gray, start, (each, each), (-1, -1), stop).reshape(-1, 2)
+    for distance in np.unique(reach).tolist():
+        rows = reach == distance
+        refined[rows] = _nearest_corners(gray, found.pixels[rows], distance)
     stays = np.abs(refined - found.pixels).max(axis=1) < reach
     return Corners(found.numbers[stays], refined[stays] + 0.5)
+
+
+def _nearest_corners(gray: ImageArray, pixels: Float64s, reach: int) -> Float64s:
+    """(N, 2) the corners within so many pixels of each place, counted from the first pixel's centre."""
+    cv2 = load_opencv()
+    start = np.ascontiguousarray(pixels, np.float32).reshape(-1, 1, 2)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.001)
+    corners = cv2.cornerSubPix(gray, start, (reach, reach), (-1, -1), stop)
+    return np.asarray(corners.reshape(-1, 2), np.float64)
 
 
 def _checkerboard_finder(board: Board) -> Any:  # a function of a gray image
@@ -184,16 +180,14 @@ def _checkerboard_finder(board: Board) -> Any:  # a function of a gray image
     columns, rows = board.columns - 1, board.rows - 1
 
     def find(gray: ImageArray) -> Corners | None:
-        small = _small(gray, _SIDE)
+        small = resized(gray, _SIDE)
         is_found, pixels = cv2.findChessboardCornersSB(small, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
         if not is_found:
             return None
         ordered = _in_order(small, pixels.reshape(rows, columns, 2).astype(np.float64))
         scaled = (ordered.reshape(-1, 2) + 0.5) * (gray.shape[1] / small.shape[1])
         if small is not gray:
-            start = np.ascontiguousarray(scaled - 0.5, np.float32).reshape(-1, 1, 2)
-            stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.001)
-            scaled = cv2.cornerSubPix(gray, start, (5, 5), (-1, -1), stop).reshape(-1, 2).astype(np.float64) + 0.5
+            scaled = _nearest_corners(gray, scaled - 0.5, 5) + 0.5
         return Corners(np.arange(columns * rows), scaled)
 
     return find
@@ -345,13 +339,7 @@ def read_board(path: Path) -> Board:
     Raises:
         FrogError: if the file cannot be read, or describes no board.
     """
-    regular_file(path, "a board's description")
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise found_instead(path, f"a file of {path.stat().st_size} bytes", "a board's description")
-        content = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise found_instead(path, f"a file that cannot be read ({brief(error)})", "a board's description") from error
+    content = read_text(path, "a board's description", _MOST_BYTES)
     try:
         if path.suffix.lower() == ".json":
             values = entries(plain_json(content, "a text"), "a board")
@@ -361,9 +349,8 @@ def read_board(path: Path) -> Board:
     except UnfitValue as error:
         raise found_instead(path, error.found, error.expected) from error
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise found_instead(
-            path, f"no TOML ({brief(error)})", "a board: squares = [4, 5], square_size = 0.05"
-        ) from error
+        expected = "a board: squares = [4, 5], square_size = 0.05"
+        raise found_instead(path, f"no TOML ({brief(error)})", expected) from error
 
 
 def _own_board(values: JsonObject) -> Board:
@@ -372,10 +359,10 @@ def _own_board(values: JsonObject) -> Board:
         raise UnfitValue(f"squares = {brief(squares)}", "the numbers of columns and rows, as in squares = [4, 5]")
     columns, rows = (whole(count, "a number of squares", 2, MOST_SQUARES) for count in squares)
     square = number(values.get("square_size"), "square_size", 1e-4, _LARGEST)
-    if "marker_size" not in values and "dictionary" not in values:
-        return _checked(Board(columns, rows, square, 0.0), values)
-    marker = number(values.get("marker_size"), "marker_size", 0.2 * square, 0.99 * square) / square
-    return _checked(Board(columns, rows, square, marker, _named_dictionary(values)), values)
+    marker = 0.0
+    if "marker_size" in values or "dictionary" in values:
+        marker = number(values.get("marker_size"), "marker_size", 0.2 * square, 0.99 * square) / square
+    return _checked(columns, rows, square, marker, values)
 
 
 def _caliscope(values: JsonObject) -> Board:
@@ -389,11 +376,12 @@ def _caliscope(values: JsonObject) -> Board:
             raise UnfitValue(f"units = {brief(values.get('units'))}", "inch or cm, or square_size_override_cm")
         sides = (number(values.get(f"board_{side}"), f"board_{side}", 0.1, 1000) for side in ("width", "height"))
         square = unit * min(side / count for side, count in zip(sides, (columns, rows), strict=True))
-    return _checked(Board(columns, rows, square, marker, _named_dictionary(values)), values)
+    return _checked(columns, rows, square, marker, values)
 
 
-def _checked(board: Board, values: JsonObject) -> Board:
-    board = replace(board, inverted=_flag(values, "inverted"), legacy=_flag(values, "legacy"))
+def _checked(columns: int, rows: int, square: float, marker: float, values: JsonObject) -> Board:
+    dictionary = _named_dictionary(values) if marker else ""
+    board = Board(columns, rows, square, marker, dictionary, _flag(values, "inverted"), _flag(values, "legacy"))
     if not board.dictionary and (board.columns + board.rows) % 2 == 0:
         raise UnfitValue(
             f"a checkerboard of {board.columns} x {board.rows} squares, which looks the same upside down",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,12 +23,13 @@ from ..synchronization.films import Film
 from .calibration import Calibration, MovingCamera
 from .sequences import ImageSequence
 
-_CAMERAS, _FOUND = "cameras_opencv.json", "cameras_found"
-_TRANSFORMS, _TRANSFORMS_FOUND = "transforms.json", "transforms_found"
-_IN_USE = {_FOUND: _CAMERAS, _TRANSFORMS_FOUND: _TRANSFORMS}
-"""Under which name readers take what a calibration found."""
+_CAMERAS = "cameras_opencv.json"
+_FOUND = {"cameras_found": _CAMERAS, "transforms_found": "transforms.json"}
+"""Under which name readers take what a calibration found, by what it is called until then, without its ending."""
 _SOONER = ("poses_bounds.npy", "transforms.json", "transforms_train.json", "dataset.json", "cameras_parameters.txt")
 """What readers take sooner than ``cameras_opencv.json``; ``poses_bounds.npy`` sooner than the others as well."""
+_GIVEN = {f"{Path(name).stem.removesuffix('_opencv')}_given": name for name in (*_SOONER, _CAMERAS)}
+"""Of each what it is called once it is set aside, without its ending."""
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV's axes to OpenGL's
 _FRAMES_PER_SECOND = 30.0
 
@@ -43,7 +44,7 @@ def write_cameras(folder: Path, calibration: Calibration, films: Sequence[Film])
         FrogError: if it cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    return _written(folder, _CAMERAS, _FOUND, _plain(folder, calibration, films))
+    return _written(folder, "cameras_found", _plain(folder, calibration, films))
 
 
 def write_transforms(
@@ -70,15 +71,15 @@ def write_transforms(
     rate = (len(times) - 1) / span if timed and span > 0 else _FRAMES_PER_SECOND
     size = {"camera_model": "OPENCV", "w": lens.width, "h": lens.height, "fl_x": lens.focal, "fl_y": lens.focal}
     middle = {"cx": lens.width / 2, "cy": lens.height / 2, "k1": lens.k1, "k2": lens.k2, "p1": 0.0, "p2": 0.0}
-    return _written(folder, _TRANSFORMS, _TRANSFORMS_FOUND, size | middle | {"frames": frames, "fps": rate})
+    return _written(folder, "transforms_found", size | middle | {"frames": frames, "fps": rate})
 
 
-def _written(folder: Path, name: str, other: str, plain: JsonObject) -> Path:
-    content = json.dumps(plain, indent=1).encode()
-    path = _free_path(folder, name, other, content, given=is_calibrated(folder))
-    if not path.exists():
-        write_atomically(path, content)
-    return path
+def _written(folder: Path, stem: str, plain: JsonObject) -> Path:
+    used = folder / _FOUND[stem]
+    paths = _numbered(folder, stem, used.suffix)
+    if os.path.lexists(used) or not is_calibrated(folder):
+        paths.insert(0, used)
+    return _first_free(paths, json.dumps(plain, indent=1).encode())
 
 
 def is_calibrated(folder: Path) -> bool:
@@ -89,31 +90,28 @@ def is_calibrated(folder: Path) -> bool:
         return False
 
 
-def _free_path(folder: Path, name: str, other: str, content: bytes, *, given: bool) -> Path:
-    """The file to write ``content`` to, or one that holds it already.
+def _numbered(folder: Path, stem: str, suffix: str) -> list[Path]:
+    return [folder / f"{stem}{'' if count < 2 else f'_{count}'}{suffix}" for count in range(1, 1000)]
 
-    Args:
-        name: of the file in a folder that nobody calibrated.
-        other: what it is called instead, without its ending, where ``name`` or another calibration was ``given``.
-    """
-    suffix = Path(name).suffix
-    candidates = [folder / name, *(folder / f"{other}{'' if i < 2 else f'_{i}'}{suffix}" for i in range(1, 1000))]
-    for candidate in candidates:
-        if candidate.is_file() and candidate.read_bytes() == content:
-            return candidate
-    free = [path for path in candidates if not os.path.lexists(path)]
-    return free[0] if not given else next(path for path in free if path.name != name)
+
+def _first_free(paths: list[Path], content: bytes) -> Path:
+    """The one of the paths that holds the content already, or the first that is free, which gets it."""
+    for path in paths:
+        if path.is_file() and _content(path) == content:
+            return path
+    free = next(path for path in paths if not os.path.lexists(path))
+    write_atomically(free, content)
+    return free
 
 
 def found_beside(folder: Path) -> Path | None:
     """The newest calibration that was found and is not in use; None where there is none. FrogError if unreadable."""
-    return _newest(folder, [(path, name) for stem, name in _IN_USE.items() for path in _named(folder, stem, name)])
+    return _newest(folder, _FOUND)[0]
 
 
 def given_beside(folder: Path) -> Path | None:
     """The newest calibration that was given and set aside; None where there is none. FrogError if unreadable."""
-    names = dict.fromkeys((*_SOONER, *_IN_USE.values()))
-    return _newest(folder, [(path, name) for name in names for path in _named(folder, _given(name), name)])
+    return _newest(folder, _GIVEN)[0]
 
 
 def use_found(folder: Path) -> tuple[Path, list[Path]]:
@@ -124,17 +122,15 @@ def use_found(folder: Path) -> tuple[Path, list[Path]]:
     Raises:
         FrogError: if none was found, or a file cannot be read or written.
     """
-    found = found_beside(folder)
+    found, name = _newest(folder, _FOUND)
     if found is None:
         raise FrogError(f"{folder}: found no cameras_found.json that is not in use, expected one of frog calibrate.")
-    name = next(name for stem, name in _IN_USE.items() if found.stem.startswith(stem))
     path, content = folder / name, _content(found)
-    kept = [_kept(path, _given(name))] if path.is_file() else []
+    kept = [_set_aside(path)] if path.is_file() else []
     write_atomically(path, content)
-    sooner = _SOONER if name == _CAMERAS else _SOONER[:1]
-    for other in (folder / each for each in sooner):
+    for other in (folder / sooner for sooner in (_SOONER if name == _CAMERAS else _SOONER[:1])):
         if other.is_file():
-            kept.append(_kept(other, _given(other.name)))
+            kept.append(_set_aside(other))
             other.unlink()
     return path, kept
 
@@ -145,50 +141,42 @@ def use_given(folder: Path) -> Path:
     Raises:
         FrogError: if none was set aside, or a file cannot be read or written.
     """
-    given = given_beside(folder)
+    given, name = _newest(folder, _GIVEN)
     if given is None:
         raise FrogError(f"{folder}: found no calibration that was set aside, such as cameras_given.json.")
-    names = dict.fromkeys((*_SOONER, *_IN_USE.values()))
-    name = next(name for name in names if given in _named(folder, _given(name), name))
     path, content = folder / name, _content(given)
-    for stem, used in _IN_USE.items():
+    for stem, used in _FOUND.items():
         if used == name and path.is_file():
-            _kept(path, stem)
+            _first_free(_numbered(folder, stem, path.suffix), _content(path))
     write_atomically(path, content)
-    for stem, used in _IN_USE.items():
+    for stem, used in _FOUND.items():
         if used != name and any(_is_same(found, folder / used) for found in _named(folder, stem, used)):
             (folder / used).unlink()
     return path
 
 
-def _given(name: str) -> str:
-    return f"{Path(name).stem.removesuffix('_opencv')}_given"
+def _set_aside(path: Path) -> Path:
+    """A file with the same content, under a name that nothing else has."""
+    stem = next(stem for stem, name in _GIVEN.items() if name == path.name)
+    return _first_free(_numbered(path.parent, stem, path.suffix), _content(path))
 
 
 def _named(folder: Path, stem: str, name: str) -> list[Path]:
     """``stem``, or that with a number, with the ending of ``name``."""
-    suffix = Path(name).suffix
-    paths = folder.glob(f"{stem}*{suffix}")
+    paths = folder.glob(f"{stem}*{Path(name).suffix}")
     return [path for path in paths if path.stem == stem or path.stem.removeprefix(f"{stem}_").isdigit()]
 
 
-def _newest(folder: Path, paths: list[tuple[Path, str]]) -> Path | None:
-    """Of files, with the names under which they would be in use, the newest that is not."""
-    unused = [path for path, name in paths if path.is_file() and not _is_same(path, folder / name)]
-    return max(unused, key=lambda path: (path.stat().st_mtime_ns, len(path.name), path.name), default=None)
+def _newest(folder: Path, stems: Mapping[str, str]) -> tuple[Path | None, str]:
+    """Of files with such stems the newest that is not in use, and the name that it would have in use; None without."""
+    paths = [(path, name) for stem, name in stems.items() for path in _named(folder, stem, name)]
+    unused = [(path, name) for path, name in paths if path.is_file() and not _is_same(path, folder / name)]
+    order = {path: (path.stat().st_mtime_ns, len(path.name), path.name) for path, _ in unused}
+    return max(unused, key=lambda entry: order[entry[0]], default=(None, ""))
 
 
 def _is_same(path: Path, other: Path) -> bool:
     return other.is_file() and os.path.getsize(path) == os.path.getsize(other) and _content(path) == _content(other)
-
-
-def _kept(path: Path, stem: str) -> Path:
-    """A file with the same content, under a name that nothing else has."""
-    content = _content(path)
-    copy = _free_path(path.parent, f"{stem}{path.suffix}", stem, content, given=False)
-    if not copy.exists():
-        write_atomically(copy, content)
-    return copy
 
 
 def _content(path: Path) -> bytes:

@@ -26,6 +26,7 @@ _UNCALIBRATED = 3  # pycolmap.TwoViewGeometryConfiguration
 MODELS = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _TOLERANCES = (1e-5, 1e-7)
 """Of the cost, in each round: the first only tells which observations are false."""
+_ITERATIONS = 60
 SOFT = 0.5
 """Of a false observation's residual: from there on the loss grows slowly."""
 
@@ -246,12 +247,8 @@ def _solve(
     """One adjustment of the used observations, and the focal lengths' relative standard deviations."""
     pycolmap = load_pycolmap()
     reconstruction, config = _reconstruction(model, seen, groups, coefficients)
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
+    options = adjustment_options(SOFT * min(lens.limit for lens in model.lenses), _ITERATIONS)
     options.ceres.solver_options.function_tolerance = tolerance
-    options.ceres.solver_options.max_num_iterations = 60
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = SOFT * min(lens.limit for lens in model.lenses)
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
     adjuster.solve()
     intrinsics = pycolmap.BACovarianceOptions()
@@ -271,6 +268,17 @@ def _solve(
         if found is not None and parameters[0] > 0:
             uncertainty[index] = noise * np.sqrt(max(float(found[0, 0]), 0.0)) / parameters[0]
     return Model(poses, tuple(lenses)), uncertainty
+
+
+def adjustment_options(loss: float, iterations: int) -> Any:  # pycolmap.BundleAdjustmentOptions
+    """With Cauchy's loss from so many pixels on."""
+    pycolmap = load_pycolmap()
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.ceres.solver_options.max_num_iterations = iterations
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = loss
+    return options
 
 
 def _reconstruction(

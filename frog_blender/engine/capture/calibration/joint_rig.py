@@ -25,6 +25,8 @@ from ..synchronization.tracks import NamedTracks
 from . import limits
 from .calibration import Calibration
 from .joints import (
+    JOINTS,
+    LandmarkNetwork,
     agreed_sides,
     find_joints,
     heights,
@@ -33,13 +35,11 @@ from .joints import (
     with_sides,
     without_strays,
 )
-from .landmarks import JOINTS, LandmarkNetwork
 from .model import Model
 from .points import PointRig, PointViews, solve_points
-from .views import CameraFacts, common_times, images_at
+from .views import ALMOST, CameraFacts, common_times, images_at, views_of
 
-TIMES = 40
-"""Common times at which joints are looked for: 30 are enough, and each costs a quarter of a second a camera."""
+_TIMES = 40  # common ones at which joints are looked for: 30 are enough; each costs a quarter of a second a camera
 REMEDY = "film one person who walks about alone for ten seconds or more, near and far, where all cameras see them whole"
 _SIDE_ROUNDS = 2  # of asking the other cameras which side is left
 # Clocks from joints alone.
@@ -51,25 +51,23 @@ _SETTLED = 0.02  # of the interval
 _FIRST_TIMES = 30  # at which joints are compared in the first round
 
 
-def calibrate_joint_films(
-    run: Run, films: Sequence[Film], views: Sequence[CameraFacts], times: Sequence[float], network: Path
-) -> Calibration:
-    """The cameras of films in which one person walks about, from their joints at common capture times in seconds.
+def calibrate_joint_films(run: Run, films: Sequence[Film], network: Path) -> Calibration:
+    """The cameras of films in which one person walks about, from their joints at common times.
 
     Args:
-        views: of the films, for their backgrounds and what moves before them.
         network: the landmark file (``landmark_file``).
 
     Raises:
         CalibrationRefused: see ``calibrate_joints``.
         FrogError: for a film that cannot be decoded, or another file than the network's.
     """
-    joints = _joints_of_films(run, films, views, [times] * len(films), network)
+    views = views_of(run, films, alike=ALMOST)
+    joints = _joints_of_films(run, films, views, [common_times(films, _TIMES)] * len(films), network)
     return run.in_child(calibrate_joints, views, np.stack(joints))
 
 
 def calibrate_unsynchronised_films(
-    run: Run, films: Sequence[Film], views: Sequence[CameraFacts], network: Path
+    run: Run, films: Sequence[Film], network: Path
 ) -> tuple[Calibration, Synchronization]:
     """The cameras and the clocks of films in which one person walks about, whenever each film began.
 
@@ -82,8 +80,8 @@ def calibrate_unsynchronised_films(
     """
     heard = find_clocks(run, films, tracks={})
     if heard.by_sound:
-        timed = with_clocks(films, heard.clocks)
-        return calibrate_joint_films(run, timed, views, common_times(timed, TIMES), network), heard
+        return calibrate_joint_films(run, with_clocks(films, heard.clocks), network), heard
+    views = views_of(run, films, alike=ALMOST)
     shortest = min(film.duration for film in films)
     interval = float(np.clip(shortest / _MOST_IMAGES, *_INTERVALS))
     window = min(shortest, _MOST_IMAGES * interval)

@@ -1,8 +1,12 @@
-"""``frog calibrate``: a folder of raw films to a capture, stage by stage; a second run continues where one ended."""
+"""``frog calibrate``: a folder of raw films to a capture, stage by stage; a second run continues where one ended.
+
+Cameras come from the first source that leads to them: features, a walk-through, a board, a person's joints, points that
+a person clicked. Each is asked with clocks that are known, or in alternation with synchronisation where they are not.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,20 +14,54 @@ import numpy as np
 
 from ...errors import FrogError
 from ...io.child_process import Progress
-from ..synchronization.films import Film, find_films, with_clocks
-from ..synchronization.run import NAME, CalibrationRefused, Run, WorkFolder, key_of
-from ..synchronization.synchronization import Synchronization
+from ..capture import Distortion
+from ..synchronization.films import Clocks, Film, find_films, with_clocks
+from ..synchronization.motion import Cameras
+from ..synchronization.run import NAME, CalibrationRefused, Run, WorkFolder
+from ..synchronization.synchronization import Synchronization, differ
+from ..synchronization.synchronize import find_clocks
+from .board import board_in_films, calibrate_board_films
+from .board_detection import Board, read_board
 from .calibration import Calibration
 from .camera_files import write_cameras, write_transforms
+from .joint_rig import calibrate_joint_films, calibrate_unsynchronised_films
 from .landmark_file import landmark_file
-from .placing import place_moving
+from .placing import place_moving, place_views
+from .points import calibrate_clicks, read_points
 from .report import write_moving_report, write_report
-from .sequences import film_images, image_files, still_images, walk_throughs
-from .sources import AUTO, Options, Source, calibrate_by, sources
-from .views import is_standing, views_of
+from .sequences import film_images, image_files, still_images, walk_images, walk_throughs
+from .views import ALMOST, facts_of, is_standing, views_of
 
+AUTO = Path("auto")
+"""A board whose layout is found in the films."""
+TIMES = 5
+"""Common times at which moving points are compared."""
+_ROUNDS = 2  # of synchronisation: calibrated from the background, then from what moves as well
+_BOARD_FILES = ("charuco.toml", "board.toml", "board.json")  # a board's description beside the films
 _MOST_DECODED = 4  # films at once
-__all__ = ["AUTO", "Options", "Outcome", "calibrate"]
+
+Find = Callable[[Sequence[Film], Cameras], Synchronization]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a person may decide.
+
+    Attributes:
+        out: folder of the result; by default the films' own.
+        in_step: the films are known to be in step: nothing is synchronised.
+        background_only: what moves is left out, for films that cannot be synchronised.
+        clocks: of films whose clocks are known.
+        board: its description (``read_board``) or ``AUTO``: the cameras come from it alone.
+        points: a file of clicked points (``points.read_points``): the cameras come from them alone.
+    """
+
+    out: Path | None = None
+    in_step: bool = False
+    background_only: bool = False
+    clocks: Clocks | None = None
+    board: Path | None = None
+    points: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -68,29 +106,18 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     films = with_clocks(find_films(folder), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
-    standing = run.in_threads("films", lambda film: _is_standing(film, run), films, _MOST_DECODED)
+    standing = run.in_threads("films", lambda film: is_standing(run, film), films, _MOST_DECODED)
     if not any(standing):
         return _of_moving(films, out, run)
     connecting, told = walk_throughs(folder, films, standing)
     films = [film for film in films if film not in connecting]
-    tried = sources(folder, films, connecting, options, run)
-    calibration, films, clocks = _of_standing(tried, films, options, run)
+    calibration, films, clocks = _of_standing(sources(folder, films, connecting, options, run), films, options, run)
     warnings = tuple(dict.fromkeys([*told, *calibration.warnings, *clocks.warnings]))
     progress("report", 0, 1)
     calibration = replace(calibration, warnings=warnings)
     cameras = write_cameras(out, calibration, films)
-    quiet = replace(run, progress=lambda *_: None, cancelled=lambda: False)
-    views = [view.view(run.work) for view in views_of(quiet, films)]
-    report, page = write_report(out, calibration, films, views, clocks)
+    report, page = write_report(out, calibration, films, clocks)
     return Outcome(cameras, report, page, "found" in cameras.stem, warnings)
-
-
-def _is_standing(film: Film, run: Run) -> bool:
-    """Whether a camera stands that took a film, of an earlier run or new."""
-    run.check()
-    return bool(
-        run.work.kept("standing", key_of(film.state), lambda: {"standing": np.array(is_standing(film))})["standing"]
-    )
 
 
 def _of_moving(footage: Sequence[Path] | Sequence[Film], out: Path, run: Run) -> Outcome:
@@ -105,15 +132,15 @@ def _of_moving(footage: Sequence[Path] | Sequence[Film], out: Path, run: Run) ->
         sequence, times, warnings = film_images(run, films[0], out)
     else:
         sequence, times, warnings = image_files([path for path in footage if isinstance(path, Path)], out)
-    found = run.in_child(place_moving, sequence, run.work)
-    path = write_transforms(out, sequence, times, found, timed=bool(films))
-    found = replace(found, warnings=(*warnings, *found.warnings))
-    report, page = write_moving_report(out, found)
-    return Outcome(path, report, page, "found" in path.stem, found.warnings)
+    camera = run.in_child(place_moving, sequence, run.work)
+    path = write_transforms(out, sequence, times, camera, timed=bool(films))
+    camera = replace(camera, warnings=(*warnings, *camera.warnings))
+    report, page = write_moving_report(out, camera)
+    return Outcome(path, report, page, "found" in path.stem, camera.warnings)
 
 
 def _of_standing(
-    tried: Iterable[Source], films: list[Film], options: Options, run: Run
+    tried: Iterator[Source], films: list[Film], options: Options, run: Run
 ) -> tuple[Calibration, list[Film], Synchronization]:
     """The rig and the films with their clocks, by the first source that leads there."""
     refusals: list[tuple[str, FrogError]] = []
@@ -132,7 +159,7 @@ def _all_failed(refusals: Sequence[tuple[str, FrogError]], options: Options) -> 
     """One error that tells what was tried, and what else would help."""
     (_, first), *others = refusals
     sentences = [str(first), *(f"From {name}: {error}" for name, error in others)]
-    if not options.source_is_given and landmark_file() is None:
+    if not (options.board or options.points or options.background_only) and landmark_file() is None:
         sentences.append(
             "Or let a person walk about alone where all cameras see them: their joints will do, once the landmark "
             "file is there (Fetch Landmark File in Blender, or frog calibrate --fetch-landmarks)."
@@ -141,3 +168,154 @@ def _all_failed(refusals: Sequence[tuple[str, FrogError]], options: Options) -> 
         return first
     kind = CalibrationRefused if all(isinstance(error, CalibrationRefused) for _, error in refusals) else FrogError
     return kind(" ".join(sentences))
+
+
+# --- sources
+
+
+@dataclass(frozen=True)
+class Source:
+    """One source of cameras.
+
+    Attributes:
+        name: as in "cameras from a board".
+        solve: the cameras of films at so many common times; with 0 of what does not move alone.
+        needs_step: what it looks at moves, so that the films must be in step.
+        timed: the cameras of films whose clocks are not known, and those; None where cameras and clocks are found in
+            alternation.
+    """
+
+    name: str
+    solve: Callable[[Sequence[Film], int], Calibration]
+    needs_step: bool = True
+    timed: Callable[[Sequence[Film]], tuple[Calibration, Synchronization]] | None = None
+
+
+def sources(
+    folder: Path, films: Sequence[Film], walk_throughs: Sequence[Film], options: Options, run: Run
+) -> Iterator[Source]:
+    """What to try, one after the other until one finds the cameras: what was asked for alone, else the surest first."""
+    if options.points is not None:
+        clicks = read_points(options.points, {film.name: film.size for film in films})
+        yield Source(
+            "clicked points",
+            lambda films, _: run.in_child(calibrate_clicks, facts_of(films, ALMOST), clicks),
+            needs_step=False,
+        )
+        return
+    if options.board is not None:
+        board = read_board(options.board) if options.board != AUTO else board_in_films(run, films)
+        if board is None:
+            raise FrogError(f"{folder}: found no board in the films, expected a ChArUco board or a checkerboard.")
+        yield _by_board(board, run)
+        return
+    beside = next((folder / name for name in _BOARD_FILES if (folder / name).is_file()), None)
+    if beside is not None and not options.background_only:
+        yield _by_board(read_board(beside), run)
+    if walk_throughs:
+        images = walk_images(run, walk_throughs)
+        yield Source(
+            "a walk-through",
+            lambda films, count: place_views(run, views_of(run, films, count), images),
+            needs_step=False,
+        )
+    yield Source("features", lambda films, count: place_views(run, views_of(run, films, count)), needs_step=False)
+    if options.background_only:
+        return
+    if beside is None:
+        try:
+            board = board_in_films(run, films)
+        except FrogError:
+            board = None  # the sentence of what was tried before says more
+        if board is not None:
+            yield _by_board(board, run)
+    network = landmark_file()
+    if network is not None:
+        yield Source(
+            "a person's joints",
+            lambda films, _: calibrate_joint_films(run, films, network),
+            timed=lambda films: calibrate_unsynchronised_films(run, films, network),
+        )
+
+
+def _by_board(board: Board, run: Run) -> Source:
+    return Source("a board", lambda films, _: calibrate_board_films(run, films, board))
+
+
+def calibrate_by(
+    source: Source, films: list[Film], options: Options, run: Run
+) -> tuple[Calibration, list[Film], Synchronization]:
+    """The cameras by one source, the films with their clocks, and how these were found.
+
+    Raises:
+        CalibrationRefused: if the footage does not fix its cameras.
+    """
+    if options.background_only:
+        return source.solve(films, 0), films, Synchronization()
+    if options.in_step or options.clocks:
+        return source.solve(films, TIMES), films, Synchronization()
+    if source.timed is not None:
+        calibration, found = source.timed(films)
+        return calibration, with_clocks(films, found.clocks), found
+    return alternated(source, films, lambda films, cameras: find_clocks(run, films, cameras))
+
+
+def alternated(source: Source, films: list[Film], find: Find) -> tuple[Calibration, list[Film], Synchronization]:
+    """The same where neither cameras nor clocks are known: calibration and synchronisation improve each other.
+
+    Cameras found by what moves are worth as much as the clocks behind them. Where synchronisation cannot confirm those,
+    the result is the one that did without them, or a refusal.
+
+    Args:
+        find: the films' clocks by cameras that are known, by name; none where they are not.
+    """
+    first_films = films
+    first, first_clocks, refused = _first(source, films, find)
+    calibration, before = first, first_clocks
+    for _ in range(_ROUNDS):
+        found = find(films, _known(calibration))
+        if found.refusal is not None:
+            if refused is not None:
+                raise CalibrationRefused(f"{refused} What moves does not help either. {found.refusal}")
+            kept = replace(found, warnings=(found.refusal, *found.warnings))
+            return first, with_clocks(first_films, first_clocks), kept
+        films = with_clocks(films, found.clocks)
+        if before and not differ(before, found.clocks, films):
+            break
+        before = found.clocks
+        calibration = source.solve(films, TIMES)
+        if all(clock == (0.0, 1.0) for clock in found.clocks.values()):
+            break  # in step: nothing that a second look could correct
+    return calibration, films, found
+
+
+def _first(source: Source, films: list[Film], find: Find) -> tuple[Calibration, Clocks, CalibrationRefused | None]:
+    """A calibration before clocks are known, the clocks that it used, if any, and why the background does not do.
+
+    By the background where the source has use for it, else by films that are taken to be in step, else by clocks that
+    were found without cameras.
+    """
+    refused: CalibrationRefused | None = None
+    if not source.needs_step:
+        try:
+            return source.solve(films, 0), {}, None
+        except CalibrationRefused as error:
+            refused = error
+    together: Clocks = {film.name: (0.0, 1.0) for film in films}
+    try:
+        return source.solve(films, TIMES), together if source.needs_step else {}, refused
+    except CalibrationRefused as error:
+        if not source.needs_step:
+            raise refused or error from None
+        refused = error
+    found = find(films, {})
+    if found.refusal is not None or not differ(together, found.clocks, films):
+        raise refused
+    return source.solve(with_clocks(films, found.clocks), TIMES), found.clocks, None
+
+
+def _known(calibration: Calibration) -> Cameras:
+    return {
+        found.camera.name: (found.camera, Distortion(np.array([*found.distortion, 0.0, 0.0])))
+        for found in calibration.cameras
+    }

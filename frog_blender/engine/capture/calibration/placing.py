@@ -12,14 +12,12 @@ from ...arrays import Array
 from ...io.child_process import Progress
 from ..readers.footage import state_of
 from ..synchronization.run import CalibrationRefused, Run, WorkFolder, key_of
+from . import checks
 from .calibration import Calibration, MovingCamera
-from .checks import moving_refusal, moving_share, moving_warnings, refusal, warnings
-from .features import find_features, image_features, view_features
-from .matching import match_pairs, pairs_to_match
+from .features import find_features, image_features, match_pairs, pairs_to_match, view_features
 from .model import Lens, oriented
 from .sequences import ImageSequence
 from .structure import Images, Solution, agreeing, solve
-from .support import calibration_of, support_of, sure_points
 from .tracks import Pairs
 from .views import CameraFacts
 
@@ -37,9 +35,9 @@ def place_views(run: Run, views: Sequence[CameraFacts], sequences: Sequence[Imag
         FrogError: if pycolmap is missing, or its process died.
     """
     missing = [view for view in views if not run.work.file("features", view.key).is_file()]
-    count = min(_MOST_PROCESSES, os.cpu_count() or 1, len(missing))
-    if count > 1:  # pycolmap finds features inside Python's lock
-        parts = [missing[part::count] for part in range(count)]
+    processes = min(_MOST_PROCESSES, os.cpu_count() or 1, len(missing))
+    if processes > 1:  # pycolmap finds features inside Python's lock
+        parts = [missing[part::processes] for part in range(processes)]
         run.in_threads("features", lambda part: run.in_child(find_features, part, run.work), parts)
     return run.in_child(place_standing, views, sequences, run.work)
 
@@ -49,13 +47,13 @@ def place_standing(
 ) -> Calibration:
     """The standing cameras in their own world, in the child; the images of a walk-through only connect them."""
     solution, images, matches = _solved(views, sequences, work, tell)
-    support = support_of(solution, images, matches, [view.name for view in views])
-    if why := refusal(solution, support):
+    support = checks.support_of(solution, images, matches, [view.name for view in views])
+    if why := checks.refusal(solution, support):
         raise CalibrationRefused(why)
     assert solution.adjusted is not None
     least = 3 if support.connected else 2
-    found = calibration_of(support.names, solution.adjusted, solution.tracks, support.cameras, least=least)
-    told = tuple(warnings(solution, support))
+    found = checks.calibration_of(support.names, solution.adjusted, solution.tracks, support.cameras, least=least)
+    told = tuple(checks.warnings(solution, support))
     return replace(found, pairs=tuple(support.pairs), halves_apart=solution.halves_apart, warnings=told)
 
 
@@ -67,22 +65,22 @@ def place_moving(sequence: ImageSequence, work: WorkFolder, tell: Progress) -> M
         FrogError: for an image that cannot be read.
     """
     solution, images, matches = _solved((), [sequence], work, tell)
-    if why := moving_refusal(solution, len(images.lenses)):
+    if why := checks.moving_refusal(solution, len(images.lenses)):
         raise CalibrationRefused(why)
     adjusted = solution.adjusted
     assert adjusted is not None
-    share = moving_share(images, adjusted.model, matches)
+    share = checks.moving_share(images, adjusted.model, matches)
     model, points = oriented(adjusted.model, adjusted.points)
     agree = agreeing(adjusted, solution.tracks)
     return MovingCamera(
         model.lenses[model.placed[0]],
         tuple(model.placed),
         model.poses[model.placed],
-        sure_points(points, solution.tracks, agree, 3),
+        checks.sure_points(points, solution.tracks, agree, 3),
         float(np.median(adjusted.distances[agree])),
         float(adjusted.uncertainty[model.placed].max()),
         solution.halves_apart,
-        tuple(moving_warnings(solution, len(images.lenses), share)),
+        tuple(checks.moving_warnings(solution, len(images.lenses), share)),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ...io.atomic_files import write_atomically
-from ..synchronization.films import Film, kinds_of
+from ..synchronization.films import Film, kinds_of, spread
 from ..synchronization.run import Run, key_of
 from ..video import decode, find_images, find_videos, image_size, load_opencv
 
@@ -87,7 +87,7 @@ def walk_images(run: Run, films: Sequence[Film]) -> list[ImageSequence]:
     for film, group in zip(films, kinds_of(films), strict=True):
         count = film.facts.frame_count
         images = int(np.clip(_WALK_RATE * film.duration, _FEWEST_OF_WALK, _MOST_OF_WALK))
-        frames = np.unique(np.linspace(0, count - 1, min(images, count)).round().astype(int)).tolist()
+        frames = spread(count, images)
         paths = _written(run, film, frames, run.work.path / f"walk-through-{key_of(film.state)}")
         sequences.append(ImageSequence(film.name, tuple(paths), film.size, group))
     return sequences

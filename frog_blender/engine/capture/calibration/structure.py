@@ -17,7 +17,7 @@ from ...arrays import Bools, Float64s
 from ...io.child_process import Progress
 from . import limits
 from .colmap import Adjusted, adjust, incremental
-from .matching import verified_again
+from .features import verified_again
 from .model import Lens, Model, disagreement
 from .tracks import Pairs, Tracks, cost, join, located, summed
 
@@ -230,7 +230,7 @@ def _weighed(
     adjusted = adjust(model, tracks, images.sharing(own=empty.own), [0] * len(images.lenses))
     if not _is_possible(adjusted.model):
         return empty
-    return replace(empty, adjusted=adjusted, cost=_whole_cost(adjusted, tracks))
+    return replace(empty, adjusted=adjusted, cost=cost(adjusted.distances, adjusted.model.limits[tracks.cameras]))
 
 
 def _is_possible(model: Model) -> bool:
@@ -246,11 +246,6 @@ def _same(one: Model, other: Model) -> bool:
         and bool(np.abs(np.log(focals[:, 0] / focals[:, 1])).max() < _SAME_FOCAL)
         and disagreement(one, other) < _SAME_PLACES
     )
-
-
-def _whole_cost(adjusted: Adjusted, tracks: Tracks) -> float:
-    """Truncated squared residuals of all observations, in units of each image's limit."""
-    return cost(adjusted.distances, adjusted.model.limits[tracks.cameras])
 
 
 def _candidates(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

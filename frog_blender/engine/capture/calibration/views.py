@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Array, Bools, Float32s, ImageArray
+from ...arrays import Array, Bools, Float32s, ImageArray, Ints
 from ...errors import FrogError, found_instead
 from ..readers.footage import decode_film
-from ..synchronization.films import Film, kinds_of
+from ..synchronization.films import Film, kinds_of, spread
 from ..synchronization.run import Run, WorkFolder, key_of
 from ..video import load_opencv
 
+ALMOST = 0.01
+"""Of a side, by which films of one kind of camera may differ where few points leave much open."""
 LONGEST_SIDE = 1600
 """Pixels of the images that features are sought in: more of them cost time and win nothing."""
 _BACKGROUND_IMAGES = 30
@@ -32,24 +34,14 @@ class View:
     Attributes:
         background: (h, w) uint8 brightness of the background: the median over time, at most LONGEST_SIDE a side.
         changing: (h, w) bool, where something moves.
-        images: brightness like ``background``, those nearest to common times; None where the film has none then.
+        images: (K, h, w) brightness like ``background``, those nearest to common times.
+        moments: (K,) int64 which of the times; the film has no images at the others.
     """
 
     background: ImageArray
     changing: Bools
-    images: tuple[ImageArray | None, ...] = ()
-
-    @property
-    def arrays(self) -> dict[str, Array]:
-        """For the work folder; ``view_of`` reads them back."""
-        images = {f"image{index}": image for index, image in enumerate(self.images) if image is not None}
-        return {"background": self.background, "changing": self.changing, "count": np.array(len(self.images)), **images}
-
-
-def view_of(arrays: Mapping[str, Array]) -> View:
-    """The view of ``View.arrays``."""
-    images = tuple(arrays.get(f"image{index}") for index in range(int(arrays["count"])))
-    return View(arrays["background"], arrays["changing"], images)
+    images: ImageArray
+    moments: Ints
 
 
 @dataclass(frozen=True)
@@ -83,7 +75,7 @@ class CameraFacts:
         arrays = work.load("view", self.key)
         if arrays is None:
             raise found_instead(work.file("view", self.key), "a damaged view, or none", "what calibration kept there")
-        return view_of(arrays)
+        return View(**arrays)
 
 
 def facts_of(films: Sequence[Film], alike: float = 0.0) -> list[CameraFacts]:
@@ -97,24 +89,30 @@ def facts_of(films: Sequence[Film], alike: float = 0.0) -> list[CameraFacts]:
     ]
 
 
-def views_of(run: Run, films: Sequence[Film], times: Sequence[float] = (), alike: float = 0.0) -> list[CameraFacts]:
-    """The same with the films' backgrounds and what moves at common times, kept in the work folder."""
+def views_of(run: Run, films: Sequence[Film], count: int = 0, alike: float = 0.0) -> list[CameraFacts]:
+    """The same with the films' backgrounds and what moves at so many common times, kept in the work folder."""
+    times = common_times(films, count) if count else []
 
     def of_film(film: Film) -> str:
         key = key_of(film.state, [round(film.frame_at(time)) for time in times])
-        run.work.kept("view", key, lambda: view_film(film, times, run.check).arrays)
+        run.work.kept("view", key, lambda: vars(view_film(film, times, run.check)))
         return key
 
     keys = run.in_threads("images", of_film, films, _MOST_DECODED)
     return [replace(facts, key=key) for facts, key in zip(facts_of(films, alike), keys, strict=True)]
 
 
-def is_standing(film: Film) -> bool:
-    """Whether the background rests between the film's first, middle and last image."""
+def is_standing(run: Run, film: Film) -> bool:
+    """Whether the background rests between the film's first, middle and last image; of an earlier run or new."""
+    run.check()
+    kept = run.work.kept("standing", key_of(film.state), lambda: {"standing": np.array(_rests(film))})
+    return bool(kept["standing"])
+
+
+def _rests(film: Film) -> bool:
     cv2 = load_opencv()
     last = min(film.facts.frame_count, _BACKGROUND_FRAMES) - 1
-    frames = sorted({0, last // 2, last})
-    first, *others = film.gray(frames, LONGEST_SIDE)
+    first, *others = film.gray(sorted({0, last // 2, last}), LONGEST_SIDE)
     corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.01, max(4, first.shape[1] / 60))
     if corners is None or not others:
         return True
@@ -138,8 +136,8 @@ def common_times(films: Sequence[Film], count: int) -> list[float]:
     if end < start:
         raise FrogError("The films have no time in common: each starts when another has ended.")
     first = films[0]  # at the times of its frames: where films are in step nothing has to be carried
-    spread = [start + (end - start) * (index + 0.5) / count for index in range(count)]
-    return sorted({min(max(first.time_of(round(first.frame_at(time))), start), end) for time in spread})
+    even = [start + (end - start) * (index + 0.5) / count for index in range(count)]
+    return sorted({min(max(first.time_of(round(first.frame_at(time))), start), end) for time in even})
 
 
 def view_film(film: Film, times: Sequence[float], check: Callable[[], None]) -> View:
@@ -149,17 +147,17 @@ def view_film(film: Film, times: Sequence[float], check: Callable[[], None]) -> 
         check: called before each image; it raises what ends the work.
     """
     count = film.facts.frame_count
-    spread = np.unique(
-        np.linspace(0, min(count, _BACKGROUND_FRAMES) - 1, _BACKGROUND_IMAGES).round().astype(int)
-    ).tolist()
+    background = spread(min(count, _BACKGROUND_FRAMES), _BACKGROUND_IMAGES)
     nearest = [round(film.frame_at(time)) for time in times]
-    needed = sorted({frame for frame in (*spread, *nearest) if 0 <= frame < count})
+    needed = sorted({frame for frame in (*background, *nearest) if 0 <= frame < count})
     images: dict[int, ImageArray] = {}
     for frame, image in zip(needed, film.gray(needed, LONGEST_SIDE), strict=True):
         check()
         images[frame] = image
-    stack = np.stack([images[frame] for frame in spread])
-    return View(_median(stack), _changing(stack), tuple(images.get(frame) for frame in nearest))
+    stack = np.stack([images[frame] for frame in background])
+    moments = [moment for moment, frame in enumerate(nearest) if frame in images]
+    shown = np.array([images[nearest[moment]] for moment in moments], np.uint8).reshape(-1, *stack.shape[1:])
+    return View(_median(stack), _changing(stack), shown, np.array(moments, np.int64))
 
 
 def images_at(film: Film, times: Sequence[float], check: Callable[[], None]) -> Iterator[ImageArray | None]:

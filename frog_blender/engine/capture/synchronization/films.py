@@ -87,6 +87,11 @@ def resized(gray: ImageArray, longest: int) -> ImageArray:
     return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA))
 
 
+def spread(count: int, most: int) -> list[int]:
+    """At most so many of ``count`` indices, evenly spread."""
+    return sorted({round(index) for index in np.linspace(0, count - 1, min(count, most)).tolist()}) if count else []
+
+
 def find_films(folder: Path) -> list[Film]:
     """The films of a folder, a camera each, in order of their names: its videos, or else its folders of frames.
 

@@ -25,7 +25,7 @@ from ...io.plain_values import JsonObject, UnfitValue, plain, typed
 
 NAME = ".frog_calibration"
 """The hidden folder of a calibration's stages, beside its result."""
-_VERSION = 3  # raise it when the same input would give another result
+_VERSION = 4  # raise it when the same input would give another result
 _MOST = 2**28  # numbers of one stage
 _SEAL = "seal"
 
