@@ -247,7 +247,7 @@ def test_a_film_larger_than_its_calibration_is_no_crop(
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({}, "turned by 180 degrees, as its rotation flag says"),
+        ({}, "a.mp4 (of 1 such) is turned by 180 degrees, as the file says"),
         ({"transfer": "hlg"}, "a.mp4 is of high dynamic range (HLG) and is tone-mapped"),
         (INTERLACED, "a.mp4 is interlaced: each image shows two times"),
     ],

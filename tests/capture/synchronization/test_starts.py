@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.films import copied, encode
 
-from frog_blender.engine.capture.readers.footage import film_facts
+from frog_blender.engine.capture.readers.footage import footage_at
 from frog_blender.engine.capture.synchronization.films import Film
 from frog_blender.engine.capture.synchronization.pairs import PairLag
 from frog_blender.engine.capture.synchronization.starts import (
@@ -75,7 +75,7 @@ def test_different_sounds_have_no_lag() -> None:
 
 
 def opened(path: Path) -> Film:
-    return Film("a", path, film_facts(path))
+    return Film("a", path, footage_at(path).facts)
 
 
 def test_sound_is_read_from_the_films_own_zero(tmp_path: Path) -> None:
@@ -137,8 +137,8 @@ def test_films_without_motion_or_too_short_have_no_lag() -> None:
 def test_a_film_tells_its_timecode(tmp_path: Path) -> None:
     silent = encode(tmp_path / "a.mp4", [np.full((48, 64, 3), level, np.uint8) for level in (20, 120, 220)], rate=30)
     told = copied(silent, tmp_path / "b.mp4", timecode="01:02:03:15")
-    assert read_timecode(Film("b", told, film_facts(told))) == pytest.approx(3723.5)
-    assert read_timecode(Film("a", silent, film_facts(silent))) is None
+    assert read_timecode(Film("b", told, footage_at(told).facts)) == pytest.approx(3723.5)
+    assert read_timecode(Film("a", silent, footage_at(silent).facts)) is None
 
 
 @pytest.mark.parametrize("codes", [(50.0, 53.4), (86_398.0, 1.4)])  # the second after midnight

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,14 @@ import numpy as np
 
 from ...arrays import Float64s
 from ...errors import found_instead
-from ..capture import Capture, Shot
-from ..video import image_size, image_turns
+from ..camera import Camera
+from ..capture import Capture, Distortion
+from ..orientation import turned_camera
 from ..world import World
 from .checks import check_images
-from .footage import Filmed, Footage, at_times, fitted, natural, of_cameras, on_common_frames
-from .geometry import Calibrated
+from .footage import RATE, Footage, natural, of_cameras
+from .geometry import Calibrated, is_transposed, same_proportions
+from .pairing import Clock, Pairing, pair_footage, pair_images
 
 _FAR = 300.0  # times the cameras' spread: beyond it, float32's steps come near to what images show
 _FAR_ALONE = 1000.0  # units, of cameras that all stand in one place
@@ -28,40 +30,32 @@ HOLDOUT_EVERY = 8
 
 
 PosedImage = tuple[Calibrated, Path, int]
-"""An image with a pose of its own: its camera at its calibrated size, the file, and its time (``footage.at_times``)."""
+"""An image with a pose of its own: its camera at its calibrated size, the file, and its time (``pair_images``)."""
 
 
-def calibrated_cameras(
-    path: Path,
-    layout: str,
-    calibration: Path,
-    cameras: Sequence[Calibrated],
-    footage: Sequence[Footage],
-    warnings: Iterable[str] = (),
-    *,
-    named_by_film: bool = False,
-) -> Capture:
-    """The capture of cameras of a calibration that stand still, and of their footage, which is found by its name.
+def matched(
+    calibration: Path, cameras: Sequence[Calibrated], footage: Sequence[Footage], *, named_by_film: bool = False
+) -> tuple[list[Calibrated], list[Footage], list[str]]:
+    """The cameras of a calibration that have footage, which is found by its name, in the order of their names; what
+    each of them filmed; and warnings.
 
     Args:
         named_by_film: the cameras get the names of their footage.
 
     Raises:
-        FrogError: if two cameras have one name, none has footage, or images cannot be used.
+        FrogError: if two cameras have one name, or none has footage.
     """
     names = [camera.name for camera, _ in cameras]
     if len(set(names)) < len(names):
         name, _ = Counter(names).most_common(1)[0]
         raise found_instead(calibration, f"several cameras named {name}", "one of each name")
-    filmed, about = of_cameras(calibration, names, footage)
-    pairs = [
-        ((replace(camera, name=filmed[camera.name].name if named_by_film else camera.name), lens), filmed[camera.name])
-        for camera, lens in cameras
-        if camera.name in filmed
-    ]
-    pairs.sort(key=lambda pair: natural(pair[0][0].name))
-    chosen, shown = [calibrated for calibrated, _ in pairs], [of_camera for _, of_camera in pairs]
-    return standing_cameras(path, layout, chosen, shown, warnings=[*warnings, *about])
+    filmed, warnings = of_cameras(calibration, names, footage)
+    there = [(camera, lens) for camera, lens in cameras if camera.name in filmed]
+    shown = [filmed[camera.name] for camera, _ in there]
+    if named_by_film:
+        there = [(replace(camera, name=film.name), lens) for (camera, lens), film in zip(there, shown, strict=True)]
+    order = sorted(range(len(there)), key=lambda index: natural(there[index][0].name))
+    return [there[index] for index in order], [shown[index] for index in order], warnings
 
 
 def standing_cameras(
@@ -69,34 +63,23 @@ def standing_cameras(
     layout: str,
     cameras: Sequence[Calibrated],
     footage: Sequence[Footage],
-    *,
-    warnings: Iterable[str] = (),
-    filmed: Filmed | None = None,
+    warnings: Sequence[str] = (),
+    clocks: Sequence[Clock] = (),
 ) -> Capture:
     """The capture of cameras that stand still, where camera i filmed ``footage[i]``. Nothing is held out.
 
     Args:
-        filmed: the footage on common frames, where that is known.
+        clocks: of the cameras' films (see ``pair_footage``).
 
     Raises:
         FrogError: if images do not have their camera's proportions, or cannot be used.
     """
-    filmed = on_common_frames(path, footage) if filmed is None else filmed
-    return assembled(
-        path,
-        layout,
-        cameras,
-        [of_camera.files[0] for of_camera in footage],
-        sizes=list(zip(filmed.sizes, filmed.turns, strict=True)),
-        warnings=(*warnings, *filmed.warnings),
-        shots=filmed.shots,
-        frame_count=filmed.frame_count,
-        frames_per_second=filmed.frames_per_second,
-    )
+    pairing = pair_footage(path, footage, clocks)
+    return assembled(path, layout, cameras, footage, replace(pairing, warnings=[*warnings, *pairing.warnings]))
 
 
 def moving_cameras(
-    path: Path, layout: str, views: Sequence[PosedImage], rate: float = 30.0, warnings: Iterable[str] = ()
+    path: Path, layout: str, views: Sequence[PosedImage], warnings: Sequence[str] = (), rate: float = RATE
 ) -> Capture:
     """The capture of images that each have a pose of their own; of a single camera every eighth frame is held out.
 
@@ -105,37 +88,30 @@ def moving_cameras(
     """
     check_images(path, len(views))
     cameras, images, times = zip(*views, strict=True)
-    shots, count = at_times(list(enumerate(images)), times, path)
-    facts: dict[str, Any] = {"shots": tuple(shots), "frame_count": count, "frames_per_second": rate}
-    return with_holdout_of_one(assembled(path, layout, cameras, images, warnings=warnings, **facts))
+    pairing = replace(pair_images(path, list(enumerate(images)), times), frames_per_second=rate, warnings=warnings)
+    return with_holdout_of_one(assembled(path, layout, cameras, list(map(Footage.of_image, images)), pairing))
 
 
 def assembled(
     path: Path,
     layout: str,
     cameras: Sequence[Calibrated],
-    images: Sequence[Path],
-    *,
-    shots: tuple[Shot, ...],
-    sizes: Sequence[tuple[tuple[int, int], int]] | None = None,
-    warnings: Iterable[str] = (),
+    footage: Sequence[Footage],
+    pairing: Pairing,
     **facts: Any,
 ) -> Capture:
-    """The capture of cameras at the size of what they filmed.
+    """The capture of cameras at the size of what they filmed, ``footage[i]`` for camera i.
 
     Args:
-        images: a file of each camera.
-        sizes: width and height of each, and the quarter turns by which it is shown; by default the files are asked.
         facts: what else a ``Capture`` has.
 
     Raises:
         FrogError: if an image does not have its camera's proportions.
     """
-    sizes = [(image_size(image), image_turns(image)) for image in images] if sizes is None else sizes
-    at_size = [fitted(*camera, *shown, image) for camera, shown, image in zip(cameras, sizes, images, strict=True)]
-    said = list(warnings)
-    if turned := [image.name for image, (_, turns) in zip(images, sizes, strict=True) if turns == 2]:
-        said.append(  # their size does not tell how they were calibrated
+    at_size = [_fitted(*camera, of_camera) for camera, of_camera in zip(cameras, footage, strict=True)]
+    warnings = list(pairing.warnings)
+    if turned := [of_camera.files[0].name for of_camera in footage if of_camera.facts.turn == 180]:
+        warnings.append(  # their size does not tell how they were calibrated
             f"{path}: {turned[0]} (of {len(turned)} such) is turned by 180 degrees, as the file says; the poses are "
             "taken for those of the turned images."
         )
@@ -144,10 +120,35 @@ def assembled(
         format=layout,
         cameras=tuple(camera for camera, _ in at_size),
         distortions=tuple(lens for _, lens in at_size),
-        shots=shots,
-        warnings=tuple(said),
+        shots=tuple(pairing.shots),
+        frame_count=pairing.frame_count,
+        frames_per_second=pairing.frames_per_second,
+        warnings=tuple(warnings),
         **facts,
     )
+
+
+def _fitted(camera: Camera, lens: Distortion | None, footage: Footage) -> Calibrated:
+    """The calibrated camera, and its lens, at the size at which its images are shown.
+
+    Calibrations are often those of images as they are stored, before they are turned.
+
+    Raises:
+        FrogError: if their proportions differ.
+    """
+    size, turns = (footage.facts.width, footage.facts.height), footage.facts.turn // 90
+    if is_transposed(size, (camera.width, camera.height)) and turns % 2:
+        camera, lens = turned_camera(camera, lens, turns) or (camera, lens)
+    if size == (camera.width, camera.height):
+        return camera, lens
+    if not same_proportions(size, (camera.width, camera.height)):
+        turned = is_transposed(size, (camera.width, camera.height))
+        hint = " (were they turned by 90 degrees after calibration?)" if turned else ""
+        found = f"images of {size[0]} x {size[1]} pixels{hint}"
+        raise found_instead(
+            footage.files[0], found, f"the proportions of the calibration, {camera.width} x {camera.height}"
+        )
+    return camera.resized(*size), lens
 
 
 def with_holdout_of_one(capture: Capture) -> Capture:

@@ -22,13 +22,14 @@ from ...io.paths import is_network_path
 from ..camera import Camera
 from ..capture import Capture, Distortion
 from ..orientation import turned_camera
-from ..video import VideoFacts, composed, find_videos, read_facts
-from .assembly import calibrated_cameras, with_points
+from ..video import composed, find_videos
+from .assembly import matched, standing_cameras, with_points
 from .checks import check_length, number, numbers, read_json, rotation, size
 from .footage import Footage, find_footage
-from .geometry import OPENGL_AXES, distortion, is_transposed, opencv_camera, pose
-from .pairing import Clock, pair_videos
+from .geometry import OPENGL_AXES, Calibrated, distortion, is_transposed, opencv_camera, pose
+from .pairing import Clock
 
+_LAYOUT = "calibrated_videos"
 _OPENCV = "cameras_opencv.json"
 _ROUNDING = 1.0  # pixels by which either side of a resized video may be off: encoders want even numbers
 _IN_STEP = Clock()
@@ -41,13 +42,16 @@ _RATES = 1e-3, 1e3  # slow motion of 240 frames a second that plays at 30 has 0.
 
 
 @dataclass(frozen=True, eq=False)
-class _Calibrated:
-    """A camera, its lens, its video where the calibration names it, and its clock."""
+class _Entry:
+    """A camera and its lens, its video where the calibration names it, and its clock."""
 
-    camera: Camera
-    lens: Distortion | None
+    calibrated: Calibrated
     video: Path | None = None
     clock: Clock = _IN_STEP
+
+    @property
+    def name(self) -> str:
+        return self.calibrated[0].name
 
 
 def matches(path: Path) -> bool:
@@ -61,41 +65,18 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if a camera lacks its video or a video its camera, or a value cannot be used.
     """
-    calibration, entries, points, unused = _calibration(path)
-    if not find_videos(path) and all(entry.video is None for entry in entries) and (frames := find_footage(path)):
-        capture = _of_frames(path, calibration, entries, frames)
-        return with_points(replace(capture, warnings=(*unused, *capture.warnings)), points)
-    calibrated = _matched(path, calibration, entries)
-    paths = [video for _, video in calibrated]
-    facts = [read_facts(video) for video in paths]
-    clocks = [entry.clock for entry, _ in calibrated]
-    paired = pair_videos(path, paths, facts, clocks if any(clock != _IN_STEP for clock in clocks) else None)
-    warnings = [*unused, *paired.warnings]
-    views = []
-    for (entry, video), fact in zip(calibrated, facts, strict=True):
-        camera, lens, warning = _fit_to_video(entry.camera, entry.lens, video, fact)
-        views.append((camera, lens))
-        warnings += [warning] if warning else []
-    capture = Capture(
-        path=path,
-        format="calibrated_videos",
-        cameras=tuple(camera for camera, _ in views),
-        distortions=tuple(lens for _, lens in views),
-        shots=paired.shots,
-        frame_count=paired.frame_count,
-        frames_per_second=paired.frames_per_second,
-        warnings=tuple(warnings),
-    )
-    return with_points(capture, points)
-
-
-def _of_frames(path: Path, calibration: Path, entries: list[_Calibrated], frames: list[Footage]) -> Capture:
-    """Folders of frames instead of videos."""
-    warnings = []
-    if any(entry.clock != _IN_STEP for entry in entries):
-        warnings.append(f"{calibration}: offsets and rates are those of films; images are paired by their numbers.")
-    cameras = [(entry.camera, entry.lens) for entry in entries]
-    return calibrated_cameras(path, "calibrated_videos", calibration, cameras, frames, warnings)
+    calibration, entries, points, warnings = _calibration(path)
+    films = find_videos(path)
+    if not films and all(entry.video is None for entry in entries) and (frames := find_footage(path)):
+        if any(entry.clock != _IN_STEP for entry in entries):
+            warnings.append(f"{calibration}: offsets and rates are those of films; images are paired by their numbers.")
+        cameras, footage, about = matched(calibration, [entry.calibrated for entry in entries], frames)
+        return with_points(standing_cameras(path, _LAYOUT, cameras, footage, [*warnings, *about]), points)
+    entries.sort(key=lambda entry: entry.name)
+    footage = _films(path, calibration, entries, films)
+    cameras = [_fitted(*entry.calibrated, film, warnings) for entry, film in zip(entries, footage, strict=True)]
+    clocks = [entry.clock for entry in entries]
+    return with_points(standing_cameras(path, _LAYOUT, cameras, footage, warnings, clocks), points)
 
 
 def named_videos(path: Path) -> dict[str, Path]:
@@ -107,45 +88,48 @@ def named_videos(path: Path) -> dict[str, Path]:
     if not (path / _OPENCV).is_file():
         return {}
     entries = _opencv_cameras(path / _OPENCV, read_json(path / _OPENCV))
-    return {composed(entry.camera.name): entry.video for entry in entries if entry.video is not None}
+    return {entry.name: entry.video for entry in entries if entry.video is not None}
 
 
-def _calibration(path: Path) -> tuple[Path, list[_Calibrated], Float64s | None, list[str]]:
+def _calibration(path: Path) -> tuple[Path, list[_Entry], Float64s | None, list[str]]:
     """The file, its cameras, each of one name, its points (N, 3) if it has any, and what is said about it."""
     points, unused = None, []
     if (path / _OPENCV).is_file():
         file = path / _OPENCV
         content = read_json(file)
-        calibrated, points = _opencv_cameras(file, content), _points(file, content)
-        unused = _unused(file, content)
+        entries, points, unused = _opencv_cameras(file, content), _points(file, content), _unused(file, content)
     else:
         file = _qualisys_files(path)[0]
-        calibrated = [_Calibrated(camera, lens) for camera, lens in read_qualisys(file)]
-    names = [composed(entry.camera.name) for entry in calibrated]
-    calibrated = [
-        replace(entry, camera=replace(entry.camera, name=name)) for name, entry in zip(names, calibrated, strict=True)
-    ]
+        entries = [_Entry(calibrated) for calibrated in read_qualisys(file)]
+    names = [entry.name for entry in entries]
     if len(set(names)) != len(names):
         raise found_instead(file, f"several cameras named {max(names, key=names.count)}", "one of each name")
-    return file, calibrated, points, unused
+    return file, entries, points, unused
 
 
-def _matched(path: Path, calibration: Path, calibrated: list[_Calibrated]) -> list[tuple[_Calibrated, Path]]:
-    """The cameras, sorted by name, each with its video."""
-    named = {entry.camera.name: entry.video for entry in calibrated if entry.video is not None}
+def _films(path: Path, calibration: Path, entries: list[_Entry], films: list[Path]) -> list[Footage]:
+    """The video of each camera; FrogError unless every camera has one and every video in the folder a camera."""
+    named = {entry.name: entry.video for entry in entries if entry.video is not None}
     for name, video in named.items():
         if not video.is_file():
             raise found_instead(video, "no file", f"the video of camera {name}, as {calibration.name} says")
     taken = {video.resolve() for video in named.values()}
-    files = [file for file in find_videos(path) if not named or file.resolve() not in taken]
-    stems = [composed(video.stem) for video in files]
-    videos = dict(zip(stems, files, strict=True))
-    if len(videos) != len(files):
+    others = [film for film in films if film.resolve() not in taken]
+    stems = [composed(film.stem) for film in others]
+    if len(set(stems)) < len(stems):
         raise found_instead(path, f"several videos named {max(stems, key=stems.count)}", "one video for each camera")
-    _match_names(path, calibration, {entry.camera.name for entry in calibrated} - named.keys(), set(videos))
-    videos |= named
-    calibrated = sorted(calibrated, key=lambda entry: entry.camera.name)
-    return [(entry, videos[entry.camera.name]) for entry in calibrated]
+    lacking = sorted({entry.name for entry in entries} - named.keys() - set(stems))
+    if lacking and not others:
+        raise found_instead(path, f"{calibration.name} and no video", f"videos named {', '.join(lacking)}")
+    if lacking:
+        name = ", ".join(lacking)
+        found = f"{calibration.name} has camera {name} without a video, expected {name}.mp4 beside it."
+        raise FrogError(f"{path}: {found}")
+    if extra := sorted(set(stems) - ({entry.name for entry in entries} - named.keys())):
+        name = ", ".join(extra)
+        raise FrogError(f"{path}: video {name} has no camera in {calibration.name}, expected one of that name.")
+    videos = dict(zip(stems, others, strict=True)) | named
+    return [Footage(entry.name, (videos[entry.name],)) for entry in entries]
 
 
 def _qualisys_files(path: Path) -> list[Path]:
@@ -153,47 +137,32 @@ def _qualisys_files(path: Path) -> list[Path]:
     return sorted(file for file in path.glob("*.qca.txt") if not file.name.startswith("."))
 
 
-def _match_names(path: Path, calibration: Path, cameras: set[str], videos: set[str]) -> None:
-    """Raise unless every camera has its video and every video its camera."""
-    if cameras and not videos:
-        raise found_instead(path, f"{calibration.name} and no video", f"videos named {', '.join(sorted(cameras))}")
-    if cameras - videos:
-        lacking = ", ".join(sorted(cameras - videos))
-        raise FrogError(
-            f"{path}: {calibration.name} has camera {lacking} without a video, expected {lacking}.mp4 beside it."
-        )
-    if videos - cameras:
-        extra = ", ".join(sorted(videos - cameras))
-        raise FrogError(f"{path}: video {extra} has no camera in {calibration.name}, expected one of that name.")
-
-
-def _fit_to_video(
-    camera: Camera, lens: Distortion | None, video: Path, facts: VideoFacts
-) -> tuple[Camera, Distortion | None, str | None]:
-    """The calibrated camera and lens for the images that the video really has, and a warning if they differ."""
-    shown, calibrated = (facts.width, facts.height), (camera.width, camera.height)
-    sizes = f"{video}: {facts.width} x {facts.height} pixels, calibrated at {camera.width} x {camera.height}"
-    if is_transposed(shown, calibrated):
-        view = turned_camera(camera, lens, facts.turn // 90) if facts.turn % 180 else None
+def _fitted(camera: Camera, lens: Distortion | None, film: Footage, warnings: list[str]) -> Calibrated:
+    """The calibrated camera and lens for the images that a video really has; a warning is added if they differ."""
+    shown, turn = (film.facts.width, film.facts.height), film.facts.turn
+    found = f"{film.files[0]}: {shown[0]} x {shown[1]} pixels, calibrated at"
+    sizes = f"{found} {camera.width} x {camera.height}"
+    if is_transposed(shown, (camera.width, camera.height)):
+        view = turned_camera(camera, lens, turn // 90) if turn % 180 else None
         if view is None:
             raise FrogError(f"{sizes}, expected the same way up: the film or its calibration is turned by 90 degrees.")
-        camera, lens, warning = _fit_to_video(*view, video, replace(facts, turn=0))
-        turned = f"{sizes}; taken as calibrated before its rotation flag turned it by {facts.turn} degrees."
-        return camera, lens, turned if warning is None else warning
-    if shown == calibrated:
-        said = f"{video}: turned by 180 degrees, as its rotation flag says; its calibration is taken for that of the "
-        return camera, lens, f"{said}turned images." if facts.turn == 180 else None
-    wide, high = facts.width / camera.width, facts.height / camera.height
+        warnings.append(f"{sizes}; taken as calibrated before its rotation flag turned it by {turn} degrees.")
+        camera, lens = view
+        sizes = f"{found} {camera.width} x {camera.height}"
+    if shown == (camera.width, camera.height):
+        return camera, lens
+    wide, high = shown[0] / camera.width, shown[1] / camera.height
     much = abs(wide / high - 1) < 0.01 and abs(wide - 1) > 0.05
     little = wide != 1 and high != 1 and abs(wide - high) <= _ROUNDING / camera.width + _ROUNDING / camera.height
     if much or little:
-        return camera.resized(*shown), lens, f"{sizes}; taken as the same image, resized."
-    if max(facts.width - camera.width, facts.height - camera.height) > _ROUNDING:
+        warnings.append(f"{sizes}; taken as the same image, resized.")
+        return camera.resized(*shown), lens
+    if max(shown[0] - camera.width, shown[1] - camera.height) > _ROUNDING:
         raise FrogError(
             f"{sizes}, expected the calibrated image, that image resized, or a part of it: is the film turned?"
         )
-    cropped = f"{sizes}; taken as its upper left part unless a pixel offset is given."
-    return replace(camera, width=facts.width, height=facts.height), lens, cropped
+    warnings.append(f"{sizes}; taken as its upper left part unless a pixel offset is given.")
+    return replace(camera, width=shown[0], height=shown[1]), lens
 
 
 def _points(path: Path, content: dict[str, object]) -> Float64s | None:
@@ -207,7 +176,7 @@ def _points(path: Path, content: dict[str, object]) -> Float64s | None:
     return numbers(listed, (count, 3), path, "points") if listed != [] else None
 
 
-def _opencv_cameras(path: Path, content: dict[str, object]) -> list[_Calibrated]:
+def _opencv_cameras(path: Path, content: dict[str, object]) -> list[_Entry]:
     """Cameras of ``cameras_opencv.json``: name, width, height, K, dist (k1 k2 p1 p2 k3), R, t; x_camera = R x + t.
 
     Optional are video (a path), offset (seconds) and rate.
@@ -215,15 +184,15 @@ def _opencv_cameras(path: Path, content: dict[str, object]) -> list[_Calibrated]
     entries = content.get("cameras")
     if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
         raise found_instead(path, "no list of cameras", '"cameras": [{"name": ..., "K": ..., "R": ..., "t": ...}, ...]')
-    cameras: list[_Calibrated] = []
+    cameras: list[_Entry] = []
     for position, entry in enumerate(entries):
-        name = "" if entry.get("name") is None else str(entry["name"])  # which may be the number 0
+        name = "" if entry.get("name") is None else composed(str(entry["name"]))  # which may be the number 0
         if not name:
             raise found_instead(path, f"camera {position} without a name", "the name of its video")
         width = size(entry.get("width"), path, f"width of camera {name}")
         height = size(entry.get("height"), path, f"height of camera {name}")
         view = opencv_camera(name, (width, height), {key: entry.get(key) for key in ("K", "R", "t", "dist")}, path)
-        cameras.append(_Calibrated(*view, _video(entry, path, name), _clock(entry, path, name)))
+        cameras.append(_Entry(view, _video(entry, path, name), _clock(entry, path, name)))
     return cameras
 
 
@@ -260,7 +229,7 @@ def _clock(entry: dict[str, object], path: Path, name: str) -> Clock:
 _SUBPIXELS = 64.0  # the file counts pixels in sixty-fourths
 
 
-def read_qualisys(path: Path) -> list[tuple[Camera, Distortion | None]]:
+def read_qualisys(path: Path) -> list[Calibrated]:
     """The calibrated cameras, in metres and OpenCV's axes, named by their serial.
 
     Raises:
@@ -281,8 +250,8 @@ def read_qualisys(path: Path) -> list[tuple[Camera, Distortion | None]]:
     return cameras
 
 
-def _read_camera(element: ElementTree.Element, path: Path) -> tuple[Camera, Distortion | None]:
-    name = element.get("serial") or ""
+def _read_camera(element: ElementTree.Element, path: Path) -> Calibrated:
+    name = composed(element.get("serial") or "")
     if not name:
         raise found_instead(path, "a camera without a serial", "a serial that names the camera's video")
 

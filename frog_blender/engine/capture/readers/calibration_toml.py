@@ -18,7 +18,7 @@ from pathlib import Path
 
 from ...errors import FrogError, found_instead
 from ..capture import Capture
-from .assembly import calibrated_cameras
+from .assembly import matched, standing_cameras
 from .checks import numbers, read_text, size
 from .footage import MAX_CAMERAS, find_below
 from .geometry import Calibrated, flat, opencv_camera
@@ -54,8 +54,8 @@ def read(path: Path) -> Capture:
     cameras = [_camera(key, table, file) for key, table in tables.items() if _is_camera(table)]
     if not cameras:
         raise found_instead(file, "no camera with matrix, rotation and translation", "at least one")
-    footage = find_below(path, _FOOTAGE)
-    return calibrated_cameras(path, "calibration_toml", file, cameras, footage, warnings, named_by_film=True)
+    cameras, footage, about = matched(file, cameras, find_below(path, _FOOTAGE), named_by_film=True)
+    return standing_cameras(path, "calibration_toml", cameras, footage, [*warnings, *about])
 
 
 def _calibration(path: Path) -> Path | None:

@@ -83,6 +83,11 @@ class PosedImage:
     rotation: Float64s
     translation: Float64s
 
+    @property
+    def center(self) -> Float64s:
+        """(3,) of the camera, world units."""
+        return -self.rotation.T @ self.translation
+
 
 @dataclass(frozen=True, eq=False)
 class Model:
@@ -170,25 +175,28 @@ class _Reader:
 
     def __init__(self, path: Path, file: BinaryIO) -> None:
         self._path, self._file = path, file
-        self._left = os.fstat(file.fileno()).st_size
+        self._length = os.fstat(file.fileno()).st_size
 
     def take(self, layout: str) -> tuple[Any, ...]:
         """Values of ``struct``'s kinds."""
         length = struct.calcsize(f"<{layout}")
-        self._reserve(length)
-        return struct.unpack(f"<{layout}", self._file.read(length))
+        content = self._file.read(length)
+        if len(content) < length:
+            raise found_instead(self._path, "a file that is cut off", "a whole COLMAP model")
+        return struct.unpack(f"<{layout}", content)
 
-    def count(self, each: int) -> int:
-        """A 64-bit count of things of at least ``each`` bytes that follow."""
+    def count(self, least: int) -> int:
+        """A 64-bit count of things of at least so many bytes that follow."""
         (count,) = self.take("Q")
-        if count * each > self._left:
-            found = f"{count:,} records in a file with {self._left:,} bytes left"
+        left = self._length - self._file.tell()
+        if count * least > left:
+            found = f"{count:,} records in a file with {left:,} bytes left"
             raise found_instead(self._path, found, "a whole file")
         return int(count)
 
     def skip(self, length: int) -> None:
-        self._reserve(length)
-        self._file.seek(length, io.SEEK_CUR)
+        """Passes over things of so many bytes, and the count of them before."""
+        self._file.seek(length * self.count(length), io.SEEK_CUR)
 
     def text(self) -> str:
         """A name up to its zero byte."""
@@ -199,11 +207,6 @@ class _Reader:
                 return name.decode("utf-8", "surrogateescape")
             name += byte
         raise found_instead(self._path, f"a name of more than {_LONGEST_NAME} characters", "the name of an image")
-
-    def _reserve(self, length: int) -> None:
-        self._left -= length
-        if self._left < 0:
-            raise found_instead(self._path, "a file that is cut off", "a whole COLMAP model")
 
 
 def _binary(path: Path) -> Iterator[tuple[Any, ...]]:
@@ -222,11 +225,11 @@ def _binary(path: Path) -> Iterator[tuple[Any, ...]]:
                 case "images":
                     index, *pose, camera = reader.take("I7dI")
                     name = reader.text()
-                    reader.skip(24 * reader.count(24))  # the image's points
+                    reader.skip(24)  # the image's points
                     yield index, pose, camera, name
                 case "points3D":
-                    _, *position, _, _, _, _, track = reader.take("Q3d3BdQ")
-                    reader.skip(8 * track)
+                    _, *position, _, _, _, _ = reader.take("Q3d3Bd")
+                    reader.skip(8)  # where it was seen
                     yield tuple(position)
                 case "frames":
                     frame, *_, count = reader.take("II7dI")

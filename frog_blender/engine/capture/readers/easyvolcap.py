@@ -21,9 +21,9 @@ import numpy as np
 from ...arrays import Float64s
 from ...errors import found_instead
 from ..capture import Capture
-from .assembly import calibrated_cameras
+from .assembly import matched, standing_cameras
 from .checks import number, numbers, read_text, size
-from .footage import MAX_CAMERAS, find_below, of_cameras, on_common_frames
+from .footage import MAX_CAMERAS, find_below, of_cameras
 from .geometry import opencv_camera
 
 _INTRINSICS, _EXTRINSICS = "intri.yml", "extri.yml"
@@ -61,7 +61,7 @@ def read(path: Path) -> Capture:
     sizes = {name: (inner.number(f"W_{name}"), inner.number(f"H_{name}")) for name in names}
     if not all(min(sides) > 0 for sides in sizes.values()):  # the file does not say it: that of the images
         filmed, _ = of_cameras(inner.path, names, footage)
-        sizes = dict(zip(filmed, on_common_frames(path, list(filmed.values())).sizes, strict=True))
+        sizes = {name: (of_camera.facts.width, of_camera.facts.height) for name, of_camera in filmed.items()}
     cameras = []
     for name, sides in sizes.items():
         width, height = (size(side, inner.path, f"{key}_{name}") for key, side in zip("WH", sides, strict=True))
@@ -74,7 +74,7 @@ def read(path: Path) -> Capture:
             lens or f"D_{name}": inner.matrix(lens).tolist() if lens else [],
         }
         cameras.append(opencv_camera(name, (width, height), values, inner.path))
-    return calibrated_cameras(path, "easyvolcap", inner.path, cameras, footage)
+    return standing_cameras(path, "easyvolcap", *matched(inner.path, cameras, footage))
 
 
 class _OpencvYaml:

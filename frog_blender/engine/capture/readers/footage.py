@@ -10,15 +10,13 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from ...arrays import ImageArray
 from ...errors import found_instead
-from ..camera import Camera
-from ..capture import Distortion, Shot
-from ..orientation import turned_camera
 from ..video import (
     VideoFacts,
     composed,
@@ -30,13 +28,10 @@ from ..video import (
     read_facts,
     read_image,
 )
-from .checks import check_images
-from .frame_times import frame_times
-from .geometry import Calibrated, is_transposed, same_proportions
-from .pairing import pair_videos
 
 MAX_CAMERAS = 10_000
-_RATE = 30.0  # images a second, of which a folder says nothing
+RATE = 30.0
+"""Images a second, where nothing says it."""
 _DIGITS = re.compile(r"(\d+)")
 
 
@@ -56,31 +51,28 @@ class Footage:
     numbers: tuple[int, ...] = ()
     strays: int = 0
 
+    @classmethod
+    def of_image(cls, image: Path) -> Footage:
+        """That of a camera that took a single image."""
+        return cls(image.stem, (image,), (0,))
+
     @property
     def is_video(self) -> bool:
         """True for a video, False for images."""
         return not self.numbers
 
+    @cached_property
+    def facts(self) -> VideoFacts:
+        """As a player would show it: the image of number k was taken at k / 30 seconds.
 
-@dataclass(frozen=True)
-class Filmed:
-    """The images of several cameras on common frames.
-
-    Attributes:
-        shots: of camera i of the footage.
-        frame_count: see ``Capture``.
-        frames_per_second: of the videos, 30 for images.
-        sizes: width and height of each camera's images, as they are shown.
-        turns: quarter turns clockwise by which they are shown otherwise than they are stored.
-        warnings: one sentence each.
-    """
-
-    shots: tuple[Shot, ...]
-    frame_count: int
-    frames_per_second: float
-    sizes: tuple[tuple[int, int], ...]
-    turns: tuple[int, ...]
-    warnings: tuple[str, ...]
+        Raises:
+            FrogError: if the video, or the first image, cannot be decoded.
+        """
+        if self.is_video:
+            return read_facts(self.files[0])
+        width, height = image_size(self.files[0])
+        times = np.array(self.numbers, np.float64) / RATE
+        return VideoFacts(width, height, len(times), RATE, times, 90 * image_turns(self.files[0]))
 
 
 def natural(name: str) -> tuple[tuple[int, str], ...]:
@@ -171,77 +163,6 @@ def of_cameras(
     return found, warnings
 
 
-def on_common_frames(path: Path, footage: Sequence[Footage]) -> Filmed:
-    """The images of all cameras, on frames that they share.
-
-    Raises:
-        FrogError: if some are videos and some folders, or a file cannot be used.
-    """
-    videos = [of_camera for of_camera in footage if of_camera.is_video]
-    if videos and len(videos) < len(footage):
-        folders = next(of_camera for of_camera in footage if not of_camera.is_video)
-        found = f"the video {videos[0].name} and the folder of images {folders.name}"
-        raise found_instead(path, found, "footage of one kind: all videos or all images")
-    if videos:
-        files = [video.files[0] for video in videos]
-        facts = [read_facts(file) for file in files]
-        paired = pair_videos(path, files, facts)
-        sizes = tuple((fact.width, fact.height) for fact in facts)
-        turns = tuple(fact.turn // 90 for fact in facts)
-        return Filmed(paired.shots, paired.frame_count, paired.frames_per_second, sizes, turns, tuple(paired.warnings))
-    check_images(path, sum(len(of_camera.files) for of_camera in footage))
-    images = [(camera, file) for camera, of_camera in enumerate(footage) for file in of_camera.files]
-    shots, count = at_times(images, [number for of_camera in footage for number in of_camera.numbers], path)
-    strays = sum(of_camera.strays for of_camera in footage)
-    warnings = [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
-    filled = len({shot.frame for shot in shots})
-    if missing := filled * len(footage) - len(shots):
-        warnings.append(f"{path}: {missing:,} of {filled * len(footage):,} images are missing; their places stay gaps.")
-    if filled < count:
-        warnings.append(f"{path}: {count - filled:,} of {count:,} frames have no image and stay gaps.")
-    first = [of_camera.files[0] for of_camera in footage]
-    sizes, turns = tuple(image_size(file) for file in first), tuple(image_turns(file) for file in first)
-    return Filmed(tuple(shots), count, 30.0, sizes, turns, tuple(warnings))
-
-
-def at_times(images: Sequence[tuple[int, Path]], numbers: Sequence[int], path: Path) -> tuple[list[Shot], int]:
-    """The shots of images (camera and file) whose numbers, in their names or a list, are times; and how many frames
-    there are.
-
-    Raises:
-        FrogError: for too many frames.
-    """
-    first = min(numbers)
-    times = frame_times([float(number - first) for number in numbers], [camera for camera, _ in images], path)
-    shots = [
-        Shot(camera, int(frame), file, 0, float(offset))
-        for (camera, file), frame, offset in zip(images, times.frames, times.offsets, strict=True)
-    ]
-    return shots, times.count
-
-
-def fitted(camera: Camera, lens: Distortion | None, size: tuple[int, int], turns: int, source: Path) -> Calibrated:
-    """The calibrated camera, and its lens, at the size (width, height) at which its images are shown.
-
-    Args:
-        turns: quarter turns clockwise by which the stored images are shown; calibrations are often those of images as
-            they are stored.
-
-    Raises:
-        FrogError: if their proportions differ.
-    """
-    if is_transposed(size, (camera.width, camera.height)) and turns % 2:
-        camera, lens = turned_camera(camera, lens, turns) or (camera, lens)
-    if size == (camera.width, camera.height):
-        return camera, lens
-    if not same_proportions(size, (camera.width, camera.height)):
-        turned = is_transposed(size, (camera.width, camera.height))
-        hint = " (were they turned by 90 degrees after calibration?)" if turned else ""
-        found = f"images of {size[0]} x {size[1]} pixels{hint}"
-        raise found_instead(source, found, f"the proportions of the calibration, {camera.width} x {camera.height}")
-    return camera.resized(*size), lens
-
-
 def _in_order(name: str, images: list[Path]) -> Footage:
     """A folder's images by their numbers, without those that are named unlike most."""
     parts = {image: split_number(image.stem) for image in images}
@@ -297,18 +218,12 @@ def _same_number(names: Sequence[str], footage: Sequence[Footage]) -> dict[str, 
     return {name: by_number[number] for name, number in of_names.items() if number is not None and number in by_number}
 
 
-def film_facts(path: Path) -> VideoFacts:
-    """The facts of a video, or of a folder's images: image number k was taken at k / 30 seconds.
-
-    Raises:
-        FrogError: if the video cannot be decoded, or the folder holds no images in order.
-    """
-    if not path.is_dir():
-        return read_facts(path)
-    footage = _images(path)
-    width, height = image_size(footage.files[0])
-    times = np.array(footage.numbers, np.float64) / _RATE
-    return VideoFacts(width, height, len(times), _RATE, times)
+def footage_at(path: Path) -> Footage:
+    """A video, or the images of a folder in the order of their numbers; FrogError for a folder without images."""
+    footage = images_in(path) if path.is_dir() else Footage(composed(path.stem), (path,))
+    if footage is None:
+        raise found_instead(path, "a folder without images", "one image for each frame, such as 000001.png")
+    return footage
 
 
 def decode_film(path: Path, indices: Sequence[int]) -> Iterator[ImageArray]:
@@ -320,7 +235,7 @@ def decode_film(path: Path, indices: Sequence[int]) -> Iterator[ImageArray]:
     if not path.is_dir():
         yield from decode(path, indices)
         return
-    files = _images(path).files
+    files = footage_at(path).files
     width, height = image_size(files[0])
     for index in indices:
         image = read_image(files[index])
@@ -332,14 +247,5 @@ def decode_film(path: Path, indices: Sequence[int]) -> Iterator[ImageArray]:
 
 def state_of(path: Path) -> list[object]:
     """What tells a film from another one or an older one, without reading it."""
-    files = _images(path).files if path.is_dir() else (path,)
-    states = [file.stat() for file in files]
+    states = [file.stat() for file in footage_at(path).files]
     return [path.name, sum(state.st_size for state in states), *sorted({state.st_mtime_ns for state in states})]
-
-
-def _images(folder: Path) -> Footage:
-    """The images of a folder, in the order of their numbers."""
-    footage = images_in(folder)
-    if footage is None:
-        raise found_instead(folder, "a folder without images", "one image for each frame, such as 000001.png")
-    return footage

@@ -19,10 +19,10 @@ import numpy as np
 
 from ...arrays import Float64s, Ints
 from .checks import frame_span
+from .footage import natural
 
 _NUMBER = re.compile(r"([0-9]+)([^0-9]*)$")  # the last digits of a name, and what follows
 _FRAME_NUMBER = re.compile(r"[\W_]*\d*$")  # the end of what the names of a camera's images have in common
-_PARTS = re.compile(r"([0-9]+)")
 _LONGEST = 255  # characters of a file's name
 _OFF_GRID = 0.1  # steps by which a time may lie beside an equal step
 _ROUNDING = 0.02  # frames: an image this near to its frame's time was taken at it
@@ -128,7 +128,7 @@ def times_by_name(names: Sequence[str], views: Sequence[Hashable]) -> tuple[list
     times = [0.0] * len(names)
     for of, own in zip(cameras.values(), numbers, strict=True):
         if own is None or not shared:
-            order = sorted(range(len(of)), key=lambda index: _natural(names[of[index]]))
+            order = sorted(range(len(of)), key=lambda index: natural(names[of[index]]))
             own = np.argsort(order).tolist()
         for index, time in zip(of, own, strict=True):
             times[index] = float(time)
@@ -147,15 +147,6 @@ def _numbers(names: Sequence[str]) -> list[int] | None:
         around.add((path.parent, path.stem[: match.start()], match[2], path.suffix))
         numbers.append(int(match[1]))
     return numbers if len(around) == 1 and len(set(numbers)) == len(numbers) else None
-
-
-def _natural(name: str) -> list[tuple[int, int, str]]:
-    """A key by which names sort as people count: 9 before 10."""
-    digits = {index: part.lstrip("0") for index, part in enumerate(_PARTS.split(name)) if index % 2}
-    return [
-        (0, len(digits[index]), digits[index]) if index in digits else (1, 0, part)
-        for index, part in enumerate(_PARTS.split(name))
-    ]
 
 
 def first_images(views: Sequence[Hashable], times: Sequence[float]) -> list[int]:

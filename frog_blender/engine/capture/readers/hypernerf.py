@@ -25,7 +25,9 @@ from ..capture import Capture, Shot
 from ..video import image_size, with_ending
 from .assembly import assembled
 from .checks import frame_span, number, numbers, read_json, rotation, size, usable_points
+from .footage import Footage
 from .geometry import Calibrated, distortion, intrinsics, pose
+from .pairing import Pairing
 
 _DATASET, _METADATA, _SCENE, _POINTS = "dataset.json", "metadata.json", "scene.json", "points.npy"
 _USUAL = "2x"  # the size at which HyperNeRF and later papers evaluate
@@ -58,16 +60,15 @@ def read(path: Path) -> Capture:
     names = [*train, *held_out]
     frames = _frames(path, names)
     points = _points(path / _POINTS)
+    shots = [Shot(index, frames[name], images[name], 0) for index, name in enumerate(names)]
     capture = assembled(
         path,
         "hypernerf",
         [_camera(name, path / "camera" / f"{name}.json") for name in names],
-        [images[name] for name in names],
-        shots=tuple(Shot(index, frames[name], images[name], 0) for index, name in enumerate(names)),
-        frame_count=max(frames.values()) + 1,
+        [Footage.of_image(images[name]) for name in names],
+        Pairing(shots, max(frames.values()) + 1, warnings=warnings),
         test_cameras=frozenset(held_out),
         points=points,
-        warnings=warnings,
     )
     return replace(capture, near_far=_near_far(path, capture.cameras[: len(train)], points))
 

@@ -20,7 +20,7 @@ from ...errors import found_instead
 from ..camera import Camera, rotation_about
 from ..capture import Capture
 from ..lenses import FISHEYE
-from .assembly import calibrated_cameras
+from .assembly import matched, standing_cameras
 from .checks import number, numbers, parsed_json, size
 from .footage import MAX_CAMERAS, find_below
 from .geometry import Calibrated, distortion, intrinsics, pose, through_lens
@@ -47,7 +47,7 @@ def read(path: Path) -> Capture:
     if len(entries) > MAX_CAMERAS:
         raise found_instead(file, f"{len(entries):,} cameras", f"at most {MAX_CAMERAS:,}")
     cameras = [_camera(entry, file) for entry in entries]
-    capture = calibrated_cameras(path, "immersive", file, cameras, find_below(path, _FOOTAGE))
+    capture = standing_cameras(path, "immersive", *matched(file, cameras, find_below(path, _FOOTAGE)))
     first, *others = (camera.name for camera in capture.cameras)
     return replace(capture, test_cameras=frozenset({first} if others else ()))
 

@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 
 from ...errors import found_instead
 from ..capture import Capture
-from .assembly import calibrated_cameras, with_points
+from .assembly import matched, standing_cameras, with_points
 from .colmap_model import has_model, read_model
 from .footage import find_footage
 from .n3dv import read_rows
@@ -43,5 +43,5 @@ def read(path: Path) -> Capture:
         return read_rows(path, _LAYOUT, path / _POSES, footage)[0]
     model = read_model(folder)
     cameras = [model.camera(image, PurePosixPath(image.name).stem) for image in model.images]
-    capture = calibrated_cameras(path, _LAYOUT, folder, cameras, footage, named_by_film=True)
-    return with_points(capture, model.points)
+    of_films = matched(folder, cameras, footage, named_by_film=True)
+    return with_points(standing_cameras(path, _LAYOUT, *of_films), model.points)

@@ -23,7 +23,7 @@ from ..capture import Capture
 from ..video import find_images
 from .assembly import standing_cameras
 from .checks import numbers, rotation
-from .footage import MAX_CAMERAS, Footage, find_footage, on_common_frames
+from .footage import MAX_CAMERAS, Footage, find_footage
 from .geometry import intrinsics, is_transposed, pose
 
 _POSES = "poses_bounds.npy"
@@ -42,7 +42,7 @@ def read(path: Path) -> Capture:
     """
     footage = _footage(path)
     if not footage:
-        raise found_instead(path, f"{_POSES} and no video", "a video for filmed pose: cam00.mp4, cam01.mp4, ...")
+        raise found_instead(path, f"{_POSES} and no video", "a video for each pose: cam00.mp4, cam01.mp4, ...")
     capture, near_far = read_rows(path, "n3dv", path / _POSES, footage)
     first, *others = (camera.name for camera in capture.cameras)
     return replace(
@@ -54,12 +54,12 @@ def read(path: Path) -> Capture:
 
 def _footage(path: Path) -> list[Footage]:
     """What each row's camera filmed, in the plain order of names, as LLFF sorts them."""
-    found = find_footage(path)
-    of_cameras = [filmed for filmed in found if filmed.name.lower().startswith("cam")]
+    footage = find_footage(path)
+    of_cameras = [filmed for filmed in footage if filmed.name.lower().startswith("cam")]
     if not of_cameras:
-        of_cameras = [filmed for filmed in found if filmed.is_video]
+        of_cameras = [filmed for filmed in footage if filmed.is_video]
     if not of_cameras and (path / "images").is_dir():
-        of_cameras = [Footage(image.stem, (image,), (0,)) for image in find_images(path / "images")]
+        of_cameras = list(map(Footage.of_image, find_images(path / "images")))
     return sorted(of_cameras, key=lambda footage: footage.name)
 
 
@@ -81,25 +81,22 @@ def read_rows(path: Path, layout: str, file: Path, footage: Sequence[Footage]) -
     if len(rows) != len(footage):
         names = f"{footage[0].name} to {footage[-1].name}"
         found = f"{len(rows)} rows for {len(footage)} videos or folders of frames ({names})"
-        raise found_instead(file, found, "one row for filmed")
-    filmed = on_common_frames(path, footage)
+        raise found_instead(file, found, "one row for each")
     warnings: list[str] = []
-    cameras = [
-        (_camera(row, of_camera.name, size, file, warnings), None)
-        for row, of_camera, size in zip(rows, footage, filmed.sizes, strict=True)
-    ]
-    capture = standing_cameras(path, layout, cameras, footage, warnings=warnings, filmed=filmed)
+    cameras = [(_camera(row, filmed, file, warnings), None) for row, filmed in zip(rows, footage, strict=True)]
+    capture = standing_cameras(path, layout, cameras, footage, warnings)
     return capture, (float(rows[:, 15].min()), float(rows[:, 16].max()))
 
 
-def _camera(row: Float64s, name: str, size: tuple[int, int], file: Path, warnings: list[str]) -> Camera:
-    """The OpenCV camera of one row, at the size (width, height) of its decoded frames."""
+def _camera(row: Float64s, filmed: Footage, file: Path, warnings: list[str]) -> Camera:
+    """The OpenCV camera of one row, at the size of its decoded frames."""
+    name, width, height = filmed.name, filmed.facts.width, filmed.facts.height
     matrix = row[:15].reshape(3, 5)
     down, right, backwards = matrix[:, 0], matrix[:, 1], matrix[:, 2]
     camera_to_world = rotation(np.stack([right, down, -backwards], axis=1), file, f"the pose of {name}")
-    (stored_height, stored_width, focal), (width, height) = matrix[:, 4], size
+    stored_height, stored_width, focal = matrix[:, 4]
     said = f"{stored_width:g} x {stored_height:g}"
-    if is_transposed(size, (stored_width, stored_height)):
+    if is_transposed((width, height), (stored_width, stored_height)):
         found = f"{said} for images of {width} x {height} of {name}"
         raise found_instead(file, found, "the same way up: they are turned by 90 degrees")
     if abs(width / height - stored_width / stored_height) > 0.01 * stored_width / stored_height:

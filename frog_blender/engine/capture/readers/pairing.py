@@ -1,14 +1,15 @@
-"""Films of several cameras on one grid of frames, by the times at which their images were taken.
+"""Which image is of which camera, frame and time, for all cameras that stand still and for images of any times.
 
 Films that are in step, of one constant rate, keep their frames' numbers. In all others an image belongs to the frame
-nearest to its time, and keeps what is left as its offset; what nobody filmed stays a gap.
+nearest to its time, and keeps what is left as its offset; what nobody filmed stays a gap. Images in folders belong to
+the times that the numbers in their names say (see ``frame_times``).
 """
 
 from __future__ import annotations
 
 import statistics
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,8 @@ from ..capture import Shot, with_a_time
 from ..tone_mapping import NAMES
 from ..video import VideoFacts
 from .checks import check_images, frame_span
+from .footage import RATE, Footage
+from .frame_times import frame_times
 
 _ROUNDING = 0.02  # frames: an image this near to its frame's time was taken at it
 _STAMP_ROUNDING = 0.00075  # seconds by which stamps of whole milliseconds, and cameras' own clocks, waver
@@ -45,16 +48,58 @@ class Pairing:
     """Which image is of which camera and frame.
 
     Attributes:
-        shots: camera i is of video i; cameras may lack images.
-        frame_count: frames of the time that enough videos show.
+        shots: cameras may lack images.
+        frame_count: frames of the time that enough cameras show.
         frames_per_second: of the capture's time.
         warnings: one sentence each.
     """
 
-    shots: tuple[Shot, ...]
+    shots: Sequence[Shot]
     frame_count: int
-    frames_per_second: float
-    warnings: list[str]
+    frames_per_second: float = RATE
+    warnings: Sequence[str] = ()
+
+
+def pair_footage(path: Path, footage: Sequence[Footage], clocks: Sequence[Clock] = ()) -> Pairing:
+    """The images of standing cameras, of which camera i filmed ``footage[i]``, on frames that they share.
+
+    Args:
+        path: of the capture, for messages.
+        clocks: of each camera's film; by default all start together, at the times that their files say.
+
+    Raises:
+        FrogError: if some are videos and some folders, they share no time, or a file cannot be used.
+    """
+    videos = [of_camera for of_camera in footage if of_camera.is_video]
+    if videos and len(videos) < len(footage):
+        folders = next(of_camera for of_camera in footage if not of_camera.is_video)
+        found = f"the video {videos[0].name} and the folder of images {folders.name}"
+        raise found_instead(path, found, "footage of one kind: all videos or all images")
+    if videos:
+        return pair_videos(path, [video.files[0] for video in videos], [video.facts for video in videos], clocks)
+    check_images(path, sum(len(of_camera.files) for of_camera in footage))
+    images = [(camera, file) for camera, of_camera in enumerate(footage) for file in of_camera.files]
+    pairing = pair_images(path, images, [number for of_camera in footage for number in of_camera.numbers])
+    strays = sum(of_camera.strays for of_camera in footage)
+    warnings = [f"{path}: {strays} images that are named unlike the others are left out."] if strays else []
+    filled, count = len({shot.frame for shot in pairing.shots}), pairing.frame_count
+    if missing := filled * len(footage) - len(images):
+        warnings.append(f"{path}: {missing:,} of {filled * len(footage):,} images are missing; their places stay gaps.")
+    if filled < count:
+        warnings.append(f"{path}: {count - filled:,} of {count:,} frames have no image and stay gaps.")
+    return replace(pairing, warnings=warnings)
+
+
+def pair_images(path: Path, images: Sequence[tuple[int, Path]], numbers: Sequence[int]) -> Pairing:
+    """Images, each a camera and a file, whose numbers, in their names or a list, are times.
+
+    Raises:
+        FrogError: for too many frames.
+    """
+    first = min(numbers)
+    times = frame_times([float(number - first) for number in numbers], [camera for camera, _ in images], path)
+    placed = zip(images, times.frames.tolist(), times.offsets.tolist(), strict=True)
+    return Pairing([Shot(camera, frame, file, 0, offset) for (camera, file), frame, offset in placed], times.count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,57 +107,60 @@ class _Film:
     """One video in the capture's time.
 
     Attributes:
+        path: of the video.
         times: (N,) seconds of its images.
         rate: images a second, missing ones counted.
         missing: images that its times skip.
         is_steady: the images are as far apart as the rate says, up to rounding.
     """
 
+    path: Path
     times: Float64s
     rate: float
     missing: int
     is_steady: bool
 
-    @property
-    def is_regular(self) -> bool:
-        return self.is_steady and not self.missing
+    def length(self) -> int:
+        """Images in it."""
+        return len(self.times)
+
+    def start(self) -> float:
+        return float(self.times[0])
 
 
 def pair_videos(
-    path: Path, videos: Sequence[Path], facts: Sequence[VideoFacts], clocks: Sequence[Clock] | None = None
+    path: Path, videos: Sequence[Path], facts: Sequence[VideoFacts], clocks: Sequence[Clock] = ()
 ) -> Pairing:
-    """Video i as camera i of one capture.
-
-    Args:
-        path: of the capture, for messages.
-        clocks: of each camera; by default all films start together, at the times that their files say.
-
-    Raises:
-        FrogError: if the videos share no time, or there are too many frames or images.
-    """
-    films = [_film(fact, clock) for fact, clock in zip(facts, clocks or [Clock()] * len(facts), strict=True)]
+    """Video i as camera i; see ``pair_footage``."""
+    clocks = clocks or [Clock()] * len(videos)
+    films = [_film(*film) for film in zip(videos, facts, clocks, strict=True)]
     said = _said_of_images(videos, facts)
     if _in_step(films):
-        count, warnings = _shared_frame_count(path, videos, facts)
-        rate = facts[0].frames_per_second if clocks is None else films[0].rate
-        return Pairing(_shots_of_videos(videos, count), count, rate, said + warnings)
+        shortest, longest = min(films, key=_Film.length), max(films, key=_Film.length)
+        count = shortest.length()
+        frame_span(0, count - 1, path, "frames")
+        check_images(path, count * len(films))
+        if count < longest.length():
+            said.append(
+                f"{path}: the videos have different lengths ({shortest.path.name} {count} frames, {longest.path.name} "
+                f"{longest.length()}); the first {count} frames are used."
+            )
+        shots = [Shot(camera, frame, video, frame) for frame in range(count) for camera, video in enumerate(videos)]
+        return Pairing(shots, count, facts[0].frames_per_second / clocks[0].rate, said)
     rate = statistics.median_low(film.rate for film in films)
     frames, offsets = _on_grid(films, rate)
     first, last = _shared(frames)
     if any(of[0] > last or of[-1] < first for of in frames):
-        raise _apart(path, videos, films)
+        raise _apart(path, films)
     count = frame_span(first, last, path, "frames")
     check_images(path, sum(min(count, len(of)) for of in frames))
-    shots: list[Shot] = []
-    crowded = []
-    for camera, (of, late) in enumerate(zip(frames, offsets, strict=True)):
+    shots, crowded = [], []
+    for camera, (film, of, late) in enumerate(zip(films, frames, offsets, strict=True)):
         inside = np.flatnonzero((of >= first) & (of <= last))
         chosen = _nearest(of, late, inside)
-        crowded += [videos[camera]] if len(chosen) < len(inside) else []
-        shots += [
-            Shot(camera, int(of[index]) - first, videos[camera], int(index), float(late[index])) for index in chosen
-        ]
-    warnings = said + _warnings(path, videos, films, clocks is None)
+        crowded += [film.path] if len(chosen) < len(inside) else []
+        shots += [Shot(camera, int(of[index]) - first, film.path, int(index), float(late[index])) for index in chosen]
+    warnings = said + _warnings(path, films, by_their_files=set(clocks) == {Clock()})
     if crowded:
         warnings.append(
             f"{path}: {_some(crowded)} took more images than {rate:g} a second, of which the nearest in time are used."
@@ -122,67 +170,38 @@ def pair_videos(
             f"{path}: the videos show different times; the {count} frames that at least {_quorum(len(films))} of them "
             "show are used."
         )
-    return Pairing(tuple(with_a_time(shots, count)), count, rate, warnings)
+    return Pairing(with_a_time(shots, count), count, rate, warnings)
 
 
-def _film(fact: VideoFacts, clock: Clock) -> _Film:
+def _film(path: Path, fact: VideoFacts, clock: Clock) -> _Film:
     times = clock.offset + clock.rate * fact.timestamps
     nominal = fact.frames_per_second / clock.rate
     steps = np.diff(times)
     if not (steps > 0).any():
-        return _Film(times, nominal, 0, True)
+        return _Film(path, times, nominal, 0, True)
     usual = np.median(steps[steps > 0])  # damaged files have frames at one time
     numbers = np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / usual), 1))])
     tolerance = _ROUNDING + _STAMP_ROUNDING * nominal
     missing = int(numbers[-1]) - (len(times) - 1)
     if np.abs((times - times[0]) * nominal - numbers).max() <= 2 * tolerance:  # the rate that the file says
-        return _Film(times, nominal, missing, True)
+        return _Film(path, times, nominal, missing, True)
     step = float(np.polyfit(numbers, times, 1)[0])
     off = (times - times.mean()) / step - (numbers - numbers.mean())
-    return _Film(times, round(1 / step, 6), missing, bool(np.abs(off).max() <= tolerance))
+    return _Film(path, times, round(1 / step, 6), missing, bool(np.abs(off).max() <= tolerance))
 
 
 def _in_step(films: Sequence[_Film]) -> bool:
     """Whether image k of every film was taken at one time."""
     first = films[0]
-    length = max(len(film.times) for film in films)
+    length = max(map(_Film.length, films))
     tolerance = _ROUNDING + _STAMP_ROUNDING * first.rate
     return all(
-        film.is_regular
+        film.is_steady
+        and not film.missing
         and abs(film.rate / first.rate - 1) * length <= _DRIFT
-        and abs(film.times[0] - first.times[0]) * first.rate <= tolerance
+        and abs(film.start() - first.start()) * first.rate <= tolerance
         for film in films
     )
-
-
-def _shared_frame_count(path: Path, videos: Sequence[Path], facts: Sequence[VideoFacts]) -> tuple[int, list[str]]:
-    """Number of frames that all synchronised videos have, and warnings if their lengths or rates differ.
-
-    Raises:
-        FrogError: if a video has no frame, or there are too many frames or images.
-    """
-    counts = [fact.frame_count for fact in facts]
-    shared = min(counts)
-    if shared < 1:
-        raise found_instead(videos[counts.index(shared)], "no frame", "videos that share at least one frame")
-    frame_span(0, shared - 1, path, "frames")
-    check_images(path, shared * len(videos))
-    warnings = []
-    if shared != max(counts):
-        shortest, longest = videos[counts.index(shared)].name, videos[counts.index(max(counts))].name
-        warnings.append(
-            f"{path}: the videos have different lengths ({shortest} {shared} frames, {longest} {max(counts)}); "
-            f"the first {shared} frames are used."
-        )
-    rates = [fact.frames_per_second for fact in facts]
-    if max(rates) > 1.02 * min(rates):
-        warnings.append(f"{path}: the videos' frame rates differ ({min(rates):g} to {max(rates):g} a second).")
-    return shared, warnings
-
-
-def _shots_of_videos(videos: Sequence[Path], frame_count: int) -> tuple[Shot, ...]:
-    """The images of all videos, where video i is of camera i."""
-    return tuple(Shot(c, f, video, f) for f in range(frame_count) for c, video in enumerate(videos))
 
 
 def _on_grid(films: Sequence[_Film], rate: float) -> tuple[list[Ints], list[Float64s]]:
@@ -191,8 +210,8 @@ def _on_grid(films: Sequence[_Film], rate: float) -> tuple[list[Ints], list[Floa
     The frames are where the images of one camera are: of the one that has the others' nearest to its own.
     """
     middles = np.array([film.times[len(film.times) // 2] * rate for film in films])
-    apart = [np.abs(_wrapped(middles - middle)).sum() for middle in middles[:_CANDIDATES]]
-    phase = middles[int(np.argmin(apart))] % 1
+    apart = [middles - middle for middle in middles[:_CANDIDATES]]
+    phase = middles[np.argmin([np.abs(off - np.round(off)).sum() for off in apart])] % 1
     positions = [film.times * rate - phase for film in films]
     frames = [np.floor(position + 0.5).astype(np.int64) for position in positions]
     late = [position - frame for position, frame in zip(positions, frames, strict=True)]
@@ -217,12 +236,6 @@ def _shared(frames: Sequence[Ints]) -> tuple[int, int]:
     return longest
 
 
-def _wrapped(frames: Float64s) -> Float64s:
-    """The part of a frame by which positions differ, of -0.5 to 0.5."""
-    part: Float64s = frames - np.round(frames)
-    return part
-
-
 def _nearest(frames: Ints, late: Float64s, inside: Ints) -> Ints:
     """Of the images ``inside``, the nearest in time to each frame, ascending."""
     order = inside[np.lexsort((np.abs(late[inside]), frames[inside]))]
@@ -245,14 +258,13 @@ def _said_of_images(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> list
     return warnings
 
 
-def _warnings(path: Path, videos: Sequence[Path], films: Sequence[_Film], by_their_files: bool) -> list[str]:
+def _warnings(path: Path, films: Sequence[_Film], *, by_their_files: bool) -> list[str]:
     """What is unusual about the films' times."""
     warnings = []
-    named = list(zip(videos, films, strict=True))
-    if skipping := [video for video, film in named if film.missing and film.is_steady]:
+    if skipping := [film.path for film in films if film.missing and film.is_steady]:
         missing = sum(film.missing for film in films if film.is_steady)
         warnings.append(f"{path}: {missing} frames of {_some(skipping)} are missing; images are paired by their times.")
-    if varying := [video for video, film in named if not film.is_steady]:
+    if varying := [film.path for film in films if not film.is_steady]:
         warnings.append(f"{path}: the frame rate of {_some(varying)} varies; images are paired by their times.")
     rates = [film.rate for film in films]
     if max(rates) > (1 + _SAME_RATE) * min(rates):
@@ -260,11 +272,11 @@ def _warnings(path: Path, videos: Sequence[Path], films: Sequence[_Film], by_the
             f"{path}: the videos' frame rates differ ({min(rates):.6g} to {max(rates):.6g} a second); images are "
             "paired by their times."
         )
-    starts = [float(film.times[0]) for film in films]
-    if by_their_files and (max(starts) - min(starts)) * max(rates) > _ROUNDING + _STAMP_ROUNDING * max(rates):
-        latest, earliest = videos[int(np.argmax(starts))].name, videos[int(np.argmin(starts))].name
+    earliest, latest = min(films, key=_Film.start), max(films, key=_Film.start)
+    late = latest.start() - earliest.start()
+    if by_their_files and late * max(rates) > _ROUNDING + _STAMP_ROUNDING * max(rates):
         warnings.append(
-            f"{path}: {latest} starts {max(starts) - min(starts):.3f} s after {earliest}, as their files say."
+            f"{path}: {latest.path.name} starts {late:.3f} s after {earliest.path.name}, as their files say."
         )
     return warnings
 
@@ -275,10 +287,9 @@ def _some(videos: Iterable[Path]) -> str:
     return f"{first} (and {len(others)} more)" if others else first
 
 
-def _apart(path: Path, videos: Sequence[Path], films: Sequence[_Film]) -> FrogError:
-    ends = int(np.argmin([film.times[-1] for film in films]))
-    starts = int(np.argmax([film.times[0] for film in films]))
+def _apart(path: Path, films: Sequence[_Film]) -> FrogError:
+    first, last = min(films, key=lambda film: film.times[-1]), max(films, key=_Film.start)
     return FrogError(
-        f"{path}: {videos[ends].name} ends at {films[ends].times[-1]:.2f} s and {videos[starts].name} starts at "
-        f"{films[starts].times[0]:.2f} s, expected films of the same time."
+        f"{path}: {first.path.name} ends at {first.times[-1]:.2f} s and {last.path.name} starts at {last.start():.2f} "
+        "s, expected films of the same time."
     )

@@ -31,6 +31,8 @@ from .checks import (
     size,
     usable_points,
 )
+from .footage import Footage
+from .pairing import Pairing
 
 _TRAIN, _TEST, _IMAGES, _POINTS = "train_meta.json", "test_meta.json", "ims", "init_pt_cld.npz"
 _KEYS = ("fn", "k", "w2c", "cam_id")
@@ -64,19 +66,18 @@ def read(path: Path) -> Capture:
     entries = [*train, *(_entries(path, path / _TEST, warnings) if (path / _TEST).is_file() else [])]
     names = _names(entries)
     first: dict[str, _Entry] = {}
-    shots: dict[tuple[str, int], Path] = {}
+    images: dict[tuple[str, int], Path] = {}
     for name, entry in zip(names, entries, strict=True):
         first.setdefault(name, entry)
-        shots.setdefault((name, entry.frame), entry.image)
-    place = {name: index for index, name in enumerate(first)}
+        images.setdefault((name, entry.frame), entry.image)
+    index = {name: index for index, name in enumerate(first)}
+    shots = [Shot(index[name], frame, image, 0) for (name, frame), image in images.items()]
     capture = assembled(
         path,
         "panoptic_sports",
         [(replace(entry.camera, name=name), None) for name, entry in first.items()],
-        [entry.image for entry in first.values()],
-        shots=tuple(Shot(place[name], frame, image, 0) for (name, frame), image in shots.items()),
-        warnings=warnings,
-        frame_count=max(entry.frame for entry in entries) + 1,
+        [Footage.of_image(entry.image) for entry in first.values()],
+        Pairing(shots, max(entry.frame for entry in entries) + 1, warnings=warnings),
         test_cameras=frozenset(names[len(train) :]) - frozenset(names[: len(train)]),
     )
     return with_points(capture, _points(path / _POINTS))

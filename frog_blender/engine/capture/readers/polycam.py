@@ -57,7 +57,7 @@ def read(path: Path) -> Capture:
     warnings = []
     if len(pairs) < len(files):
         warnings.append(f"{path}: {len(files) - len(pairs)} of {len(files)} images are missing and left out.")
-    return moving_cameras(path, "polycam", views, warnings=warnings)
+    return moving_cameras(path, "polycam", views, warnings)
 
 
 def _folders(path: Path) -> tuple[Path, Path] | None:

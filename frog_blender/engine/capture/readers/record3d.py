@@ -68,7 +68,7 @@ def read(path: Path) -> Capture:
         warnings.append(
             f"{path}: {len(poses) - len(known)} of {len(poses)} images are missing; their frames stay gaps."
         )
-    return moving_cameras(path, "record3d", views, rate, warnings)
+    return moving_cameras(path, "record3d", views, warnings, rate)
 
 
 def _file(path: Path) -> Path | None:

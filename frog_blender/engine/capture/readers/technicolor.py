@@ -74,7 +74,7 @@ def read(path: Path, frames: range | None = None) -> Capture:
     if _TEST_CAMERA not in names:
         warnings.append(f"{path}: the test view {_TEST_CAMERA} has no images, so no camera is held out.")
     cameras = [_camera(filmed.name, rows[camera], path / _PARAMETERS) for camera, filmed in footage.items()]
-    capture = standing_cameras(path, "technicolor", cameras, list(footage.values()), warnings=warnings)
+    capture = standing_cameras(path, "technicolor", cameras, list(footage.values()), warnings)
     return replace(capture, test_cameras=frozenset({_TEST_CAMERA} & {*names} if len(names) > 1 else ()))
 
 

@@ -23,8 +23,10 @@ from ..masking import MaskSource
 from ..video import image_size, with_ending
 from .assembly import assembled, with_holdout_of_one
 from .checks import listed_name, number, path_inside, read_json, rigid, rotation, size
+from .footage import Footage
 from .frame_times import camera_names, first_images, frame_times, times_by_name
 from .geometry import OPENGL_AXES, Calibrated, distortion, intrinsics, pose, through_lens
+from .pairing import Pairing
 
 _SINGLE = "transforms.json"
 _TRAIN = "transforms_train.json"
@@ -95,14 +97,11 @@ def read(path: Path) -> Capture:
         path,
         "transforms",
         [_camera(name, entry) for name, entry in first.items()],
-        [entry.image for entry in first.values()],
-        shots=tuple(shots),
-        frame_count=found.count,
-        frames_per_second=rate,
+        [Footage.of_image(entry.image) for entry in first.values()],
+        Pairing(shots, found.count, rate, warnings),
         test_cameras=frozenset(name for name, entry in first.items() if entry.file != training),
         # D-NeRF's images are composited over white, as in all published results.
         background=(1.0, 1.0, 1.0) if has_splits else (0.0, 0.0, 0.0),
-        warnings=warnings,
     )
     return capture if has_splits else with_holdout_of_one(capture)
 

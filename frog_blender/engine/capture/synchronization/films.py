@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import Float64s, ImageArray
 from ...errors import found_instead
-from ..readers.footage import decode_film, film_facts, find_footage, state_of
+from ..readers.footage import decode_film, find_footage, footage_at, state_of
 from ..video import VideoFacts, composed, find_videos, load_opencv
 
 Clocks = Mapping[str, tuple[float, float]]
@@ -109,7 +109,7 @@ def find_films(folder: Path) -> list[Film]:
     if len(set(names)) != len(names):
         twice = max(names, key=names.count)
         raise found_instead(folder, f"several videos named {twice}", "one video for each camera")
-    return [Film(n, path, film_facts(path)) for n, path in zip(names, paths, strict=True)]
+    return [Film(n, path, footage_at(path).facts) for n, path in zip(names, paths, strict=True)]
 
 
 def with_clocks(films: Sequence[Film], clocks: Clocks) -> list[Film]:
