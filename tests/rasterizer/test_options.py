@@ -1,4 +1,4 @@
-"""Regions and depth limits: each does what it says, forward and backward."""
+"""Regions, poses and depth limits: each does what it says, forward and backward."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from support.builders import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians
+from support.builders import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians, rotation_of
 from support.torch_drawing import (
     BACKGROUND,
     EVERYTHING,
@@ -106,6 +106,19 @@ def test_nothing_behind_a_depth_limit_is_seen() -> None:
         assert draw(one_gaussian((0, 0, 2.0)), plain_camera(), depth_limit=shallow).alpha.any() == visible
     with pytest.raises(ValueError, match="depth_limit"):
         draw(gaussians, CAMERA, depth_limit=limit[1:])
+
+
+@BACKENDS
+def test_a_pose_is_where_the_camera_stands(backend: str) -> None:
+    pose = CAMERA.world_to_camera.copy()
+    pose[:3, :3] = rotation_of((1.0, 0.2, -0.4), 0.06) @ pose[:3, :3]
+    pose[:3, 3] += 0.05, -0.08, 0.1
+    standing = draw_with_gradients(crowd(), CAMERA.with_pose(pose), backend)[0]
+    posed = draw_with_gradients(crowd(), CAMERA, backend, pose=pose)[0]
+    for name in IMAGES:
+        torch.testing.assert_close(getattr(posed, name), getattr(standing, name), atol=1e-5, rtol=1e-5, equal_nan=True)
+    elsewhere = draw_with_gradients(crowd(), CAMERA, backend)[0]
+    assert float((elsewhere.rgb - posed.rgb).detach().abs().max()) > 0.1
 
 
 def test_torchs_defaults_decide_nothing() -> None:

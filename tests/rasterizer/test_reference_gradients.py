@@ -5,66 +5,57 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from support.builders import ATTRIBUTES, odd_camera, random_gaussians
+from support.builders import odd_camera, random_gaussians, rotation_of
 from support.torch_drawing import BACKGROUND, image_weights, relative_error
 
-from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 
+CAMERA = odd_camera(17, 11)
 STEP = 1e-6
 
+Leaves = dict[str, torch.Tensor]
 
-def loss_of(gaussians: GaussianArrays, camera: Camera) -> torch.Tensor:
-    image = rasterize(gaussians, camera, BACKGROUND, backend="reference")
-    by_rgb, by_alpha = image_weights(camera)
+
+def loss_of(leaves: Leaves) -> torch.Tensor:
+    gaussians = GaussianArrays(**{name: leaf for name, leaf in leaves.items() if name != "pose"})
+    image = rasterize(gaussians, CAMERA, BACKGROUND, pose=leaves["pose"], backend="reference")
+    by_rgb, by_alpha = image_weights(CAMERA)
     return (image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()
 
 
-def analytic(gaussians: GaussianArrays, camera: Camera) -> dict[str, np.ndarray]:
-    leaves = GaussianArrays(*[torch.tensor(getattr(gaussians, name), requires_grad=True) for name in ATTRIBUTES])
-    loss_of(leaves, camera).backward()
-    return {name: getattr(leaves, name).grad.numpy() for name in ATTRIBUTES}
-
-
-def differences(gaussians: GaussianArrays, camera: Camera, name: str) -> np.ndarray:
-    """Central differences of the loss by every number of one attribute."""
-    values = {other: torch.tensor(getattr(gaussians, other)) for other in ATTRIBUTES}
-    result = np.zeros(values[name].numel())
-    for i in range(len(result)):
+@torch.no_grad()
+def differences(leaves: Leaves, name: str) -> np.ndarray:
+    """Central differences of the loss by every number of one of them."""
+    result = np.zeros(leaves[name].numel())
+    for index in range(len(result)):
         for sign in (1, -1):
-            moved = dict(values, **{name: values[name].clone()})
-            moved[name].view(-1)[i] += sign * STEP
-            result[i] += sign * loss_of(GaussianArrays(**moved), camera).item() / (2 * STEP)
-    return result.reshape(values[name].shape)
+            moved = leaves[name].clone()
+            moved.view(-1)[index] += sign * STEP
+            result[index] += sign * loss_of(leaves | {name: moved}).item() / (2 * STEP)
+    return result.reshape(leaves[name].shape)
 
 
-def scene(camera: Camera, degree: int) -> GaussianArrays:
-    """Six overlapping Gaussians, bright enough that no colour is clamped at black."""
-    gaussians = random_gaussians(camera, 6, degree, seed=3, opacity=(0.4, 0.9))
+@pytest.mark.parametrize(("degree", "beside"), [(0, False), (3, False), (1, True)])
+def test_every_attribute_and_the_pose(degree: int, beside: bool) -> None:
+    """Six overlapping Gaussians, bright enough that no colour is clamped at black; or ones that reach in from beside
+    the image, where the linearisation is clamped."""
+    gaussians = random_gaussians(CAMERA, 6, degree, seed=3, opacity=(0.4, 0.9))
     gaussians.sh[:, 0] += 1.0
-    gaussians.scales *= 2
-    return gaussians
-
-
-@pytest.mark.parametrize("degree", [0, 3])
-def test_every_attribute(degree: int) -> None:
-    camera = odd_camera(17, 11)
-    gaussians = scene(camera, degree)
-    for name, found in analytic(gaussians, camera).items():
-        expected = differences(gaussians, camera, name)
-        assert np.abs(expected.reshape(len(expected), -1)).max(1).min() > 1e-3, "each Gaussian matters"
-        assert relative_error(found, expected) < 1e-6, name
-
-
-def test_gaussians_beside_the_image_where_the_linearisation_is_clamped() -> None:
-    camera = odd_camera(17, 11)
-    gaussians = scene(camera, 1)
-    local = gaussians.means @ camera.rotation.T + camera.world_to_camera[:3, 3]
-    local[:3, 0] = local[:3, 2] * (1.4 * camera.width - camera.intrinsics[0, 2]) / camera.intrinsics[0, 0]
-    local[3:, 1] = local[3:, 2] * (-0.4 * camera.height - camera.intrinsics[1, 2]) / camera.intrinsics[1, 1]
-    gaussians.means = (local - camera.world_to_camera[:3, 3]) @ camera.rotation
-    gaussians.scales *= 2
-    for name, found in analytic(gaussians, camera).items():
-        expected = differences(gaussians, camera, name)
-        assert np.abs(expected).max() > 1e-3
-        assert relative_error(found, expected) < 1e-6, name
+    gaussians.scales *= 4 if beside else 2
+    if beside:
+        local = gaussians.means @ CAMERA.rotation.T + CAMERA.world_to_camera[:3, 3]
+        local[:3, 0] = local[:3, 2] * (1.4 * CAMERA.width - CAMERA.intrinsics[0, 2]) / CAMERA.intrinsics[0, 0]
+        local[3:, 1] = local[3:, 2] * (-0.4 * CAMERA.height - CAMERA.intrinsics[1, 2]) / CAMERA.intrinsics[1, 1]
+        gaussians.means = (local - CAMERA.world_to_camera[:3, 3]) @ CAMERA.rotation
+    pose = CAMERA.world_to_camera[:3].copy()
+    if not beside:  # a little off the camera's own
+        pose[:, :3] = rotation_of((1.0, 0.2, -0.4), 0.06) @ pose[:, :3]
+        pose[:, 3] += 0.05, -0.08, 0.1
+    arrays = {**vars(gaussians), "pose": pose}
+    leaves = {name: torch.tensor(array, requires_grad=True) for name, array in arrays.items()}
+    loss_of(leaves).backward()
+    for name, leaf in leaves.items():
+        expected = differences(leaves, name)
+        each = np.abs(expected.reshape(len(expected), -1)).max(1)
+        assert (each.max() if beside else each.min()) > 1e-3, "each matters"
+        assert relative_error(leaf.grad.numpy(), expected) < 1e-6, name

@@ -44,16 +44,19 @@ def draw_with_gradients(
     options: RasterizeOptions = EVERYTHING,
     *,
     pose: np.ndarray | None = None,
+    device: str = "cpu",
 ) -> tuple[Image, dict[str, np.ndarray]]:
     """The image, and gradients of a random linear loss on rgb and alpha by attribute, and by ``screen`` and ``pose``
     where there is one."""
     leaves = tensors(gaussians, dtype)
+    values = GaussianArrays(*[getattr(leaves, name).to(device) for name in ATTRIBUTES])
     moving = None if pose is None else torch.tensor(pose, dtype=torch.float32).to(dtype).requires_grad_()
-    image = rasterize(leaves, camera, BACKGROUND, options, pose=moving, backend=backend)
-    by_rgb, by_alpha = (cut(weights, options.region_of(camera)).to(dtype) for weights in image_weights(camera))
+    there = None if moving is None else moving.to(device)
+    image = rasterize(values, camera, BACKGROUND, options, pose=there, backend=backend)
+    by_rgb, by_alpha = (cut(weights, options.region_of(camera)).to(device, dtype) for weights in image_weights(camera))
     ((image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()).backward()
     gradients = {name: getattr(leaves, name).grad.numpy() for name in ATTRIBUTES}
-    gradients["screen"] = image.screen.grad.numpy()
+    gradients["screen"] = image.screen.grad.cpu().numpy()
     if moving is not None:
         gradients["pose"] = moving.grad.numpy()
     return image, gradients

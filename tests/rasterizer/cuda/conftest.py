@@ -11,9 +11,7 @@ import pytest
 from frog_blender.engine.rasterizer.cuda import launch
 from frog_blender.engine.rasterizer.cuda.launch import Launcher
 
-for folder in (Path(__file__).parent, Path(__file__).parent / "emulator"):
-    if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
+sys.path.insert(0, str(Path(__file__).parent / "emulator"))
 
 
 @pytest.fixture(scope="session")

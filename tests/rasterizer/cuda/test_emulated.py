@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import torch
 from emulated import HERE, Emulator, build
-from equality import EVERYTHING, Scene, assert_equal, draw, scenes
 from support.builders import ATTRIBUTES, join, odd_camera, random_gaussians
+from support.equality import CUDA_ERROR, Scene, assert_equal, draw, scenes
 from support.strange_gaussians import INVISIBLE, STRANGE
-from support.torch_drawing import BACKGROUND, tensors
+from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.native import structs
@@ -28,7 +28,7 @@ SMALL = odd_camera(45, 27)
 @pytest.mark.parametrize("name", SCENES)
 def test_agrees_with_the_reference(name: str, emulator: Emulator) -> None:
     scene = SCENES[name]
-    assert_equal(scene, draw(scene, "cuda", torch.float32), draw(scene, "reference", torch.float64))
+    assert_equal(scene, draw(scene, "cuda", torch.float32), draw(scene, "reference", torch.float64), CUDA_ERROR)
 
 
 def same_bits(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> None:

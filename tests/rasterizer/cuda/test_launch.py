@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 from emulated import HERE, Emulator, build
-from equality import draw, scenes
+from support.equality import draw, scenes
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.rasterizer.cuda import launch, nvrtc

@@ -7,16 +7,16 @@ import threading
 import numpy as np
 import pytest
 import torch
-from equality import EVERYTHING, Scene, assert_equal, draw, on_device_alone, scenes
 from support.builders import ATTRIBUTES, odd_camera, one_gaussian, plain_camera, random_gaussians
-from support.torch_drawing import BACKGROUND, tensors
+from support.equality import CUDA_ERROR, Scene, assert_equal, draw, of_other_degrees, scenes
+from support.torch_drawing import BACKGROUND, EVERYTHING, tensors
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
 from frog_blender.engine.rasterizer.cuda import binning, nvrtc
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA device")
-SCENES = scenes() | on_device_alone()
+SCENES = scenes() | of_other_degrees()
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -36,7 +36,7 @@ def on_gpu(gaussians: GaussianArrays) -> GaussianArrays:
 @pytest.mark.parametrize("name", SCENES)
 def test_agrees_with_the_reference(name: str) -> None:
     scene = SCENES[name]
-    assert_equal(scene, draw(scene, "cuda", torch.float32, "cuda"), draw(scene, "reference", torch.float64))
+    assert_equal(scene, draw(scene, "cuda", torch.float32, "cuda"), draw(scene, "reference", torch.float64), CUDA_ERROR)
 
 
 @pytest.mark.parametrize("name", ["off-centre, degree 3", "pose", "giants"])

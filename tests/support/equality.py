@@ -1,4 +1,4 @@
-"""Scenes on which the CUDA kernels must agree with the reference in float64, and the comparison."""
+"""Scenes on which native and CUDA kernels must agree with the reference in float64, and the comparison."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from support.builders import ATTRIBUTES, join, odd_camera, one_gaussian, plain_camera, random_gaussians
-from support.torch_drawing import BACKGROUND, relative_error, tensors
+from support.torch_drawing import EVERYTHING, draw_with_gradients, relative_error
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions, rasterize
+from frog_blender.engine.rasterizer import GaussianArrays, RasterizeOptions
 
-EVERYTHING = RasterizeOptions(depth=True, weights=True)
 OUTPUTS = ("rgb", "alpha", "median_depth", "mean_depth", "radii", "max_weights")
 # Where float32 decides a threshold the other way a whole contribution appears or goes, at the rim of a splat mostly.
 FLIPPED_SHARE = 3e-4
-GRADIENT_ERROR = 2e-5  # relative (L2), of any parameter's; CUDA's exponentials and divisions round a little less well
+CUDA_ERROR = 2e-5  # of gradients: CUDA's exponentials and divisions round a little less well
 
 
 @dataclass(frozen=True)
@@ -72,6 +71,18 @@ def _ties(g: GaussianArrays) -> None:
     g.means[:, 2] = 2.0
 
 
+def _beside(camera: Camera) -> GaussianArrays:
+    """Beside the image, where the linearisation is clamped."""
+    gaussians = random_gaussians(camera, 60, 0, seed=9)
+    local = gaussians.means @ camera.rotation.T + camera.world_to_camera[:3, 3]
+    sides = np.array([[1.35, 0.5], [-0.35, 0.5], [0.5, 1.4], [0.5, -0.4]])[np.arange(60) % 4]
+    pixels = sides * [camera.width, camera.height] - camera.intrinsics[:2, 2]
+    local[:, :2] = pixels / camera.intrinsics[[0, 1], [0, 1]] * local[:, 2:]
+    gaussians.means = (local - camera.world_to_camera[:3, 3]) @ camera.rotation
+    gaussians.scales *= 3
+    return gaussians
+
+
 def scenes() -> dict[str, Scene]:
     """By what is special about them."""
     odd, whole = odd_camera(97, 71), plain_camera(64, 32)
@@ -106,13 +117,14 @@ def scenes() -> dict[str, Scene]:
         "equal depths": Scene(
             plain_camera(45, 27), _shaped(_ties, random_gaussians(plain_camera(45, 27), 60, 0, seed=17))
         ),
+        "beside the image": Scene(small, _beside(small), pose=True),
         "one pixel": Scene(plain_camera(1, 1), random_gaussians(plain_camera(1, 1), 30, 0, seed=18)),
         "nothing in view": Scene(small, join(one_gaussian((0.0, 0.0, -40.0)), one_gaussian((90.0, 0.0, -40.0)))),
         "no Gaussians": Scene(small, GaussianArrays(*[getattr(crowd, name)[:0] for name in ATTRIBUTES])),
     }
 
 
-def on_device_alone() -> dict[str, Scene]:
+def of_other_degrees() -> dict[str, Scene]:
     """The kernels' other specialisations, which the emulator would compile for seconds each."""
     odd = odd_camera(97, 71)
     return {
@@ -124,39 +136,29 @@ def on_device_alone() -> dict[str, Scene]:
 
 def draw(scene: Scene, backend: str, dtype: torch.dtype, device: str = "cpu") -> dict[str, np.ndarray]:
     """Every output, and every gradient as ``by_...``, of a random linear loss; float64 numpy."""
-    leaves = tensors(scene.gaussians, dtype)
-    values = GaussianArrays(*[getattr(leaves, name).to(device) for name in ATTRIBUTES])
-    pose = torch.tensor(scene.camera.world_to_camera, dtype=dtype, requires_grad=True) if scene.pose else None
-    image = rasterize(
-        values,
-        scene.camera,
-        BACKGROUND,
-        scene.options,
-        pose=None if pose is None else pose.to(device),
-        backend=backend,
+    pose = scene.camera.world_to_camera if scene.pose else None
+    image, gradients = draw_with_gradients(
+        scene.gaussians, scene.camera, backend, dtype, scene.options, pose=pose, device=device
     )
-    generator = torch.Generator().manual_seed(5)
-    by_rgb = torch.randn(image.rgb.shape, generator=generator, dtype=torch.float64).to(device, dtype)
-    by_alpha = torch.randn(image.alpha.shape, generator=generator, dtype=torch.float64).to(device, dtype)
-    ((image.rgb * by_rgb).sum() + (image.alpha * by_alpha).sum()).backward()
-    found = {name: getattr(image, name) for name in OUTPUTS}
-    found |= {f"by_{name}": getattr(leaves, name).grad for name in ATTRIBUTES}
-    found |= {"by_screen": image.screen.grad}
-    found |= {"by_pose": None if pose is None else pose.grad}
-    return {name: tensor.detach().double().cpu().numpy() for name, tensor in found.items() if tensor is not None}
+    drawn = {name: getattr(image, name) for name in OUTPUTS}
+    outputs = {name: tensor.detach().double().cpu().numpy() for name, tensor in drawn.items() if tensor is not None}
+    return outputs | {f"by_{name}": gradient.astype(np.float64) for name, gradient in gradients.items()}
 
 
-def assert_equal(scene: Scene, found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:
-    """Within the scene's tolerances; thresholds may fall the other way at a few pixels."""
+def assert_equal(
+    scene: Scene, found: dict[str, np.ndarray], expected: dict[str, np.ndarray], gradient_error: float
+) -> None:
+    """Within the scene's tolerances; thresholds may fall the other way at a few pixels. ``gradient_error`` is relative
+    (L2), of any parameter's."""
     assert found.keys() == expected.keys()
     for name in ("rgb", "alpha", "median_depth", "mean_depth"):
         if name not in found:
             continue
-        values, wanted = found[name], expected[name]
-        assert values.shape == wanted.shape, name
-        wrong = np.isnan(values) != np.isnan(wanted)
-        scale = np.maximum(1.0, np.abs(np.nan_to_num(wanted)))
-        wrong |= np.abs(np.nan_to_num(values) - np.nan_to_num(wanted)) > scene.tolerance * scale
+        values, reference = found[name], expected[name]
+        assert values.shape == reference.shape, name
+        wrong = np.isnan(values) != np.isnan(reference)
+        scale = np.maximum(1.0, np.abs(np.nan_to_num(reference)))
+        wrong |= np.abs(np.nan_to_num(values) - np.nan_to_num(reference)) > scene.tolerance * scale
         allowed = max(1, FLIPPED_SHARE * wrong.size)
         assert wrong.sum() <= allowed, f"{name}: {wrong.sum()} of {wrong.size} differ"
     np.testing.assert_allclose(found["radii"], expected["radii"], rtol=1e-3, atol=1e-3)
@@ -168,4 +170,4 @@ def assert_equal(scene: Scene, found: dict[str, np.ndarray], expected: dict[str,
             if not expected[name].any():
                 assert not found[name].any(), name
             else:
-                assert relative_error(found[name], expected[name]) < GRADIENT_ERROR, name
+                assert relative_error(found[name], expected[name]) < gradient_error, name
