@@ -77,22 +77,24 @@ def visible_captures(
     found = []
     for instance in depsgraph.object_instances:
         shown, own = instance.object, instance.object.original
-        if not is_capture(own) or not is_seen(instance, depsgraph.view_layer):
+        if not is_capture(own) or not is_seen(instance, depsgraph.view_layer, space):
             continue
         if not point_cloud.is_original(shown, own) and (own.mode != "EDIT" or instance.is_instance):
             continue
-        if space is not None and not instance.is_instance and not own.visible_in_viewport_get(space):
-            continue  # Local View, or a kind of object that the viewport hides
         matrix = np.array(instance.matrix_world, dtype=np.float64)
         if matrix[:3, :3].any():
             found.append((own, instance.instance_object if instance.is_instance else shown, matrix))
     return found
 
 
-def is_seen(instance: bpy.types.DepsgraphObjectInstance, layer: bpy.types.ViewLayer) -> bool:
-    """Whether an object of a depsgraph is visible to cameras, as in Cycles."""
-    shown = instance.object
-    return instance.show_self and shown.visible_camera and not shown.original.indirect_only_get(view_layer=layer)
+def is_seen(
+    instance: bpy.types.DepsgraphObjectInstance, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView3D | None = None
+) -> bool:
+    """Whether an object of a depsgraph is visible to cameras, as in Cycles, and in a viewport."""
+    shown, own = instance.object, instance.object.original
+    if space is not None and not instance.is_instance and not own.visible_in_viewport_get(space):
+        return False  # Local View, or a kind of object that the viewport hides
+    return instance.show_self and shown.visible_camera and not own.indirect_only_get(view_layer=layer)
 
 
 def pass_indices(depsgraph: bpy.types.Depsgraph) -> list[tuple[int, int]]:

@@ -130,9 +130,7 @@ def mesh_of(
             continue
         if obj.original.frog.is_proxy:  # the splats themselves, coarsely
             continue
-        if not is_seen(instance, depsgraph.view_layer):
-            continue
-        if space is not None and not instance.is_instance and not obj.original.visible_in_viewport_get(space):
+        if not is_seen(instance, depsgraph.view_layer, space):
             continue
         if not instance.is_instance:
             points, corners = _mesh_of(obj)

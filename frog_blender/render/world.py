@@ -9,18 +9,14 @@ from ..color_spaces import out_of_working_space, to_display
 
 
 def background_of(scene: bpy.types.Scene, captured: np.ndarray) -> np.ndarray | None:
-    """(3,) display-referred background color: the world's, otherwise the captured one; None for a transparent film."""
+    """(3,) display-referred background color: the world's, otherwise the captured one; None for a transparent film.
+    Textures and skies are not drawn.
+    """
     if scene.render.film_transparent:
         return None
-    color = world_color(scene)
-    return captured if color is None else color
-
-
-def world_color(scene: bpy.types.Scene) -> np.ndarray | None:
-    """(3,) display-referred colour of the scene's world, None without a world; textures and skies are not drawn."""
     world = scene.world
     if world is None:
-        return None
+        return captured
     linear = np.array(world.color, dtype=np.float32)
     shader = background_node(world)
     if shader is not None:

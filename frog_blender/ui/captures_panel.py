@@ -95,8 +95,7 @@ class FROG_PT_captures(SidebarPanel, bpy.types.Panel):
             if outdated(obj):
                 refreshing.soon()
             _draw_problem(layout, obj, context)
-        if too_many := drawing.problem(context.scene):
-            wrapped_label(layout, too_many, icon="INFO")
+        wrapped_label(layout, drawing.problem(context.scene), icon="INFO")
         chosen = chosen_capture(context)
         if chosen is None:
             return
@@ -179,15 +178,11 @@ class FROG_PT_bake(OfMoving, bpy.types.Panel):
 
 def _draw_problem(layout: bpy.types.UILayout, obj: bpy.types.Object, context: bpy.types.Context) -> None:
     """Draws why a capture does not play, and what finds its file."""
-    late = retiming.problem(obj, context.scene.frame_current_final)
-    if late:
-        wrapped_label(layout, late, icon="ERROR")
+    wrapped_label(layout, retiming.problem(obj, context.scene.frame_current_final), icon="ERROR")
     file = playback.file_of(obj)
     error = open_scenes.problem(file)
-    if not error:
-        return
     wrapped_label(layout, error, icon="ERROR")
-    if open_scenes.is_missing(file) and library_of(obj) is None:
+    if error and open_scenes.is_missing(file) and library_of(obj) is None:
         layout.operator("frog.relink", icon="FILE_FOLDER").object_name = obj.name
 
 

@@ -39,7 +39,9 @@ def duration(seconds: float) -> str:
 
 
 def wrapped_label(layout: bpy.types.UILayout, text: str, icon: str = "NONE") -> None:
-    """A label wrapped to the width of the region that is drawn; Blender does not wrap by itself."""
+    """A label wrapped to the width of the region that is drawn; Blender does not wrap by itself. None for no text."""
+    if not text:
+        return
     context, width = bpy.context, 1000
     if context.region is not None:  # there is none without a window
         margin = 3 if icon == "NONE" else 6  # characters

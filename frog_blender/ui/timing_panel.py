@@ -35,9 +35,7 @@ class FROG_PT_timing(OfMoving, bpy.types.Panel):
         if not settings.use_remap:
             _draw_pair(layout, settings, "use_trim", ("first_frame", "last_frame"))
         _draw_pair(layout, settings, "use_range", ("range_start", "range_end"))
-        told = _told_of_frames(chosen, context.scene)
-        if told:
-            wrapped_label(layout, told, icon="INFO")
+        wrapped_label(layout, _told_of_frames(chosen, context.scene), icon="INFO")
         for row_of in _OPERATORS:
             row = layout.row(align=True)
             for name, text in row_of.items():
@@ -83,10 +81,8 @@ def _told_of_frames(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
     if frames is not None and (round(frames[0]), round(frames[1])) != (scene.frame_start, scene.frame_end):
         said.append(f"Plays in frames {frames[0]:,.0f} to {frames[1]:,.0f}.")
         said.append(f"The scene has {scene.frame_start:,} to {scene.frame_end:,}.")
-    if obj.frog.use_remap:
-        return " ".join(said)
     ratio = obj.frog.speed / max(retiming.real_time_speed(scene, header.frames_per_second), 1e-9)
-    if abs(ratio - 1) > _SAME_SPEED:
+    if abs(ratio - 1) > _SAME_SPEED and not obj.frog.use_remap:
         said.append(f"{ratio:.2g} times as fast as filmed.")
     return " ".join(said)
 

@@ -163,8 +163,7 @@ def _draw_start(layout: bpy.types.UILayout, settings: Any) -> None:
     if capture is not None and settings.device != REMOTE:
         wrapped_label(layout, _expected_time(settings, capture), icon="TIME")
     needed = torch_environment.needed(settings)
-    if needed:
-        wrapped_label(layout, needed, icon="ERROR")
+    wrapped_label(layout, needed, icon="ERROR")
     if needed and settings.device != REMOTE:
         torch_environment.draw_torch_installation(layout)
     row = layout.row()
@@ -222,8 +221,7 @@ def _draw_result(box: bpy.types.UILayout, task: TrainingTask, result: Path, scen
     """Draws what came of the training, what happened to it, and the next action."""
     if not task.is_cancelled and not task.error:
         wrapped_label(box, f"{result.name}: {task.state.sentence}")
-    if task.note:
-        wrapped_label(box, task.note, icon="INFO")
+    wrapped_label(box, task.note, icon="INFO")
     if not plays(scene, result):
         row = box.row()
         row.operator_context = "EXEC_DEFAULT"  # the file is known: no file browser

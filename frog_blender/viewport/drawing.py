@@ -164,11 +164,9 @@ def draw_in(context: bpy.types.Context) -> None:
 
 def _looked_at(splats: ViewportSplats, context: bpy.types.Context) -> tuple[Any, ...]:
     """What determines which captures a viewport shows, and what they show."""
-    space = context.space_data
-    kinds = *hiding.shown_kinds(space), space.local_view is None
-    draws = _draws(context.scene, space)
-    shown = splats.changes, context.scene.frame_current_final, draws, kinds
-    return (*shown, context.scene.as_pointer(), context.view_layer.name)
+    scene, space = context.scene, context.space_data
+    visible = *hiding.shown_kinds(space), space.local_view is None, _draws(scene, space)
+    return splats.changes, scene.frame_current_final, visible, scene.as_pointer(), context.view_layer.name
 
 
 def _update(

@@ -35,8 +35,7 @@ const int ROW = {ROW};
 """
 
 _PROJECT_VERTEX = """
-void main()
-{
+void main() {
   float row = rows.x + (0.5 * corner.y + 0.5) * rows.y;
   gl_Position = vec4(corner.x, 2.0 * row / rows.z - 1.0, 0.0, 1.0);
 }
@@ -45,38 +44,28 @@ void main()
 _PROJECT_FRAGMENT = (
     _CONSTANTS
     + """
+#define MOVING int(screen.z + 0.5)
+#define SH_COUNT int(eye.w + 0.5)
 #define THREE(image, k) vec3(TEXEL(image, k).r, TEXEL(image, (k) + 1).r, TEXEL(image, (k) + 2).r)
 
-int moving()
-{
-  return int(screen.z + 0.5);
+vec3 coefficient(int i, int k) {
+  int at = 3 * (i * (SH_COUNT - 1) + k - 1);
+  return i < MOVING ? THREE(sh_moving, at) : THREE(sh_still, at);
 }
 
-int sh_count()
-{
-  return int(eye.w + 0.5);
-}
-
-vec3 coefficient(int i, int k)
-{
-  int at = 3 * (i * (sh_count() - 1) + k - 1);
-  return i < moving() ? THREE(sh_moving, at) : THREE(sh_still, at);
-}
-
-vec3 colour_of(int i, vec3 first, vec3 direction)
-{
+vec3 colour_of(int i, vec3 first, vec3 direction) {
   vec3 c = 0.5 + 0.28209479177387814 * first;
   float x = direction.x, y = direction.y, z = direction.z;
-  if (sh_count() >= 4) {
+  if (SH_COUNT >= 4) {
     c += 0.4886025119029199 * (z * coefficient(i, 2) - y * coefficient(i, 1) - x * coefficient(i, 3));
   }
   float xx = x * x, yy = y * y, zz = z * z;
-  if (sh_count() >= 9) {
+  if (SH_COUNT >= 9) {
     c += 1.0925484305920792 * (x * y * coefficient(i, 4) - y * z * coefficient(i, 5) - x * z * coefficient(i, 7));
     c += 0.31539156525252005 * (2.0 * zz - xx - yy) * coefficient(i, 6);
     c += 0.5462742152960396 * (xx - yy) * coefficient(i, 8);
   }
-  if (sh_count() >= 16) {
+  if (SH_COUNT >= 16) {
     c -= 0.5900435899266435 * y * (3.0 * xx - yy) * coefficient(i, 9);
     c += 2.890611442640554 * x * y * z * coefficient(i, 10);
     c -= 0.4570457994644658 * y * (4.0 * zz - xx - yy) * coefficient(i, 11);
@@ -88,8 +77,7 @@ vec3 colour_of(int i, vec3 first, vec3 direction)
   return max(c, vec3(0.0));
 }
 
-mat3 rotation_of(vec4 q)  // w, x, y, z
-{
+mat3 rotation_of(vec4 q) {  // w, x, y, z
   q /= length(q);
   float w = q.x, x = q.y, y = q.z, z = q.w;
   return mat3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
@@ -97,8 +85,7 @@ mat3 rotation_of(vec4 q)  // w, x, y, z
               2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
 }
 
-void main()
-{
+void main() {
   place = vec4(0.0);
   conic = vec4(0.0);
   colour = vec4(0.0);
@@ -106,16 +93,16 @@ void main()
   if (i >= int(rows.w + 0.5)) {
     return;
   }
-  vec3 mean = i < moving() ? THREE(means_moving, 3 * i) : THREE(means_still, 3 * i);
-  vec4 base = i < moving() ? TEXEL(base_moving, i) : TEXEL(base_still, i);
+  vec3 mean = i < MOVING ? THREE(means_moving, 3 * i) : THREE(means_still, 3 * i);
+  vec4 base = i < MOVING ? TEXEL(base_moving, i) : TEXEL(base_still, i);
   vec4 there = vec4(mean, 1.0);
   vec3 local = vec3(dot(to_right, there), dot(to_down, there), dot(to_front, there));
   float opacity = min(base.a, 1.0);
   if (!(local.z >= NEAR && opacity > ALPHA_MIN)) {
     return;
   }
-  vec3 scale = i < moving() ? THREE(scales_moving, 3 * i) : THREE(scales_still, 3 * i);
-  vec4 quaternion = i < moving() ? TEXEL(quaternions_moving, i) : TEXEL(quaternions_still, i);
+  vec3 scale = i < MOVING ? THREE(scales_moving, 3 * i) : THREE(scales_still, 3 * i);
+  vec4 quaternion = i < MOVING ? TEXEL(quaternions_moving, i) : TEXEL(quaternions_still, i);
 
   // The linearisation is clamped a little outside the image.
   vec2 focal = lens.xy, middle = lens.zw, extent = screen.xy, margin = 0.15 * screen.xy;
@@ -145,8 +132,7 @@ void main()
 _SPLAT_VERTEX = (
     _CONSTANTS
     + """
-void main()
-{
+void main() {
   gl_Position = vec4(2.0, 2.0, 2.0, 1.0);  // outside: not drawn
   int i = int(TEXEL(order, gl_InstanceID).r + 0.5);
   ivec2 texel = ivec2(i % ROW, i / ROW);
@@ -177,8 +163,7 @@ void main()
 _SPLAT_FRAGMENT = (
     _CONSTANTS
     + """
-void main()
-{
+void main() {
   vec2 off = vec2(gl_FragCoord.x, screen.y - gl_FragCoord.y) - centre;
   float u = conic.x * off.x + conic.y * off.y, v = conic.z * off.y;
   float alpha = min(exp2(conic.w - u * u - v * v), ALPHA_MAX);
@@ -194,16 +179,14 @@ void main()
 )
 
 _PICTURE_VERTEX = """
-void main()
-{
+void main() {
   place = 0.5 * corner + 0.5;
   gl_Position = vec4(corner, 0.0, 1.0);
 }
 """
 
 _PICTURE_FRAGMENT = """
-vec3 looked_up(vec3 c)
-{
+vec3 looked_up(vec3 c) {
   int side = int(look.z + 0.5), width = textureSize(colors, 0).x;
   vec3 at = c * float(side - 1);
   ivec3 low = ivec3(min(at, vec3(float(side) - 1.5)));
@@ -217,18 +200,15 @@ vec3 looked_up(vec3 c)
   return found;
 }
 
-vec3 decoded(vec3 c)
-{
+vec3 decoded(vec3 c) {
   return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c));
 }
 
-vec3 encoded(vec3 c)
-{
+vec3 encoded(vec3 c) {
   return mix(c * 12.92, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c));
 }
 
-void main()
-{
+void main() {
   vec4 found = texture(picture, place);
   float alpha = clamp(found.a, 0.0, 1.0);
   vec3 shown = clamp(found.rgb / max(alpha, 1e-6), 0.0, 1.0);
@@ -270,8 +250,8 @@ def splat_shader() -> gpu.types.GPUShader:
 
 def fading_shader() -> gpu.types.GPUShader:
     """Writes a share everywhere."""
-    vertex = f"void main()\n{{\n  gl_Position = vec4({_CORNER}, 0.0, 1.0);\n}}\n"
-    return _made({"share": "FLOAT"}, [], (vertex, "void main()\n{\n  fragColor = vec4(share);\n}\n"))
+    vertex = f"void main() {{\n  gl_Position = vec4({_CORNER}, 0.0, 1.0);\n}}\n"
+    return _made({"share": "FLOAT"}, [], (vertex, "void main() {\n  fragColor = vec4(share);\n}\n"))
 
 
 def picture_shader() -> gpu.types.GPUShader:

@@ -6,7 +6,7 @@ when Blender tells of a change, and once more when a render begins.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -172,13 +172,9 @@ def _settle_points(over: list[bpy.types.Scene]) -> None:
 def _settle_shadows(over: list[bpy.types.Scene]) -> None:
     """Has the shadows that proxy meshes catch darken FRoG's image, in all composed scenes that Cycles renders."""
     for scene in over:
-        if scene.render.engine == "CYCLES" and catches_shadows(scene.objects):
+        catches = any(obj.frog.is_proxy and obj.is_shadow_catcher for obj in scene.objects)
+        if scene.render.engine == "CYCLES" and catches:
             compositor.multiply_shadows(scene)
-
-
-def catches_shadows(objects: Iterable[bpy.types.Object]) -> bool:
-    """Whether any of a scene's objects is a proxy mesh that catches shadows."""
-    return any(obj.frog.is_proxy and obj.is_shadow_catcher for obj in objects)
 
 
 def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
