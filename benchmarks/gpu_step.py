@@ -29,7 +29,7 @@ import torch
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.seeds import Seeds, find_seeds
+from frog_blender.engine.capture.seeds import Seeds, SeedSettings, find_seeds
 from frog_blender.engine.frames.image_coding import halved_image
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.rasterizer import Backend, GaussianArrays, Image, RasterizeOptions, rasterize
@@ -100,7 +100,7 @@ def filmed(folder: Path, scale: float | None, count: int) -> tuple[Capture, Any,
     if scale:
         capture = capture.scaled(scale)
     store = FrameStore.open(capture)
-    return capture, store, find_seeds(capture, store, count_limit=count)
+    return capture, store, find_seeds(capture, store, SeedSettings(count))
 
 
 def resampled(seeds: Seeds, count: int) -> Seeds:

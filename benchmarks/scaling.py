@@ -24,7 +24,7 @@ import numpy as np
 from raster_run import resident_mb
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.seeds import Seeds, find_seeds
+from frog_blender.engine.capture.seeds import Seeds, SeedSettings, find_seeds
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.memory import gc_frozen
 from frog_blender.engine.native import binding
@@ -67,7 +67,7 @@ def measure(path: Path, name: str, steps: int, case: dict[str, float]) -> dict[s
     with tempfile.TemporaryDirectory() as folder:
         store = FrameStore.open(capture, cache_folder=Path(folder))
         on_disk = sum(file.stat().st_size for file in Path(folder).rglob("*") if file.is_file())
-        seeds = enough(find_seeds(capture, store, count_limit=20_000), count)
+        seeds = enough(find_seeds(capture, store, SeedSettings(20_000)), count)
         trainer = Trainer(capture, store, seeds, settings, "frog", Limits(100 * steps), seed=0)
         seconds = []
         with gc_frozen():

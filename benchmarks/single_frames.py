@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from frog_blender.engine.capture.capture import Capture
-from frog_blender.engine.capture.seeds import find_seeds
+from frog_blender.engine.capture.seeds import SeedSettings, find_seeds
 from frog_blender.engine.evaluation.masks import moving_mask
 from frog_blender.engine.evaluation.metrics import psnr_of
 from frog_blender.engine.frames.store import FrameStore
@@ -29,7 +29,7 @@ def trained_alone(capture: Capture, frame: int, recipe: Recipe, steps: int, seed
     """A static scene of one frame."""
     alone = capture.segment(frame, 1)
     store = FrameStore.open(alone)
-    seeds = find_seeds(alone, store, count_limit=recipe.seed_gaussians, seed=seed)
+    seeds = find_seeds(alone, store, SeedSettings(recipe.seed_gaussians, seed=seed))
     trainer = Trainer(alone, store, seeds, recipe, "static", Limits(steps), seed=seed)
     while not trainer.finished:
         trainer.step()

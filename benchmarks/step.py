@@ -20,7 +20,7 @@ from typing import Any
 
 import torch
 
-from frog_blender.engine.capture.seeds import find_seeds
+from frog_blender.engine.capture.seeds import SeedSettings, find_seeds
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.memory import gc_frozen
 from frog_blender.engine.model import fused
@@ -71,7 +71,7 @@ def main() -> None:
     capture, _ = prepare_capture(options.capture, options.scale, None, None)
     store = FrameStore.open(capture)
     settings = recipe(options.recipe)
-    seeds = find_seeds(capture, store, count_limit=settings.seed_gaussians)
+    seeds = find_seeds(capture, store, SeedSettings(settings.seed_gaussians))
     hooks = compression_hooks(settings, "frog", capture, 0)
     trainer = Trainer(capture, store, seeds, settings, "frog", Limits(options.steps), seed=0, hooks=hooks)
     spent: Counter[str] = Counter()

@@ -97,11 +97,11 @@ def quick_seeds(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     than are asked for."""
     from support import synthetic_capture
 
-    from frog_blender.engine.capture.seeds import Seeds
+    from frog_blender.engine.capture.seeds import Seeds, SeedSettings
     from frog_blender.engine.frames import seed_store
 
-    def seeds(*_: object, count_limit: int, **__: object) -> Seeds:
-        return synthetic_capture.seeds(min(300, count_limit))
+    def seeds(_capture: object, _store: object, settings: SeedSettings, _progress: object) -> Seeds:
+        return synthetic_capture.seeds(min(300, settings.count_limit))
 
     monkeypatch.setattr(seed_store, "find_seeds", seeds)
 

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.seeding.plane_sweep import ConfirmedDepth, DepthMap, completed, points_seen_once
+from frog_blender.engine.capture.seeding.plane_sweep import DepthMap, completed, points_seen_once
 from frog_blender.engine.capture.seeding.views import View
 
 WIDTH, HEIGHT = 80, 60
@@ -17,16 +19,16 @@ def view_at(x: float, image: np.ndarray) -> View:
     return View(0, 0, Camera("a", WIDTH, HEIGHT, intrinsics, pose), image.astype(np.float32))
 
 
-def depth_map(view: View, depth: np.ndarray) -> DepthMap:
+def depth_map(view: View, depth: np.ndarray, confirmed: np.ndarray) -> DepthMap:
     sure = np.ones(depth.shape, bool)
-    return DepthMap(view, np.asarray(depth, np.float64), sure, sure, 0.01)
+    return DepthMap(view, np.asarray(depth, np.float64), sure, sure, 0.01, confirmed)
 
 
 def test_a_floor_goes_on_where_no_other_view_confirms_it() -> None:
     floor = 1 / (0.1 + 0.002 * LINES)
     seen, beyond = COLUMNS < 50, COLUMNS >= 50
     found = np.where(seen, floor, 30.0)  # a wrong match beyond
-    filled = completed(depth_map(view_at(0, np.full((HEIGHT, WIDTH, 3), 0.5)), found), seen)
+    filled = completed(depth_map(view_at(0, np.full((HEIGHT, WIDTH, 3), 0.5)), found, seen))
     np.testing.assert_array_equal(filled[seen], floor[seen])
     wrong = np.abs(filled / floor - 1)[beyond]
     one_depth = np.abs(np.median(floor) / floor - 1)[beyond]
@@ -40,25 +42,24 @@ def test_depth_does_not_flow_across_an_edge_of_the_image() -> None:
     truth = np.where(card, 2.0, 8.0)
     hidden = (COLUMNS >= 50) & (COLUMNS < 60)
     image = np.repeat(np.where(card, 0.1, 0.9)[..., None], 3, axis=2)
-    filled = completed(depth_map(view_at(0, image), np.where(hidden, 1.0, truth)), ~hidden)
+    filled = completed(depth_map(view_at(0, image), np.where(hidden, 1.0, truth), ~hidden))
     assert (filled[hidden] > 5.5).mean() > 0.95
-    blank = depth_map(view_at(0, np.full(image.shape, 0.5)), np.where(hidden, 1.0, truth))
-    assert (completed(blank, ~hidden)[hidden] > 5.5).mean() < 0.5, "it is the image that stops it"
+    blank = depth_map(view_at(0, np.full(image.shape, 0.5)), np.where(hidden, 1.0, truth), ~hidden)
+    assert (completed(blank)[hidden] > 5.5).mean() < 0.5, "it is the image that stops it"
 
 
 def test_no_point_hides_what_another_camera_confirms() -> None:
     image = np.full((HEIGHT, WIDTH, 3), 0.5)
     wall, near = np.full((HEIGHT, WIDTH), 6.0), np.full((HEIGHT, WIDTH), 3.0)
     left = COLUMNS < 40
-    own = ConfirmedDepth(depth_map(view_at(0, image), near), left)
-    alone, colors, textured = points_seen_once(own, [])
-    assert len(alone) == len(colors) == len(textured) == (~left).sum()
-    np.testing.assert_allclose(alone[:, 2], 3, rtol=0.02)
-    sure = ConfirmedDepth(depth_map(view_at(0.1, image), wall), np.ones(left.shape, bool))
-    points, _, _ = points_seen_once(own, [sure])
-    pixels, _ = sure.depth_map.view.camera.project(points)
+    own = depth_map(view_at(0, image), near, left)
+    alone = points_seen_once(own, [])
+    assert len(alone) == len(alone.colors) == alone.is_textured.sum() == (~left).sum()
+    np.testing.assert_allclose(alone.points[:, 2], 3, rtol=0.02)
+    sure = depth_map(view_at(0.1, image), wall, np.ones(left.shape, bool))
+    pixels, _ = sure.view.camera.project(points_seen_once(own, [sure]).points)
     outside = ((pixels < 0) | (pixels >= [WIDTH, HEIGHT])).any(axis=1)
     assert outside.all(), "the other camera sees the wall there, through these"
-    unsure = ConfirmedDepth(sure.depth_map, np.zeros(left.shape, bool))
-    assert len(points_seen_once(own, [unsure])[0]) == len(alone)
-    assert not len(points_seen_once(ConfirmedDepth(own.depth_map, np.zeros(left.shape, bool)), [sure])[0])
+    nothing = np.zeros(left.shape, bool)
+    assert len(points_seen_once(own, [replace(sure, confirmed=nothing)])) == len(alone)
+    assert not len(points_seen_once(replace(own, confirmed=nothing), [sure]))

@@ -14,7 +14,7 @@ from support.filmed_scene import HEIGHT, WIDTH, image
 from support.layouts import phones
 
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.seeds import find_seeds
+from frog_blender.engine.capture.seeds import SeedSettings, find_seeds
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
 
@@ -123,7 +123,7 @@ def test_points_become_seeds(rig: Rig, tmp_path: Path) -> None:
     np.save(rig.path / "points.npy", np.concatenate([spot[None], cloud]).astype(np.float32))
     capture = open_capture(rig.path)
     assert capture.near_far is not None and 1.5 < capture.near_far[0] < 4.0 < 6.0 < capture.near_far[1] < 12.0
-    seeds = find_seeds(capture, FrameStore.open(capture, cache_folder=tmp_path / "cache"), count_limit=2000)
+    seeds = find_seeds(capture, FrameStore.open(capture, cache_folder=tmp_path / "cache"), SeedSettings(2000))
     assert "given" in seeds.origin
     assert np.linalg.norm(seeds.points - spot, axis=1).min() < 1e-3
 

@@ -24,7 +24,7 @@ from frog_blender.engine.capture.frame_keys import decoding_key
 from frog_blender.engine.capture.hull import VisualHull
 from frog_blender.engine.capture.masking import ChromaKey, MaskSettings, chroma_key, recolored
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.seeds import find_seeds
+from frog_blender.engine.capture.seeds import SeedSettings, find_seeds
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
 
@@ -273,7 +273,7 @@ def test_seeds_lie_inside_the_hull(folder: Path, tmp_path: Path) -> None:
     write_masks(folder / "masks", "numbered")
     capture = open_capture(folder)
     store = stored(capture, tmp_path)
-    seeds = find_seeds(capture, store, count_limit=400)
+    seeds = find_seeds(capture, store, SeedSettings(400))
     assert len(seeds.points) > 50
     hull = VisualHull(capture, store, capture.train_indices)
     assert hull.contains(seeds.points.astype(float)).mean() > 0.95  # seeding looks at fewer frames

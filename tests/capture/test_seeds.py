@@ -11,8 +11,8 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Shot
 from frog_blender.engine.capture.seeding import drawn
 from frog_blender.engine.capture.seeding.drawn import NUM_FRAMES, fill_volume
-from frog_blender.engine.capture.seeding.views import NUM_BACKGROUND_FRAMES, TrainingImages, spread
-from frog_blender.engine.capture.seeds import Seeds, find_seeds, merge_points
+from frog_blender.engine.capture.seeding.views import NUM_BACKGROUND_FRAMES, TrainingImages, cloud_of, spread
+from frog_blender.engine.capture.seeds import Seeds, SeedSettings, find_seeds, merge_points
 from frog_blender.engine.errors import FrogError
 
 WIDTH, HEIGHT = 160, 120
@@ -99,7 +99,7 @@ def test_seeds_of_many_cameras_lie_on_the_surfaces_in_their_colours() -> None:
     capture = replace(capture, test_cameras=frozenset({"cam00"}), near_far=(1.5, 12.0), test_frames=frozenset({2}))
     store = Store(capture, images)
     steps: list[tuple[int, int]] = []
-    seeds = find_seeds(capture, store, count_limit=3000, progress=lambda done, total: steps.append((done, total)))
+    seeds = find_seeds(capture, store, SeedSettings(3000), progress=lambda done, total: steps.append((done, total)))
     assert "drawn" not in seeds.origin
     assert 1500 < len(seeds.points) <= 3000
     assert seeds.points.dtype == seeds.colors.dtype == np.float32
@@ -119,7 +119,7 @@ def test_seeds_of_many_cameras_lie_on_the_surfaces_in_their_colours() -> None:
 def test_what_one_of_three_cameras_sees_alone_gets_points_on_its_surface_too() -> None:
     capture, images = make_scene([(-1.3, 0.0), (0.0, 0.0), (1.3, 0.0)], 2, moving=False)
     capture = replace(capture, near_far=(1.5, 12.0))
-    seeds = find_seeds(capture, Store(capture, images), count_limit=3000)
+    seeds = find_seeds(capture, Store(capture, images), SeedSettings(3000))
     left, *others = capture.cameras
     points = seeds.points.astype(np.float64)
 
@@ -136,7 +136,7 @@ def test_when_few_are_measured_the_rest_is_guessed_and_the_same_seed_gives_the_s
     capture, images = make_scene(RING[:3], 1, moving=False)
     capture = replace(capture, near_far=(1.5, 12.0))
     whole, few, again = (
-        find_seeds(capture, Store(capture, images), count_limit=1500, share=share) for share in (1.0, 0.1, 0.1)
+        find_seeds(capture, Store(capture, images), SeedSettings(1500, share=share)) for share in (1.0, 0.1, 0.1)
     )
     np.testing.assert_array_equal(few.points, again.points)
     np.testing.assert_array_equal(few.colors, again.colors)
@@ -151,7 +151,7 @@ def test_seeds_of_a_moving_camera_never_read_held_out_frames() -> None:
     capture, images = make_scene(positions, 1, moving=True)
     capture = capture.with_holdout(4)
     assert capture.is_moving
-    seeds = find_seeds(capture, Store(capture, images), count_limit=3000)
+    seeds = find_seeds(capture, Store(capture, images), SeedSettings(3000))
     assert "swept" in seeds.origin
     check_on_planes(seeds)
 
@@ -164,9 +164,8 @@ def test_a_moving_rig_that_trains_with_both_its_cameras_gets_seeds() -> None:
     capture = replace(capture, frame_count=3)
     assert not capture.is_moving
     store = Store(capture, images)
-    check_on_planes(find_seeds(capture, store, count_limit=1500))
-    points, _ = fill_volume(TrainingImages(capture, store), (1.0, 8.0), 100, np.random.default_rng(0))
-    assert len(points) == 100
+    check_on_planes(find_seeds(capture, store, SeedSettings(1500)))
+    assert len(fill_volume(TrainingImages(capture, store), (1.0, 8.0), 100, np.random.default_rng(0))) == 100
 
 
 PASSING = (-1.2, -0.6, 0.0, 0.6, 1.2)
@@ -199,7 +198,7 @@ def wide_scene(
 
 def test_cameras_too_far_apart_get_points_in_their_common_volume_and_more_where_something_moves() -> None:
     capture, images = wide_scene(moving_ball=True)
-    seeds = find_seeds(capture, Store(capture, images), count_limit=2000)
+    seeds = find_seeds(capture, Store(capture, images), SeedSettings(2000))
     assert seeds.origin == "800 behind, 1200 drawn"
     projected = [camera.project(seeds.points.astype(np.float64)) for camera in capture.cameras]
     seen = [(d > 0) & (p >= 0).all(axis=1) & (p < [WIDTH, HEIGHT]).all(axis=1) for p, d in projected]
@@ -212,7 +211,7 @@ def test_cameras_too_far_apart_get_points_in_their_common_volume_and_more_where_
         assert np.ptp(pixels[part], axis=0).min() > 100, "all over the image"
     where_it_moves = (np.abs(seeds.points[:, [0, 2]]) < 0.75).all(axis=1)
     capture, images = wide_scene(moving_ball=False)
-    still = find_seeds(capture, Store(capture, images), count_limit=2000)
+    still = find_seeds(capture, Store(capture, images), SeedSettings(2000))
     where_it_would = (np.abs(still.points[:, [0, 2]]) < 0.75).all(axis=1)
     assert where_it_moves.sum() > 2 * where_it_would.sum()
     assert where_it_moves.mean() > 0.2
@@ -226,12 +225,12 @@ def test_a_camera_with_few_images_costs_no_seeds() -> None:
     shots = [Shot(c, f, Path("x"), f) for f in frames for c in range(4) if c < 3 or f == rare]
     few = replace(capture, shots=tuple(shots), frame_count=len(frames))
     shown = [images[4 * (shot.frame % 5) + shot.camera] for shot in few.shots]
-    assert len(find_seeds(few, Store(few, shown), count_limit=500).points) == 500
+    assert len(find_seeds(few, Store(few, shown), SeedSettings(500)).points) == 500
 
 
 def test_what_moves_has_points_at_times_of_its_own() -> None:
     capture, images = wide_scene(moving_ball=True, count=8)
-    seeds = find_seeds(capture, Store(capture, images), count_limit=2000, num_moments=5)
+    seeds = find_seeds(capture, Store(capture, images), SeedSettings(2000, num_moments=5))
     assert seeds.frames is not None and seeds.frames.shape == (len(seeds.points),) and len(seeds.points) <= 2000
     moving = np.isfinite(seeds.frames)
     assert 200 < moving.sum() <= 500 and f"{moving.sum()} moving" in seeds.origin
@@ -245,7 +244,7 @@ def test_what_moves_has_points_at_times_of_its_own() -> None:
 
 def test_what_is_at_a_place_for_one_frame_has_more_points_than_what_stays_for_two() -> None:
     capture, images = wide_scene(moving_ball=True, heights=(1.2, 1.2, 0.0, 0.0, -1.2), count=8)
-    seeds = find_seeds(capture, Store(capture, images), count_limit=2000, num_moments=5)
+    seeds = find_seeds(capture, Store(capture, images), SeedSettings(2000, num_moments=5))
     assert seeds.frames is not None
     times = seeds.frames[np.isfinite(seeds.frames)]
     counts = np.array([(times == frame).sum() for frame in range(5)])
@@ -255,19 +254,19 @@ def test_what_is_at_a_place_for_one_frame_has_more_points_than_what_stays_for_tw
 @pytest.mark.parametrize(("moves", "cameras"), [(False, 8), (True, 4)])
 def test_no_point_has_a_time_where_nothing_moves_or_few_cameras_tell_it(moves: bool, cameras: int) -> None:
     capture, images = wide_scene(moving_ball=moves, count=cameras)
-    assert find_seeds(capture, Store(capture, images), count_limit=1000, num_moments=5).frames is None
+    assert find_seeds(capture, Store(capture, images), SeedSettings(1000, num_moments=5)).frames is None
 
 
 def test_a_capture_without_training_images_is_refused() -> None:
     capture, images = make_scene(RING[:2], 1, moving=False)
     capture = replace(capture, test_frames=frozenset({0}))
     with pytest.raises(FrogError, match="every image is held out"):
-        find_seeds(capture, Store(capture, images))
+        find_seeds(capture, Store(capture, images), SeedSettings())
 
 
 def test_one_camera_that_never_moves_still_gets_points_or_a_sentence() -> None:
     capture, images = make_scene([(0, 0)], 3, moving=False)
-    seeds = find_seeds(capture, Store(capture, images), count_limit=500)
+    seeds = find_seeds(capture, Store(capture, images), SeedSettings(500))
     assert 0 < len(seeds.points) <= 500
 
 
@@ -278,6 +277,6 @@ def test_a_few_points_can_be_asked_for(limit: int) -> None:
     points = np.concatenate([random.normal(size=(500, 3)) * scale for scale in (0.1, 1, 30, 1e4)])
     points[7] = np.nan
     centers = np.array([[0.0, 0, 0], [0.5, 0, 0]])
-    found, colors = merge_points((points, points), centers, limit)
-    assert len(found) == len(colors) == limit and np.isfinite(found).all()
-    assert len(np.unique(found, axis=0)) == limit
+    merged = merge_points(cloud_of(points, points), centers, limit).points
+    assert len(merged) == limit and np.isfinite(merged).all()
+    assert len(np.unique(merged, axis=0)) == limit

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +12,11 @@ from support import synthetic_capture
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.seeds import Seeds
-from frog_blender.engine.frames.seed_store import stored_seeds
+from frog_blender.engine.capture.seeds import Seeds, SeedSettings
+from frog_blender.engine.frames import seed_store
 from frog_blender.engine.frames.store import FrameStore
+
+SETTINGS = SeedSettings(300, seed=1)
 
 
 @pytest.fixture
@@ -28,30 +29,34 @@ def store(capture: Capture, tmp_path: Path) -> FrameStore:
     return FrameStore.open(capture, cache_folder=tmp_path / "cache")
 
 
-class Searches(list[int]):
-    """In the place of ``find_seeds``: lists the seeds of its searches, which are short; each finds other points."""
-
-    def __call__(self, *_: Any, seed: int = 0, **__: Any) -> Seeds:
-        self.append(seed)
-        return replace(synthetic_capture.seeds(), points=synthetic_capture.seeds().points + np.float32(len(self)))
-
-
 @pytest.fixture
-def searches() -> Searches:
-    return Searches()
+def searches(monkeypatch: pytest.MonkeyPatch) -> list[SeedSettings]:
+    """The searches that ``find_seeds`` made, which are short; each finds other points, the last of them timed."""
+    made: list[SeedSettings] = []
+
+    def find(_capture: object, _store: object, settings: SeedSettings, _progress: object) -> Seeds:
+        made.append(settings)
+        seeds = synthetic_capture.seeds()
+        frames = np.full(len(seeds.points), np.nan, np.float32)
+        frames[200:] = 2
+        return replace(seeds, points=seeds.points + np.float32(len(made)), frames=frames)
+
+    monkeypatch.setattr(seed_store, "find_seeds", find)
+    return made
 
 
 def same(a: Seeds, b: Seeds) -> bool:
+    assert a.frames is not None and b.frames is not None
     arrays = np.array_equal(a.points, b.points) and np.array_equal(a.colors, b.colors)
-    if a.frames is None or b.frames is None:
-        return a.origin == b.origin and arrays and a.frames is b.frames
     return a.origin == b.origin and arrays and np.array_equal(a.frames, b.frames, equal_nan=True)
 
 
-def test_the_same_question_is_answered_from_the_disk(capture: Capture, store: FrameStore, searches: Searches) -> None:
-    first = stored_seeds(capture, store, count_limit=300, seed=1, search=searches)
-    assert same(first, stored_seeds(capture, store, count_limit=300, seed=1, search=searches))
-    assert searches == [1]
+def test_the_same_question_is_answered_from_the_disk(
+    capture: Capture, store: FrameStore, searches: list[SeedSettings]
+) -> None:
+    first = seed_store.stored_seeds(capture, store, SETTINGS)
+    assert same(first, seed_store.stored_seeds(capture, store, SETTINGS))
+    assert searches == [SETTINGS]
     assert not list(store.folder.glob(".seeds-*"))
 
 
@@ -66,35 +71,13 @@ def test_the_same_question_is_answered_from_the_disk(capture: Capture, store: Fr
     ],
 )
 def test_whatever_decides_them_has_seeds_of_its_own(
-    capture: Capture, store: FrameStore, searches: Searches, changed: Callable[[Capture], Capture]
+    capture: Capture, store: FrameStore, searches: list[SeedSettings], changed: Callable[[Capture], Capture]
 ) -> None:
-    first = stored_seeds(capture, store, count_limit=300, seed=1, search=searches)
-    assert not same(first, stored_seeds(changed(capture), store, count_limit=300, seed=1, search=searches))
-    stored_seeds(capture, store, count_limit=200, seed=1, search=searches)
-    stored_seeds(capture, store, count_limit=300, seed=2, search=searches)
-    stored_seeds(capture, store, count_limit=300, seed=1, share=0.5, search=searches)
-    stored_seeds(capture, store, count_limit=300, seed=1, num_moments=4, search=searches)
+    first = seed_store.stored_seeds(capture, store, SETTINGS)
+    assert not same(first, seed_store.stored_seeds(changed(capture), store, SETTINGS))
+    for other in ({"count_limit": 200}, {"seed": 2}, {"share": 0.5}, {"num_moments": 4}):
+        seed_store.stored_seeds(capture, store, replace(SETTINGS, **other))
     assert len(searches) == 6
-
-
-def test_times_are_kept(capture: Capture, store: FrameStore) -> None:
-    frames = np.full(300, np.nan, np.float32)
-    frames[200:] = 2
-    timed = replace(synthetic_capture.seeds(), frames=frames)
-    first = stored_seeds(capture, store, count_limit=300, num_moments=4, search=lambda *_, **__: timed)
-    assert same(first, timed)
-    searches = Searches()
-    assert same(first, stored_seeds(capture, store, count_limit=300, num_moments=4, search=searches))
-    assert not searches
-
-
-def test_a_damaged_file_is_found_again(capture: Capture, store: FrameStore, searches: Searches) -> None:
-    stored_seeds(capture, store, count_limit=300, search=searches)
-    (path,) = store.folder.glob("seeds-*.npz")
-    path.write_bytes(path.read_bytes()[:200])
-    stored_seeds(capture, store, count_limit=300, search=searches)
-    stored_seeds(capture, store, count_limit=300, search=searches)
-    assert len(searches) == 2
 
 
 @pytest.mark.parametrize(
@@ -113,23 +96,26 @@ def test_a_damaged_file_is_found_again(capture: Capture, store: FrameStore, sear
     ],
 )
 def test_what_no_search_finds_is_found_again(
-    capture: Capture, store: FrameStore, searches: Searches, changes: dict[str, np.ndarray]
+    capture: Capture, store: FrameStore, searches: list[SeedSettings], changes: dict[str, np.ndarray]
 ) -> None:
-    first = stored_seeds(capture, store, count_limit=300, search=searches)
+    first = seed_store.stored_seeds(capture, store, SETTINGS)
     (path,) = store.folder.glob("seeds-*.npz")
     kept = {"points": first.points, "colors": first.colors, "origin": np.array(first.origin)}
     np.savez_compressed(path, **kept)
-    stored_seeds(capture, store, count_limit=300, search=searches)
+    assert seed_store.stored_seeds(capture, store, SETTINGS).frames is None
     assert len(searches) == 1
     np.savez_compressed(path, **{**kept, **changes})
-    stored_seeds(capture, store, count_limit=300, search=searches)
+    seed_store.stored_seeds(capture, store, SETTINGS)
     assert len(searches) == 2
+    path.write_bytes(path.read_bytes()[:200])
+    seed_store.stored_seeds(capture, store, SETTINGS)
+    assert len(searches) == 3
 
 
 def test_a_disk_that_takes_nothing_is_no_reason_to_stop(
-    capture: Capture, store: FrameStore, searches: Searches, tmp_path: Path
+    capture: Capture, store: FrameStore, searches: list[SeedSettings], tmp_path: Path
 ) -> None:
     store.folder = tmp_path / "gone"  # where nothing can be written
-    assert len(stored_seeds(capture, store, count_limit=300, search=searches).points)
-    assert len(stored_seeds(capture, store, count_limit=300, search=searches).points)
-    assert len(searches) == 2 and not store.folder.exists()
+    for count in (1, 2):
+        assert len(seed_store.stored_seeds(capture, store, SETTINGS).points) and len(searches) == count
+    assert not store.folder.exists()

@@ -10,8 +10,9 @@ from support.layouts import phones
 from support.synthetic_capture import FRAMES, HEIGHT, WIDTH, seeds, write_capture
 
 from frog_blender.engine.capture.readers import open_capture
+from frog_blender.engine.capture.seeds import Seeds, SeedSettings
 from frog_blender.engine.evaluation.masks import load_masks
-from frog_blender.engine.frames.seed_store import stored_seeds
+from frog_blender.engine.frames import seed_store
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.playback.bake import Bake, write_bake
 from frog_blender.engine.playback.player import ScenePlayer
@@ -104,15 +105,16 @@ class KeptSeeds(Kind):
         self._capture = open_capture(write_capture(folder / "capture"))
         self._store = FrameStore.open(self._capture, cache_folder=folder / "cache")
         self._searches = 0
+        seed_store.find_seeds = self._search  # type: ignore[assignment]
         self._seeds()
         self.keep(*self._store.folder.glob("seeds-*.npz"))
 
-    def _search(self, *_: object, **__: object) -> object:
+    def _search(self, *_: object) -> Seeds:
         self._searches += 1
         return seeds()
 
     def _seeds(self) -> object:
-        return stored_seeds(self._capture, self._store, count_limit=300, search=self._search)
+        return seed_store.stored_seeds(self._capture, self._store, SeedSettings(300))
 
     def use(self) -> bool:
         before = self._searches

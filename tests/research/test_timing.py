@@ -12,7 +12,7 @@ import pytest
 from support import synthetic_capture
 from support.builders import odd_camera, scene_file
 
-from frog_blender.engine.capture.seeds import Seeds
+from frog_blender.engine.capture.seeds import Seeds, SeedSettings
 from frog_blender.engine.frames import seed_store
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.playback.frame_delta import FrameDelta
@@ -88,10 +88,10 @@ def test_a_trainings_length_follows_from_its_steps() -> None:
 def test_the_timing_pass(filmed: Path, tmp_path: Path, quick_seeds: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of seeds with times, too; of a method that fails, and of a capture that is not there."""
 
-    def timed_seeds(*_: object, count_limit: int, num_moments: int, **__: object) -> Seeds:
-        seeds = synthetic_capture.seeds(min(300, count_limit))
+    def timed_seeds(_capture: object, _store: object, settings: SeedSettings, _progress: object) -> Seeds:
+        seeds = synthetic_capture.seeds(min(300, settings.count_limit))
         frames = np.arange(len(seeds.points), dtype=np.float32) % synthetic_capture.FRAMES
-        return replace(seeds, frames=frames) if num_moments else seeds
+        return replace(seeds, frames=frames) if settings.num_moments else seeds
 
     monkeypatch.setattr(seed_store, "find_seeds", timed_seeds)
     monkeypatch.setattr(timing, "STEPS", 16)

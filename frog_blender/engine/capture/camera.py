@@ -9,13 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..arrays import Float64s
+from ..arrays import Bools, Float64s
 from ..errors import brief, printable
 from ..io.plain_values import UnfitValue, entries, number, numbers, text, whole
 
+Value = TypeVar("Value", bound=np.generic)
 NEUTRAL = (1.0, 1.0, 1.0)
 """The exposure of a camera whose images are as bright as the scene."""
 MAX_SIDE = 65_536
@@ -116,6 +119,16 @@ class Camera:
         safe = np.where(np.abs(depth) < 1e-12, 1e-12, depth)
         pixels = local @ self.intrinsics.T
         return pixels[:, :2] / safe[:, None], depth
+
+    def sample(self, points: Float64s, image: NDArray[Value]) -> tuple[NDArray[Value], Bools]:
+        """Values (N, ...) of an image of the camera's size where world points (N, 3) project, and whether (N,) it sees
+        them at all."""
+        pixels, depths = self.project(points)
+        # The clip keeps the conversion to integers defined; positions far outside stay outside.
+        columns, lines = np.floor(np.clip(np.nan_to_num(pixels, nan=-1.0), -1.0, 1e6)).astype(int).T
+        height, width = image.shape[:2]
+        seen = (depths > 0) & (columns >= 0) & (lines >= 0) & (columns < width) & (lines < height)
+        return image[np.where(seen, lines, 0), np.where(seen, columns, 0)], seen
 
     def ray_directions(self, pixels: Float64s) -> Float64s:
         """(N, 3) unit world directions through pixel positions (N, 2)."""

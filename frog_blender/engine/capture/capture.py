@@ -78,6 +78,18 @@ class Shot:
     ignore: MaskSource | None = None
 
 
+class Images(Protocol):
+    """What seeding and hulls need of a frame store."""
+
+    def image(self, shot_index: int) -> ImageArray:
+        """(H, W, 3) uint8 sRGB."""
+        ...
+
+    def alpha(self, shot_index: int) -> ImageArray | None:
+        """(H, W) uint8 the subject's share of each pixel, asked for where the capture has masks alone."""
+        ...
+
+
 class Alteration(Protocol):
     """A deterministic change of decoded images, such as noise in robustness tests.
 

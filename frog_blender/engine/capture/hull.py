@@ -7,12 +7,11 @@ that moves is, over time, in the union of these hulls.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
 from ..arrays import Bools, Float64s, ImageArray, Ints
-from .capture import Capture
+from .capture import Capture, Images
 from .video import load_opencv
 
 _LONGEST_SIDE = 400  # pixels of a mask
@@ -20,14 +19,6 @@ _MARGIN = 0.008  # of the longest side: masks are cut a little too close, poses 
 _SUBJECT = 64  # of 255: what is fainter is an edge
 ALL_BUT = 0.25
 """Share of single views in which a point of the subject may be outside: it moves, and some masks have holes."""
-
-
-class Alphas(Protocol):
-    """What a hull needs of a frame store."""
-
-    def alpha(self, shot_index: int) -> ImageArray | None:
-        """(H, W) uint8 the subject's share of each pixel."""
-        ...
 
 
 class VisualHull:
@@ -43,7 +34,7 @@ class VisualHull:
         has_single_views: no two cameras look at the same time: then no time alone says how deep anything lies.
     """
 
-    def __init__(self, capture: Capture, store: Alphas, shots: Sequence[int]) -> None:
+    def __init__(self, capture: Capture, store: Images, shots: Sequence[int]) -> None:
         self._capture = capture
         self._masks = {shot: mask for shot in shots if (mask := _inside(store.alpha(shot))) is not None}
         self._by_frame: dict[int, list[int]] = {}
@@ -64,7 +55,8 @@ class VisualHull:
         """Whether (N,) world points (N, 3) are inside at a frame, and how many (N,) cameras see them then."""
         inside, seen = np.ones(len(points), bool), np.zeros(len(points), np.int64)
         for shot in self._by_frame.get(frame, []):
-            in_mask, in_view = self._look(points, shot)
+            camera, mask = self._capture.cameras[self._capture.shots[shot].camera], self._masks[shot]
+            in_mask, in_view = camera.resized(mask.shape[1], mask.shape[0]).sample(points, mask)
             inside &= in_mask | ~in_view
             seen += in_view
         return inside & (seen > 0), seen
@@ -84,14 +76,6 @@ class VisualHull:
         if self.has_single_views:
             return (seen > 0) & (inside >= (1 - ALL_BUT) * seen)
         return inside > 0
-
-    def _look(self, points: Float64s, shot: int) -> tuple[Bools, Bools]:
-        camera, mask = self._capture.cameras[self._capture.shots[shot].camera], self._masks[shot]
-        height, width = mask.shape
-        pixels, depths = camera.resized(width, height).project(points)
-        columns, lines = np.floor(np.clip(np.nan_to_num(pixels, nan=-1.0), -1.0, 1e6)).astype(int).T
-        seen = (depths > 0) & (columns >= 0) & (lines >= 0) & (columns < width) & (lines < height)
-        return mask[np.where(seen, lines, 0), np.where(seen, columns, 0)], seen
 
 
 def _inside(alpha: ImageArray | None) -> Bools | None:

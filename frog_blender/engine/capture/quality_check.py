@@ -14,9 +14,9 @@ import numpy as np
 
 from ..arrays import Bools, Float64s, Ints
 from .capture import Capture
-from .epipolar import fundamental, line_distances
+from .epipolar import fundamental, line_distances, mutual
 from .quality_samples import Sample, choose_pairs, take_samples
-from .seeding.matching import mutual_matches
+from .seeding.matching import RATIO
 from .seeding.views import parallax, scene_depth
 from .video import load_opencv
 
@@ -53,7 +53,7 @@ def check_pair(first: Sample, second: Sample) -> PairCheck:
     """What matching features say about two views."""
     a, b = np.zeros(0, np.int64), np.zeros(0, np.int64)
     if min(len(first.positions), len(second.positions)) >= 2:
-        a, b = mutual_matches(first.descriptors @ second.descriptors.T)
+        a, b = mutual(first.descriptors @ second.descriptors.T, RATIO)
     matrix = fundamental(first.camera, second.camera)
     agreeing = _agreeing(first.positions[a], second.positions[b])
     if agreeing.sum() < _ENOUGH or agreeing.mean() < _SHARE:

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..arrays import Bools, Float32s, Float64s, Ints
 from ..errors import FrogError
-from .capture import Capture
+from .capture import Capture, Images
 from .hull import VisualHull
-from .seeding.drawn import background_points, fill_volume, points_at_times, subject_points
-from .seeding.matching import triangulate
-from .seeding.plane_sweep import ConfirmedDepth, DepthMap, consistent, points_seen_once, sweep, world_points
-from .seeding.views import Cloud, Images, TrainingImages, View, neighbours, sample_view, scene_depth, spread
+from .seeding.drawn import NearFar, background_points, fill_volume, points_at_times, subject_points
+from .seeding.matching import describe, triangulate_pair
+from .seeding.plane_sweep import DepthMap, agreeing, points_seen_once, sweep
+from .seeding.views import (
+    Cloud,
+    TrainingImages,
+    View,
+    cloud_of,
+    joined,
+    neighbours,
+    scene_depth,
+    spread,
+)
 
 _MATCH_SIDE, _SWEEP_SIDE = 800, 256  # longest side in pixels
 _MATCH_VIEWS = 36
@@ -48,27 +57,37 @@ class Seeds:
     frames: Float32s | None = None
 
 
+@dataclass(frozen=True)
+class SeedSettings:
+    """Which points are sought.
+
+    Attributes:
+        count_limit: at most this many points.
+        seed: of what is drawn.
+        share: of ``count_limit``, the maximum number of measured points, as if matching had found no more.
+        num_moments: frames at which what moves before many static cameras gets points of its own, as far as there is
+            any.
+    """
+
+    count_limit: int = 25_000
+    seed: int = 0
+    share: float = 1.0
+    num_moments: int = 0
+
+
 def find_seeds(
     capture: Capture,
     store: Images,
-    *,
-    count_limit: int = 25_000,
-    seed: int = 0,
-    share: float = 1.0,
-    num_moments: int = 0,
+    settings: SeedSettings,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Seeds:
     """Seed points from matched features and a plane sweep, or from the common volume where views are too far apart.
 
     Points that came with the capture count as matched ones.
 
-    Only training shots are read; the same input and seed give the same points.
+    Only training shots are read; the same input and settings give the same points.
 
     Args:
-        count_limit: at most this many points.
-        share: of ``count_limit``, the maximum number of measured points, as if matching had found no more.
-        num_moments: frames at which what moves before many static cameras gets points of its own, as far as there is
-            any.
         progress: called with (steps done, steps in all).
 
     Raises:
@@ -77,79 +96,70 @@ def find_seeds(
     images = TrainingImages(capture, store)
     if not images.train:
         raise FrogError(f"{capture.path}: every image is held out, expected some to train on.")
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(settings.seed)
     references = _references(images)
     steps = len(references) + 2
-    found, given = _match(images), _given_points(images)
+    parts = {"matched": _match(images), "given": _given_points(images)}
     progress(1, steps)
-    near_far = _depth_range(images, np.concatenate([found[0], given[0]]))
-    moving = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
-    if num_moments and _hull_is_tight(images):
-        most, own = int(_MOVING_SHARE * count_limit), np.random.default_rng((seed, 1))
-        moving = points_at_times(images, near_far, most, num_moments, own)
-    count_limit -= len(moving[0])
-    swept, textured = _sweep(images, references, near_far, lambda done: progress(1 + done, steps))
-    counts = {"matched": len(found[0]), "given": len(given[0]), "swept": len(swept[0])}
-    measured = sum(counts.values())
-    still = _merged(capture, (_joined(found, given), swept), textured, count_limit, random)
-    if share < 1:
-        still = _some_of(still, random.permutation(len(still[0]))[: int(share * count_limit)])
-        measured = len(still[0])
+    matched = joined(parts.values())
+    near_far = _depth_range(images, matched.points)
+    parts["swept"] = _sweep(images, references, near_far, lambda done: progress(1 + done, steps))
+    moving = _moving(images, near_far, settings)
+    count = settings.count_limit - len(moving)
+    still = _merged(capture, matched, parts["swept"], count, random)
+    if settings.share < 1:
+        still = still[random.permutation(len(still))[: int(settings.share * count)]]
     hull = _hull(images)
     if hull is not None:  # images of a subject over one colour match where there is nothing
-        still = _some_of(still, np.flatnonzero(hull.contains(still[0])))
-        measured = len(still[0])
-    if measured < _ENOUGH:
-        wanted = count_limit - len(still[0])
-        if hull is not None:
-            drawn = subject_points(images, hull, near_far, wanted, random)
-        else:
-            behind = 0 if sum(counts.values()) or not _has_film_of_several(images) else int(_BACKGROUND_SHARE * wanted)
-            background = background_points(images, _BEHIND * near_far[1], behind, random) if behind else _nothing()
-            counts["behind"] = len(background[0])
-            still = _joined(still, background)
-            drawn = fill_volume(images, near_far, wanted - counts["behind"], random)
-        counts["drawn"] = len(drawn[0])
-        still = _joined(still, drawn)
+        still = still[hull.contains(still.points)]
+    measured = sum(map(len, parts.values()))
+    if (measured if hull is None and settings.share == 1 else len(still)) < _ENOUGH:
+        drawn = _drawn(images, near_far, count - len(still), random, hull=hull, is_alone=not measured)
+        parts |= drawn
+        still = joined([still, *drawn.values()])
     progress(steps, steps)
-    counts["moving"] = len(moving[2])
-    points, colors = _joined(still, (moving[0], moving[1]))
-    frames = np.concatenate([np.full(len(still[0]), np.nan), moving[2]]).astype(np.float32)
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.any():
+    parts["moving"] = moving
+    cloud = joined([still, moving])
+    cloud = cloud[np.isfinite(cloud.points).all(axis=1)]
+    if not len(cloud):
         if hull is not None:
             raise FrogError(f"{capture.path}: no point lies inside the masks of all cameras: are they of these images?")
         raise FrogError(f"{capture.path}: no point is seen by two training cameras: are the poses right?")
     return Seeds(
-        points[finite].astype(np.float32),
-        np.clip(colors[finite], 0, 1).astype(np.float32),
-        ", ".join(f"{count} {name}" for name, count in counts.items() if count),
-        frames[finite] if counts["moving"] else None,
+        cloud.points.astype(np.float32),
+        np.clip(cloud.colors, 0, 1).astype(np.float32),
+        ", ".join(f"{len(part)} {name}" for name, part in parts.items() if len(part)),
+        cloud.frames.astype(np.float32) if len(moving) else None,
     )
 
 
-def _nothing() -> Cloud:
-    return np.zeros((0, 3)), np.zeros((0, 3))
-
-
-def _joined(*clouds: Cloud) -> Cloud:
-    return np.concatenate([points for points, _ in clouds]), np.concatenate([colors for _, colors in clouds])
-
-
-def _some_of(cloud: Cloud, chosen: Ints) -> Cloud:
-    return cloud[0][chosen], cloud[1][chosen]
-
-
-def _hull_is_tight(images: TrainingImages) -> bool:
-    """Whether silhouettes of what moves before the background can tell where it is."""
+def _moving(images: TrainingImages, near_far: NearFar, settings: SeedSettings) -> Cloud:
+    """Points on what moves, at times of their own, where silhouettes before the background can tell where it is."""
     capture = images.capture
-    is_many = len(capture.train_cameras) >= _FEWEST_CAMERAS
-    return is_many and not capture.has_moving_cameras and not capture.has_masks
+    is_tight = len(capture.train_cameras) >= _FEWEST_CAMERAS and not capture.has_moving_cameras
+    if not (settings.num_moments and is_tight) or capture.has_masks:
+        return joined([])
+    most, random = int(_MOVING_SHARE * settings.count_limit), np.random.default_rng((settings.seed, 1))
+    return points_at_times(images, near_far, most, settings.num_moments, random)
 
 
-def _has_film_of_several(images: TrainingImages) -> bool:
-    """Whether several static cameras have more than an image each."""
-    return not images.capture.has_moving_cameras and 1 < len(images.capture.train_cameras) < len(images.train)
+def _drawn(
+    images: TrainingImages,
+    near_far: NearFar,
+    count: int,
+    random: np.random.Generator,
+    *,
+    hull: VisualHull | None,
+    is_alone: bool,
+) -> dict[str, Cloud]:
+    """At most ``count`` points where too few were measured; ``is_alone`` where none was."""
+    if hull is not None:
+        return {"drawn": subject_points(images, hull, near_far, count, random)}
+    capture, behind = images.capture, joined([])
+    is_film_of_several = not capture.has_moving_cameras and 1 < len(capture.train_cameras) < len(images.train)
+    if is_alone and is_film_of_several:
+        behind = background_points(images, _BEHIND * near_far[1], int(_BACKGROUND_SHARE * count), random)
+    return {"behind": behind, "drawn": fill_volume(images, near_far, count - len(behind), random)}
 
 
 def _hull(images: TrainingImages) -> VisualHull | None:
@@ -162,7 +172,7 @@ def _hull(images: TrainingImages) -> VisualHull | None:
     return VisualHull(capture, images.store, [index for frame in chosen for index in images.by_frame[frame]])
 
 
-def _typical(near_far: tuple[float, float]) -> float:
+def _typical(near_far: NearFar) -> float:
     """The depth half-way in inverse depth, where most of a scene lies."""
     return 2 / (1 / near_far[0] + 1 / near_far[1])
 
@@ -207,10 +217,11 @@ def _match(images: TrainingImages) -> Cloud:
         pairs += [(shot, other) for other in others if (other, shot) not in pairs]
     used = list(dict.fromkeys(shot for pair in pairs for shot in pair))
     views = dict(zip(used, images.views(used, _MATCH_SIDE), strict=True))
-    return triangulate((views[first], views[second]) for first, second in pairs)
+    features = {shot: describe(view) for shot, view in views.items()}
+    return joined(triangulate_pair(views[a], views[b], (features[a], features[b])) for a, b in pairs)
 
 
-def _depth_range(images: TrainingImages, points: Float64s) -> tuple[float, float]:
+def _depth_range(images: TrainingImages, points: Float64s) -> NearFar:
     """Depth range to search: the capture's, else that of the matched points, else around the usual depth."""
     capture, depth = images.capture, _usual_depth(images)
     if capture.near_far is not None:
@@ -223,13 +234,8 @@ def _depth_range(images: TrainingImages, points: Float64s) -> tuple[float, float
     return 0.3 * depth, 2.5 * depth
 
 
-def _sweep(
-    images: TrainingImages,
-    references: list[int],
-    near_far: tuple[float, float],
-    report: Callable[[int], None],
-) -> tuple[Cloud, Bools]:
-    """Points of all reference views whose depth a second view confirms, and whether (N,) they lie on structure."""
+def _sweep(images: TrainingImages, references: list[int], near_far: NearFar, report: Callable[[int], None]) -> Cloud:
+    """Points of all reference views whose depth a second view confirms."""
     views: dict[int, View] = {}
     maps: dict[int, DepthMap] = {}
     depth = _typical(near_far)
@@ -243,44 +249,33 @@ def _sweep(
     return _confirmed_points(images.capture, maps, depth)
 
 
-def _confirmed_points(capture: Capture, maps: dict[int, DepthMap], depth: float) -> tuple[Cloud, Bools]:
+def _confirmed_points(capture: Capture, maps: dict[int, DepthMap], depth: float) -> Cloud:
     """See ``_sweep``; of few views with what one of them sees alone."""
-    found: dict[int, ConfirmedDepth] = {}
-    points, colors, textured = [np.zeros((0, 3))], [np.zeros((0, 3), np.float32)], [np.zeros(0, bool)]
+    confirmed: dict[int, DepthMap] = {}
     for reference, depth_map in maps.items():
         candidates = [index for index in maps if index != reference]
-        near_by = neighbours(capture, reference, candidates, depth, 4, best_angle=4.0)
-        others_maps = [maps[index] for index in near_by]
+        others = [maps[index] for index in neighbours(capture, reference, candidates, depth, 4, best_angle=4.0)]
         # Stripes fit at several depths and flat walls at any: there two other views must agree.
-        good = consistent(depth_map, others_maps, needed=2)
-        good |= consistent(depth_map, others_maps) & depth_map.is_unique & depth_map.is_textured
-        found[reference] = ConfirmedDepth(depth_map, good)
-        chosen = np.flatnonzero(good)
-        points.append(world_points(depth_map)[chosen])
-        colors.append(depth_map.view.image.reshape(-1, 3)[chosen])
-        textured.append(depth_map.is_textured.ravel()[chosen])
+        votes = agreeing(depth_map, others)
+        good = (votes > 1) | (votes > 0) & depth_map.is_unique & depth_map.is_textured
+        confirmed[reference] = replace(depth_map, confirmed=good)
+    clouds = [depth_map.cloud(depth_map.confirmed) for depth_map in confirmed.values()]
     is_few = len({capture.shots[index].camera for index in maps}) <= _FEW_VIEWS
     if is_few and not capture.has_moving_cameras and not capture.has_masks:  # depth would be carried off the subject
-        for reference, confirmed in found.items():
-            others = [other for index, other in found.items() if index != reference]
-            places, their_colors, on_structure = points_seen_once(confirmed, others)
-            points.append(places)
-            colors.append(their_colors)
-            textured.append(on_structure)
-    return (np.concatenate(points), np.concatenate(colors)), np.concatenate(textured)
+        for reference, depth_map in confirmed.items():
+            others = [other for index, other in confirmed.items() if index != reference]
+            clouds.append(points_seen_once(depth_map, others))
+    return joined(clouds)
 
 
-def _merged(
-    capture: Capture, clouds: tuple[Cloud, Cloud], textured: Bools, count_limit: int, random: np.random.Generator
-) -> Cloud:
-    """At most ``count_limit`` of matched points and of swept ones, of which some are ``textured`` (N,)."""
-    matched, swept = clouds
-    if not len(matched[0]) + len(swept[0]):
-        return _nothing()
-    keep = _choose(textured, count_limit - min(len(matched[0]), count_limit // 3), random)
-    some = random.permutation(len(matched[0]))[: count_limit // 3]
+def _merged(capture: Capture, matched: Cloud, swept: Cloud, count_limit: int, random: np.random.Generator) -> Cloud:
+    """At most ``count_limit`` of matched points and of swept ones."""
+    if not len(matched) + len(swept):
+        return matched
+    keep = _choose(swept.is_textured, count_limit - min(len(matched), count_limit // 3), random)
+    some = random.permutation(len(matched))[: count_limit // 3]
     centers = np.array([camera.center for camera in capture.cameras])
-    return merge_points(_joined(_some_of(matched, some), _some_of(swept, keep)), centers, count_limit)
+    return merge_points(joined([matched[some], swept[keep]]), centers, count_limit)
 
 
 def _choose(textured: Bools, count: int, random: np.random.Generator) -> Ints:
@@ -300,8 +295,8 @@ def merge_points(cloud: Cloud, centers: Float64s, count_limit: int) -> Cloud:
     Voxels double in size with each doubling of the distance to the nearest camera, because near surfaces need more
     points. If voxels larger than the scene are still too many, a subset of their points is taken.
     """
-    finite = np.isfinite(cloud[0]).all(axis=1)
-    points, colors = cloud[0][finite], cloud[1][finite]
+    cloud = cloud[np.isfinite(cloud.points).all(axis=1)]
+    points = cloud.points
     centers = centers[np.linspace(0, len(centers) - 1, min(len(centers), 32)).astype(int)]
     distance = np.min([np.linalg.norm(points - center, axis=1) for center in centers], axis=0)
     level = np.round(np.log2(np.maximum(distance, 1e-9)))
@@ -311,10 +306,9 @@ def merge_points(cloud: Cloud, centers: Float64s, count_limit: int) -> Cloud:
         keys = np.concatenate([cells, level[:, None]], axis=1).astype(np.int64)
         first = np.sort(np.unique(keys, axis=0, return_index=True)[1])
         if len(first) <= count_limit:
-            return points[first], colors[first]
+            return cloud[first]
         if voxel > largest:
-            some = first[np.linspace(0, len(first) - 1, count_limit).astype(int)]
-            return points[some], colors[some]
+            return cloud[first[np.linspace(0, len(first) - 1, count_limit).astype(int)]]
         voxel *= 1.12
 
 
@@ -326,10 +320,12 @@ def _given_points(images: TrainingImages) -> Cloud:
     """
     given = images.capture.points
     if given is None or not len(given):
-        return np.zeros((0, 3)), np.zeros((0, 3), np.float32)
+        return joined([])
     points = given[:: -(-len(given) // _MOST_GIVEN)]
     views = images.views(spread(images.train, _GIVEN_VIEWS), _GIVEN_SIDE)
-    values, seen = zip(*(sample_view(view, points, view.image) for view in views), strict=True)
+    values, seen = zip(*(view.camera.sample(points, view.image) for view in views), strict=True)
     kept = np.any(seen, axis=0)
+    if not kept.any():
+        return joined([])
     colors = np.where(np.array(seen)[..., None], np.array(values), np.nan)[:, kept]
-    return points[kept], np.nanmedian(colors, axis=0).astype(np.float32) if kept.any() else np.zeros((0, 3), np.float32)
+    return cloud_of(points[kept], np.nanmedian(colors, axis=0))

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..capture.capture import Capture
-from ..capture.seeds import Seeds, find_seeds
+from ..capture.seeds import Seeds, SeedSettings, find_seeds
 from ..errors import FrogError
+from ..io.atomic_files import atomic_file
 from ..io.numpy_files import NUMBERS, TEXT, read_npz
 from .store import FrameStore
 
@@ -26,24 +25,22 @@ _VERSION = 6  # raise it when the same capture would get other seeds
 def stored_seeds(
     capture: Capture,
     store: FrameStore,
-    *,
-    search: Callable[..., Seeds] | None = None,
+    settings: SeedSettings,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    **options: Any,  # of ``find_seeds``
 ) -> Seeds:
-    """``search``, by default ``find_seeds``, with these options, or what it found for the same images, cameras and
-    options before."""
-    path = store.folder / f"seeds-{_key(capture, options)}.npz"
-    if (kept := _kept(path, int(options["count_limit"]), capture.frame_count)) is not None:
+    """``find_seeds``, or what it found for the same images, cameras and settings before."""
+    path = store.folder / f"seeds-{_key(capture, settings)}.npz"
+    if (kept := _kept(path, settings.count_limit, capture.frame_count)) is not None:
         return kept
-    search = find_seeds if search is None else search
-    seeds = search(capture, store, progress=progress, **options)
-    _keep(path, seeds)
+    seeds = find_seeds(capture, store, settings, progress)
+    times = {} if seeds.frames is None else {"frames": seeds.frames}
+    with suppress(OSError), atomic_file(path) as file:  # what a disk does not take is found again
+        np.savez(file, points=seeds.points, colors=seeds.colors, origin=np.array(seeds.origin), **times)
     return seeds
 
 
 def _kept(path: Path, most: int, frame_count: int) -> Seeds | None:
-    """What ``_keep`` wrote; None where that is not there, or damaged, so that it is found again."""
+    """What was kept; None where that is not there, or damaged, so that it is found again."""
     if not path.is_file():
         return None
     try:
@@ -61,12 +58,12 @@ def _kept(path: Path, most: int, frame_count: int) -> Seeds | None:
     return Seeds(points, colors, str(origin), frames) if whole and named else None
 
 
-def _key(capture: Capture, options: Mapping[str, object]) -> str:
+def _key(capture: Capture, settings: SeedSettings) -> str:
     """Everything that decides the seeds but the frames themselves, for which the store's folder stands."""
     points = b"" if capture.points is None else np.ascontiguousarray(capture.points).tobytes()
     decides = {
         "version": _VERSION,
-        "options": dict(options),
+        "options": asdict(settings),
         "cameras": [camera.to_json() for camera in capture.cameras],
         "test": [sorted(capture.test_cameras), sorted(capture.test_frames)],
         "near_far": capture.near_far,
@@ -74,17 +71,3 @@ def _key(capture: Capture, options: Mapping[str, object]) -> str:
         "points": hashlib.sha256(points).hexdigest(),
     }
     return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _keep(path: Path, seeds: Seeds) -> None:
-    """A disk that takes no seeds is no reason to stop: they are found again."""
-    with suppress(OSError):
-        handle, name = tempfile.mkstemp(prefix=".seeds-", suffix=".npz", dir=path.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                times = {} if seeds.frames is None else {"frames": seeds.frames}
-                np.savez(file, points=seeds.points, colors=seeds.colors, origin=np.array(seeds.origin), **times)
-            Path(name).replace(path)
-        except OSError:
-            Path(name).unlink(missing_ok=True)
-            raise

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...arrays import Bools, Float64s
 from ..hull import VisualHull
 from ..video import load_opencv
-from .views import Cloud, TrainingImages, View, mean_colors, sample_view, spread
+from .views import Cloud, TrainingImages, View, cloud_of, joined, mean_colors, spread
 
 NUM_FRAMES = 12
 """At which points on what moves are drawn, where they have no time of their own."""
@@ -26,46 +26,42 @@ _RAYS = 200_000  # points on rays through a subject, at all frames
 _OVERSAMPLED = 4  # times as many points as are wanted are compared between frames
 _CHANGE = 0.1  # of the display range: a larger difference from the median image is motion
 _SUBJECT = 127  # of 255
-TimedCloud = tuple[Float64s, Float64s, Float64s]
-"""World points (N, 3), their colours (N, 3) in [0, 1], and the frames (N,) at which they are there."""
+NearFar = tuple[float, float]
+"""Distances in world units between which the scene lies."""
 
 
-def fill_volume(
-    images: TrainingImages, near_far: tuple[float, float], count: int, random: np.random.Generator
-) -> Cloud:
+def fill_volume(images: TrainingImages, near_far: NearFar, count: int, random: np.random.Generator) -> Cloud:
     """At most ``count`` points seen by several training cameras, some of them on what moves."""
     moves = images.capture.has_moving_cameras
     views = images.views(spread(images.train, NUM_FRAMES) if moves else images.middle)
     samples = _sample_frustums(views, near_far, _SAMPLES, random)
-    points, colors = np.zeros((0, 3)), np.zeros((0, 3))
+    moving = joined([])
     if len(images.by_frame) >= 3 and not moves:
-        points, colors, _ = _moving_points(images, samples, int(count * _MOVING_SHARE), NUM_FRAMES, random)
-    agreeing, agreeing_colors = _agreeing_points(views, samples, count - len(points), random)
-    return np.concatenate([points, agreeing]), np.concatenate([colors, agreeing_colors])
+        moving = _moving_points(images, samples, int(count * _MOVING_SHARE), NUM_FRAMES, random)
+    at_all_times = cloud_of(moving.points, moving.colors)
+    return joined([at_all_times, _agreeing_points(views, samples, count - len(moving), random)])
 
 
 def points_at_times(
-    images: TrainingImages, near_far: tuple[float, float], count: int, num_frames: int, random: np.random.Generator
-) -> TimedCloud:
+    images: TrainingImages, near_far: NearFar, count: int, num_frames: int, random: np.random.Generator
+) -> Cloud:
     """At most ``count`` points on what moves before static cameras, at ``num_frames``; none of fewer than three frames.
 
     Most of them are where something is at few of the frames: a point is drawn with the inverse square of the number of
     frames at which its place lies in the moving region. What stays, or comes back, is found by matching; what flies
     past is not.
     """
-    points, colors, times = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
     if len(images.by_frame) < 3:
-        return points, colors, times
+        return joined([])
     samples = _sample_frustums(images.views(images.middle), near_far, _SPARSE_SAMPLES, random)
-    points, colors, times = _moving_points(images, samples, _OVERSAMPLED * count, num_frames, random)
-    if not len(points):
-        return points, colors, times
-    taken = np.zeros(len(points))
-    for frame in np.unique(times):
-        taken += _in_hull(*_silhouettes(images, int(frame)), points)
+    moving = _moving_points(images, samples, _OVERSAMPLED * count, num_frames, random)
+    if not len(moving):
+        return moving
+    taken = np.zeros(len(moving))
+    for frame in np.unique(moving.frames):
+        taken += _in_hull(*_silhouettes(images, int(frame)), moving.points)
     weights = np.maximum(taken, 1) ** -2.0
-    chosen = random.choice(len(points), min(count, len(points)), replace=False, p=weights / weights.sum())
-    return points[chosen], colors[chosen], times[chosen]
+    return moving[random.choice(len(moving), min(count, len(moving)), replace=False, p=weights / weights.sum())]
 
 
 def background_points(images: TrainingImages, distance: float, count: int, random: np.random.Generator) -> Cloud:
@@ -75,43 +71,35 @@ def background_points(images: TrainingImages, distance: float, count: int, rando
     the Gaussians of the common volume are stretched over the background, and are missing where something moves. As many
     lie at ``distance`` before each static training camera, in the colours of the median of its images.
     """
-    points, colors = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    clouds = []
     for index, median in sorted(images.medians.items()):
         height, width = median.shape[:2]
         spots = random.random((count // len(images.medians), 2))
         camera = images.capture.cameras[index]
-        points.append(camera.unproject(spots * (camera.width, camera.height), np.full(len(spots), distance)))
+        points = camera.unproject(spots * (camera.width, camera.height), np.full(len(spots), distance))
         columns, lines = (spots * (width, height)).astype(int).T
-        colors.append(median[lines, columns].astype(np.float64))
-    return np.concatenate(points), np.concatenate(colors)
+        clouds.append(cloud_of(points, median[lines, columns]))
+    return joined(clouds)
 
 
 def subject_points(
-    images: TrainingImages,
-    hull: VisualHull,
-    near_far: tuple[float, float],
-    count: int,
-    random: np.random.Generator,
+    images: TrainingImages, hull: VisualHull, near_far: NearFar, count: int, random: np.random.Generator
 ) -> Cloud:
     """At most ``count`` points inside the hull of a subject that has masks, at several frames where it moves."""
     groups = [hull.shots_at(frame) for frame in spread(hull.frames, NUM_FRAMES)]
     if hull.has_single_views:
         groups = [[shot for group in groups for shot in group]]
-    points, colors = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    clouds = []
     for shots in groups:
         views = images.views(shots)
         rays = [_along_rays(images, view, near_far, _RAYS // len(groups) // len(views), random) for view in views]
         drawn = np.concatenate(rays)
         is_inside = hull.contains(drawn) if hull.has_single_views else hull.shows_at(drawn, views[0].frame)
-        on_surface, color = _on_surface(views, drawn[is_inside], max(count, 0) // len(groups), random)
-        points.append(on_surface)
-        colors.append(color)
-    return np.concatenate(points), np.concatenate(colors)
+        clouds.append(_on_surface(views, drawn[is_inside], max(count, 0) // len(groups), random))
+    return joined(clouds)
 
 
-def _sample_frustums(
-    views: Sequence[View], near_far: tuple[float, float], count: int, random: np.random.Generator
-) -> Float64s:
+def _sample_frustums(views: Sequence[View], near_far: NearFar, count: int, random: np.random.Generator) -> Float64s:
     """World points (N, 3) along random rays of the views, evenly spread over the volume, seen by two or three views."""
     (near, far), of_view = near_far, -(-count // len(views))
     parts = []
@@ -120,7 +108,7 @@ def _sample_frustums(
         # Even in volume the far end would take all; even in depth gives the near half its share.
         parts.append(view.camera.unproject(pixels, near + (far - near) * random.random(of_view)))
     points = np.concatenate(parts)
-    seen = sum(sample_view(view, points, view.image)[1].astype(int) for view in views)
+    seen = sum(view.camera.sample(points, view.image)[1].astype(int) for view in views)
     well_seen = points[seen >= 3]
     return well_seen if len(well_seen) >= 0.05 * len(points) else points[seen >= min(2, len(views))]
 
@@ -134,12 +122,12 @@ def _agreeing_points(views: Sequence[View], points: Float64s, count: int, random
     rough, _ = mean_colors(views, points, [np.sqrt(np.maximum(local, 0)).mean(axis=2) for local in variances])
     score = np.sqrt(variance) / (0.05 + rough[:, 0]) * (0.9 + 0.2 * random.random(len(points)))
     best = np.argsort(score, kind="stable")[: max(count, 0)]
-    return points[best], color[best]
+    return cloud_of(points[best], color[best])
 
 
 def _moving_points(
     images: TrainingImages, samples: Float64s, count: int, num_frames: int, random: np.random.Generator
-) -> TimedCloud:
+) -> Cloud:
     """At most ``count`` points on what moves before static cameras: inside the moving region of all that see them.
 
     Args:
@@ -147,19 +135,15 @@ def _moving_points(
         num_frames: that are looked at, at most, evenly spread: limbs that swing far cannot be tracked from one frame's
             points.
     """
-    frames = spread(sorted(images.by_frame), num_frames)
-    points, colors, times = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
+    frames, clouds = spread(sorted(images.by_frame), num_frames), []
     for frame in frames:
         views, masks = _silhouettes(images, frame)
         inside = samples[_in_hull(views, masks, samples)]
         if len(inside):
             near = _around(inside, _CANDIDATES // len(frames), random)
             near = near[_in_hull(views, masks, near)]
-            on_surface, color = _on_surface(views, near, count // len(frames), random)
-            points.append(on_surface)
-            colors.append(color)
-            times.append(np.full(len(on_surface), float(frame)))
-    return np.concatenate(points), np.concatenate(colors), np.concatenate(times)
+            clouds.append(_on_surface(views, near, count // len(frames), random, frame))
+    return joined(clouds)
 
 
 def _silhouettes(images: TrainingImages, frame: int) -> tuple[list[View], list[NDArray[np.uint8]]]:
@@ -179,7 +163,7 @@ def _in_hull(views: Sequence[View], masks: Sequence[NDArray[np.uint8]], points: 
     """For each point (N, 3) whether (N,) it is in the masks of all views that see it, and of at least two."""
     seen_by, moving_in = np.zeros(len(points)), np.zeros(len(points))
     for view, mask in zip(views, masks, strict=True):
-        is_moving, seen = sample_view(view, points, mask)
+        is_moving, seen = view.camera.sample(points, mask)
         seen_by += seen
         moving_in += seen & (is_moving > 0)
     inside: Bools = (seen_by >= 2) & (moving_in == seen_by)
@@ -198,22 +182,23 @@ def _around(points: Float64s, count: int, random: np.random.Generator) -> Float6
 
 
 def _on_surface(
-    views: Sequence[View], points: Float64s, count: int, random: np.random.Generator
-) -> tuple[Float64s, Float64s]:
-    """At most ``count`` of the half of the points on which the views agree best in colour."""
+    views: Sequence[View], points: Float64s, count: int, random: np.random.Generator, frame: float = np.nan
+) -> Cloud:
+    """At most ``count`` of the half of the points (N, 3) on which the views agree best in colour; see ``cloud_of``."""
     color, variance = mean_colors(views, points)
     best = np.argsort(variance, kind="stable")[: (len(points) + 1) // 2]
     chosen = random.permutation(best)[:count]
-    return points[chosen], color[chosen]
+    return cloud_of(points[chosen], color[chosen], frame)
 
 
 def _along_rays(
-    images: TrainingImages, view: View, near_far: tuple[float, float], count: int, random: np.random.Generator
+    images: TrainingImages, view: View, near_far: NearFar, count: int, random: np.random.Generator
 ) -> Float64s:
     """(count, 3) world points on rays through the subject's pixels, none where the view has none."""
     alpha = images.store.alpha(view.shot)
-    lines, columns = np.nonzero(alpha > _SUBJECT) if alpha is not None else (np.zeros(0, int), np.zeros(0, int))
-    if alpha is None or not len(lines):
+    assert alpha is not None  # of a shot of the hull's
+    lines, columns = np.nonzero(alpha > _SUBJECT)
+    if not len(lines):
         return np.zeros((0, 3))
     chosen = random.integers(0, len(lines), count)
     pixels = np.stack([columns[chosen], lines[chosen]], axis=1) + random.random((count, 2))

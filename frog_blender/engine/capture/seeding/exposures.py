@@ -11,11 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...arrays import Float64s
-from ..camera import Camera
-from ..capture import Capture
+from ..capture import Capture, Images
+from ..epipolar import alike_pairs
 from ..video import load_opencv
-from .matching import Features, describe, triangulate_pair
-from .views import Images, View, load_view, sample_view, spread
+from .matching import describe, triangulate_pair
+from .views import TrainingImages, spread
 
 _LONGEST_SIDE = 480  # pixels
 _FRAMES = 3
@@ -36,13 +36,12 @@ def matched_exposures(capture: Capture, store: Images) -> dict[int, Float64s] | 
     None where cameras are alike, or matches do not say for certain that they are not. A camera without matches is as
     bright as the mean. Only training images are read, of one frame after another until the matches suffice.
     """
-    cameras = capture.train_cameras
-    place = {camera: index for index, camera in enumerate(cameras)}
+    images, cameras = TrainingImages(capture, store), capture.train_cameras
     ratios: dict[tuple[int, int], Float64s] = {}
     solved, error = np.zeros((len(cameras), 3)), np.inf
-    for frame in spread(sorted({shot.frame for shot in capture.train_shots}), _FRAMES):
-        for first, second, logs in _log_ratios(capture, store, cameras, frame):
-            pair = place[first], place[second]
+    for frame in spread(sorted(images.by_frame), _FRAMES):
+        for first, second, logs in _log_ratios(images, frame):
+            pair = cameras.index(first), cameras.index(second)
             ratios[pair] = np.concatenate([ratios.get(pair, np.zeros((0, 3))), logs])
         solved, error = solve_exposures(len(cameras), ratios)
         if _CERTAIN * error <= _NOTICED:
@@ -70,39 +69,23 @@ def solve_exposures(count: int, ratios: dict[tuple[int, int], Float64s]) -> tupl
         row[0, first], row[0, second] = -1 / error, 1 / error
         rows.append(row)
         values.append(middle[None] / error)
-    matrix, wanted = np.vstack(rows), np.vstack(values)
+    matrix = np.vstack(rows)
     covariance = np.linalg.inv(matrix.T @ matrix)
-    solved: Float64s = covariance @ (matrix.T @ wanted)
+    solved: Float64s = covariance @ (matrix.T @ np.vstack(values))
     centred = np.eye(count) - 1 / count
     return centred @ solved, float(np.sqrt(np.trace(centred @ covariance @ centred) / count))
 
 
-def _log_ratios(capture: Capture, store: Images, cameras: list[int], frame: int) -> Iterator[tuple[int, int, Float64s]]:
+def _log_ratios(images: TrainingImages, frame: int) -> Iterator[tuple[int, int, Float64s]]:
     """Pairs of cameras and (N, 3) logarithms of the brightness of what both see, the second's over the first's."""
     cv2 = load_opencv()
-    seen: dict[int, tuple[View, Features]] = {}
-    for camera in cameras:
-        shot = capture.shot_index(camera, frame)
-        if shot is not None:
-            view = load_view(capture, store, shot, _LONGEST_SIDE)
-            seen[camera] = view, describe(view)
-    smooth = {camera: cv2.GaussianBlur(view.image, (0, 0), _BLUR) for camera, (view, _) in seen.items()}
-    for i, j in _pairs([capture.cameras[camera] for camera in seen]):
-        first, second = list(seen)[i], list(seen)[j]
-        (view, features), (other, others) = seen[first], seen[second]
-        points, _ = triangulate_pair(view, other, (features, others))
-        ours, theirs = (sample_view(each, points, smooth[of]) for each, of in ((view, first), (other, second)))
-        colors = np.concatenate([ours[0], theirs[0]], axis=1)
-        good = ours[1] & theirs[1] & ((colors > _DARKEST) & (colors < _BRIGHTEST)).all(axis=1)
-        yield first, second, np.log(theirs[0][good].astype(np.float64)) - np.log(ours[0][good])
-
-
-def _pairs(cameras: list[Camera]) -> list[tuple[int, int]]:
-    """Each camera with those that look in directions nearest to its own."""
-    if len(cameras) < 2:
-        return []
-    forwards = np.array([camera.forward for camera in cameras])
-    alike = forwards @ forwards.T
-    np.fill_diagonal(alike, -2.0)
-    nearest = np.argsort(-alike, axis=1, kind="stable")[:, : min(_PARTNERS, len(cameras) - 1)]
-    return sorted({(min(i, int(j)), max(i, int(j))) for i, row in enumerate(nearest) for j in row})
+    views = images.views(images.by_frame[frame], _LONGEST_SIDE)
+    features = [describe(view) for view in views]
+    smooth = [cv2.GaussianBlur(view.image, (0, 0), _BLUR) for view in views]
+    for i, j in alike_pairs([view.camera for view in views], _PARTNERS):
+        points = triangulate_pair(views[i], views[j], (features[i], features[j])).points
+        (ours, in_first), (theirs, in_second) = (views[view].camera.sample(points, smooth[view]) for view in (i, j))
+        colors = np.concatenate([ours, theirs], axis=1)
+        good = in_first & in_second & ((colors > _DARKEST) & (colors < _BRIGHTEST)).all(axis=1)
+        first, second = (images.capture.shots[views[view].shot].camera for view in (i, j))
+        yield first, second, np.log(theirs[good].astype(np.float64)) - np.log(ours[good])

@@ -20,7 +20,7 @@ import numpy as np
 from ...arrays import Bools, Float32s, Float64s, Ints
 from ..camera import Camera
 from ..video import load_opencv
-from .views import View, sample_view
+from .views import Cloud, View, cloud_of, joined
 
 _OUTSIDE = -1000.0  # marks pixels that a neighbour does not see
 _COLOR_LIMIT, _GRADIENT_LIMIT = 0.15, 0.15  # differences above say "occluded", not "how wrong"
@@ -36,6 +36,7 @@ class DepthMap:
         is_unique: (H, W) True where no other depth agrees nearly as well.
         is_textured: (H, W) True where the image has structure to measure depth with.
         step: difference of inverse depth between two hypotheses.
+        confirmed: (H, W) True where other views are known to agree.
     """
 
     view: View
@@ -43,6 +44,23 @@ class DepthMap:
     is_unique: Bools
     is_textured: Bools
     step: float
+    confirmed: Bools
+
+    @property
+    def points(self) -> Float64s:
+        """(H * W, 3) world points, row by row; NaN where there is no depth."""
+        camera = self.view.camera
+        lines, columns = np.mgrid[: camera.height, : camera.width]
+        pixels = np.stack([columns.ravel() + 0.5, lines.ravel() + 0.5, np.ones(columns.size)], axis=1)
+        local = pixels @ np.linalg.inv(camera.intrinsics).T * self.depth.reshape(-1, 1)
+        points: Float64s = (local - camera.world_to_camera[:3, 3]) @ camera.rotation
+        return points
+
+    def cloud(self, where: Bools) -> Cloud:
+        """The points of some pixels (H, W)."""
+        chosen = np.flatnonzero(where)
+        colors = self.view.image.reshape(-1, 3)[chosen]
+        return cloud_of(self.points[chosen], colors, is_textured=self.is_textured.ravel()[chosen])
 
 
 def sweep(view: View, others: Sequence[View], near: float, far: float, hypotheses: int = 64) -> DepthMap:
@@ -76,30 +94,19 @@ def sweep(view: View, others: Sequence[View], near: float, far: float, hypothese
         is_unique=best_cost < 0.85 * second_cost,
         is_textured=structure > 0.02,
         step=float(inverse_depths[1] - inverse_depths[0]),
+        confirmed=np.zeros((height, width), bool),
     )
 
 
-def consistent(depth_map: DepthMap, others: Sequence[DepthMap], needed: int = 1) -> Bools:
-    """(H, W) True where at least ``needed`` other depth maps agree, within a hypothesis or so."""
-    height, width = depth_map.depth.shape
-    points = world_points(depth_map)
-    votes = np.zeros(height * width, dtype=int)
+def agreeing(depth_map: DepthMap, others: Sequence[DepthMap]) -> Ints:
+    """(H, W) how many other depth maps agree, within a hypothesis or so."""
+    points, votes = depth_map.points, np.zeros(depth_map.depth.size, dtype=int)
     for other in others:
         with np.errstate(invalid="ignore", divide="ignore"):  # of pixels without a depth
-            shown, seen = sample_view(other.view, points, other.depth)
+            shown, seen = other.view.camera.sample(points, other.depth)
             depths = other.view.camera.project(points)[1]
             votes += seen & (np.abs(1 / shown - 1 / depths) < 1.25 * other.step)
-    return (votes >= needed).reshape(height, width)
-
-
-def world_points(depth_map: DepthMap) -> Float64s:
-    """(H * W, 3) world points of a depth map, row by row; NaN where it has no depth."""
-    camera = depth_map.view.camera
-    lines, columns = np.mgrid[: camera.height, : camera.width]
-    pixels = np.stack([columns.ravel() + 0.5, lines.ravel() + 0.5, np.ones(columns.size)], axis=1)
-    local = pixels @ np.linalg.inv(camera.intrinsics).T * depth_map.depth.reshape(-1, 1)
-    points: Float64s = (local - camera.world_to_camera[:3, 3]) @ camera.rotation
-    return points
+    return votes.reshape(depth_map.depth.shape)
 
 
 def _channels(image: Float32s) -> Float32s:
@@ -113,10 +120,9 @@ def _channels(image: Float32s) -> Float32s:
 def _match_exposure(image: Float32s, reference: Float32s) -> Float32s:
     """``image`` with each channel's mean and spread brought to the reference's: cameras differ in exposure."""
     mean, spread = image.mean(axis=(0, 1)), image.std(axis=(0, 1)) + 1e-3
-    wanted_mean, wanted_spread = reference.mean(axis=(0, 1)), reference.std(axis=(0, 1)) + 1e-3
-    gain = np.clip(wanted_spread / spread, 0.6, 1.6)
+    gain = np.clip((reference.std(axis=(0, 1)) + 1e-3) / spread, 0.6, 1.6)
     # Pulled halfway only: views of different parts of a scene have different means for good reasons.
-    gain, shift = (1 + gain) / 2, 0.5 * (wanted_mean - mean * gain)
+    gain, shift = (1 + gain) / 2, 0.5 * (reference.mean(axis=(0, 1)) - mean * gain)
     matched: Float32s = ((image - mean) * gain + mean + shift * 0.5).astype(np.float32)
     return matched
 
@@ -126,14 +132,8 @@ def _cost(reference: Float32s, source: Float32s, camera: Camera, other: Camera, 
     cv2 = load_opencv()
     height, width = reference.shape[:2]
     homography = _homography(camera, other, inverse_depth)
-    warped = cv2.warpPerspective(
-        source,
-        homography,
-        (width, height),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=(_OUTSIDE,) * 4,
-    )
+    options = {"flags": cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, "borderValue": (_OUTSIDE,) * 4}
+    warped = cv2.warpPerspective(source, homography, (width, height), **options)
     outside = warped[..., 3] < -0.001
     corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]]) @ homography[2]
     if corners.min() <= 0:  # part of the plane lies behind the neighbour
@@ -179,42 +179,25 @@ _EDGE, _LEAK = 20.0, 1e-3  # how fast a brightness step closes a pixel's border,
 _IN_FRONT = 0.97  # of a confirmed depth: what lies nearer would hide it
 
 
-@dataclass(frozen=True, eq=False)
-class ConfirmedDepth:
-    """A depth map and the pixels that are believed.
-
-    Attributes:
-        depth_map: as the sweep found it.
-        confirmed: (H, W) True where other views agree.
-    """
-
-    depth_map: DepthMap
-    confirmed: Bools
-
-
-def points_seen_once(view: ConfirmedDepth, others: Sequence[ConfirmedDepth]) -> tuple[Float64s, Float32s, Bools]:
-    """World points (N, 3) of the pixels that are not confirmed, their colours (N, 3), and whether (N,) they lie on
-    structure; without those that would hide what ``others`` confirm."""
-    depth_map = view.depth_map
-    if not view.confirmed.any():
-        return np.zeros((0, 3)), np.zeros((0, 3), np.float32), np.zeros(0, bool)
-    filled = replace(depth_map, depth=completed(depth_map, view.confirmed))
-    chosen = np.flatnonzero(~view.confirmed & np.isfinite(filled.depth))
-    points = world_points(filled)[chosen]
-    free = np.ones(len(points), bool)
+def points_seen_once(depth_map: DepthMap, others: Sequence[DepthMap]) -> Cloud:
+    """The points of the pixels that are not confirmed, without those that would hide what ``others`` confirm."""
+    if not depth_map.confirmed.any():
+        return joined([])
+    filled = replace(depth_map, depth=completed(depth_map))
+    cloud = filled.cloud(~filled.confirmed & np.isfinite(filled.depth))
+    free = np.ones(len(cloud), bool)
     for other in others:
-        surface = np.where(other.confirmed, other.depth_map.depth, np.inf)
-        behind, seen = sample_view(other.depth_map.view, points, surface)
-        depths = other.depth_map.view.camera.project(points)[1]
+        surface = np.where(other.confirmed, other.depth, np.inf)
+        behind, seen = other.view.camera.sample(cloud.points, surface)
+        depths = other.view.camera.project(cloud.points)[1]
         free &= ~(seen & np.isfinite(behind) & (depths < _IN_FRONT * behind))
-    chosen, points = chosen[free], points[free]
-    return points, depth_map.view.image.reshape(-1, 3)[chosen], depth_map.is_textured.ravel()[chosen]
+    return cloud[free]
 
 
-def completed(depth_map: DepthMap, confirmed: Bools) -> Float64s:
-    """(H, W) planar depth: as it is where it is ``confirmed`` (H, W), which some pixels are, and carried on from there
+def completed(depth_map: DepthMap) -> Float64s:
+    """(H, W) planar depth: as it is where it is confirmed, which some pixels are, and carried on from there
     elsewhere."""
-    cv2 = load_opencv()
+    cv2, confirmed = load_opencv(), depth_map.confirmed
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.where(confirmed, 1 / depth_map.depth, 0.0)
     known = confirmed & (cv2.medianBlur(confirmed.astype(np.uint8), 3) > 0)  # single pixels are mistakes
@@ -260,17 +243,16 @@ def _diffused(values: Float64s, known: Bools, image: Float32s) -> Float64s:
     cv2 = load_opencv()
     smooth = cv2.GaussianBlur(image, (0, 0), 0.7)
     right, below = (np.exp(-_EDGE * np.abs(np.diff(smooth, axis=axis)).mean(axis=2)) + _LEAK for axis in (1, 0))
-    total = np.zeros(values.shape)
-    total[:, 1:] += right
-    total[:, :-1] += right
-    total[1:] += below
-    total[:-1] += below
-    given = values
-    for _ in range(_STEPS):
+
+    def from_around(values: Float64s) -> Float64s:
         flow = np.zeros(values.shape)
         flow[:, 1:] += right * values[:, :-1]
         flow[:, :-1] += right * values[:, 1:]
         flow[1:] += below * values[:-1]
         flow[:-1] += below * values[1:]
-        values = np.where(known, given, flow / total)
+        return flow
+
+    given, total = values, from_around(np.ones(values.shape))
+    for _ in range(_STEPS):
+        values = np.where(known, given, from_around(values) / total)
     return values

@@ -2,37 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...arrays import Bools, Float32s, Float64s, Floats, ImageArray
+from ...arrays import Array, Bools, Float32s, Float64s, Floats
 from ..camera import Camera
-from ..capture import Capture
+from ..capture import Capture, Images
 from ..video import load_opencv
 
 SMALL = 320
 """Pixels of the longest side of images in which points are drawn."""
 NUM_BACKGROUND_FRAMES = 9
-Value = TypeVar("Value", bound=np.generic)
-Cloud = tuple[Float64s, Floats]
-"""World points (N, 3) and their colours (N, 3) in [0, 1]."""
 
 
-class Images(Protocol):
-    """What seeding needs of a frame store."""
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """N points.
 
-    def image(self, shot_index: int) -> ImageArray:
-        """(H, W, 3) uint8 sRGB."""
-        ...
+    Attributes:
+        points: (N, 3) float64 world units.
+        colors: (N, 3) in [0, 1].
+        frames: (N,) at which they are there; NaN of points that are there at all times.
+        is_textured: (N,) True where the image had structure to measure depth with.
+    """
 
-    def alpha(self, shot_index: int) -> ImageArray | None:
-        """(H, W) uint8 the subject's share of each pixel, asked for where the capture has masks alone."""
-        ...
+    points: Float64s
+    colors: Floats
+    frames: Float64s
+    is_textured: Bools
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, chosen: Array) -> Cloud:
+        return Cloud(self.points[chosen], self.colors[chosen], self.frames[chosen], self.is_textured[chosen])
+
+
+def cloud_of(points: Float64s, colors: Floats, frame: float = np.nan, is_textured: Bools | bool = False) -> Cloud:
+    """Points that are all there at one frame, or at all times."""
+    return Cloud(points, colors, np.full(len(points), frame), np.full(len(points), is_textured))
+
+
+def joined(clouds: Iterable[Cloud]) -> Cloud:
+    """All of their points; none of no clouds."""
+    parts = [cloud_of(np.zeros((0, 3)), np.zeros((0, 3), np.float32)), *clouds]
+    return Cloud(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Cloud)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +92,20 @@ class TrainingImages:
         return self.by_frame[frames[len(frames) // 2]]
 
     def views(self, shots: Sequence[int], longest_side: int = SMALL) -> list[View]:
-        """Some of the images, reduced."""
-        return [load_view(self.capture, self.store, shot, longest_side) for shot in shots]
+        """Some of the images, reduced so that the longest side has at most ``longest_side`` pixels."""
+        return [self._view(shot, longest_side) for shot in shots]
+
+    def _view(self, shot: int, longest_side: int) -> View:
+        if self.capture.is_test(self.capture.shots[shot]):
+            raise AssertionError("a held-out image must not be read")
+        camera = self.capture.cameras[self.capture.shots[shot].camera]
+        image = self.store.image(shot)
+        factor = min(1.0, longest_side / max(camera.width, camera.height))
+        if factor < 1:
+            camera = camera.scaled(factor)
+            cv2 = load_opencv()
+            image = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+        return View(shot, self.capture.shots[shot].frame, camera, image.astype(np.float32) / np.float32(255))
 
     @cached_property
     def medians(self) -> dict[int, Float32s]:
@@ -86,30 +115,6 @@ class TrainingImages:
             for view in self.views(self.by_frame[frame]):
                 stacks.setdefault(self.capture.shots[view.shot].camera, []).append(view.image)
         return {camera: np.median(np.stack(stack), axis=0) for camera, stack in stacks.items()}
-
-
-def load_view(capture: Capture, store: Images, shot: int, longest_side: int) -> View:
-    """The image of a training shot, reduced so that its longest side has at most ``longest_side`` pixels."""
-    if capture.is_test(capture.shots[shot]):
-        raise AssertionError("a held-out image must not be read")
-    camera = capture.cameras[capture.shots[shot].camera]
-    image = store.image(shot)
-    factor = min(1.0, longest_side / max(camera.width, camera.height))
-    if factor < 1:
-        camera = camera.resized(round(camera.width * factor), round(camera.height * factor))
-        cv2 = load_opencv()
-        image = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    return View(shot, capture.shots[shot].frame, camera, image.astype(np.float32) / np.float32(255))
-
-
-def sample_view(view: View, points: Float64s, image: NDArray[Value]) -> tuple[NDArray[Value], Bools]:
-    """Values (N, ...) of an image where the points (N, 3) project, and whether (N,) the view sees them at all."""
-    pixels, depths = view.camera.project(points)
-    # The clip keeps the conversion to integers defined; positions far outside stay outside.
-    columns, lines = np.floor(np.clip(pixels, -1.0, 1e6)).astype(int).T
-    height, width = image.shape[:2]
-    seen = (depths > 0) & (columns >= 0) & (lines >= 0) & (columns < width) & (lines < height)
-    return image[np.where(seen, lines, 0), np.where(seen, columns, 0)], seen
 
 
 def mean_colors(
@@ -123,7 +128,7 @@ def mean_colors(
     seen_by = np.zeros((len(points), 1))
     color, square = np.zeros((len(points), 1)), np.zeros((len(points), 1))
     for view, image in zip(views, images or [view.image for view in views], strict=True):
-        value, seen = sample_view(view, points, image)
+        value, seen = view.camera.sample(points, image)
         shown = value.astype(np.float64).reshape(len(points), -1) * seen[:, None]
         seen_by, color, square = seen_by + seen[:, None], color + shown, square + shown**2
     total = np.maximum(seen_by, 1)

@@ -16,9 +16,8 @@ import torch
 from numpy.typing import NDArray
 
 from ...capture.camera import NEUTRAL, Camera, rotation_about
-from ...capture.capture import Capture
+from ...capture.capture import Capture, Images
 from ...capture.seeding.exposures import matched_exposures
-from ...capture.seeding.views import Images
 from ...recipes import Recipe
 from .device import OnItsWay, image_on
 from .mattes import Truth

@@ -19,7 +19,7 @@ from typing import TypeVar
 from ...capture.capture import Capture
 from ...capture.masking import EVERY_MASK, MaskSettings
 from ...capture.readers import open_capture
-from ...capture.seeds import Seeds
+from ...capture.seeds import Seeds, SeedSettings
 from ...errors import FrogError, reason
 from ...frames.seed_store import stored_seeds
 from ...frames.store import FrameStore
@@ -254,15 +254,8 @@ def seeds_of(
         return job.seeds
     limit = min(job.recipe.seed_gaussians, room_for_subject(capture, store, job.recipe.max_gaussians))
     recipe = fit_to(METHODS[job.method].adapted(job.recipe), capture)
-    return stored_seeds(
-        capture,
-        store,
-        count_limit=limit,
-        seed=job.seed,
-        share=recipe.seed_share,
-        num_moments=recipe.moments_for(capture.frame_count, len(capture.train_shots)),
-        progress=report,
-    )
+    num_moments = recipe.moments_for(capture.frame_count, len(capture.train_shots))
+    return stored_seeds(capture, store, SeedSettings(limit, job.seed, recipe.seed_share, num_moments), report)
 
 
 def _check_output(output: Path) -> None:
