@@ -100,34 +100,14 @@ def test_a_bake_of_another_version_is_not_used_and_said_once(empty, capture, sta
     shows(capture, static_rig, 4.0)
 
 
-def relabelled(header: bytes, content: bytes) -> bytes:
-    """With a header of another length."""
-    return len(header).to_bytes(8, "little") + header + content[8 + int.from_bytes(content[:8], "little") :]
-
-
-def damaged(content: bytes) -> dict[str, bytes]:
-    length = int.from_bytes(content[:8], "little")
-    header = content[8 : 8 + length]
-    return {
-        "nonsense": b"nonsense" * 40,
-        "cut short": content[:-1],
-        "endless header": (1 << 60).to_bytes(8, "little") + content[8:],
-        "no times": content[:8] + header.replace(b"times", b"timez") + content[8 + length :],
-        "other shape": content[:8] + header.replace(b'"shape": [10', b'"shape": [11') + content[8 + length :],
-        "an endless time": relabelled(header.replace(b'"times": "[', b'"times": "[' + b"9" * 400 + b", "), content),
-        "words for numbers": content[:8] + header.replace(b'"shape": [10', b'"shape": ["') + content[8 + length :],
-    }
-
-
-@pytest.mark.parametrize("how", damaged(b"").keys())
-def test_a_damaged_bake_is_one_sentence_and_frames_are_computed(empty, capture, static_rig, capfd, how):
+@pytest.mark.parametrize("length", [None, -1], ids=["nonsense", "cut short"])
+def test_a_damaged_bake_is_one_sentence_and_frames_are_computed(empty, capture, static_rig, capfd, length):
     bpy.ops.frog.bake()
     path = static_rig.with_suffix(".frogbake")
     content = path.read_bytes()
     open_scenes.let_go_of_bake(path)
     playback_cache.clear()
-    path.write_bytes(damaged(content)[how])
-    assert path.read_bytes() != content
+    path.write_bytes(content[:length] if length else b"nonsense" * 40)
     for frame in (3, 4):
         empty.frame_set(frame)
         shows(capture, static_rig, frame - 1.0)
@@ -195,37 +175,16 @@ def test_too_large_a_bake_is_refused_before_it_begins(empty, tmp_path):
     assert not path.with_suffix(".frogbake").exists()
 
 
-@pytest.fixture
-def baking(empty, capture):
-    """The operator as the button starts it in a window; only the events come from here."""
+def test_in_a_window_a_bake_is_stopped(empty, capture, static_rig):
     with in_window(bake.FROG_OT_bake) as window:
         assert bpy.ops.frog.bake() == {"RUNNING_MODAL"}
-        yield window.started[0][0], window.said
-
-
-def send(operator, kind, value="NOTHING"):
-    return operator.modal(bpy.context, event(kind, value))
-
-
-def test_in_a_window_baking_goes_on_by_a_timer(static_rig, baking):
-    operator, said = baking
-    assert send(operator, "MOUSEMOVE") == {"PASS_THROUGH"}
-    steps = 0
-    while (result := send(operator, "TIMER")) == {"PASS_THROUGH"}:
-        steps += 1
-        assert steps < 100
-    assert result == {"FINISHED"} and steps > 5 and operator.timer is None
-    assert said[0][1].startswith("Baked 10 frames") and static_rig.with_suffix(".frogbake").is_file()
-
-
-def test_a_bake_is_stopped(static_rig, baking):
-    operator, said = baking
-    for _ in range(4):
-        send(operator, "TIMER")
-    assert len(leftovers(static_rig.parent)) == 1
-    assert send(operator, "ESC", "PRESS") == {"CANCELLED"} and operator.timer is None
-    assert not static_rig.with_suffix(".frogbake").exists() and not leftovers(static_rig.parent)
-    assert said == [("INFO", "Baking was stopped. Nothing was written.")]
+        operator, _ = window.started[0]
+        for _ in range(4):
+            assert operator.modal(bpy.context, event()) == {"PASS_THROUGH"}
+        assert len(leftovers(static_rig.parent)) == 1
+        assert operator.modal(bpy.context, event("ESC", "PRESS")) == {"CANCELLED"} and operator.timer is None
+        assert not static_rig.with_suffix(".frogbake").exists() and not leftovers(static_rig.parent)
+        assert window.said == [("INFO", "Baking was stopped. Nothing was written.")]
 
 
 def test_write_bake_says_when_the_disk_is_too_small(empty, static_rig, monkeypatch):

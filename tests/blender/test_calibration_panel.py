@@ -112,16 +112,17 @@ def test_a_capture_can_be_calibrated_again_and_keeps_what_was_given(empty, raw, 
     assert "frog.calibrate" in drawn(capture_panel.FROG_PT_cameras).split()
 
 
-def test_a_refusal_says_what_to_film_and_leaves_the_button(empty, raw, begin):
+@pytest.mark.parametrize("kind", [CalibrationRefused, FrogError])
+def test_a_refusal_says_what_to_film_and_leaves_the_button(empty, raw, begin, kind):
     files = sorted(raw.iterdir())
 
     def refuse(progress, cancelled):
-        raise CalibrationRefused("cam00 and cam03 share nothing. Film a walk from one to the other.")
+        raise kind("cam00 and cam03 share nothing. Film a walk from one to the other.")
 
-    finish(begin(raw, refuse))
+    assert finish(begin(raw, refuse)).is_refused == (kind is CalibrationRefused)
     said = drawn()
     assert "Film a walk from one to the other." in said and "frog.calibrate" in said.split()
-    assert said.split().count("frog.fetch_landmarks") == 1, "joints may help"
+    assert said.split().count("frog.fetch_landmarks") == (kind is CalibrationRefused), "joints may help"
     assert sorted(raw.iterdir()) == files
 
 

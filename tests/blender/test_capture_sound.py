@@ -7,7 +7,6 @@ import time
 import wave
 from base64 import b64decode
 from contextlib import suppress
-from dataclasses import replace
 from importlib.util import find_spec
 
 import bpy
@@ -17,8 +16,6 @@ from support.clicks import film_of_clicks, samples_of, times_of_clicks
 from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender.engine.capture.media import read_sound_file
-from frog_blender.engine.scene.scene_file import SceneFile, read_scene
-from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.source_media.sound import Samples
 from frog_blender.scene_import import capture_sound
 from frog_blender.scene_import.capture_objects import active_capture, root_of
@@ -33,10 +30,8 @@ def capture(empty, tmp_path):
     folder = tmp_path / "films"
     folder.mkdir()
     film_of_clicks(folder / "cam00.mp4", [frame / RATE for frame in CLICKS], COUNT / RATE, RATE)
-    path = write_scene(tmp_path / "x.frog", rig_of_three(), frame_count=COUNT)
-    scene = read_scene(path)
-    changes = {"capture_path": str(folder), "capture_format": "n3dv", "frames_per_second": float(RATE)}
-    write_file(path, SceneFile(replace(scene.header, **changes), scene.arrays))
+    filmed = {"capture_path": str(folder), "frames_per_second": float(RATE)}
+    path = write_scene(tmp_path / "x.frog", rig_of_three(), frame_count=COUNT, **filmed)
     bpy.ops.import_scene.frog(filepath=str(path), set_up_scene=True)
     empty.frame_start, empty.frame_end = 1, 130
     return active_capture(bpy.context)

@@ -11,8 +11,6 @@ import pytest
 from support.blender_windows import event, in_window
 from support.small_scenes import moving_camera, rig_of_three, write_scene
 
-from frog_blender.engine.scene.scene_file import SceneFile, read_scene
-from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.source_media.undistorted_clips import clips_folder
 from frog_blender.operators.clips import FROG_OT_add_clips
 from frog_blender.scene_import.camera_clips import clip_of
@@ -30,15 +28,6 @@ def image(path):
     bpy.data.images.remove(image)
 
 
-def scene_of(path, folder, cameras, **changes):
-    """A .frog file that says it was trained from a folder."""
-    shots = changes.pop("shots", None)
-    scene = read_scene(write_scene(path, cameras, shots=shots, frame_count=COUNT))
-    header = replace(scene.header, capture_path=str(folder), **changes)
-    write_file(path, SceneFile(header, scene.arrays))
-    return path
-
-
 @pytest.fixture
 def mono(empty, tmp_path):
     """One moving camera, its images numbered from 5 in steps of 2, and transforms.json."""
@@ -50,7 +39,8 @@ def mono(empty, tmp_path):
         listed.append(f'{{"file_path": "images/{camera.name}.png"}}')
     (folder / "transforms.json").write_text(f'{{"frames": [{", ".join(listed)}]}}')
     shots = [(frame,) for frame in range(COUNT)]
-    return scene_of(tmp_path / "film.frog", folder, cameras, capture_format="transforms", shots=shots)
+    trained = {"capture_path": str(folder), "capture_format": "transforms"}
+    return write_scene(tmp_path / "film.frog", cameras, shots=shots, frame_count=COUNT, **trained)
 
 
 @pytest.fixture
@@ -59,7 +49,7 @@ def still(empty, tmp_path):
     folder = tmp_path / "stills"
     for name in ("cam00", "cam01", "cam02"):
         image(folder / "images" / f"{name}.png")
-    return scene_of(tmp_path / "stills.frog", folder, rig_of_three(), capture_format="n3dv")
+    return write_scene(tmp_path / "stills.frog", rig_of_three(), frame_count=COUNT, capture_path=str(folder))
 
 
 def imported(path, **options):
@@ -118,7 +108,8 @@ def test_videos_start_with_their_first_frame(empty, tmp_path):
     folder.mkdir()
     for name in ("cam00", "cam02"):
         films.write_video(folder / f"{name}.mp4", COUNT)
-    obj = imported(scene_of(tmp_path / "x.frog", folder, rig_of_three(), capture_format="n3dv"), start_frame=3.0)
+    path = write_scene(tmp_path / "x.frog", rig_of_three(), frame_count=COUNT, capture_path=str(folder))
+    obj = imported(path, start_frame=3.0)
     first, lacking, last = cameras_of(obj)
     assert clip_of(first).image.source == "MOVIE" and clip_of(first).image.frame_duration == COUNT
     assert clip_of(lacking) is None and clip_of(last) is not None
@@ -188,7 +179,8 @@ def bent(empty, tmp_path):
         lens = {"K": camera.intrinsics.tolist(), "dist": [-0.2, 0.0, 0.0, 0.0]}
         listed.append({"name": camera.name, "width": size[0], "height": size[1], **lens, **pose})
     (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": listed}))
-    return scene_of(tmp_path / "bent.frog", folder, cameras, capture_format="calibrated_videos")
+    trained = {"capture_path": str(folder), "capture_format": "calibrated_videos"}
+    return write_scene(tmp_path / "bent.frog", cameras, frame_count=COUNT, **trained)
 
 
 def shown_files(obj):

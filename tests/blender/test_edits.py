@@ -5,10 +5,9 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import read_png, rig_of_three, write_scene
+from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
-from frog_blender.cli.main import main
 from frog_blender.engine.editing.marks import Marks
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
@@ -159,27 +158,12 @@ def test_edits_are_saved_loaded_copied_and_appended(empty, capture, tmp_path):
     assert same(here.objects[0])
 
 
-def test_a_file_of_edits_gives_the_same_images_as_f12(empty, capture, path, tmp_path):
-    pytest.importorskip("cv2")
-    pytest.importorskip("tqdm")
+def test_a_file_of_edits_gives_them_back_and_exports_have_them(empty, capture, tmp_path):
+    """What the command line draws with such a file is a matter of the timing's tests."""
     edit_everything(capture)
-    plain = playback.gaussians_at(capture, 5)
-    saved, out = tmp_path / "scene.edits.json", tmp_path / "out"
-    assert bpy.ops.frog.save_edits(filepath=str(saved)) == {"FINISHED"}
-    camera = next(obj for obj in bpy.data.objects if obj.type == "CAMERA" and obj.data.frog.capture_camera == "cam00")
-    empty.camera, empty.render.engine = camera, "FROG"
     empty.frame_set(5)
-    render = empty.render
-    render.resolution_x, render.resolution_y, render.resolution_percentage = 96, 64, 100
-    render.film_transparent, render.dither_intensity, render.filepath = False, 0.0, str(tmp_path / "f12.png")
-    bpy.ops.render.render(write_still=True)
-    assert (
-        main(["render", str(path), "--camera", "cam00", "--edits", str(saved), "--frames", "4:5", "--out", str(out)])
-        == 0
-    )
-    ours, theirs = read_png(tmp_path / "f12.png"), read_png(next(out.glob("*.png")))
-    ours, theirs = (image[..., :3].astype(int) for image in (ours, theirs))
-    assert np.abs(ours - theirs).max() <= 1 and ours.std() > 5
+    plain, saved = playback.gaussians_at(capture, 5), tmp_path / "scene.edits.json"
+    assert bpy.ops.frog.save_edits(filepath=str(saved)) == {"FINISHED"}
     bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "f.ply"), apply_transform=False)
     exported = read_splats(tmp_path / "f.ply").arrays
     np.testing.assert_array_equal(exported["means"], plain.means)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import bpy
 import pytest
 from support.small_scenes import rig_of_three, write_scene
@@ -11,8 +9,6 @@ from support.training_panel import leave_checkpoint
 
 from frog_blender import addon_state
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.scene.scene_file import SceneFile, read_scene
-from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
 from frog_blender.tasks.training_request import can_resume, request_of
@@ -21,8 +17,7 @@ from frog_blender.ui import capture_summary
 
 def trained(path, capture):
     """What a training of a folder leaves: a scene and a checkpoint."""
-    scene = read_scene(write_scene(path, rig_of_three()))
-    write_file(path, SceneFile(replace(scene.header, capture_path=str(capture.resolve())), scene.arrays))
+    write_scene(path, rig_of_three(), capture_path=str(capture.resolve()))
     leave_checkpoint(path, capture)
 
 

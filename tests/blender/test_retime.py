@@ -244,6 +244,13 @@ def test_a_file_of_edits_has_the_timing_and_gives_the_images_of_f12(empty, captu
     bpy.ops.frog.save_edits(filepath=str(tmp_path / "plain.json"))
     assert "time" not in json.loads((tmp_path / "plain.json").read_text())
     empty.frame_set(5)
+    bpy.ops.frog.add_crop(shape="SPHERE")
+    capture.frog_edits.crops[0].feather, capture.frog_edits.grade.exposure = 0.3, 0.6
+    bpy.ops.frog.select_gaussians(by="OPACITY", opacity=0.6)
+    bpy.ops.frog.add_grade()
+    capture.frog_edits.grades[0].temperature = 1.0
+    bpy.ops.frog.select_gaussians(by="SIZE", size=0.42)
+    bpy.ops.frog.hide_gaussians()
     bpy.ops.frog.ramp_speed(length=8, speed=0.5)
     capture.frog.range_start, capture.frog.range_end, capture.frog.use_range = 3.0, 20.0, True
     saved, out = tmp_path / "e.json", tmp_path / "out"

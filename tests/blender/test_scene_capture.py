@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 import pytest
 from support.small_scenes import read_png
+from support.training_panel import finish
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.scene_capture import rig
@@ -39,19 +40,10 @@ def cube(empty, tmp_path):
     background_task.stop()
 
 
-def finished(seconds=300.0):
-    task, end = SceneCaptureTask.current(), time.monotonic() + seconds
-    while task.is_running and time.monotonic() < end:
-        task.pump()
-        time.sleep(0.02)
-    assert not task.is_running
-    return task
-
-
 def rendered_capture():
     assert bpy.ops.frog.place_rig() == {"FINISHED"}
     assert bpy.ops.frog.capture_scene() == {"FINISHED"}
-    return finished()
+    return finish(SceneCaptureTask.current())
 
 
 def corners(middle, half):
@@ -147,7 +139,7 @@ def test_it_goes_on_where_it_was_stopped(cube, tmp_path):
     assert bpy.ops.frog.capture_scene() == {"FINISHED"}
     task = SceneCaptureTask.current()
     assert task.kept == 5
-    finished()
+    finish(task)
     assert not task.error and gone.is_file() and task.progress.done == 6
     assert (folder / "cam01" / "0000.png").read_bytes() == b"kept as it is"
     bpy.context.scene.frog.rig.count = 4
@@ -165,7 +157,7 @@ def test_cancelled_it_leaves_whole_images_alone(cube, tmp_path):
         task.pump()
         time.sleep(0.02)
     assert bpy.ops.frog.cancel_scene_capture() == {"FINISHED"}
-    finished()
+    finish(task)
     done = task.progress.done
     assert task.is_cancelled and not task.error and 0 < done < 600
     images = list((tmp_path / "capture").glob("*/*"))

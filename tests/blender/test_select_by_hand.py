@@ -55,15 +55,13 @@ def selected():
     return np.zeros(COUNT, bool) if marks is None else marks.chosen()
 
 
-def places_of(obj, frame, view=None):
-    """(N, 2) where Blender says that the centres of what an object shows are in the viewport, or in another view; NaN
-    for what is too faint to be drawn."""
+def places_of(obj, frame):
+    """(N, 2) where Blender says that the centres of what an object shows are in the viewport; NaN for what is too faint
+    to be drawn."""
     where, gaussians = viewport(), playback.gaussians_at(obj, frame)
-    view = view or where["space_data"].region_3d
-    found = [
-        location_3d_to_region_2d(where["region"], view, obj.matrix_world @ Vector(mean)) for mean in gaussians.means
-    ]
-    places = np.array([(np.nan, np.nan) if place is None else tuple(place) for place in found])
+    region, view = where["region"], where["space_data"].region_3d
+    pixels = [location_3d_to_region_2d(region, view, obj.matrix_world @ Vector(mean)) for mean in gaussians.means]
+    places = np.array([(np.nan, np.nan) if pixel is None else tuple(pixel) for pixel in pixels])
     places[gaussians.opacities <= 1 / 255] = np.nan
     return places
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import bpy
 import pytest
+from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import panel_says, told
 from support.users_scene import users_scene, views
 
-from frog_blender.engine.scene.scene_file import SceneFile, read_scene
-from frog_blender.engine.scene.scene_file import write_scene as write_file
 from frog_blender.engine.training.session import events
 from frog_blender.operators.train import ResultImporter
 from frog_blender.scene_import.capture_objects import plays
@@ -143,10 +140,9 @@ def test_the_same_file_opened_again_gets_it(empty, static_rig, tmp_path):
     assert files(bpy.context.scene) == ["figure.frog"]
 
 
-def test_two_trainings_of_one_capture_are_told_apart(empty, static_rig, tmp_path):
+def test_two_trainings_of_one_capture_are_told_apart(empty, tmp_path):
     for name in ("room.frog", "room_2.frog"):
-        scene = read_scene(static_rig)
-        write_file(tmp_path / name, SceneFile(replace(scene.header, capture_path="/film/room"), scene.arrays))
+        write_scene(tmp_path / name, rig_of_three(), capture_path="/film/room")
     assert ResultImporter(empty)(tmp_path / "room.frog") == ""
     assert "beside room.frog of the same capture" in ResultImporter(empty)(tmp_path / "room_2.frog")
     assert ResultImporter(empty)(tmp_path / "room_2.frog") == ""

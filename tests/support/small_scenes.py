@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -75,15 +77,14 @@ def write_scene(
     count: int = 60,
     seed: int = 0,
     sh_count: int = 4,
+    **header: Any,
 ) -> Path:
-    """A scene of ``count`` moving Gaussians around the origin."""
+    """A scene of ``count`` moving Gaussians around the origin; with what else its header is to say."""
     random = np.random.default_rng(seed)
     arrays = gaussian_arrays(random, count, sh_count)
     seen = tuple(shots or [tuple(range(frame_count)) for _ in cameras])
-    header = SceneHeader(
-        "frog", {}, MODEL, tuple(cameras), seen, (), (), frame_count, 24.0, background, "", "n3dv", 1.0
-    )
-    write_file(path, SceneFile(header, arrays))
+    plain = SceneHeader("frog", {}, MODEL, tuple(cameras), seen, (), (), frame_count, 24.0, background, "", "n3dv", 1.0)
+    write_file(path, SceneFile(replace(plain, **header), arrays))
     return path
 
 

@@ -81,7 +81,7 @@ def drawing_context(**values):
 
 def finish(task):
     """Pumps a background task until it ends, as a headless run does."""
-    assert task.join(120.0)
+    assert task.join(300.0)
     task.pump_all()
     assert not task.is_running
     return task
