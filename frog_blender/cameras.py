@@ -86,13 +86,7 @@ def engine_camera(
         kind = data.type.lower() if obj.type == "CAMERA" else obj.type.lower()
         raise FrogError(f"Camera {obj.name}: found a {kind} lens, expected a perspective or an orthographic one.")
     aspect = render.pixel_aspect_y / render.pixel_aspect_x
-    fit = data.sensor_fit
-    if fit == "AUTO":
-        fit = "HORIZONTAL" if width * render.pixel_aspect_x >= height * render.pixel_aspect_y else "VERTICAL"
-        sensor = data.sensor_width
-    else:
-        sensor = data.sensor_width if fit == "HORIZONTAL" else data.sensor_height
-    view = width if fit == "HORIZONTAL" else height * aspect  # pixels that the sensor spans, in widths of a pixel
+    sensor, view = sensor_of(data, width, height * aspect)
     far = distance_added(data)
     focal = view / data.ortho_scale * far if far else data.lens / sensor * view
     intrinsics = np.array(
@@ -108,6 +102,15 @@ def engine_camera(
     _expect_numbers(intrinsics, pose, f"Camera {obj.name}")
     _expect_focal(np.diag(intrinsics), f"Camera {obj.name}")
     return Camera(obj.name, width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
+
+
+def sensor_of(data: bpy.types.Camera, width: float, height: float) -> tuple[float, float]:
+    """A camera's sensor, millimetres, and what it spans: the width or the height of the image, both in widths of a
+    pixel.
+    """
+    is_wide = width >= height if data.sensor_fit == "AUTO" else data.sensor_fit == "HORIZONTAL"
+    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+    return sensor, width if is_wide else height
 
 
 def distance_added(data: bpy.types.Camera) -> float:

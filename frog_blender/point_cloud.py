@@ -12,18 +12,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import bpy
 import numpy as np
 
+from .engine.gaussians import GaussianArrays
+from .engine.playback.frame_delta import FrameDelta
+from .engine.playback.player import ScenePlayer
 from .nodes import ellipsoid_nodes, splat_nodes
 from .nodes.node_builder import set_input
-
-if TYPE_CHECKING:
-    from .engine.gaussians import GaussianArrays
-    from .engine.playback.frame_delta import FrameDelta
-    from .engine.playback.player import ScenePlayer
 
 TYPES = ("MESH", "POINTCLOUD")
 """Types of objects that can hold Gaussians, in files of any Blender version."""

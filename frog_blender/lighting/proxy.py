@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import bpy
 import numpy as np
 
+from ..engine.surfaces.fusion import Mesh
+from ..engine.surfaces.proxy import Proxy
 from ..nodes.node_builder import Builder, made_once, new_geometry_group, set_input
 from ..scene_import.capture_objects import root_of
 from ..timeline.retiming import stretched
-
-if TYPE_CHECKING:
-    from ..engine.surfaces.fusion import Mesh
-    from ..engine.surfaces.proxy import Proxy
 
 SHADOWS, HOLDOUT, PLAIN = "SHADOWS", "HOLDOUT", "PLAIN"
 """What a proxy is for."""

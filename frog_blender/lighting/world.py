@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import bpy
 import numpy as np
 
 from .. import point_cloud
 from ..color_spaces import into_working_space, to_linear
+from ..engine.playback.environment import environment, free_place
 from ..nodes.node_builder import Builder
 from ..render.collect_instances import placed
 from ..timeline import playback
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _NAME = "FRoG Light"  # also the label of the nodes by which such a world is known
 _OURS = "frog_light"  # property of the images that are made here
@@ -54,8 +53,6 @@ def light_by(
     Raises:
         FrogError: the capture cannot be shown.
     """
-    from ..engine.playback.environment import environment, free_place
-
     evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
     shown = playback.scene_time(obj, context.scene.frame_current_final, evaluated)
     gaussians = placed(shown.gaussians(), np.array(evaluated.matrix_world, np.float64), obj.name)

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..cameras import engine_camera
+from ..cameras import engine_camera, sensor_of
 from ..engine.errors import FrogError
 
 _MIRROR = "MIRRORBALL"
@@ -73,13 +73,8 @@ def _fisheye(across: np.ndarray, up: np.ndarray, angle: np.ndarray) -> np.ndarra
 
 def _equisolid(data: Any, u: np.ndarray, v: np.ndarray, width: int, height: int) -> np.ndarray:
     """The sensor's side that the camera does not fit follows from the image's proportions."""
-    fit = data.sensor_fit
-    if fit == "AUTO":
-        fit = "HORIZONTAL" if width >= height else "VERTICAL"
-        sensor = data.sensor_width
-    else:
-        sensor = data.sensor_width if fit == "HORIZONTAL" else data.sensor_height
-    pixel = sensor / (width if fit == "HORIZONTAL" else height)
+    sensor, length = sensor_of(data, width, height)
+    pixel = sensor / length
     across, up = (u - 0.5) * width * pixel, (v - 0.5) * height * pixel
     radius, lens = np.hypot(across, up), data.fisheye_lens
     seen = radius <= 2 * lens * math.sin(min(data.fisheye_fov, 2 * math.pi) / 4)

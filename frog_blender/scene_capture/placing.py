@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import closing
 from typing import Any
 
 import bpy
@@ -11,6 +12,7 @@ from mathutils import Matrix, Vector
 
 from ..engine.arrays import Float64s
 from ..engine.errors import FrogError
+from ..timeline.frame_timing import evaluated_frames
 from . import rig
 
 NAME = "FRoG Rig"
@@ -129,14 +131,8 @@ def _bounds(
     """
     count = min(_MOMENTS, scene.frame_end - scene.frame_start + 1)
     frames = sorted({round(frame) for frame in np.linspace(scene.frame_start, scene.frame_end, count)})
-    stood = scene.frame_current, scene.frame_subframe
-    corners: list[Float64s] = []
-    try:
-        for frame in frames:
-            scene.frame_set(frame)
-            corners += _corners(layer.depsgraph, set(objects))
-    finally:
-        scene.frame_set(stood[0], subframe=stood[1])
+    with closing(evaluated_frames(scene, frames, layer)) as graphs:
+        corners = [corner for graph in graphs for corner in _corners(graph, set(objects))]
     if not corners:
         raise FrogError(f"Scene {scene.name}: found nothing that renders, expected an object to place cameras around.")
     points = np.concatenate(corners)

@@ -13,9 +13,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import bpy
-import numpy as np
 
-from ..cameras import engine_camera
+from ..cameras import engine_camera, pose_of
 from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError, found_instead
 from ..engine.io.atomic_files import write_atomically
@@ -27,7 +26,6 @@ _SQUARE = SimpleNamespace(pixel_aspect_x=1.0, pixel_aspect_y=1.0)
 _MAX_IMAGES = 200_000
 _CHILD = Path(__file__).with_name("child.py")
 _LIST = "transforms.json"
-_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,7 @@ class RenderRequest:
                     "fl_y": k[1, 1],
                     "cx": k[0, 2],
                     "cy": k[1, 2],
-                    "transform_matrix": (np.linalg.inv(camera.world_to_camera) @ _FLIP).tolist(),
+                    "transform_matrix": pose_of(camera).tolist(),
                 }
             )
         return {"camera_model": "PINHOLE", "fps": self.rate, "frames": entries}

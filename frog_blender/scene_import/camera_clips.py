@@ -10,21 +10,18 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import bpy
 
 from .. import addon_state
 from ..capture_files import named_file
 from ..engine.errors import FrogError
+from ..engine.scene.header import SceneHeader
 from ..engine.source_media.clips import Clip, capture_folders, find_clips
 from ..engine.source_media.undistorted_clips import Undistortion, undistorted_clips, undistortion
 from ..timeline import playback
 from ..timeline.retiming import TIMING, piece
 from .capture_objects import cameras_of, stored_path
-
-if TYPE_CHECKING:
-    from ..engine.scene.header import SceneHeader
 
 OPACITY = 0.5
 _MARK = "frog_clip"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -11,17 +10,14 @@ from mathutils import Matrix
 
 from .. import point_cloud
 from ..cameras import apply_lens, lens_of, pose_of
+from ..engine.capture.camera import Camera
 from ..engine.errors import FrogError, brief
+from ..engine.scene.header import SceneHeader
 from ..engine.source_media.clips import camera_path
 from ..timeline import playback
 from .camera_clips import add_clips
 from .capture_objects import HOLDS_CAMERAS, stored_path
 from .scene_setup import SETTINGS, all_or_nothing, is_untouched, set_up
-
-if TYPE_CHECKING:
-    from ..engine.capture.camera import Camera
-    from ..engine.scene.header import SceneHeader
-
 
 _HANDLE = 0.25  # length of the root's axes, as a share of the capture's reach
 _CAMERA = 0.03  # size of a drawn camera, as a share of its distance from the capture's middle

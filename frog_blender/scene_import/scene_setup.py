@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 
 from ..color_spaces import into_working_space, to_linear
+from ..engine.scene.header import SceneHeader
 from ..timeline import playback
 from .capture_objects import cameras_of, holders_of, root_of
-
-if TYPE_CHECKING:
-    from ..engine.scene.header import SceneHeader
 
 SETTINGS = ("frames", "rate", "size", "camera", "colors", "background")
 PARTS = (*SETTINGS, "engine")

@@ -32,9 +32,13 @@ def frames_shown(obj: bpy.types.Object, scene: bpy.types.Scene, numbers: Sequenc
         return [_shown(obj, scene.frame_current_final, count, obj.evaluated_get(depsgraph)) for depsgraph in depsgraphs]
 
 
-def evaluated_frames(scene: bpy.types.Scene, numbers: Iterable[int]) -> Generator[bpy.types.Depsgraph, None, None]:
-    """Moves a scene to frames of its timeline, and back when it is closed."""
-    stood, layer = (scene.frame_current, scene.frame_subframe), scene.view_layers[0]
+def evaluated_frames(
+    scene: bpy.types.Scene, numbers: Iterable[int], layer: bpy.types.ViewLayer | None = None
+) -> Generator[bpy.types.Depsgraph, None, None]:
+    """Moves a scene to frames of its timeline, and back when it is closed; gives what a view layer, by default the
+    first one, has there.
+    """
+    stood, layer = (scene.frame_current, scene.frame_subframe), layer or scene.view_layers[0]
     try:
         for number in numbers:
             scene.frame_set(number)

@@ -11,6 +11,7 @@ import numpy as np
 from .. import redrawing
 from ..engine.capture.calibration.sequences import still_images
 from ..engine.capture.contact_sheet import first_shots, marked_image
+from ..engine.capture.synchronization.films import spread
 from ..engine.capture.video import VIDEO_SUFFIXES, composed, decode, find_videos, read_image
 from ..engine.errors import FrogError, brief
 from ..engine.io.child_process import Stopped
@@ -114,5 +115,5 @@ def sources(folder: Path, summary: CaptureSummary) -> list[Source]:
             (name, partial(marked_image, capture, shot, LONGEST_SIDE)) for name, shot in zip(names, shots, strict=True)
         ]
     paths = find_videos(folder) or still_images(folder)
-    chosen = np.unique(np.linspace(0, len(paths) - 1, min(MOST, len(paths))).round().astype(int)) if paths else []
-    return [(composed(paths[index].stem), partial(_small_image, paths[index])) for index in chosen]
+    chosen = [paths[index] for index in spread(len(paths), MOST)]
+    return [(composed(path.stem), partial(_small_image, path)) for path in chosen]

@@ -38,11 +38,6 @@ def end() -> None:
     addon_state.get(GestureOverlay).end()
 
 
-def is_drawing() -> bool:
-    """Whether a gesture is drawn."""
-    return bool(addon_state.get(GestureOverlay).handlers)
-
-
 def outline_of(shape: str, path: list[tuple[float, float]], radius: float) -> list[tuple[float, float]]:
     """The line to draw: around the brush where it is, along the lasso and back, around the box."""
     if not path:

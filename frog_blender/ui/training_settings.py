@@ -7,6 +7,7 @@ shows the choice between the two in words, by a property that is kept in that nu
 # Blender reads properties from annotations, which to a type checker or a linter are not types.
 # mypy: disable-error-code="valid-type"
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -73,16 +74,17 @@ def _set_length(settings: Any, value: int) -> None:
     settings.steps = (settings.steps or usual_steps(settings)) if value == 1 else 0
 
 
-def _set_own_scale(settings: Any, value: bool) -> None:
-    settings.image_scale = (settings.image_scale or usual_image_scale(settings)) if value else 0.0
-
-
 def _set_holdout(settings: Any, value: int) -> None:
     settings.holdout_frames = max(settings.holdout_frames, 0) or _EVERY if value == 2 else value - 1
 
 
-def _set_limited(settings: Any, value: bool) -> None:
-    settings.max_gaussians = (settings.max_gaussians or usual_gaussians(settings)) if value else 0
+def _own(name: str, usual: Callable[[Any], float]) -> dict[str, Any]:
+    """Of a check box that is kept in a number alone: it is off where that is 0, and begins with the usual one."""
+
+    def put(settings: Any, value: bool) -> None:
+        setattr(settings, name, (getattr(settings, name) or usual(settings)) if value else 0)
+
+    return {"get": lambda settings: getattr(settings, name) > 0, "set": put, "options": {"SKIP_SAVE"}}
 
 
 def _on_capture_folder(settings: Any, _context: bpy.types.Context) -> None:
@@ -176,9 +178,7 @@ class TrainingSettings:
     has_image_scale: switch(
         "Resize Images",
         "Resize the training images by a factor. Otherwise only images larger than 1600 pixels are",
-        get=lambda settings: settings.image_scale > 0,
-        set=_set_own_scale,
-        options={"SKIP_SAVE"},
+        **_own("image_scale", usual_image_scale),
     )
     holdout: choice(
         "Leave Out",
@@ -191,9 +191,7 @@ class TrainingSettings:
     has_max_gaussians: switch(
         "Limit Splats",
         "Limit the number of splats of the scene",
-        get=lambda settings: settings.max_gaussians > 0,
-        set=_set_limited,
-        options={"SKIP_SAVE"},
+        **_own("max_gaussians", usual_gaussians),
     )
 
 

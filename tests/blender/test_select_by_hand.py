@@ -14,13 +14,14 @@ from support.blender_windows import viewport
 from support.small_scenes import rig_of_three, write_scene
 from support.undo_steps import check_undo_and_redo
 
-from frog_blender import point_cloud
+from frog_blender import addon_state, point_cloud
 from frog_blender.engine.editing.gestures import drawn
 from frog_blender.operators import select_by_hand
 from frog_blender.operators.bases import EditOperator
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import edits, playback
-from frog_blender.ui import gesture_overlay, selection_tools
+from frog_blender.ui import selection_tools
+from frog_blender.ui.gesture_overlay import GestureOverlay
 
 COUNT = 300
 LASSO = [(300.0, 200.0), (1200.0, 300.0), (900.0, 800.0), (700.0, 350.0), (400.0, 700.0)]
@@ -40,6 +41,10 @@ def capture(empty, path):
     root.rotation_quaternion, root.scale, root.location = Quaternion((0.8, 0.3, -0.4, 0.2)), (5.0,) * 3, (0.5, 1.0, 0.2)
     empty.frame_set(4)
     return obj
+
+
+def is_drawing():
+    return bool(addon_state.get(GestureOverlay).handlers)
 
 
 def stroke(path, **settings):
@@ -220,11 +225,11 @@ class _Path(list):
 def test_the_mouse_draws_what_a_script_does(capture, shape):
     places = [(300, 200), (1200, 300), (900, 800), (400, 700)]
     mouse = Mouse(shape=shape, radius=60)
-    assert mouse.press(*places[0]) == {"RUNNING_MODAL"} and gesture_overlay.is_drawing()
+    assert mouse.press(*places[0]) == {"RUNNING_MODAL"} and is_drawing()
     for place in places[1:]:
         assert mouse.go_on(*place) == {"RUNNING_MODAL"}
         assert not selected().any(), "until the button is released"
-    assert mouse.go_on(*places[-1], "LEFTMOUSE", "RELEASE") == {"FINISHED"} and not gesture_overlay.is_drawing()
+    assert mouse.go_on(*places[-1], "LEFTMOUSE", "RELEASE") == {"FINISHED"} and not is_drawing()
     drawn_by_mouse = selected()
     assert f"{drawn_by_mouse.sum()} of {COUNT}" in mouse.said[0] and drawn_by_mouse.any()
     path = [tuple(place.loc) for place in mouse.operator.path]
@@ -238,7 +243,7 @@ def test_escape_leaves_everything_as_it_was(capture):
     mouse = Mouse()
     mouse.press(500, 500)
     mouse.go_on(900, 500)
-    assert mouse.go_on(900, 500, "ESC", "PRESS") == {"CANCELLED"} and not gesture_overlay.is_drawing()
+    assert mouse.go_on(900, 500, "ESC", "PRESS") == {"CANCELLED"} and not is_drawing()
     np.testing.assert_array_equal(selected(), before)
     capture.hide_set(True)
     assert mouse.press(500, 500) == {"CANCELLED"} and "hidden in this viewport" in mouse.said[-1]
@@ -249,7 +254,7 @@ def test_a_training_that_ends_during_a_gesture_is_not_marked_by_it(empty, captur
     mouse.press(700, 450)
     write_scene(path, rig_of_three(), count=COUNT // 2, seed=3)
     empty.frame_set(5)
-    assert mouse.go_on(700, 450, "LEFTMOUSE", "RELEASE") == {"CANCELLED"} and not gesture_overlay.is_drawing()
+    assert mouse.go_on(700, 450, "LEFTMOUSE", "RELEASE") == {"CANCELLED"} and not is_drawing()
     assert "another training" in mouse.said[-1] and edits.marks_of(capture.frog_edits.selection) is None
 
 
@@ -257,10 +262,10 @@ def test_a_gesture_that_fails_leaves_no_drawing(empty, capture):
     mouse = Mouse()
     mouse.press(700, 450)
     mouse.context.area = None  # as in a window that is closed
-    assert mouse.go_on(705, 450) == {"RUNNING_MODAL"} and gesture_overlay.is_drawing()
+    assert mouse.go_on(705, 450) == {"RUNNING_MODAL"} and is_drawing()
     with pytest.raises(AttributeError):
         mouse.operator.modal(mouse.context, SimpleNamespace(type="MOUSEMOVE"))
-    assert not gesture_overlay.is_drawing()
+    assert not is_drawing()
 
 
 def test_tools_are_in_the_toolbar_and_the_brush_grows(capture):
