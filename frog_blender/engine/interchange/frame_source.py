@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from ..arrays import Bools
+from ..arrays import Bools, SceneArrays
 from ..capture.camera import Camera
+from ..capture.world import FILES_OWN, World
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..playback.frame_delta import column_names, column_of
 
@@ -20,49 +20,43 @@ STILL_RATE = 24.0
 """Frames a second of a scene of one frame."""
 
 
-class FrameSource(Protocol):
+class FrameSource:
     """Frames that can be read in any order, any number of times.
 
     Attributes:
+        origin: the file's format, for the scene's header.
         frame_count: at least one.
         rate: frames a second.
         keeps_identity: whether the same row is the same Gaussian in all frames; None where the file does not say.
         cameras: of the capture, where the file has any.
-        origin: the file's format, for the scene's header.
         left_out: rows that could not be drawn and are in no frame, so far.
+        arrays: a single frame's, as a static scene file has them, where the file has the same; else None.
+        world: what was taken off places in double precision, which no float32 holds.
     """
 
-    frame_count: int
-    rate: float
-    keeps_identity: bool | None
-    cameras: tuple[Camera, ...]
     origin: str
-    left_out: int
+    frame_count, rate, left_out = 1, STILL_RATE, 0
+    keeps_identity: bool | None = True
+    cameras: tuple[Camera, ...] = ()
+    arrays: SceneArrays | None = None
+    world = FILES_OWN
 
     def at(self, frame: int) -> NumpyGaussians:
         """A frame, counted from 0: finite numbers, unit quaternions, at least one Gaussian; FrogError for others."""
-        ...
+        raise NotImplementedError
 
 
 @dataclass
-class StillSource:
-    """A source of one frame.
-
-    Attributes:
-        gaussians: the frame.
-        origin, left_out: see ``FrameSource``.
-    """
+class StillSource(FrameSource):
+    """A source of one frame; see ``FrameSource``."""
 
     gaussians: NumpyGaussians
     origin: str
     left_out: int
-    frame_count: int = 1
-    rate: float = STILL_RATE
-    keeps_identity: bool | None = True
-    cameras: tuple[Camera, ...] = ()
+    arrays: SceneArrays | None = None
+    world: World = FILES_OWN
 
     def at(self, _frame: int) -> NumpyGaussians:
-        """The frame."""
         return self.gaussians
 
 

@@ -15,7 +15,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,11 +33,11 @@ from ..io.regular_file import regular_file
 from ..io.tensor_files import LONGEST_HEADER, write_rows
 from ..optional_imports import needed_package
 from ..playback.frame_delta import column_names, column_of
-from ..scene.header import MAX_FRAMES, SceneHeader
+from ..scene.header import SceneHeader
 from ..scene.quantization import morton_order
 from ..scene.scene_file import FRAMES, RowLayout, SceneFile, packed_metadata, read_scene, write_scene
 from . import gltf, packed_splats, spz
-from .frame_source import STILL_RATE, FrameSource, StillSource, Survey, filled, survey
+from .frame_source import FrameSource, StillSource, Survey, filled, survey
 from .ply import PlySequence, read_splats
 from .stills import Part, gathered
 
@@ -54,10 +54,6 @@ _OTHER_ROWS = (
 
 Progress = Callable[[int, int], None]
 """Told how many of how many steps are done."""
-
-
-def unheard(_done: int, _of: int) -> None:
-    """Progress that nobody is told."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +88,7 @@ class Imported:
 
 
 def write_source(
-    source: FrameSource, file: Path, target: Path, *, compact: bool = False, progress: Progress = unheard
+    source: FrameSource, file: Path, target: Path, *, compact: bool = False, progress: Progress = lambda *_: None
 ) -> Imported:
     """Writes a scene of a source's frames; FrogError when it cannot, and nothing is changed then.
 
@@ -101,32 +97,34 @@ def write_source(
         compact: half floats but for places, and static Gaussians packed (see scene.quantization).
         progress: told how many of how many steps are done.
     """
-    check_ending(target)
-    if source.frame_count > MAX_FRAMES:
-        raise FrogError(f"{file}: found {source.frame_count:,} frames, expected at most {MAX_FRAMES:,}.")
     steps = 2 * source.frame_count
     seen = survey(source, lambda done: progress(done, steps))
-    order = np.concatenate([np.flatnonzero(seen.moves), np.flatnonzero(~seen.moves)])
-    if compact:
-        rank = np.empty(seen.count, np.int64)
-        rank[morton_order(seen.first.means)] = np.arange(seen.count)
-        order = np.lexsort((rank, ~seen.moves))
     dynamic = int(seen.moves.sum())
-    arrays = _canonical(seen.first.part(order))
+    order = morton_order(seen.first.means) if compact else np.arange(seen.count)  # neighbours are packed well
+    order = order[np.argsort(~seen.moves[order], kind="stable")]
+    arrays = source.arrays or _canonical(seen.first)
+    if compact or dynamic:
+        arrays = {name: array[order] for name, array in arrays.items()}
     columns = tuple(name for name in column_names(seen.first.sh.shape[1]) if name in seen.columns)
     layout = RowLayout(columns, dynamic, compact, seen.keeps_identity)
-    moves = bool(dynamic and columns)
-    header = replace(
-        imported_header(file, source.origin),
-        method=SEQUENCE if moves else "static",
-        model=layout.model() if moves else {},
+    header = SceneHeader(
+        method=SEQUENCE if dynamic else "static",
+        recipe={"name": "imported"},
+        model=layout.model() if dynamic else {},
         cameras=source.cameras,
         camera_shots=(tuple(range(source.frame_count)),) * len(source.cameras),
+        test_cameras=(),
+        test_frames=(),
         frame_count=source.frame_count,
         frames_per_second=source.rate,
+        background=(0.0, 0.0, 0.0),
+        capture_path=str(file.resolve()),
+        capture_format=source.origin,
+        scale=1.0,
+        world=source.world,
     )
     check_readable(file, header)
-    if moves:
+    if dynamic:
         _check_room(file, target, header, layout)
         stored, metadata = packed_metadata(header, arrays, compact=compact)
         rows = _moving_rows(source, seen, order[:dynamic], layout, lambda done: progress(done, steps))
@@ -134,32 +132,7 @@ def write_source(
             pass
     else:
         write_scene(target, SceneFile(header, arrays), compact=compact)
-    return Imported(target, seen.count, source.left_out, frames=source.frame_count, keeps_identity=seen.keeps_identity)
-
-
-def check_ending(target: Path) -> None:
-    """FrogError for a path that is no scene's."""
-    if target.suffix != ".frog":
-        raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
-
-
-def imported_header(file: Path, origin: str) -> SceneHeader:
-    """The header of a static scene without cameras that a file of a format becomes."""
-    return SceneHeader(
-        method="static",
-        recipe={"name": "imported"},
-        model={},
-        cameras=(),
-        camera_shots=(),
-        test_cameras=(),
-        test_frames=(),
-        frame_count=1,
-        frames_per_second=STILL_RATE,
-        background=(0.0, 0.0, 0.0),
-        capture_path=str(file.resolve()),
-        capture_format=origin,
-        scale=1.0,
-    )
+    return Imported(target, seen.count, source.left_out, source.world, source.frame_count, seen.keeps_identity)
 
 
 def check_readable(file: Path, header: SceneHeader) -> None:
@@ -240,7 +213,7 @@ ROOM = 512 << 20
 
 
 def import_scene(
-    source: Path, target: Path, *, compact: bool = False, rate: float = RATE, progress: Progress = unheard
+    source: Path, target: Path, *, compact: bool = False, rate: float = RATE, progress: Progress = lambda *_: None
 ) -> Imported:
     """Writes what another program's file holds as a scene; FrogError when it cannot, and nothing is changed then.
 
@@ -250,20 +223,22 @@ def import_scene(
         rate: frames a second, of ``.ply`` files one a frame.
         progress: told how many of how many steps are done, where there are several.
     """
+    if target.suffix != ".frog":
+        raise FrogError(f"{target}: found the ending {target.suffix!r}, expected a file that ends in .frog.")
     suffix = "" if source.is_dir() else source.suffix.lower()
     remove_partial_files(target)
-    if suffix == ".ply":
-        return _import_ply(source, target, compact, progress)
     if suffix in _BESIDE:
         return _import_beside(source, target, compact, progress)
     return write_source(open_source(source, rate), source, target, compact=compact, progress=progress)
 
 
 def open_source(path: Path, rate: float = RATE) -> FrameSource:
-    """The frames of a file or a folder, read in this process. A single ``.ply`` is no source: its numbers are kept."""
+    """The frames of a file or a folder, read in this process."""
     suffix = path.suffix.lower()
     if is_sequence(path):
         return PlySequence(path, rate)
+    if suffix == ".ply":
+        return read_splats(path)
     if suffix in _USD:
         from .usd_source import UsdSource
 
@@ -285,21 +260,6 @@ def _decoded(path: Path, expected: str, decode: Decoder) -> list[Part]:
         raise needed_package(path, error) from error
     except (zipfile.BadZipFile, zlib.error, OSError, LookupError, ValueError, RuntimeError, EOFError) as error:
         raise found_instead(path, f"a damaged or foreign file ({brief(error)})", expected) from error
-
-
-def _import_ply(source: Path, target: Path, compact: bool, progress: Progress) -> Imported:
-    """A 3DGS ``.ply``, number by number as it is."""
-    check_ending(target)
-    splats = read_splats(source)
-    progress(1, 2)
-    arrays = splats.arrays
-    if compact:  # neighbours in the file are packed well if they are neighbours in the scene
-        order = morton_order(arrays["means"])
-        arrays = {name: array[order] for name, array in arrays.items()}
-    header = replace(imported_header(source, "ply"), world=splats.world)
-    check_readable(source, header)
-    write_scene(target, SceneFile(header, arrays), compact=compact)
-    return Imported(target, len(arrays["means"]), splats.left_out, splats.world)
 
 
 def _import_beside(source: Path, target: Path, compact: bool, progress: Progress) -> Imported:

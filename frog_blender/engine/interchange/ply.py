@@ -18,14 +18,12 @@ import itertools
 import re
 import zipfile
 import zlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
 from ..arrays import Array, SceneArrays
-from ..capture.camera import Camera
 from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, brief, found_instead
 from ..gaussians import NumpyGaussians
@@ -33,6 +31,7 @@ from ..io.atomic_files import write_atomically
 from ..io.regular_file import regular_file
 from ..playback.frame_delta import canonical_gaussians
 from ..scene.header import MAX_FRAMES
+from .frame_source import FrameSource, StillSource
 from .stills import bounded, units
 
 _EXPECTED = "a binary 3DGS .ply"
@@ -68,22 +67,6 @@ PROMISE = "comment frog: the same row is the same Gaussian in every file of this
 """Line of a header by which a sequence says that its count and order are constant: players interpolate such frames."""
 
 
-@dataclass(frozen=True)
-class Splats:
-    """What a 3DGS ``.ply`` holds.
-
-    Attributes:
-        arrays: ``means`` (N, 3), ``quaternions`` (N, 4) of length one, ``log_scales`` (N, 3),
-            ``opacity_logits`` (N,) and ``sh`` (N, K, 3), float32, as a static scene file has them.
-        left_out: rows whose numbers are not finite or too large to be drawn, and which are not among the N.
-        world: what was taken off places in double precision, which no float32 holds.
-    """
-
-    arrays: SceneArrays
-    left_out: int
-    world: World = FILES_OWN
-
-
 def write_splats(path: str | Path, gaussians: NumpyGaussians, *, promise: bool = False) -> None:
     """Writes Gaussians as they are, atomically; FrogError when it cannot, and then an earlier file is untouched.
 
@@ -115,8 +98,11 @@ def splat_bytes(gaussians: NumpyGaussians, *, promise: bool = False) -> bytes:
     return result
 
 
-def read_splats(path: str | Path) -> Splats:
-    """FrogError in one sentence for anything but a whole 3DGS ``.ply``; no more memory than a few times its size."""
+def read_splats(path: str | Path) -> StillSource:
+    """The Gaussians of a file, with its numbers as ``arrays``; no more memory than a few times its size is taken.
+
+    FrogError in one sentence for anything but a whole 3DGS ``.ply``.
+    """
     try:
         with regular_file(path, _EXPECTED).open("rb") as file:
             return splats_in(path, file)
@@ -124,7 +110,7 @@ def read_splats(path: str | Path) -> Splats:
         raise FrogError(f"{path}: could not be read ({error.strerror or error}).") from error
 
 
-def splats_in(path: str | Path, file: BinaryIO) -> Splats:
+def splats_in(path: str | Path, file: BinaryIO) -> StillSource:
     """As ``read_splats``, of an open file; ``path`` is what the sentence names."""
     start, count, dtype = _layout(path, file)
     size = count * dtype.itemsize
@@ -187,7 +173,7 @@ def _count(path: str | Path, text: str) -> int:
     return int(text)
 
 
-def _splats(path: str | Path, table: Array) -> Splats:
+def _splats(path: str | Path, table: Array) -> StillSource:
     names = set(table.dtype.names or ())
     rest = next(i for i in itertools.count() if f"f_rest_{i}" not in names)
     wanted = {
@@ -215,7 +201,7 @@ def _splats(path: str | Path, table: Array) -> Splats:
     flat = arrays["sh"]
     further = flat[:, 3:].reshape(len(flat), 3, -1).transpose(0, 2, 1)
     arrays["sh"] = np.ascontiguousarray(np.concatenate([flat[:, None, :3], further], axis=1))
-    return Splats(arrays, left_out, world)
+    return StillSource(canonical_gaussians(arrays), "ply", left_out, arrays, world)
 
 
 def _local_places(table: Array) -> tuple[World, dict[str, Array]]:
@@ -295,8 +281,8 @@ def _median(numbers: Array) -> float:
     return float(np.median(finite)) if finite.size else 0.0
 
 
-class PlySequence:
-    """The frames of a folder or zip of files, one a frame, as other trainers and players write them: a ``FrameSource``.
+class PlySequence(FrameSource):
+    """The frames of a folder or zip of files, one a frame, as other trainers and players write them.
 
     Files are taken in the order of the numbers in their names. Where the first says so (see PROMISE), the same row is
     the same Gaussian in all of them; where none does, it is looked at what moves how far.
@@ -307,10 +293,9 @@ class PlySequence:
     """
 
     origin = "plys"
-    cameras: tuple[Camera, ...] = ()
 
     def __init__(self, path: Path, rate: float) -> None:
-        self._path, self.rate, self.left_out = path, rate, 0
+        self._path, self.rate = path, rate
         if not 1e-3 <= rate <= 1e4:
             raise FrogError(f"{path}: found {rate:g} frames a second, expected 0.001 to 10,000.")
         self._archive: zipfile.ZipFile | None = None
@@ -327,7 +312,7 @@ class PlySequence:
         self.frame_count = len(self._names)
         if not 1 <= self.frame_count <= MAX_FRAMES:
             raise found_instead(path, f"{self.frame_count:,} .ply files", _FRAMES)
-        self.keeps_identity: bool | None = True if promises_order(self._file(0)) else None
+        self.keeps_identity = True if promises_order(self._file(0)) else None
 
     def at(self, frame: int) -> NumpyGaussians:
         """A frame, counted from 0, with the file's own axes."""
@@ -336,7 +321,7 @@ class PlySequence:
         self.left_out = max(self.left_out, splats.left_out)
         if not splats.world.is_plain:
             raise found_instead(place, "coordinates that need more than single precision", "local ones")
-        return canonical_gaussians(splats.arrays)
+        return splats.gaussians
 
     def _file(self, frame: int) -> io.BytesIO:
         """What a frame's file holds, or of a folder's how it begins."""

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import Array
-from ..capture.camera import Camera
 from ..errors import brief, found_instead
 from ..gaussians import GaussianArrays, NumpyGaussians, joined
 from ..io.paths import is_network_path
 from ..io.regular_file import regular_file
 from ..scene.header import MAX_FRAMES
+from .frame_source import FrameSource
 from .stills import AS_THEY_ARE, Y_UP, gathered
 from .usd_cameras import cameras_of, time_code, world_matrix
 from .usd_export import PRIM_TYPE
@@ -34,8 +34,8 @@ _SPARSE, _SPARSEST = 4, 256
 _COEFFICIENTS = (1, 4, 9, 16)
 
 
-class UsdSource:
-    """Frames of a USD file: a ``FrameSource``. Where counts are constant, USD takes a row for the same Gaussian.
+class UsdSource(FrameSource):
+    """Frames of a USD file. Where counts are constant, USD takes a row for the same Gaussian.
 
     Its cameras stand where they are at the first frame.
 
@@ -52,7 +52,6 @@ class UsdSource:
         regular_file(path, _EXPECTED)
         self._path = path
         self._quiet = UsdUtils.CoalescingDiagnosticDelegate()  # its warnings are for nobody here
-        self.left_out = 0
         try:
             _check_references(path)
             self._stage = Usd.Stage.Open(str(path))
@@ -64,12 +63,12 @@ class UsdSource:
             _make_placeable(self._stage, self._prims)
             self._up = Y_UP if UsdGeom.GetStageUpAxis(self._stage) == "Y" else AS_THEY_ARE
             self._times, self.rate = self._grid(float(self._stage.GetTimeCodesPerSecond()))
-            self.cameras: tuple[Camera, ...] = tuple(cameras_of(self._stage, self._times[0], self._up))
+            self.cameras = tuple(cameras_of(self._stage, self._times[0], self._up))
         except Tf.ErrorException as error:
             raise found_instead(path, f"a file that the USD library cannot read ({brief(error)})", _EXPECTED) from error
         self.frame_count = len(self._times)
         counts = {tuple(len(_value(prim, "positions", time)) for prim in self._prims) for time in self._times}
-        self.keeps_identity: bool | None = len(counts) == 1
+        self.keeps_identity = len(counts) == 1
 
     def at(self, frame: int) -> NumpyGaussians:
         """A frame, counted from 0, in the file's world with z up."""
