@@ -15,7 +15,7 @@ from .. import point_cloud
 from ..engine.errors import FrogError
 from ..properties import text
 from ..scene_import.capture_objects import named_or_active_capture
-from ..timeline import open_scenes, playback, playback_cache
+from ..timeline import playback, playback_cache
 from ..timeline.frame_timing import evaluated_frames
 from ..timeline.retiming import needs_evaluated_time, stretched
 from .bases import ConfirmedOperator, FrogOperator
@@ -41,8 +41,6 @@ def begin_bake(obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Path, Ste
     if needed > megabytes * playback_cache.MEGABYTE:
         needs = f"{len(times):,} frames need {needed / playback_cache.MEGABYTE:,.0f} MB, the limit is {megabytes:,} MB"
         raise FrogError(f"{path.name}: {needs}. Raise the limit or shorten the scene's frame range.")
-    # Windows cannot replace an open file. Playback opens it again on demand.
-    open_scenes.let_go_of_bake(path)
     return path, write_bake(path, file, playable, times), len(times)
 
 
@@ -90,7 +88,7 @@ has nothing to compute. Press Esc or the right mouse button to stop"""
         return steps, total
 
     def restore(self) -> None:
-        playback.refresh(bpy.context.scene)  # the bake was closed
+        playback.refresh(bpy.context.scene)  # from the new bake
 
     def finished_message(self) -> str:
         size = self._path.stat().st_size / playback_cache.MEGABYTE
@@ -104,11 +102,11 @@ class FROG_OT_clear_bake(_OfCapture, ConfirmedOperator, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> None:
         path = playback.bake_path(self.capture(context))
-        open_scenes.let_go_of_bake(path)
         try:
             path.unlink()
         except OSError as error:
             raise FrogError(f"{path}: the bake could not be deleted ({error.strerror or error}).") from error
+        playback.refresh(context.scene)
 
 
 class FROG_OT_clear_cache(FrogOperator, bpy.types.Operator):

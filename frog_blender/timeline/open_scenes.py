@@ -97,11 +97,11 @@ def scene(path: Path) -> ScenePlayer:
 def bake(path: Path, file: Path, scene: ScenePlayer) -> Bake | None:
     """The bake of a scene; None if there is no usable one, which ``bake_problem`` explains."""
     stamp = version(path)
-    if stamp is None:
-        let_go_of_bake(path)
-        return None
     files = addon_state.get(OpenScenes)
     with files.lock:
+        if stamp is None:
+            files.bakes.pop((path, file), None)
+            return None
         kept = files.bakes.setdefault((path, file), _File())
     problem = f"{path}: frames are computed, because this bake cannot be used"
     return kept.take((stamp, scene.token), lambda: files.load_bake(path, file, scene), problem)
@@ -148,16 +148,6 @@ def bake_problem(path: Path, file: Path) -> str:
     return kept.problem or getattr(kept.content, "problem", "")
 
 
-def let_go_of_bake(path: Path) -> None:
-    """Closes a bake so that it can be replaced or deleted. It is opened again on demand."""
-    files = addon_state.get(OpenScenes)
-    with files.lock:
-        let_go = [files.bakes.pop(key) for key in [key for key in files.bakes if key[0] == path]]
-    for kept in let_go:
-        if kept.content is not None:
-            kept.content.close()
-
-
 def forget() -> None:
     """Drop every scene and bake that was read."""
     forget_all_but(())
@@ -169,11 +159,9 @@ def forget_all_but(kept: Container[Path]) -> None:
     files = addon_state.get(OpenScenes)
     with files.lock:
         dropped = [files.scenes.pop(path) for path in [path for path in files.scenes if path not in kept]]
-        bakes = {path for path, file in files.bakes if file not in kept}
+        files.bakes = {key: bake for key, bake in files.bakes.items() if key[1] in kept}
     for closed in dropped:
         _forget_frames(closed.content)
-    for path in bakes:
-        let_go_of_bake(path)
 
 
 def _forget_frames(content: ScenePlayer | None) -> None:

@@ -105,7 +105,6 @@ def test_a_damaged_bake_is_one_sentence_and_frames_are_computed(empty, capture, 
     bpy.ops.frog.bake()
     path = static_rig.with_suffix(".frogbake")
     content = path.read_bytes()
-    open_scenes.let_go_of_bake(path)
     playback_cache.clear()
     path.write_bytes(content[:length] if length else b"nonsense" * 40)
     for frame in (3, 4):
@@ -124,7 +123,7 @@ def test_a_bake_that_is_cut_while_it_is_open(empty, capture, static_rig):
     found = playback.baked(capture)
     with path.open("r+b") as file:
         file.truncate(path.stat().st_size // 3)
-    assert found.find(1.0) is None and "cut short" in found.problem
+    assert found.find(1.0) is None and "was changed" in found.problem
     empty.frame_set(10)
     shows(capture, static_rig, 9.0)
 

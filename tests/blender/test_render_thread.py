@@ -121,7 +121,6 @@ def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypat
     def drop():
         while not stop.is_set():
             open_scenes.forget_all_but(paths[:2])
-            open_scenes.let_go_of_bake(bake)
             open_scenes.forget()
 
     before = sys.getswitchinterval()

@@ -35,13 +35,10 @@ class Bakes(Kind):
 
     def use(self) -> bool:
         found = Bake(self.path, self._source, self._scene)
-        try:
-            for frame_time in (0.0, 0.5, 1.0):
-                part = found.find(frame_time)
-                if part is not None:
-                    draw(self._scene.at(frame_time, part), plain_camera(), (0.0, 0.0, 0.0))
-        finally:
-            found.close()
+        for frame_time in (0.0, 0.5, 1.0):
+            part = found.find(frame_time)
+            if part is not None:
+                draw(self._scene.at(frame_time, part), plain_camera(), (0.0, 0.0, 0.0))
         assert not found.problem
         return True
 

@@ -52,7 +52,6 @@ def test_what_was_baked_is_read_bit_for_bit(baked: tuple[Path, Path, ScenePlayer
         assert part is not None
         for name, column in scene.delta_at(time).columns.items():
             np.testing.assert_array_equal(part.columns[name], column)
-    found.close()
 
 
 TIMES_THAT_ARE_NONE = (

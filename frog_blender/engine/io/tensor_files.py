@@ -77,28 +77,17 @@ def read_tensors(
 
 
 @contextmanager
-def opened_tensors(path: str | Path, kind: str, *, kept: bool = False) -> Iterator[FileIO]:
-    """An open file to read; what does not fit raises the same in the block as of ``read_tensors``.
-
-    Args:
-        kept: it stays open where nothing is wrong.
-    """
-    file = None
+def opened_tensors(path: str | Path, kind: str) -> Iterator[FileIO]:
+    """An open file to read; what does not fit raises the same in the block as of ``read_tensors``."""
     try:
-        file = FileIO(regular_file(path, kind), "rb")
-        yield file
-    except BaseException as error:
-        kept = False
-        if isinstance(error, MemoryError):
-            raise found_instead(path, "a file that is larger than the free memory", kind) from error
-        if isinstance(error, OSError):
-            raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", kind) from error
-        if isinstance(error, ValueError):
-            raise found_instead(path, f"a damaged or foreign file ({error})", kind) from error
-        raise
-    finally:
-        if file is not None and not kept:
-            file.close()
+        with FileIO(regular_file(path, kind), "rb") as file:  # not buffered: what is read is on the disk now
+            yield file
+    except MemoryError as error:
+        raise found_instead(path, "a file that is larger than the free memory", kind) from error
+    except OSError as error:
+        raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", kind) from error
+    except ValueError as error:
+        raise found_instead(path, f"a damaged or foreign file ({error})", kind) from error
 
 
 def read_header(file: FileIO) -> tuple[dict[str, Tensor], dict[str, str]]:

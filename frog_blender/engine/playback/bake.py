@@ -10,17 +10,18 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import threading
 from collections.abc import Generator, Iterator, Sequence
+from dataclasses import replace
+from io import FileIO
 from pathlib import Path
 
 from ..arrays import Array
-from ..errors import FrogError, brief, found_instead
+from ..errors import FrogError, found_instead
 from ..io.atomic_files import remove_partial_files
 from ..io.plain_values import UnfitValue, items, number, plain_json
 from ..io.regular_file import regular_file
 from ..io.tensor_files import opened_tensors, read_header, write_rows
-from ..scene.scene_file import RowLayout
+from ..scene.scene_file import FrameRows, RowLayout, stamp_of
 from .frame_delta import FrameDelta
 from .player import ScenePlayer
 
@@ -70,7 +71,7 @@ def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[flo
 
 
 class Bake:
-    """An open bake; safe to use from any thread.
+    """The frames of a bake; safe to use from any thread.
 
     Args:
         path: the file.
@@ -86,19 +87,22 @@ class Bake:
 
     def __init__(self, path: Path, source: Path, scene: ScenePlayer) -> None:
         self.problem = ""
-        self._path, self._lock = path, threading.Lock()
-        self._layout = RowLayout(scene.changing, scene.num_dynamic, half=False, keeps_identity=True)
-        with opened_tensors(path, _KIND, kept=True) as self._file:  # not buffered: what is read is on the disk now
-            self._begin, times, identity = self._read_header()
-            self.bytes = path.stat().st_size
-            if identity != fingerprint(source):
-                message = f"{path}: found a bake of another version of {source.name}, expected one of the present; "
-                raise FrogError(f"{message}bake again or clear it.")
+        layout = RowLayout(scene.changing, scene.num_dynamic, half=False, keeps_identity=True)
+        with opened_tensors(path, _KIND) as file:
+            begin, times, identity = _read_header(file, layout)
+        if identity != fingerprint(source):
+            message = f"{path}: found a bake of another version of {source.name}, expected one of the present; "
+            raise FrogError(f"{message}bake again or clear it.")
+        self._rows = FrameRows(path, stamp_of(path), begin, len(times), layout)
         self._places = {time: index for index, time in enumerate(times)}
 
     def __len__(self) -> int:
         """Baked times."""
         return len(self._places)
+
+    @property
+    def bytes(self) -> int:
+        return self._rows.stamp[1]
 
     def find(self, time: float, rows: Array | None = None) -> FrameDelta | None:
         """What was baked of a time in [0, 1], bit for bit as computed; None where it was not, or cannot be read.
@@ -106,44 +110,30 @@ class Bake:
         Args:
             rows: (K,) indices of the wanted dynamic Gaussians, ascending; None for all of them.
         """
-        place = self._places.get(time)
-        if place is None or self.problem:
+        index = self._places.get(time)
+        if index is None or self.problem:
             return None
-        content = bytearray(self._layout.size)
         try:
-            with self._lock:
-                self._file.seek(self._begin + place * len(content))
-                length = self._file.readinto(content)
-        except (OSError, ValueError) as error:  # ValueError: closed meanwhile
-            self.problem = (
-                f"{self._path}: the bake cannot be read any more ({brief(error)}); frames are computed instead."
-            )
+            return FrameDelta(replace(self._rows, kept=rows).at(index))
+        except FrogError:
+            path = self._rows.path
+            self.problem = f"{path}: the bake was changed or cannot be read any more; frames are computed instead."
             return None
-        if length != len(content):
-            self.problem = f"{self._path}: found a bake that was cut short; frames are computed instead."
-            return None
-        found = self._layout.unpacked(content).items()
-        # Indexing takes four times as long.
-        return FrameDelta({name: column if rows is None else column.take(rows, axis=0) for name, column in found})
 
-    def close(self) -> None:
-        """Lets go of the file, which some systems ask for before it can be replaced or deleted."""
-        with self._lock:
-            self._file.close()
 
-    def _read_header(self) -> tuple[int, list[float], str]:
-        """Where the rows begin, their times and the scene's fingerprint."""
-        tensors, metadata = read_header(self._file)
-        if tensors.keys() != {_TENSOR} or "scene" not in metadata:
-            raise UnfitValue("other arrays or texts", "those of a bake")
-        tensor = tensors[_TENSOR]
-        said = (plain_json(metadata.get(name, ""), name) for name in ("times", "columns"))
-        times, columns = (items(value, "times or columns", _MOST_TIMES) for value in said)
-        if tensor.dtype != "F32" or len(tensor.shape) != 2 or tensor.shape[0] != len(times):
-            raise UnfitValue(f"{len(times)} times of {tensor.shape} numbers", "a row of floats for each")
-        if 4 * tensor.shape[1] != self._layout.size or columns != list(self._layout.columns):
-            return 0, [], ""  # another scene's
-        return tensor.begin, [number(time, "a time", 0, 1) for time in times], metadata["scene"]
+def _read_header(file: FileIO, layout: RowLayout) -> tuple[int, list[float], str]:
+    """Where the rows begin, their times and the scene's fingerprint."""
+    tensors, metadata = read_header(file)
+    if tensors.keys() != {_TENSOR} or "scene" not in metadata:
+        raise UnfitValue("other arrays or texts", "those of a bake")
+    tensor = tensors[_TENSOR]
+    said = (plain_json(metadata.get(name, ""), name) for name in ("times", "columns"))
+    times, columns = (items(value, "times or columns", _MOST_TIMES) for value in said)
+    if tensor.dtype != "F32" or len(tensor.shape) != 2 or tensor.shape[0] != len(times):
+        raise UnfitValue(f"{len(times)} times of {tensor.shape} numbers", "a row of floats for each")
+    if 4 * tensor.shape[1] != layout.size or columns != list(layout.columns):
+        return 0, [], ""  # another scene's
+    return tensor.begin, [number(time, "a time", 0, 1) for time in times], metadata["scene"]
 
 
 def fingerprint(path: Path) -> str:

@@ -110,7 +110,7 @@ class RowLayout:
 
 @dataclass(frozen=True)
 class FrameRows:
-    """The rows of an open sequence; safe to use from any thread.
+    """The rows of a sequence or a bake; safe to use from any thread.
 
     Attributes:
         path: of the file, which is opened for each row: nothing is kept from replacing it.
@@ -143,22 +143,21 @@ class FrameRows:
 
     def at(self, frame: int) -> dict[str, Array]:
         """(M, width) float32 by column of a frame; FrogError where the file was changed or cannot be read."""
-        layout, size = self.layout, self.layout.size
+        content = bytearray(self.layout.size)
         try:
             with self.path.open("rb", buffering=0) as file:
-                if _stamp(self.path) != self.stamp:
+                if stamp_of(self.path) != self.stamp:
                     raise found_instead(self.path, "another version of it than was opened", "the same; open it again")
-                file.seek(self.begin + frame * size)
-                content = file.read(size)
+                file.seek(self.begin + frame * len(content))
+                length = file.readinto(content)
         except OSError as error:
             raise FrogError(f"{self.path}: a frame could not be read ({error.strerror or error}).") from error
-        if len(content) != size:
-            raise found_instead(self.path, f"{len(content):,} bytes of frame {frame}", f"{size:,}")
-        found = layout.unpacked(content)
-        return {name: self._wanted(column).astype(np.float32) for name, column in found.items()}
-
-    def _wanted(self, column: Array) -> Array:
-        return column if self.kept is None else column[self.kept]
+        if length != len(content):
+            raise found_instead(self.path, f"{length:,} bytes of frame {frame}", f"{len(content):,}")
+        columns = self.layout.unpacked(content)
+        if self.kept is not None:  # indexing takes four times as long
+            columns = {name: column.take(self.kept, axis=0) for name, column in columns.items()}
+        return {name: column.astype(np.float32, copy=False) for name, column in columns.items()}
 
 
 def find_rows(path: str | Path, header: SceneHeader, num_gaussians: int) -> FrameRows:
@@ -170,10 +169,11 @@ def find_rows(path: str | Path, header: SceneHeader, num_gaussians: int) -> Fram
     if tensor is None or tensor.shape != expected or tensor.dtype != "U8":
         found = f"shape {tensor.shape} and type {tensor.dtype}" if tensor else "nothing"
         raise UnfitValue(f"{FRAMES} of {found}", f"shape {expected} of bytes")
-    return FrameRows(path, _stamp(path), tensor.begin, header.frame_count, layout)
+    return FrameRows(path, stamp_of(path), tensor.begin, header.frame_count, layout)
 
 
-def _stamp(path: Path) -> tuple[int, int]:
+def stamp_of(path: Path) -> tuple[int, int]:
+    """A file's modification time and size."""
     status = path.stat()
     return status.st_mtime_ns, status.st_size
 
