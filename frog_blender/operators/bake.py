@@ -28,7 +28,7 @@ def begin_bake(obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Path, Ste
 
     Other objects of the scene that play the same file from the same bake are in it as well.
     """
-    from ..engine.playback.bake import bytes_needed, write_bake
+    from ..engine.playback.bake import write_bake
 
     file, path = playback.file_of(obj), playback.bake_path(obj)
     playable = playback.open_scene(file)
@@ -37,7 +37,7 @@ def begin_bake(obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Path, Ste
     same = [other for other in playback.captures(scene.objects) if playback.bake_path(other) == path]
     same = [other for other in same if playback.file_of(other) == file]
     times = sorted(_times(scene, same))
-    needed, megabytes = bytes_needed(playable, len(times)), obj.frog.bake_megabytes
+    needed, megabytes = len(times) * playable.delta_bytes, obj.frog.bake_megabytes
     if needed > megabytes * playback_cache.MEGABYTE:
         needs = f"{len(times):,} frames need {needed / playback_cache.MEGABYTE:,.0f} MB, the limit is {megabytes:,} MB"
         raise FrogError(f"{path.name}: {needs}. Raise the limit or shorten the scene's frame range.")

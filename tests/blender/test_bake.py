@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import bpy
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from support.small_scenes import rig_of_three, shows, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.playback.bake import write_bake
 from frog_blender.engine.playback.importance import most_important, ranking
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
@@ -184,16 +181,6 @@ def test_in_a_window_a_bake_is_stopped(empty, capture, static_rig):
         assert operator.modal(bpy.context, event("ESC", "PRESS")) == {"CANCELLED"} and operator.timer is None
         assert not static_rig.with_suffix(".frogbake").exists() and not leftovers(static_rig.parent)
         assert window.said == [("INFO", "Baking was stopped. Nothing was written.")]
-
-
-def test_write_bake_says_when_the_disk_is_too_small(empty, static_rig, monkeypatch):
-    from frog_blender.engine.playback import bake as engine
-
-    monkeypatch.setattr(engine.shutil, "disk_usage", lambda folder: SimpleNamespace(free=100))
-    scene = ScenePlayer.load(static_rig)
-    path = static_rig.with_suffix(".frogbake")
-    with pytest.raises(FrogError, match="needs 0 MB, found 0 MB on the disk"):
-        list(write_bake(path, static_rig, scene, [0.0, 1.0]))
 
 
 def of_which_move(path, moving):

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import struct
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -52,6 +54,14 @@ def test_what_was_baked_is_read_bit_for_bit(baked: tuple[Path, Path, ScenePlayer
         assert part is not None
         for name, column in scene.delta_at(time).columns.items():
             np.testing.assert_array_equal(part.columns[name], column)
+
+
+def test_a_disk_that_is_too_small_is_told(
+    baked: tuple[Path, Path, ScenePlayer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=100))
+    with pytest.raises(FrogError, match="needs 0 MB, found 0 MB on the disk"):
+        list(write_bake(*baked, TIMES))
 
 
 TIMES_THAT_ARE_NONE = (

@@ -10,7 +10,6 @@ memory.
 from __future__ import annotations
 
 import json
-import shutil
 import tempfile
 import zipfile
 import zlib
@@ -125,7 +124,7 @@ def write_source(
     )
     check_readable(file, header)
     if dynamic:
-        _check_room(file, target, header, layout)
+        _check_size(file, header, layout)
         stored, metadata = packed_metadata(header, arrays, compact=compact)
         rows = _moving_rows(source, seen, order[:dynamic], layout, lambda done: progress(done, steps))
         for _ in write_rows(target, stored, metadata, (FRAMES, "U8", (source.frame_count, layout.size)), rows):
@@ -149,17 +148,13 @@ def check_readable(file: Path, header: SceneHeader) -> None:
         raise FrogError(f"{file}: no scene of it could be opened: found {error}.") from error
 
 
-def _check_room(file: Path, target: Path, header: SceneHeader, layout: RowLayout) -> None:
-    """FrogError for frames that the disk has no room for, or that are far more than what they were made of."""
+def _check_size(file: Path, header: SceneHeader, layout: RowLayout) -> None:
+    """FrogError for frames that are far more than what they were made of."""
     needed = header.frame_count * layout.size
-    what = f"{header.frame_count:,} frames of {layout.num_dynamic:,} Gaussians, {needed / 1e6:,.0f} MB"
     most = max(_ROOM, _MOST_GROWN * _size_of(file))
     if needed > most:
-        raise found_instead(file, what, f"at most {most / 1e6:,.0f} MB of a file of its size")
-    folder = next((parent for parent in target.absolute().parents if parent.is_dir()), None)
-    free = shutil.disk_usage(folder).free if folder else needed
-    if needed > free:
-        raise found_instead(file, what, f"at most the {free / 1e6:,.0f} MB that are free for {target}")
+        frames = f"{header.frame_count:,} frames of {layout.num_dynamic:,} Gaussians, {needed / 1e6:,.0f} MB"
+        raise found_instead(file, frames, f"at most {most / 1e6:,.0f} MB of a file of its size")
 
 
 def _size_of(file: Path) -> int:

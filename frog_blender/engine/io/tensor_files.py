@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import struct
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,7 +21,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import FrogError, brief, found_instead
-from .atomic_files import atomic_file
+from .atomic_files import atomic_file, remove_partial_files
 from .plain_values import UnfitValue, entries, items, plain_json, whole
 from .regular_file import regular_file
 
@@ -141,6 +142,10 @@ def write_rows(
     head += b" " * (-len(head) % 8)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        remove_partial_files(path)
+        free = shutil.disk_usage(path.parent).free
+        if end > free:
+            raise FrogError(f"{path}: needs {end / 1e6:,.0f} MB, found {free / 1e6:,.0f} MB on the disk.")
         with atomic_file(path) as file:
             file.write(len(head).to_bytes(8, "little") + head)
             for array in arrays.values():

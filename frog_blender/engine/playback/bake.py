@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
 from io import FileIO
@@ -17,7 +16,6 @@ from pathlib import Path
 
 from ..arrays import Array
 from ..errors import FrogError, found_instead
-from ..io.atomic_files import remove_partial_files
 from ..io.plain_values import UnfitValue, items, number, plain_json
 from ..io.regular_file import regular_file
 from ..io.tensor_files import opened_tensors, read_header, write_rows
@@ -28,11 +26,6 @@ from .player import ScenePlayer
 SUFFIX = ".frogbake"
 _TENSOR, _KIND = "moments", "a bake of a .frog scene"
 _MOST_TIMES = 1 << 24
-
-
-def bytes_needed(scene: ScenePlayer, num_times: int) -> int:
-    """Size of a bake without its header."""
-    return num_times * scene.delta_bytes
 
 
 def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[float]) -> Generator[int, None, None]:
@@ -50,16 +43,7 @@ def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[flo
     """
     identity = fingerprint(source)
     metadata = {"scene": identity, "columns": json.dumps(scene.changing), "times": json.dumps(list(times))}
-    layout = RowLayout(scene.changing, scene.num_dynamic, half=False, keeps_identity=True)
-    needed = bytes_needed(scene, len(times))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        free = shutil.disk_usage(path.parent).free
-    except OSError as error:
-        raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
-    remove_partial_files(path)
-    if needed > free:
-        raise FrogError(f"{path}: the bake needs {needed / 1e6:,.0f} MB, found {free / 1e6:,.0f} MB on the disk.")
+    layout = RowLayout(scene.changing, scene.num_dynamic)
 
     def rows() -> Iterator[bytes]:
         for time in times:
@@ -87,7 +71,7 @@ class Bake:
 
     def __init__(self, path: Path, source: Path, scene: ScenePlayer) -> None:
         self.problem = ""
-        layout = RowLayout(scene.changing, scene.num_dynamic, half=False, keeps_identity=True)
+        layout = RowLayout(scene.changing, scene.num_dynamic)
         with opened_tensors(path, _KIND) as file:
             begin, times, identity = _read_header(file, layout)
         if identity != fingerprint(source):

@@ -56,8 +56,8 @@ class RowLayout:
 
     columns: tuple[str, ...]
     num_dynamic: int
-    half: bool
-    keeps_identity: bool
+    half: bool = False
+    keeps_identity: bool = True
 
     def kind(self, name: str) -> str:
         """A column's type."""
