@@ -195,7 +195,7 @@ def show(obj: bpy.types.Object, scene: ScenePlayer, time: float, part: Callable[
     moving = part()
     invalidate(mesh)  # until all is written
     for name, column in columns.items():
-        if whole or column in moving.columns:
+        if whole or column in moving:
             write_attribute(mesh, name, scene.column(column, moving))
     mesh[_SHOWN] = wanted
     mesh.update_tag()

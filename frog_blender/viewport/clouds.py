@@ -84,7 +84,7 @@ def textures_of(columns: Mapping[str, np.ndarray]) -> dict[str, Texels]:
 
 def still_textures(scene: ScenePlayer) -> dict[str, Texels]:
     """The textures of all Gaussians of a scene at its beginning."""
-    return textures_of({name: scene.column(name, FrameDelta({})) for name in scene.columns})
+    return textures_of({name: scene.column(name, {}) for name in scene.columns})
 
 
 def moving_textures(scene: ScenePlayer, part: FrameDelta) -> dict[str, Texels]:
@@ -92,11 +92,11 @@ def moving_textures(scene: ScenePlayer, part: FrameDelta) -> dict[str, Texels]:
 
     Where one coefficient of the colours changes, all of them are there.
     """
-    columns = dict(part.columns)
+    columns = dict(part)
     if any(name.startswith("sh_") for name in columns):
         for name in scene.columns:
             if name.startswith("sh_") and name not in columns:
-                columns[name] = scene.column(name, FrameDelta({}))[: scene.num_dynamic]
+                columns[name] = scene.column(name, {})[: scene.num_dynamic]
     return textures_of(columns)
 
 

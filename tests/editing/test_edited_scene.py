@@ -110,10 +110,10 @@ def test_columns_and_parts_are_those_of_the_whole(kind):
         played = EditedScene(scene, edits)
         for time in TIMES:
             raw = played.source.delta_at(time)
-            before = {column: values.copy() for column, values in raw.columns.items()}
+            before = {column: values.copy() for column, values in raw.items()}
             part, whole = played.edited(raw), played.at(time)
-            assert tuple(part.columns) == played.changing
-            for column, values in raw.columns.items():  # which others may be shown
+            assert tuple(part) == played.changing
+            for column, values in raw.items():  # which others may be shown
                 np.testing.assert_array_equal(values, before[column])
             joined = played.at(time, part)
             for attribute in ATTRIBUTES:

@@ -52,8 +52,8 @@ def test_what_was_baked_is_read_bit_for_bit(baked: tuple[Path, Path, ScenePlayer
     for time in TIMES:
         part = found.find(time)
         assert part is not None
-        for name, column in scene.delta_at(time).columns.items():
-            np.testing.assert_array_equal(part.columns[name], column)
+        for name, column in scene.delta_at(time).items():
+            np.testing.assert_array_equal(part[name], column)
 
 
 def test_a_disk_that_is_too_small_is_told(

@@ -20,7 +20,7 @@ def assert_same_bits(scene: SceneFile, times: tuple[float, ...] = TIMES) -> Scen
     playable, other = ScenePlayer(scene), ScenePlayer(scene)
     parts = {time: playable.delta_at(time) for time in times}
     for time, part in parts.items():
-        assert tuple(part.columns) == playable.changing
+        assert tuple(part) == playable.changing
         expected, found = other.at(time), playable.at(time, part)
         for name in ATTRIBUTES:
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)

@@ -64,7 +64,7 @@ def test_a_scene_is_sent_once_and_of_a_frame_what_changes() -> None:
     assert whole >= 3000 * 14 * 4
     first = cloud.at(cache.SceneTime(player, 0.25))
     part = card.bytes()
-    assert player.delta_at(0.25).bytes <= part < 0.3 * whole
+    assert player.delta_bytes <= part < 0.3 * whole
     assert cloud.at(cache.SceneTime(player, 0.25)).moving is first.moving and kept.of(player, card) is cloud
     assert card.bytes() == 0 and first.rows == 500
     cloud.at(cache.SceneTime(player, 0.5))

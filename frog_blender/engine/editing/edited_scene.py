@@ -178,16 +178,16 @@ class EditedScene(ScenePlayer):
         count = self.num_dynamic
         columns = {}
         for name in self.changing:
-            column = part.columns.get(name)
+            column = part.get(name)
             if column is None:  # opacities that crops alone change
                 column = column_of(self.source._still, name, count)
             for grade in self._moving_grades:
                 column = grade.changed(name, column)
             if name == "base" and self._fades:
-                column = column.copy() if column is part.columns.get(name) else column
+                column = column.copy() if column is part.get(name) else column
                 column[:, 3] *= self._kept_moving(part)
             columns[name] = column
-        return FrameDelta(columns)
+        return columns
 
     def compute(self, time: float) -> NumpyGaussians:
         """As ``at``, but computed in any case; the arrays are not to be written."""
@@ -244,7 +244,7 @@ class EditedScene(ScenePlayer):
         count = self.num_dynamic
         if not self._follows:
             return self._kept[:count]
-        means = part.columns["means"]
+        means = part["means"]
         kept = [
             crop.kept(means) if crop.time is None else known[:count]
             for crop, known in zip(self._crops, self._kept_by_crop, strict=True)

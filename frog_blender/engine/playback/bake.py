@@ -47,7 +47,7 @@ def write_bake(path: Path, source: Path, scene: ScenePlayer, times: Sequence[flo
 
     def rows() -> Iterator[bytes]:
         for time in times:
-            yield layout.packed(scene.delta_at(time).columns)
+            yield layout.packed(scene.delta_at(time))
         if fingerprint(source) != identity:
             raise FrogError(f"{source}: found another version of it than when baking began; bake again.")
 
@@ -98,7 +98,7 @@ class Bake:
         if index is None or self.problem:
             return None
         try:
-            return FrameDelta(replace(self._rows, kept=rows).at(index))
+            return replace(self._rows, kept=rows).at(index)
         except FrogError:
             path = self._rows.path
             self.problem = f"{path}: the bake was changed or cannot be read any more; frames are computed instead."

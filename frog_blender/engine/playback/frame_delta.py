@@ -13,7 +13,7 @@ import threading
 import weakref
 from collections import OrderedDict, deque
 from collections.abc import Collection
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -98,20 +98,8 @@ def column_width(name: str) -> int:
     return WIDTHS.get(name, 3)
 
 
-@dataclass(frozen=True)
-class FrameDelta:
-    """The changing columns of the M dynamic Gaussians at one time; not to be written to.
-
-    Attributes:
-        columns: (M, width) by name.
-    """
-
-    columns: dict[str, Array]
-
-    @property
-    def bytes(self) -> int:
-        """How much memory it takes."""
-        return sum(column.nbytes for column in self.columns.values())
+FrameDelta: TypeAlias = dict[str, Array]
+"""The changing columns (M, width) of the M dynamic Gaussians at one time, by name; not to be written to."""
 
 
 def column_of(gaussians: NumpyGaussians, name: str, count: int | None = None) -> Array:
@@ -157,7 +145,7 @@ def _coefficient(sh: Array, k: int) -> Array:
 
 def extract_columns(gaussians: NumpyGaussians, names: Collection[str], count: int | None = None) -> FrameDelta:
     """Those columns of the first ``count`` Gaussians."""
-    return FrameDelta({name: column_of(gaussians, name, count) for name in names})
+    return {name: column_of(gaussians, name, count) for name in names}
 
 
 Key = tuple[str, float]
@@ -210,20 +198,26 @@ class FrameCache:
 
     def keep(self, key: Key, part: FrameDelta) -> None:
         """Keeps a frame, dropping others for it; one that is larger than the limit is not kept."""
+        size = _size(part)
         with self._lock:
-            self._bytes -= self._parts.pop(key).bytes if key in self._parts else 0
-            if not 0 < part.bytes <= self._limit:
+            self._bytes -= _size(self._parts.pop(key, {}))
+            if not 0 < size <= self._limit:
                 return  # a static scene has nothing to keep
-            self._make_room(part.bytes)
+            self._make_room(size)
             self._parts[key] = part
-            self._bytes += part.bytes
+            self._bytes += size
 
     def forget(self, token: str | None = None) -> None:
         """Drops the frames of a scene, of all scenes for None."""
         with self._lock:
             for key in [key for key in self._parts if token is None or key[0] == token]:
-                self._bytes -= self._parts.pop(key).bytes
+                self._bytes -= _size(self._parts.pop(key))
 
-    def _make_room(self, wanted: int) -> None:
-        while self._parts and self._bytes + wanted > self._limit:
-            self._bytes -= self._parts.popitem(last=False)[1].bytes
+    def _make_room(self, size: int) -> None:
+        while self._parts and self._bytes + size > self._limit:
+            self._bytes -= _size(self._parts.popitem(last=False)[1])
+
+
+def _size(part: FrameDelta) -> int:
+    """Bytes."""
+    return sum(column.nbytes for column in part.values())

@@ -64,7 +64,7 @@ class PlayableSequence:
     def delta_at(self, time: float, names: Collection[str]) -> FrameDelta:
         """The columns ``names`` of the dynamic Gaussians at a time in [0, 1]."""
         columns = self._columns(time)
-        return FrameDelta({name: columns[name] for name in names})
+        return {name: columns[name] for name in names}
 
     def _columns(self, time: float) -> dict[str, Array]:
         """What changes, as ``changing`` names it."""
@@ -246,7 +246,7 @@ class ScenePlayer:
     def delta_at(self, time: float) -> FrameDelta:
         """The columns ``changing`` of the dynamic Gaussians at a time in [0, 1] (clamped)."""
         if not self.changing:
-            return FrameDelta({})
+            return {}
         if isinstance(self._deformation, _BY_COLUMN):  # which gives those columns alone
             return self._deformation.delta_at(self._held(time), self.changing)
         return extract_columns(self.compute(self._held(time)), self.changing)
@@ -258,7 +258,7 @@ class ScenePlayer:
 
     def column(self, name: str, part: FrameDelta) -> Array:
         """(N, width) a column at the time of ``part``; it is good until the caller drops it, and not to be changed."""
-        moved = part.columns.get(name)
+        moved = part.get(name)
         if moved is None:
             return column_of(self._still, name)
         if self.num_dynamic == self.count:
@@ -288,7 +288,7 @@ class ScenePlayer:
 
     def _joined(self, part: FrameDelta) -> NumpyGaussians:
         arrays = vars(self._still) | self._joined_memory.take()
-        put_columns(arrays, part.columns, self.num_dynamic)
+        put_columns(arrays, part, self.num_dynamic)
         return GaussianArrays(**arrays)
 
     def compute(self, time: float) -> NumpyGaussians:
