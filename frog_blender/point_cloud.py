@@ -240,27 +240,17 @@ def read(obj: bpy.types.Object) -> dict[str, np.ndarray]:
 
 def draw_in_renders(obj: bpy.types.Object, shown: bool) -> None:
     """Sets whether engines other than FROG draw the Gaussians in renders; FROG always does."""
-    modifier = obj.modifiers.get(_MODIFIER)
-    if obj.type == "POINTCLOUD":
-        _hide(obj, "show_render", not shown)
-    elif modifier is not None:
-        modifier.show_render = shown
+    _draw(obj, "show_render", shown)
 
 
 def is_drawn_in_renders(obj: bpy.types.Object) -> bool:
     """Whether engines other than FROG draw the Gaussians in renders; see ``draw_in_renders``."""
-    if obj.type == "POINTCLOUD":
-        return not _is_hidden(obj, "show_render")
-    modifier = obj.modifiers.get(_MODIFIER)
-    return modifier is None or modifier.show_render
+    return not _is_hidden(obj, "show_render")
 
 
 def draw_in_viewports(obj: bpy.types.Object, shown: bool) -> None:
     """Sets whether viewports draw the Gaussians as an object, which the graphics card may do instead."""
-    modifier = obj.modifiers.get(_MODIFIER)
-    if modifier is not None:
-        modifier.show_viewport = shown  # or it would be evaluated for nothing
-    _hide(obj, "show_viewport", not shown)
+    _draw(obj, "show_viewport", shown)
 
 
 def is_drawn_in_viewports(obj: bpy.types.Object) -> bool:
@@ -268,9 +258,12 @@ def is_drawn_in_viewports(obj: bpy.types.Object) -> bool:
     return not _is_hidden(obj, "show_viewport")
 
 
-def _hide(obj: bpy.types.Object, where: str, hidden: bool) -> None:
+def _draw(obj: bpy.types.Object, where: str, shown: bool) -> None:
     """Switches a modifier that leaves no geometry; without it a mesh's vertices would be seen."""
-    hiding = obj.modifiers.get(_HIDING)
+    modifier = obj.modifiers.get(_MODIFIER)
+    if modifier is not None:
+        setattr(modifier, where, shown)  # or it would be evaluated for nothing
+    hiding, hidden = obj.modifiers.get(_HIDING), not shown
     if hiding is None and hidden:
         hiding = _add_modifier(obj, _HIDING, splat_nodes.nothing_group())
         hiding.show_viewport = hiding.show_render = False

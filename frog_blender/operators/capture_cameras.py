@@ -9,10 +9,12 @@ import bpy
 from bpy.props import StringProperty
 
 from ..engine.capture.calibration.camera_files import found_beside, given_beside, use_found, use_given
+from ..engine.capture.readers.calibrated_videos import MAX_OFFSET, RATES
+from ..engine.capture.readers.pairing import Clock
 from ..engine.errors import FrogError
 from ..properties import number
 from ..tasks.calibration import CalibrationTask
-from ..tasks.clocks import OFFSETS, RATES, CameraClock, write_clock
+from ..tasks.clocks import write_clock
 from ..ui import capture_reading, capture_summary, contact_sheet, preview_image, report_images, torch_environment
 from ..ui.sidebar_panel import split
 from .bases import FrogOperator
@@ -47,8 +49,8 @@ class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
     offset: number(
         "Offset",
         "Seconds after the capture's beginning at which this camera's film begins",
-        min=-OFFSETS,
-        max=OFFSETS,
+        min=-MAX_OFFSET,
+        max=MAX_OFFSET,
         precision=4,
         step=1,
         options={"SKIP_SAVE"},
@@ -76,7 +78,7 @@ class FROG_OT_edit_clock(FrogOperator, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> None:
         folder = bpy.path.abspath(context.scene.frog.capture_folder)
-        write_clock(Path(folder), CameraClock(self.camera, _rounded(self.offset), _rounded(self.rate)))
+        write_clock(Path(folder), self.camera, Clock(_rounded(self.offset), _rounded(self.rate)))
         summary = capture_reading.read(folder)
         if summary is not None and summary.error:
             self.report({"WARNING"}, summary.error)

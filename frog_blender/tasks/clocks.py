@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..engine.capture.readers.checks import number, read_json
+from ..engine.capture.readers.calibrated_videos import clock_of
+from ..engine.capture.readers.checks import read_json
+from ..engine.capture.readers.pairing import Clock
 from ..engine.errors import FrogError, found_instead
 from ..engine.io.atomic_files import write_atomically
 
 CAMERAS = "cameras_opencv.json"
 _MAKER = "frog calibrate"
-OFFSETS = 1e6  # seconds; as readers allow
-RATES = 1e-3, 1e3
-
-
-@dataclass(frozen=True)
-class CameraClock:
-    """Capture time = ``offset`` + ``rate`` * film time, in seconds."""
-
-    name: str
-    offset: float = 0.0
-    rate: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -32,12 +22,12 @@ class ClockFile:
 
     Attributes:
         path: the calibration that has them.
-        clocks: in the file's order.
+        clocks: by the cameras' names, in the file's order.
         is_own: this program wrote the file, so that it may change it.
     """
 
     path: Path
-    clocks: tuple[CameraClock, ...]
+    clocks: dict[str, Clock]
     is_own: bool
 
 
@@ -51,34 +41,25 @@ def read_clocks(folder: Path) -> ClockFile | None:
     if not path.is_file():
         return None
     content = read_json(path)
-    clocks = []
-    for name, entry in _entries(content, path):
-        offset, rate = (
-            number(entry.get(key, default), path, f"{key} of camera {name}")
-            for key, default in (("offset", 0.0), ("rate", 1.0))
-        )
-        clocks.append(CameraClock(name, offset, rate))
-    return ClockFile(path, tuple(clocks), content.get("made_by") == _MAKER) if len(clocks) > 1 else None
+    clocks = {name: clock_of(entry, path, name) for name, entry in _entries(content, path)}
+    return ClockFile(path, clocks, content.get("made_by") == _MAKER) if len(clocks) > 1 else None
 
 
-def write_clock(folder: Path, clock: CameraClock) -> None:
+def write_clock(folder: Path, camera: str, clock: Clock) -> None:
     """Changes one camera's clock, and nothing else, in a calibration that this program wrote.
 
     Raises:
         FrogError: if the file was given, has no such camera or cannot be written, or a value is out of range.
     """
     path = folder / CAMERAS
-    if not (math.isfinite(clock.offset) and abs(clock.offset) <= OFFSETS):
-        raise found_instead(path, f"an offset of {clock.offset:g} s", f"at most {OFFSETS:g} either way")
-    if not RATES[0] <= clock.rate <= RATES[1]:
-        raise found_instead(path, f"a rate of {clock.rate:g}", f"{RATES[0]:g} to {RATES[1]:g}")
     content = read_json(path)
     if content.get("made_by") != _MAKER:
         raise FrogError(f"{path}: this calibration was given, so it is not changed; correct it where it was made.")
-    named = [entry for name, entry in _entries(content, path) if name == clock.name]
+    named = [entry for name, entry in _entries(content, path) if name == camera]
     if not named:
-        raise found_instead(path, f"no camera {clock.name}", "one of that name")
+        raise found_instead(path, f"no camera {camera}", "one of that name")
     named[0].update(offset=clock.offset, rate=clock.rate)
+    clock_of(named[0], path, camera)  # what no reader takes is not written
     write_atomically(path, json.dumps(content, indent=1).encode())
 
 

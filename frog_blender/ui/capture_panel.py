@@ -8,9 +8,9 @@ from pathlib import Path
 import bpy
 
 from ..engine.capture.calibration.landmark_file import landmark_file
+from ..engine.capture.readers.pairing import Clock
 from ..scene_capture import placing
 from ..tasks.calibration import CalibrationTask
-from ..tasks.clocks import CameraClock
 from ..tasks.scene_capture import SceneCaptureTask
 from . import capture_reading, capture_summary, contact_sheet, preview_image, refreshing, report_images
 from . import torch_environment as environment
@@ -253,13 +253,13 @@ class FROG_PT_synchronization(_OfCapture, bpy.types.Panel):
         layout, summary, clocks = self.layout, _summary(context), _summary(context).clocks
         assert clocks is not None  # see poll
         column = layout.column(align=True)
-        for clock in clocks.clocks:
+        for name, clock in clocks.clocks.items():
             row = column.row(align=True)
-            row.label(text=clock.name)
+            row.label(text=name)
             row.label(text=_told(clock))
             if clocks.is_own:
                 operator = row.operator("frog.edit_clock", text="", icon="GREASEPENCIL")
-                operator.camera, operator.offset, operator.rate = clock.name, clock.offset, clock.rate
+                operator.camera, operator.offset, operator.rate = name, clock.offset, clock.rate
         if not clocks.is_own:
             sentence = f"{clocks.path.name} was given, so it is not changed here."
             if summary.found is not None:
@@ -268,7 +268,7 @@ class FROG_PT_synchronization(_OfCapture, bpy.types.Panel):
         preview_image.draw(layout, report_images.curves_name(clocks.path.parent))
 
 
-def _told(clock: CameraClock) -> str:
+def _told(clock: Clock) -> str:
     """A clock in a row of the panel: ``+0.133 s``, with the rate where it is not 1."""
     rate = f", x {clock.rate:.5f}" if clock.rate != 1.0 else ""
     return f"{clock.offset:+.3f} s{rate}"

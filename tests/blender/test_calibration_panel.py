@@ -13,15 +13,15 @@ import pytest
 from support.training_panel import finish, panel_says
 
 from frog_blender.engine.capture.calibration import pipeline
+from frog_blender.engine.capture.readers.pairing import Clock
 from frog_blender.engine.capture.synchronization.pairs import Curve
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused
-from frog_blender.engine.capture.synchronization.synchronization import CameraClock as CameraClockFound
-from frog_blender.engine.capture.synchronization.synchronization import Synchronization
+from frog_blender.engine.capture.synchronization.synchronization import CameraClock, Synchronization
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.plain_values import plain
 from frog_blender.tasks.background_task import Progress
 from frog_blender.tasks.calibration import CalibrationTask
-from frog_blender.tasks.clocks import CameraClock, read_clocks, write_clock
+from frog_blender.tasks.clocks import read_clocks, write_clock
 from frog_blender.ui import (
     capture_panel,
     capture_reading,
@@ -215,12 +215,12 @@ def test_clocks_that_cannot_be_read_are_one_error(tmp_path, content):
         read_clocks(tmp_path)
 
 
-@pytest.mark.parametrize("clock", [CameraClock("cam01", float("nan")), CameraClock("cam01", 0.0, 0.0)])
+@pytest.mark.parametrize("clock", [Clock(float("nan")), Clock(0.0, 0.0)])
 def test_clocks_out_of_range_are_not_written(raw, clock):
     write_cameras(raw)
     before = (raw / "cameras_opencv.json").read_bytes()
     with pytest.raises(FrogError, match="expected"):
-        write_clock(raw, clock)
+        write_clock(raw, "cam01", clock)
     assert (raw / "cameras_opencv.json").read_bytes() == before
 
 
@@ -283,7 +283,7 @@ def synchronization(names):
     """Clocks with a maximum each."""
     lags = np.linspace(-1, 1, 41)
     clocks = [
-        CameraClockFound(name, 0.1 * i, 1.0, 0.9, ("motion",), None, Curve(lags, np.exp(-((lags - 0.1 * i) ** 2))))
+        CameraClock(name, 0.1 * i, 1.0, 0.9, ("motion",), None, Curve(lags, np.exp(-((lags - 0.1 * i) ** 2))))
         for i, name in enumerate(names)
     ]
     return Synchronization(tuple(clocks), 1 / 24, 0.001)

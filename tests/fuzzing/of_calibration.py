@@ -94,7 +94,7 @@ class Clocks(Kind):
         try:
             clocks = read_clocks(self.path.parent)
             if clocks is not None and clocks.is_own:
-                write_clock(self.path.parent, clocks.clocks[0])
+                write_clock(self.path.parent, *next(iter(clocks.clocks.items())))
         finally:
             capture = open_capture(self.path.parent)
         assert all(np.isfinite(each.world_to_camera).all() for each in capture.cameras)

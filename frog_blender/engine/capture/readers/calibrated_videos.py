@@ -33,12 +33,12 @@ _LAYOUT = "calibrated_videos"
 _OPENCV = "cameras_opencv.json"
 _ROUNDING = 1.0  # pixels by which either side of a resized video may be off: encoders want even numbers
 _IN_STEP = Clock()
-_MAX_OFFSET = 1e6  # seconds
+MAX_OFFSET = 1e6  # seconds
 _MOST_POINTS = 1_000_000
 _OF_FILE = frozenset({"cameras", "points", "made_by", "note", "convention"})
 _OF_CAMERA = frozenset({"name", "width", "height", "K", "dist", "R", "t", "video", "offset", "rate"})
 _MOST_NAMED, _LONGEST_KEY = 6, 40  # keys in a sentence, and characters of each
-_RATES = 1e-3, 1e3  # slow motion of 240 frames a second that plays at 30 has 0.125
+RATES = 1e-3, 1e3  # slow motion of 240 frames a second that plays at 30 has 0.125
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +192,7 @@ def _opencv_cameras(path: Path, content: dict[str, object]) -> list[_Entry]:
         width = size(entry.get("width"), path, f"width of camera {name}")
         height = size(entry.get("height"), path, f"height of camera {name}")
         view = opencv_camera(name, (width, height), {key: entry.get(key) for key in ("K", "R", "t", "dist")}, path)
-        cameras.append(_Entry(view, _video(entry, path, name), _clock(entry, path, name)))
+        cameras.append(_Entry(view, _video(entry, path, name), clock_of(entry, path, name)))
     return cameras
 
 
@@ -218,11 +218,12 @@ def _video(entry: dict[str, object], path: Path, name: str) -> Path | None:
     return path.parent / video
 
 
-def _clock(entry: dict[str, object], path: Path, name: str) -> Clock:
-    offset = number(entry.get("offset", 0.0), path, f"offset of camera {name}", most=_MAX_OFFSET)
+def clock_of(entry: dict[str, object], path: Path, name: str) -> Clock:
+    """The clock of a camera in ``cameras_opencv.json``; FrogError for one out of range."""
+    offset = number(entry.get("offset", 0.0), path, f"offset of camera {name}", most=MAX_OFFSET)
     rate = number(entry.get("rate", 1.0), path, f"rate of camera {name}", positive=True)
-    if not _RATES[0] <= rate <= _RATES[1]:
-        raise found_instead(path, f"rate of camera {name} = {rate:g}", f"{_RATES[0]:g} to {_RATES[1]:g}")
+    if not RATES[0] <= rate <= RATES[1]:
+        raise found_instead(path, f"rate of camera {name} = {rate:g}", f"{RATES[0]:g} to {RATES[1]:g}")
     return Clock(offset, rate)
 
 
