@@ -193,14 +193,14 @@ def test_sound_times_films_before_any_joint_is_looked_for(
         steps.append("clocks by joints" if tracks else "clocks")
         return synchronize(films, run.work, tracks=tracks)
 
-    def of_joints(_run: Run, films: Sequence[Film], _file: Path) -> Calibration:
+    def of_joints(_run: Run, _file: Path, films: Sequence[Film]) -> Calibration:
         steps.append("joints")
         assert films[1].offset - films[0].offset == pytest.approx(0.45, abs=0.02)
         return Calibration(())
 
     monkeypatch.setattr(joint_rig, "find_clocks", find)
     monkeypatch.setattr(joint_rig, "calibrate_joint_films", of_joints)
-    _, clocks = calibrate_unsynchronised_films(run, films, tmp_path)
+    _, clocks = calibrate_unsynchronised_films(run, tmp_path, films)
 
     assert steps == ["clocks", "joints"] and clocks.by_sound
     assert clocks.clocks["cam01"][0] - clocks.clocks["cam00"][0] == pytest.approx(0.45, abs=0.02)

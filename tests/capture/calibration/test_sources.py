@@ -183,7 +183,7 @@ def test_a_person_is_looked_for_last(
     shutil.copytree(looked_at, tmp_path / NAME)
     network = tmp_path / "network"
 
-    def of_joints(_run: object, films: Sequence[Film], file: Path) -> Calibration:
+    def of_joints(_run: object, file: Path, films: Sequence[Film], _count: int) -> Calibration:
         assert file == network and [film.name for film in films] == ["cam00", "cam01"]
         seen = np.random.default_rng(2).uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.8), (30, 3))
         cameras = around([0.0, 30.0], (640, 480), 640.0)

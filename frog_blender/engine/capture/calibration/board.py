@@ -89,7 +89,7 @@ def board_in_films(run: Run, films: Sequence[Film]) -> Board | None:
     return find_board([image for image in shown if image is not None])
 
 
-def calibrate_board_films(run: Run, films: Sequence[Film], board: Board) -> Calibration:
+def calibrate_board_films(run: Run, board: Board, films: Sequence[Film], _count: int) -> Calibration:
     """The cameras of films that show a board; see ``calibrate_board``. FrogError if a film cannot be decoded."""
     times, corners = common_times(films, _TIMES), []
     for index, film in enumerate(films):

@@ -8,6 +8,8 @@ import numpy as np
 
 from ...arrays import Float64s
 from ..camera import Camera
+from ..capture import Distortion
+from ..synchronization.motion import Cameras
 from .model import Lens
 
 
@@ -82,6 +84,14 @@ class Calibration:
     warnings: tuple[str, ...] = ()
     is_metric: bool = False
     source: str = "features"
+
+    @property
+    def known(self) -> Cameras:
+        """The cameras for synchronisation."""
+        return {
+            known.camera.name: (known.camera, Distortion(np.array([*known.distortion, 0.0, 0.0])))
+            for known in self.cameras
+        }
 
 
 @dataclass(frozen=True, eq=False)

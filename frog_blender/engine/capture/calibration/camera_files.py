@@ -204,7 +204,7 @@ def _plain(folder: Path, calibration: Calibration, films: Sequence[Film]) -> Jso
         if (film.offset, film.rate) != (0.0, 1.0):
             entry |= {"offset": film.offset, "rate": film.rate}
         cameras.append(entry)
-    return {"made_by": "frog calibrate", "cameras": cameras, "points": np.round(calibration.points, 4).tolist()}
+    return {"made_by": "frog calibrate", "cameras": cameras, "points": calibration.points.tolist()}
 
 
 def _path_from(folder: Path, video: Path) -> str:

@@ -139,7 +139,7 @@ def sure_points(points: Float64s, tracks: Tracks, agree: Bools, least: int) -> F
     lengths = np.bincount(tracks.points[agree], minlength=tracks.count)
     sure = np.flatnonzero((lengths >= least) & np.isfinite(points).all(axis=1))
     best: Float64s = points[sure[np.argsort(-lengths[sure], kind="stable")][:_MOST_POINTS]]
-    return best.round(5)
+    return best.round(4)
 
 
 # --- whether it is to be used

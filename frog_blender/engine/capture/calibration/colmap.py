@@ -17,12 +17,10 @@ import numpy as np
 from ...arrays import Bools, Float64s, Ints
 from ...errors import FrogError
 from ...optional_imports import is_missing, not_loaded
-from ..video import load_opencv
 from .limits import LEAST_MATCHES
 from .model import Lens, Model
 from .tracks import Pairs, Tracks, located
 
-_UNCALIBRATED = 3  # pycolmap.TwoViewGeometryConfiguration
 MODELS = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _TOLERANCES = (1e-5, 1e-7)
 """Of the cost, in each round: the first only tells which observations are false."""
@@ -73,13 +71,9 @@ def verified(one: Lens, pixels: Float64s, other: Lens, other_pixels: Float64s, m
 
 def colmap_camera(lens: Lens, number: int, model: str) -> Any:  # pycolmap.Camera
     """The lens as pycolmap's camera; a model without distortion leaves k1 and k2 out."""
-    parameters = {
-        "SIMPLE_PINHOLE": [lens.focal, lens.width / 2, lens.height / 2],
-        "SIMPLE_RADIAL": [lens.focal, lens.width / 2, lens.height / 2, lens.k1],
-        "RADIAL": [lens.focal, lens.width / 2, lens.height / 2, lens.k1, lens.k2],
-    }[model]
     camera = load_pycolmap().Camera.create_from_model_name(number, model, lens.focal, lens.width, lens.height)
-    camera.params = np.array(parameters)
+    parameters = [lens.focal, lens.width / 2, lens.height / 2, lens.k1, lens.k2]
+    camera.params = np.array(parameters[: 3 + MODELS.index(model)])
     return camera
 
 
@@ -134,14 +128,12 @@ def _largest(models: Any, lenses: Sequence[Lens]) -> Model | None:  # pycolmap.R
     if not models:
         return None
     best = max(models.values(), key=lambda model: (model.num_reg_images(), model.compute_num_observations()))
-    poses = np.full((len(lenses), 3, 4), np.nan)
-    found = list(lenses)
+    poses, lenses = np.full((len(lenses), 3, 4), np.nan), list(lenses)
     for number in best.reg_image_ids():
         image = best.image(number)
         poses[number - 1] = image.cam_from_world().matrix()
-        lens = lenses[number - 1]
-        found[number - 1] = replace(lens, focal=float(image.camera.params[0]))
-    return Model(poses, tuple(found))
+        lenses[number - 1] = replace(lenses[number - 1], focal=float(image.camera.params[0]))
+    return Model(poses, tuple(lenses))
 
 
 def _mapper_options(limit: float, images: int) -> Any:  # pycolmap.IncrementalPipelineOptions
@@ -170,32 +162,17 @@ def _write_database(
 ) -> None:
     """COLMAP's database: image i + 1 is camera i, and the camera's number is its group's."""
     pycolmap = load_pycolmap()
-    database = pycolmap.Database.open(path)
-    try:
-        with pycolmap.DatabaseTransaction(database):
-            for group in sorted(set(groups)):
-                lens = lenses[list(groups).index(group)]
-                database.write_camera(colmap_camera(lens, group + 1, "SIMPLE_PINHOLE"), True)
-            for index, group in enumerate(groups):
-                number = index + 1
-                database.write_image(pycolmap.Image(f"{number:06d}", camera_id=group + 1, image_id=number), True)
-                database.write_keypoints(number, pixels[index].astype(np.float32))
-            for (one, other), matches in pairs.items():
-                if not len(matches):
-                    continue
-                indices = matches.astype(np.uint32)
-                database.write_matches(one + 1, other + 1, indices)
-                geometry = pycolmap.TwoViewGeometry(
-                    config=pycolmap.TwoViewGeometryConfiguration(_UNCALIBRATED), inlier_matches=indices
-                )
-                first, second = pixels[one][matches[:, 0]], pixels[other][matches[:, 1]]
-                fundamental, _ = load_opencv().findFundamentalMat(first, second, load_opencv().FM_8POINT)
-                if fundamental is None or fundamental.shape != (3, 3):
-                    continue
-                geometry.F = fundamental
-                database.write_two_view_geometry(one + 1, other + 1, geometry)
-    finally:
-        database.close()
+    with pycolmap.Database.open(path) as database, pycolmap.DatabaseTransaction(database):
+        for group in sorted(set(groups)):
+            lens = lenses[list(groups).index(group)]
+            database.write_camera(colmap_camera(lens, group + 1, "SIMPLE_PINHOLE"), True)
+        for number, group in enumerate(groups, 1):
+            database.write_image(pycolmap.Image(f"{number:06d}", camera_id=group + 1, image_id=number), True)
+            database.write_keypoints(number, pixels[number - 1].astype(np.float32))
+        for (one, other), matches in pairs.items():
+            kind = pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED
+            geometry = pycolmap.TwoViewGeometry(config=kind, inlier_matches=matches.astype(np.uint32))
+            database.write_two_view_geometry(one + 1, other + 1, geometry)
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,7 @@ _SETTLED = 0.02  # of the interval
 _FIRST_TIMES = 30  # at which joints are compared in the first round
 
 
-def calibrate_joint_films(run: Run, films: Sequence[Film], network: Path) -> Calibration:
+def calibrate_joint_films(run: Run, network: Path, films: Sequence[Film], _count: int = 0) -> Calibration:
     """The cameras of films in which one person walks about, from their joints at common times.
 
     Args:
@@ -67,7 +67,7 @@ def calibrate_joint_films(run: Run, films: Sequence[Film], network: Path) -> Cal
 
 
 def calibrate_unsynchronised_films(
-    run: Run, films: Sequence[Film], network: Path
+    run: Run, network: Path, films: Sequence[Film]
 ) -> tuple[Calibration, Synchronization]:
     """The cameras and the clocks of films in which one person walks about, whenever each film began.
 
@@ -80,7 +80,7 @@ def calibrate_unsynchronised_films(
     """
     heard = find_clocks(run, films, tracks={})
     if heard.by_sound:
-        return calibrate_joint_films(run, with_clocks(films, heard.clocks), network), heard
+        return calibrate_joint_films(run, network, with_clocks(films, heard.clocks)), heard
     views = views_of(run, films, alike=ALMOST)
     shortest = min(film.duration for film in films)
     interval = float(np.clip(shortest / _MOST_IMAGES, *_INTERVALS))
@@ -154,45 +154,38 @@ def _rig_of(
         halves: two halves of the times are compared.
     """
     pixels = np.where(np.isfinite(pixels[..., :1]).sum(0) < 2, np.nan, pixels)  # of no use, and no fault
-    sides = np.array([camera.side for camera in facts])
-    views = PointViews(facts, pixels.reshape(len(facts), -1, 2), limits.JOINT_FALSE, REMEDY)
-    for camera, count in zip(facts, views.seen.sum(1).tolist(), strict=True):
+    for camera, count in zip(facts, np.isfinite(pixels[..., 0]).sum((1, 2)).tolist(), strict=True):
         if count < limits.JOINTS:
             raise CalibrationRefused(
                 f"Camera {camera.name} shares {count} joints of a person with the others, expected {limits.JOINTS} or "
                 f"more: {REMEDY}."
             )
-    times = np.repeat(np.arange(pixels.shape[1]), len(JOINTS))
-    early = 2 * times < pixels.shape[1] if halves else None
-
-    def solved(start: Model | None) -> PointRig:
+    count = pixels.shape[1]
+    early = np.repeat(2 * np.arange(count) < count, len(JOINTS)) if halves else None
+    for _ in range(1 + _SIDE_ROUNDS):
         velocities = None if moving is None else moving.reshape(len(facts), -1, 2)
-        given = replace(views, pixels=pixels.reshape(len(facts), -1, 2), velocities=velocities)
-        return solve_points(given, halves=early, start=start)
-
-    fitted = solved(start)
-    for _ in range(_SIDE_ROUNDS):
-        cameras = [calibrated.camera for calibrated in fitted.calibration.cameras]
+        views = PointViews(facts, pixels.reshape(len(facts), -1, 2), limits.JOINT_FALSE, REMEDY, velocities)
+        rig = solve_points(views, halves=early, start=start)
+        cameras = [calibrated.camera for calibrated in rig.calibration.cameras]
         pairs = combinations(range(len(cameras)), 2)
         matrices = {(one, other): fundamental(cameras[one], cameras[other]) for one, other in pairs}
-        swapped = agreed_sides(pixels, matrices, float(limits.JOINT_FALSE * sides.max()))
+        swapped = agreed_sides(pixels, matrices, limits.JOINT_FALSE * max(camera.side for camera in facts))
         if not swapped.any():
             break
-        pixels = with_sides(pixels, swapped)
+        pixels, start = with_sides(pixels, swapped), rig.model
         moving = None if moving is None else with_sides(moving, swapped)
-        fitted = solved(fitted.model)
-    return fitted
+    return rig
 
 
-def _judged(facts: Sequence[CameraFacts], found: PointRig) -> Calibration:
+def _judged(facts: Sequence[CameraFacts], rig: PointRig) -> Calibration:
     """A rig's calibration, with a warning where two halves of the times disagree a little, refused where by a lot."""
-    for camera, share in zip(facts, found.shares.tolist(), strict=True):
+    for camera, share in zip(facts, rig.shares.tolist(), strict=True):
         if share < limits.JOINTS_AGREEING:
             raise CalibrationRefused(
                 f"Only {100 * share:.0f} % of the joints that camera {camera.name} sees fit the other cameras: the "
                 f"films are not in step, or it sees another person; {REMEDY}."
             )
-    calibration, apart = found.calibration, found.calibration.halves_apart
+    calibration, apart = rig.calibration, rig.calibration.halves_apart
     if len(facts) == 2:
         warning = "Nothing but each other tests two cameras' positions: look at the result."
     elif apart > limits.JOINTS_APART:

@@ -78,9 +78,7 @@ def read_landmark_file(path: Path) -> bytes:
             content = file.read(_BYTES + 1)
     except OSError as error:
         raise found_instead(path, f"a file that cannot be read ({error.strerror})", "the landmark file") from error
-    if hashlib.sha256(content).hexdigest() != _SHA256:
-        raise found_instead(path, "another file, or a damaged one", f"{NAME} of mediapipe 0.10.21; delete it")
-    return content
+    return _checked(content, path, "delete it")
 
 
 def _place(cache: Path | None) -> Path:
@@ -94,7 +92,10 @@ def _network_in(wheel: Path) -> bytes:
             content = member.read(_BYTES + 1)  # whatever the archive says its size is
     except (OSError, KeyError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
         raise found_instead(wheel.name, f"no {NAME} ({brief(error)})", "the wheel of mediapipe 0.10.21") from error
-    found = hashlib.sha256(content).hexdigest()
-    if found != _SHA256:
-        raise found_instead(wheel.name, f"{NAME} with the checksum {found[:12]}", f"{_SHA256[:12]}: nothing was kept")
+    return _checked(content, wheel.name, "nothing was kept")
+
+
+def _checked(content: bytes, source: Path | str, remedy: str) -> bytes:
+    if hashlib.sha256(content).hexdigest() != _SHA256:
+        raise found_instead(source, "another file, or a damaged one", f"{NAME} of mediapipe 0.10.21; {remedy}")
     return content

@@ -53,7 +53,7 @@ class Lens:
     def pixels(self, local: Float64s) -> Float64s:
         """(N, 2) pixels of points (N, 3) in the camera's axes, which lie before it."""
         plane = local[:, :2] / local[:, 2:]
-        return self.focal * self._distorted(plane) + self._middle
+        return self.focal * plane * self._factor(plane) + self._middle
 
     def rays(self, pixels: Float64s) -> Float64s:
         """(N, 2) positions in the plane at distance 1, of pixels (N, 2)."""
@@ -73,9 +73,6 @@ class Lens:
         square = np.sum(plane**2, axis=1, keepdims=True)
         factor: Float64s = 1 + self.k1 * square + self.k2 * square**2
         return factor
-
-    def _distorted(self, plane: Float64s) -> Float64s:
-        return plane * self._factor(plane) if self.k1 or self.k2 else plane
 
 
 @dataclass(frozen=True, eq=False)

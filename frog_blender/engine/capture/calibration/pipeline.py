@@ -8,29 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from ...errors import FrogError
 from ...io.child_process import Progress
-from ..capture import Distortion
 from ..synchronization.films import Clocks, Film, find_films, with_clocks
 from ..synchronization.motion import Cameras
 from ..synchronization.run import NAME, CalibrationRefused, Run, WorkFolder
 from ..synchronization.synchronization import Synchronization, differ
 from ..synchronization.synchronize import find_clocks
 from .board import board_in_films, calibrate_board_films
-from .board_detection import Board, read_board
+from .board_detection import read_board
 from .calibration import Calibration
 from .camera_files import write_cameras, write_transforms
 from .joint_rig import calibrate_joint_films, calibrate_unsynchronised_films
 from .landmark_file import landmark_file
-from .placing import place_moving, place_views
-from .points import calibrate_clicks, read_points
+from .placing import place_films, place_moving
+from .points import calibrate_click_films, read_points
 from .report import write_moving_report, write_report
 from .sequences import film_images, image_files, still_images, walk_images, walk_throughs
-from .views import ALMOST, facts_of, is_standing, views_of
+from .views import is_standing
 
 AUTO = Path("auto")
 """A board whose layout is found in the films."""
@@ -101,14 +99,12 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     out = options.out or folder
     run = Run(WorkFolder(out / NAME), progress, cancelled)
     images = still_images(folder)
-    if images:
-        return _of_moving(images, out, run)
-    films = with_clocks(find_films(folder), options.clocks or {})
+    films = [] if images else with_clocks(find_films(folder), options.clocks or {})
     if any(film.path.is_dir() for film in films) and out.resolve() != folder.resolve():
         raise FrogError(f"{out}: cameras of folders of frames are written beside them, expected {folder}.")
-    standing = run.in_threads("films", lambda film: is_standing(run, film), films, _MOST_DECODED)
+    standing = run.in_threads("films", partial(is_standing, run), films, _MOST_DECODED)
     if not any(standing):
-        return _of_moving(films, out, run)
+        return _of_moving(images, films, out, run)
     connecting, told = walk_throughs(folder, films, standing)
     films = [film for film in films if film not in connecting]
     calibration, films, clocks = _of_standing(sources(folder, films, connecting, options, run), films, options, run)
@@ -120,18 +116,14 @@ def calibrate(folder: Path, options: Options, progress: Progress, cancelled: Cal
     return Outcome(cameras, report, page, "found" in cameras.stem, warnings)
 
 
-def _of_moving(footage: Sequence[Path] | Sequence[Film], out: Path, run: Run) -> Outcome:
+def _of_moving(images: Sequence[Path], films: Sequence[Film], out: Path, run: Run) -> Outcome:
     """The result for a moving camera: its images in order, or its film."""
-    films = [film for film in footage if isinstance(film, Film)]
     if len(films) > 1:
         names = ", ".join(film.name for film in films)
         raise FrogError(
             f"{films[0].path.parent}: found {names} all moving, expected standing cameras, or one that moves."
         )
-    if films:
-        sequence, times, warnings = film_images(run, films[0], out)
-    else:
-        sequence, times, warnings = image_files([path for path in footage if isinstance(path, Path)], out)
+    sequence, times, warnings = film_images(run, films[0], out) if films else image_files(images, out)
     camera = run.in_child(place_moving, sequence, run.work)
     path = write_transforms(out, sequence, times, camera, timed=bool(films))
     camera = replace(camera, warnings=(*warnings, *camera.warnings))
@@ -197,29 +189,20 @@ def sources(
     """What to try, one after the other until one finds the cameras: what was asked for alone, else the surest first."""
     if options.points is not None:
         clicks = read_points(options.points, {film.name: film.size for film in films})
-        yield Source(
-            "clicked points",
-            lambda films, _: run.in_child(calibrate_clicks, facts_of(films, ALMOST), clicks),
-            needs_step=False,
-        )
+        yield Source("clicked points", partial(calibrate_click_films, run, clicks), needs_step=False)
         return
     if options.board is not None:
         board = read_board(options.board) if options.board != AUTO else board_in_films(run, films)
         if board is None:
             raise FrogError(f"{folder}: found no board in the films, expected a ChArUco board or a checkerboard.")
-        yield _by_board(board, run)
+        yield Source("a board", partial(calibrate_board_films, run, board))
         return
     beside = next((folder / name for name in _BOARD_FILES if (folder / name).is_file()), None)
     if beside is not None and not options.background_only:
-        yield _by_board(read_board(beside), run)
+        yield Source("a board", partial(calibrate_board_films, run, read_board(beside)))
     if walk_throughs:
-        images = walk_images(run, walk_throughs)
-        yield Source(
-            "a walk-through",
-            lambda films, count: place_views(run, views_of(run, films, count), images),
-            needs_step=False,
-        )
-    yield Source("features", lambda films, count: place_views(run, views_of(run, films, count)), needs_step=False)
+        yield Source("a walk-through", partial(place_films, run, walk_images(run, walk_throughs)), needs_step=False)
+    yield Source("features", partial(place_films, run, ()), needs_step=False)
     if options.background_only:
         return
     if beside is None:
@@ -228,18 +211,10 @@ def sources(
         except FrogError:
             board = None  # the sentence of what was tried before says more
         if board is not None:
-            yield _by_board(board, run)
-    network = landmark_file()
-    if network is not None:
-        yield Source(
-            "a person's joints",
-            lambda films, _: calibrate_joint_films(run, films, network),
-            timed=lambda films: calibrate_unsynchronised_films(run, films, network),
-        )
-
-
-def _by_board(board: Board, run: Run) -> Source:
-    return Source("a board", lambda films, _: calibrate_board_films(run, films, board))
+            yield Source("a board", partial(calibrate_board_films, run, board))
+    if (network := landmark_file()) is not None:
+        timed = partial(calibrate_unsynchronised_films, run, network)
+        yield Source("a person's joints", partial(calibrate_joint_films, run, network), timed=timed)
 
 
 def calibrate_by(
@@ -257,7 +232,7 @@ def calibrate_by(
     if source.timed is not None:
         calibration, found = source.timed(films)
         return calibration, with_clocks(films, found.clocks), found
-    return alternated(source, films, lambda films, cameras: find_clocks(run, films, cameras))
+    return alternated(source, films, partial(find_clocks, run))
 
 
 def alternated(source: Source, films: list[Film], find: Find) -> tuple[Calibration, list[Film], Synchronization]:
@@ -273,7 +248,7 @@ def alternated(source: Source, films: list[Film], find: Find) -> tuple[Calibrati
     first, first_clocks, refused = _first(source, films, find)
     calibration, before = first, first_clocks
     for _ in range(_ROUNDS):
-        found = find(films, _known(calibration))
+        found = find(films, calibration.known)
         if found.refusal is not None:
             if refused is not None:
                 raise CalibrationRefused(f"{refused} What moves does not help either. {found.refusal}")
@@ -312,10 +287,3 @@ def _first(source: Source, films: list[Film], find: Find) -> tuple[Calibration, 
     if found.refusal is not None or not differ(together, found.clocks, films):
         raise refused
     return source.solve(with_clocks(films, found.clocks), TIMES), found.clocks, None
-
-
-def _known(calibration: Calibration) -> Cameras:
-    return {
-        found.camera.name: (found.camera, Distortion(np.array([*found.distortion, 0.0, 0.0])))
-        for found in calibration.cameras
-    }

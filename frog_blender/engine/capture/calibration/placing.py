@@ -11,6 +11,7 @@ import numpy as np
 from ...arrays import Array
 from ...io.child_process import Progress
 from ..readers.footage import state_of
+from ..synchronization.films import Film
 from ..synchronization.run import CalibrationRefused, Run, WorkFolder, key_of
 from . import checks
 from .calibration import Calibration, MovingCamera
@@ -19,7 +20,7 @@ from .model import Lens, oriented
 from .sequences import ImageSequence
 from .structure import Images, Solution, agreeing, solve
 from .tracks import Pairs
-from .views import CameraFacts
+from .views import CameraFacts, views_of
 
 _MOST_PROCESSES = 8  # each holds pycolmap and a camera's images
 
@@ -40,6 +41,11 @@ def place_views(run: Run, views: Sequence[CameraFacts], sequences: Sequence[Imag
         parts = [missing[part::processes] for part in range(processes)]
         run.in_threads("features", lambda part: run.in_child(find_features, part, run.work), parts)
     return run.in_child(place_standing, views, sequences, run.work)
+
+
+def place_films(run: Run, walks: Sequence[ImageSequence], films: Sequence[Film], count: int) -> Calibration:
+    """The cameras of standing cameras' films, by what does not move and what moves at so many common times."""
+    return place_views(run, views_of(run, films, count), walks)
 
 
 def place_standing(

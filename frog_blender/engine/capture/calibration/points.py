@@ -16,8 +16,9 @@ import numpy as np
 from ...arrays import Array, Bools, Float64s, Ints
 from ...errors import brief, found_instead
 from ...io.plain_values import UnfitValue, entries, items, number, plain_json
-from ...io.regular_file import regular_file
-from ..synchronization.run import CalibrationRefused
+from ..readers.checks import read_text
+from ..synchronization.films import Film
+from ..synchronization.run import CalibrationRefused, Run
 from . import limits
 from .calibration import Calibration
 from .checks import calibration_of, camera_support
@@ -25,7 +26,7 @@ from .colmap import SOFT, Adjusted, adjust, verified
 from .model import Lens, Model, disagreement
 from .structure import Images, agreeing, propose
 from .tracks import Tracks, join, summed
-from .views import CameraFacts
+from .views import ALMOST, CameraFacts, facts_of
 
 _LEAST_PAIR = 8  # points that two cameras share, before they are asked how they stand
 _MANY = 60  # points of a pair, of which some may be false
@@ -172,6 +173,11 @@ def calibrate_clicks(facts: Sequence[CameraFacts], clicks: Mapping[str, Float64s
     return replace(found.calibration, warnings=(few,))
 
 
+def calibrate_click_films(run: Run, clicks: Mapping[str, Float64s], films: Sequence[Film], _count: int) -> Calibration:
+    """The cameras of films by clicks in their images, in the child; see ``calibrate_clicks``."""
+    return run.in_child(calibrate_clicks, facts_of(films, ALMOST), clicks)
+
+
 def read_points(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, Array]:
     """Clicked points of a JSON file: for each camera's name a list of [x, y] in pixels, or null where it sees none.
 
@@ -184,11 +190,9 @@ def read_points(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, A
     Raises:
         FrogError: if the file cannot be read, names another camera, or holds anything but points of the images.
     """
-    regular_file(path, "clicked points")
+    content = read_text(path, "clicked points", _MOST_BYTES)
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise UnfitValue(f"a file of {path.stat().st_size} bytes", f"at most {_MOST_BYTES}")
-        listed = entries(plain_json(path.read_text("utf-8"), "a text"), "clicked points")
+        listed = entries(plain_json(content, "a text"), "clicked points")
         if other := listed.keys() - sizes.keys():
             raise UnfitValue(f"camera {brief(min(other))}", f"one of {', '.join(sizes)}")
         clicks = {name: _clicked(points, name, sizes[name]) for name, points in listed.items()}
@@ -196,8 +200,6 @@ def read_points(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, A
         if len(counts) != 1 or 0 in counts:
             numbers = ", ".join(f"{len(points)} of {name}" for name, points in clicks.items()) or "no points"
             raise UnfitValue(numbers, "the same points for each camera, null where it does not see one")
-    except (OSError, UnicodeDecodeError) as error:
-        raise found_instead(path, f"a file that cannot be read ({brief(error)})", "clicked points") from error
     except UnfitValue as error:
         raise found_instead(path, error.found, error.expected) from error
     return clicks
@@ -224,7 +226,7 @@ def _found(views: PointViews, images: Images, pairs: Mapping[tuple[int, int], In
     hypotheses = propose(images, tracks, enough, lambda *_: None)
     whole = [hypothesis for hypothesis in hypotheses if hypothesis.placed == len(views.facts)]
     best = min(whole, key=lambda hypothesis: hypothesis.cost, default=None)
-    if best is not None and best.adjusted is not None:
+    if best is not None:
         return best.adjusted
     fewest = sorted(pairs, key=lambda pair: len(pairs[pair]))[:6]
     poor = ", ".join(

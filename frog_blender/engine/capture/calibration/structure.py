@@ -55,22 +55,22 @@ class Images:
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One start and what became of it.
+    """A model that one start led to.
 
     Attributes:
         own: every standing camera has a focal length of its own.
-        adjusted: the model; None where the mapper found none.
+        adjusted: the model.
         cost: of the observations of all images, 1 for those of an image without a pose.
     """
 
     own: bool
-    adjusted: Adjusted | None
+    adjusted: Adjusted
     cost: float
 
     @property
     def placed(self) -> int:
         """How many images have a pose."""
-        return 0 if self.adjusted is None else len(self.adjusted.model.placed)
+        return len(self.adjusted.model.placed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +140,9 @@ def solve(images: Images, matches: Pairs, verified: Pairs, tell: Progress) -> So
 def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> list[Hypothesis]:
     """What the mapper finds from several focal lengths, shared and, where that differs, own ones.
 
+    The mapper gets lost by chance where data are few: of one kind from all starts, of the other from none. So the best
+    of each kind is tried with the other kind's focal lengths as well.
+
     Args:
         tracks: that they are compared by; ``pairs`` are those tracks' matches.
     """
@@ -152,14 +155,18 @@ def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> lis
         lenses = [replace(lens, focal=ratio * lens.width) for lens in images.lenses]
         return incremental(lenses, images.sharing(own=own), images.pixels, pairs)
 
-    found: list[Hypothesis] = []
+    hypotheses: list[Hypothesis] = []
     with ThreadPoolExecutor(os.cpu_count()) as threads:  # the mapper works outside Python's lock, on one processor
         for index, ((_, own), model) in enumerate(zip(starts, threads.map(mapped, starts), strict=True)):
             tell("poses", index, len(starts))
-            found.append(_weighed(Hypothesis(own, None, 1.0), model, tracks, images, found))
+            hypotheses += _weighed(own, model, tracks, images, hypotheses)
     for own in kinds if len(kinds) > 1 else []:
-        found += _of_the_other_kind(found, own, images, tracks)
-    return found
+        others = [hypothesis for hypothesis in hypotheses if hypothesis.own != own]
+        best = min(others, key=lambda hypothesis: (-hypothesis.placed, hypothesis.cost), default=None)
+        if best is not None:
+            model = _sharing(best.adjusted.model, images.sharing(own=own))
+            hypotheses += _weighed(own, model, tracks, images, hypotheses)
+    return hypotheses
 
 
 def gains(before: Float64s, after: Float64s, least: float) -> bool:
@@ -191,46 +198,37 @@ def _thinned(tracks: Tracks, pairs: Pairs, images: int) -> tuple[Tracks, Pairs]:
             seen[own] += 1
             shared[among] += 1
     kept = tracks.chosen(chosen[tracks.points])
-    known = [set(kept.features[kept.cameras == image].tolist()) for image in range(images)]
+    known = [kept.features[kept.cameras == image] for image in range(images)]
     few = {
-        (one, other): matches[np.array([a in known[one] and b in known[other] for a, b in matches.tolist()], bool)]
+        (one, other): matches[np.isin(matches[:, 0], known[one]) & np.isin(matches[:, 1], known[other])]
         for (one, other), matches in pairs.items()
     }
     return kept, {pair: matches for pair, matches in few.items() if len(matches)}
 
 
-def _of_the_other_kind(found: Sequence[Hypothesis], own: bool, images: Images, tracks: Tracks) -> list[Hypothesis]:
-    """The best hypothesis of the other kind, with this kind's focal lengths.
-
-    The mapper gets lost by chance where data are few: of one kind from all starts, of the other from none.
-    """
-    models = [hypothesis for hypothesis in found if hypothesis.own != own and hypothesis.adjusted is not None]
-    best = min(models, key=lambda hypothesis: (-hypothesis.placed, hypothesis.cost), default=None)
-    if best is None or best.adjusted is None:
-        return []
-    model, groups = best.adjusted.model, np.array(images.sharing(own=own))
+def _sharing(model: Model, groups: Sequence[int]) -> Model:
+    """The model with one focal length for all images of a group, where one of them has a pose."""
     focals = np.array([lens.focal for lens in model.lenses])
     placed = np.isin(np.arange(len(focals)), model.placed)
     lenses = []
-    for lens, group in zip(model.lenses, groups.tolist(), strict=True):
-        alike = placed & (groups == group)
+    for lens, group in zip(model.lenses, groups, strict=True):
+        alike = placed & (np.array(groups) == group)
         lenses.append(replace(lens, focal=float(np.median(focals[alike]))) if alike.any() else lens)
-    return [_weighed(Hypothesis(own, None, 1.0), Model(model.poses, tuple(lenses)), tracks, images, found)]
+    return Model(model.poses, tuple(lenses))
 
 
 def _weighed(
-    empty: Hypothesis, model: Model | None, tracks: Tracks, images: Images, others: Sequence[Hypothesis]
-) -> Hypothesis:
-    """A start with its adjusted model, or that of another start which the mapper led to the same place."""
+    own: bool, model: Model | None, tracks: Tracks, images: Images, others: Sequence[Hypothesis]
+) -> list[Hypothesis]:
+    """A model after adjustment, unless it is none, or another start led to the same place."""
     if model is None or len(model.placed) < 2 or not _is_possible(model):
-        return empty
-    for other in others:
-        if other.own == empty.own and other.adjusted is not None and _same(model, other.adjusted.model):
-            return other
-    adjusted = adjust(model, tracks, images.sharing(own=empty.own), [0] * len(images.lenses))
+        return []
+    if any(other.own == own and _same(model, other.adjusted.model) for other in others):
+        return []
+    adjusted = adjust(model, tracks, images.sharing(own=own), [0] * len(images.lenses))
     if not _is_possible(adjusted.model):
-        return empty
-    return replace(empty, adjusted=adjusted, cost=cost(adjusted.distances, adjusted.model.limits[tracks.cameras]))
+        return []
+    return [Hypothesis(own, adjusted, cost(adjusted.distances, adjusted.model.limits[tracks.cameras]))]
 
 
 def _is_possible(model: Model) -> bool:
@@ -255,7 +253,7 @@ def _candidates(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     wait for it.
     """
     most = max((hypothesis.placed for hypothesis in hypotheses), default=0)
-    models = [hypothesis for hypothesis in hypotheses if most and hypothesis.placed == most]
+    models = [hypothesis for hypothesis in hypotheses if hypothesis.placed == most]
     shared, own = (
         min((model for model in models if model.own == kind), key=lambda model: model.cost, default=None)
         for kind in (False, True)
@@ -267,7 +265,6 @@ def _candidates(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
 
 def _with_distortion(start: Hypothesis, tracks: Tracks, images: Images) -> _Distorted:
     """Frees k1, then k2, of all images of a kind together, where that lowers the cost of held-out tracks."""
-    assert start.adjusted is not None
     is_first = np.random.default_rng(1).random(tracks.count) < 0.5
     one, other = tracks.chosen(is_first[tracks.points]), tracks.chosen(~is_first[tracks.points])
     sharing = images.sharing(own=start.own)

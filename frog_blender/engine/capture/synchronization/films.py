@@ -126,7 +126,7 @@ def kinds_of(films: Sequence[Film], alike: float = 0.0) -> list[int]:
     """
     kinds: dict[tuple[int, int], tuple[int, int]] = {}  # the size that stands for a size's kind
     for size in sorted({film.size for film in films}):
-        near = (kind for kind in kinds.values() if all(abs(np.subtract(size, kind)) <= alike * np.maximum(size, kind)))
+        near = (kind for kind in kinds.values() if np.allclose(size, kind, alike, 0))
         kinds[size] = next(near, size)
     first = list(dict.fromkeys(kinds.values()))
     return [first.index(kinds[film.size]) for film in films]
