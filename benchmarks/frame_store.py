@@ -28,6 +28,7 @@ from frog_blender.engine.capture.frame_keys import decoding_order
 from frog_blender.engine.frames.codecs import TileCodec, zlib_codec, zstandard_codec
 from frog_blender.engine.frames.files import FrameFiles, FrameWriter, pack_shot
 from frog_blender.engine.frames.image_coding import halved_image
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import prepare_capture
 
 Image = np.ndarray
@@ -192,7 +193,7 @@ def main() -> None:
     parser.add_argument("--step", type=float, default=23.0, help="milliseconds of a step that the share is of")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    capture, _ = prepare_capture(options.capture, options.scale, None, None)
+    capture, _ = prepare_capture(TrainingJob(options.capture, Path("x.frog"), scale=options.scale))
     order = decoding_order(capture)[: options.images]
     shots = list(decode_masked(capture.without_masks(), order))
     images = [shot.image for shot in shots]

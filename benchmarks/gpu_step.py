@@ -32,9 +32,10 @@ from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import Seeds, SeedSettings, find_seeds
 from frog_blender.engine.frames.image_coding import halved_image
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.rasterizer import Backend, GaussianArrays, Image, RasterizeOptions, rasterize
 from frog_blender.engine.recipes import recipe
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
 
 WARM_UP = 20  # steps that are not counted; kernels are compiled in the first ones
 CAMERAS, FRAMES = 4, 5  # of the generated capture
@@ -205,7 +206,7 @@ def runs(capture: Capture, store: Any, seeds: Seeds, steps: int, device: str, na
             record = {"gaussians": len(seeds.points), "images": images, "rasterizer": name}
             try:
                 changed = replace(settings, region_share=share)
-                trainer = Trainer(capture, store, seeds, changed, "frog", Limits(10**6), seed=0, device=device)  # type: ignore[arg-type]
+                trainer = Trainer(capture, store, seeds, changed, JobOptions(steps=10**6), device=device)  # type: ignore[arg-type]
                 trainer.model.backend = BACKENDS[name]
                 trainer.smoothness.resample()
                 with torch.no_grad():

@@ -28,8 +28,10 @@ from frog_blender.engine.capture.seeds import Seeds, SeedSettings, find_seeds
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.memory import gc_frozen
 from frog_blender.engine.native import binding
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.recipes import recipe
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import prepare_capture
 from frog_blender.research.conditions import fewer_views
 
@@ -60,7 +62,7 @@ def enough(seeds: Seeds, count: int) -> Seeds:
 
 def measure(path: Path, name: str, steps: int, case: dict[str, float]) -> dict[str, object]:
     """One case, in this process."""
-    capture, _ = prepare_capture(path, case["scale"], None, None)
+    capture, _ = prepare_capture(TrainingJob(path, Path("x.frog"), scale=case["scale"]))
     capture = limited(capture, int(case["cameras"]), int(case["moments"]))
     count = int(case["gaussians"])
     settings = recipe(name, seed_gaussians=count, max_gaussians=count, densify_growth=0.0, half_size_until=0.0)
@@ -68,7 +70,7 @@ def measure(path: Path, name: str, steps: int, case: dict[str, float]) -> dict[s
         store = FrameStore.open(capture, cache_folder=Path(folder))
         on_disk = sum(file.stat().st_size for file in Path(folder).rglob("*") if file.is_file())
         seeds = enough(find_seeds(capture, store, SeedSettings(20_000)), count)
-        trainer = Trainer(capture, store, seeds, settings, "frog", Limits(100 * steps), seed=0)
+        trainer = Trainer(capture, store, seeds, settings, JobOptions(steps=100 * steps))
         seconds = []
         with gc_frozen():
             for number in range(-WARM_UP, steps):

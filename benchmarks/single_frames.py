@@ -20,8 +20,10 @@ from frog_blender.engine.capture.seeds import SeedSettings, find_seeds
 from frog_blender.engine.evaluation.masks import moving_mask
 from frog_blender.engine.evaluation.metrics import psnr_of
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.recipes import Recipe, recipe
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import prepare_capture
 
 
@@ -30,7 +32,7 @@ def trained_alone(capture: Capture, frame: int, recipe: Recipe, steps: int, seed
     alone = capture.segment(frame, 1)
     store = FrameStore.open(alone)
     seeds = find_seeds(alone, store, SeedSettings(recipe.seed_gaussians, seed=seed))
-    trainer = Trainer(alone, store, seeds, recipe, "static", Limits(steps), seed=seed)
+    trainer = Trainer(alone, store, seeds, recipe, JobOptions(method="static", steps=steps, seed=seed))
     while not trainer.finished:
         trainer.step()
     return trainer
@@ -45,7 +47,7 @@ def main() -> None:
     parser.add_argument("--scale", type=float)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    capture, _ = prepare_capture(options.capture, options.scale, None, None)
+    capture, _ = prepare_capture(TrainingJob(options.capture, Path("x.frog"), scale=options.scale))
     store = FrameStore.open(capture)
     held_out = [i for i, camera in enumerate(capture.cameras) if camera.name in capture.test_cameras]
     shots = {c: [i for i, shot in enumerate(capture.shots) if shot.camera == c] for c in held_out}

@@ -25,10 +25,11 @@ from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.memory import gc_frozen
 from frog_blender.engine.model import fused
 from frog_blender.engine.native import binding
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.recipes import recipe
-from frog_blender.engine.training.compression.schedule import compression_hooks
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-from frog_blender.engine.training.session.run import prepare_capture
+from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.run import add_hooks, prepare_capture
 
 WARM_UP = 10  # steps that are left out of the first tenth
 PARTS = ("rasterizer_forward", "rasterizer_backward", "network_forward", "network_backward", "optimizer", "rounds")
@@ -68,12 +69,12 @@ def main() -> None:
     binding.set_thread_count(options.threads)
     if options.threads:
         torch.set_num_threads(options.threads)
-    capture, _ = prepare_capture(options.capture, options.scale, None, None)
+    capture, _ = prepare_capture(TrainingJob(options.capture, Path("x.frog"), scale=options.scale))
     store = FrameStore.open(capture)
     settings = recipe(options.recipe)
     seeds = find_seeds(capture, store, SeedSettings(settings.seed_gaussians))
-    hooks = compression_hooks(settings, "frog", capture, 0)
-    trainer = Trainer(capture, store, seeds, settings, "frog", Limits(options.steps), seed=0, hooks=hooks)
+    trainer = Trainer(capture, store, seeds, settings, JobOptions(steps=options.steps))
+    add_hooks(trainer)
     spent: Counter[str] = Counter()
     watch(spent, binding.Frame, "__init__", "rasterizer_forward")
     watch(spent, binding.Frame, "backward", "rasterizer_backward")

@@ -55,12 +55,12 @@ if TYPE_CHECKING:
     from .training.optimize.densification import DensificationStrategy, DensityStrategy
     from .training.optimize.device import choose_device
     from .training.optimize.running_loss import TrainingDiverged
-    from .training.optimize.trainer import Limits, Trainer
+    from .training.optimize.trainer import Trainer
     from .training.session.events import Cancelled, Evaluated, Event, Finished, Progress, Started, WarningEvent
     from .training.session.export import export_scene
     from .training.session.job import TrainingJob
     from .training.session.output_paths import checkpoint_path, lock_output
-    from .training.session.run import hooks_of, prepare_capture, run_training, seeds_of
+    from .training.session.run import add_hooks, prepare_capture, run_training, seeds_of
     from .training.session.session import Session
 
 _NAMES = {
@@ -97,13 +97,13 @@ _NAMES = {
     "training.optimize.densification": "DensificationStrategy DensityStrategy",
     "training.optimize.device": "choose_device",
     "training.optimize.running_loss": "TrainingDiverged",
-    "training.optimize.trainer": "Limits Trainer",
+    "training.optimize.trainer": "Trainer",
     "recipes": "RECIPES SAMPLINGS Recipe recipe",
     "training.session.events": "Cancelled Evaluated Event Finished Progress Started WarningEvent",
     "training.session.export": "export_scene",
     "training.session.job": "TrainingJob",
     "training.session.output_paths": "checkpoint_path lock_output",
-    "training.session.run": "hooks_of prepare_capture run_training seeds_of",
+    "training.session.run": "add_hooks prepare_capture run_training seeds_of",
     "training.session.session": "Session",
 }
 _HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}

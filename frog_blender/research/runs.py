@@ -253,7 +253,7 @@ def _measure(job: TrainingJob, light: float) -> Record:
         light: of the scene relative to the clean capture's. If it is not 1, "psnr_bright" is the PSNR after brightening
             both images by its inverse.
     """
-    capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets, job.opened)
+    capture, _ = prepare_capture(job)
     scene = ScenePlayer.load(job.output)
     capture = capture.with_cameras(scene.header.cameras)  # as training left their poses
     metrics, missing = perceptual_metrics()

@@ -16,17 +16,16 @@ from ..engine import (
     Camera,
     FrameStore,
     FrogError,
-    Limits,
     ScenePlayer,
     Session,
     Trainer,
     TrainingDiverged,
     TrainingJob,
+    add_hooks,
     choose_device,
     draw,
     export_scene,
     gc_frozen,
-    hooks_of,
     prepare_capture,
     seeds_of,
 )
@@ -126,15 +125,25 @@ def time_grid(
 
 
 def _time(run: Run, environment: RunEnvironment) -> Record:
-    capture, scale = prepare_capture(Path(run.capture), run.scale, run.holdout_frames, None, run.opened())
+    recipe = run.plain_recipe()
+    job = TrainingJob(
+        Path(run.capture),
+        Path("short.frog"),
+        opened=run.opened(),
+        recipe=recipe,
+        method=run.method,
+        seed=run.seed,
+        steps=STEPS,
+        scale=run.scale,
+        holdout_frames=run.holdout_frames,
+    )
+    capture, scale = prepare_capture(job)
     store, device = FrameStore.open(capture), choose_device(environment.device)[0]
     camera = next((camera for camera in capture.cameras if camera.name in capture.test_cameras), capture.cameras[0])
-    recipe = run.plain_recipe()
     with TemporaryDirectory() as folder:
         path = Path(folder) / "short.frog"
-        job = TrainingJob(Path(run.capture), path, method=run.method, recipe=recipe, seed=run.seed)
-        sources, hooks = (capture, store, seeds_of(job, capture, store)), hooks_of(job, capture, store)
-        trainer = Trainer(*sources, recipe, run.method, Limits(STEPS), seed=run.seed, device=device, hooks=hooks)
+        trainer = Trainer(capture, store, seeds_of(job, capture, store), recipe, job, device)
+        add_hooks(trainer)
         session = Session(job, trainer, scale)
         training = time_steps(session, run.steps or recipe.steps_for(capture.frame_count))
         finished = environment.scene(run)

@@ -149,17 +149,15 @@ class Checkpoints(Kind):
         self.keep(path, *contents)
 
     def _trainer(self, job):  # type: ignore[no-untyped-def]
-        from frog_blender.engine.training.compression.schedule import compression_hooks
-        from frog_blender.engine.training.optimize.trainer import Limits, Trainer
-        from frog_blender.engine.training.session.run import prepare_capture
+        from frog_blender.engine.training.optimize.trainer import Trainer
+        from frog_blender.engine.training.session.run import add_hooks, prepare_capture
 
-        capture, _ = prepare_capture(job.capture, job.scale, job.holdout_frames, job.pixel_offsets)
+        capture, _ = prepare_capture(job)
         store = FrameStore.open(capture, cache_folder=self._cache)
         most = min(job.recipe.seed_gaussians, job.recipe.max_gaussians)
-        limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
-        hooks = compression_hooks(job.recipe, job.method, capture, job.seed)
-        points = seeds(min(300, most))
-        return Trainer(capture, store, points, job.recipe, job.method, limits, seed=job.seed, hooks=hooks)
+        trainer = Trainer(capture, store, seeds(min(300, most)), job.recipe, job)
+        add_hooks(trainer)
+        return trainer
 
     def use(self) -> bool:
         from frog_blender.engine.training.optimize.running_loss import TrainingDiverged

@@ -24,9 +24,10 @@ from support import synthetic_capture as film
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.io.tensor_files import read_tensors
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.events import Progress
 from frog_blender.engine.training.session.job import TrainingJob
@@ -132,7 +133,7 @@ def during_saving(folder: Path, kills: int, seed: int) -> dict[str, int]:
     def trainer() -> Trainer:
         capture = open_capture(folder / "capture")
         settings = recipe("draft", **RATES)
-        return Trainer(capture, FrameStore.open(capture), film.seeds(3000), settings, "frog", Limits(9), seed=0)
+        return Trainer(capture, FrameStore.open(capture), film.seeds(3000), settings, JobOptions(steps=9))
 
     def save_on_and_on(begun: int) -> None:
         one = trainer()

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from frog_blender.engine.model.canonical import CanonicalField
 from frog_blender.engine.model.interface import SceneModel
-from frog_blender.engine.training.compression.context import CompressionContext
-from frog_blender.engine.training.compression.schedule import compression_of
+from frog_blender.engine.training.compression.context import Compression, compression_of
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.events import Event, Progress
@@ -31,7 +30,7 @@ def train(trainer: Trainer, until: int | None = None) -> Trainer:
     return trainer
 
 
-def compression(trainer: Trainer) -> CompressionContext:
+def compression(trainer: Trainer) -> Compression:
     """Of a training with automatic capacity."""
     found = compression_of(trainer)
     assert found is not None

@@ -17,11 +17,12 @@ from support.training_steps import train
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.recipes import Recipe, recipe
-from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.settings import CompressionSettings
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.checkpoint import State, restore, state_of
+from frog_blender.engine.training.session.run import add_hooks
 
 # Rates at which six hundred steps are enough to follow the ball (four hundred are not, with most seeds).
 LIVELY = {"steps_per_moment": 0, "network_rate": 1e-3, "embedding_rate": 3e-2, "mean_rate": 2e-4, "max_gaussians": 600}
@@ -74,8 +75,9 @@ def make_trainer(capture: Capture, store: FrameStore, lively: Callable[..., Reci
         **changes: Any,
     ) -> Trainer:
         settings, frames = lively(steps, **changes), watched or store
-        hooks = compression_hooks(settings, method, capture, seed, compression or CompressionSettings())
-        return trainer_type(capture, frames, film.seeds(), settings, method, Limits(steps), seed=seed, hooks=hooks)
+        trainer = trainer_type(capture, frames, film.seeds(), settings, JobOptions(method=method, seed=seed))
+        add_hooks(trainer, compression or CompressionSettings())
+        return trainer
 
     return make
 

@@ -13,8 +13,9 @@ from support import synthetic_capture as film
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.recipes import RECIPES, Recipe, recipe
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.views import fit_to, turn_between_images, views_per_moment
 
 
@@ -104,7 +105,7 @@ def test_only_our_method_follows_the_capture(
     settings = lively(8, warm_up=0.0)
     single = one_a_moment(capture)
     images = FrameStore.open(single, cache_folder=store.folder.parent)
-    trainer = Trainer(single, images, film.seeds(), settings, method, Limits(8), seed=0)
+    trainer = Trainer(single, images, film.seeds(), settings, JobOptions(method=method, steps=8))
     while not trainer.finished:
         trainer.step()
     with torch.no_grad():

@@ -50,7 +50,7 @@ def test_a_training_may_grow_beyond_what_it_keeps(make_trainer: Make) -> None:
         trainer.step()
         most = max(most, trainer.count)
     assert most > 300 and 200 < trainer.count <= 250
-    pruned = [each for each in compression(trainer).record.log if each.what == "pruned"]
+    pruned = [each for each in compression(trainer).log if each.what == "pruned"]
     assert any(each.before > 250 >= each.after for each in pruned)
 
 

@@ -30,5 +30,5 @@ def test_the_image_tells_dynamic_from_static(make_trainer: Callable[..., Trainer
     freeze_motion(trainer.gaussians, torch.arange(canonical.num_dynamic), state)
     assert moving > 10 > -10 > redness()
     resting = redness()
-    compression(trainer).record.removed = canonical.means.detach().numpy() + 0.0
+    compression(trainer).removed = canonical.means.detach().numpy() + 0.0
     assert redness() > resting + 1  # red dots

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.compression import context as context_module
 from frog_blender.engine.training.compression import passes
-from frog_blender.engine.training.compression.context import CompressionContext, Proposal
+from frog_blender.engine.training.compression.context import Compression, Proposal
 from frog_blender.engine.training.compression.sensitivity import Motion, Sensitivity, peak_weights
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
 from frog_blender.engine.training.optimize.trainer import Trainer
@@ -33,7 +33,7 @@ Make = Callable[..., Trainer]
 
 def test_milestones_make_the_scene_smaller_and_training_goes_on(make_trainer: Make) -> None:
     fixed, auto = train(make_trainer(400)), train(make_trainer(400, capacity="auto"))
-    log = compression(auto).record.log
+    log = compression(auto).log
     whats = [step.what for step in log]
     assert "pruned" in whats and "put to rest" in whats
     assert auto.count < fixed.count and 0 < auto.model.canonical.num_dynamic < auto.count / 2
@@ -60,7 +60,7 @@ FEW = CompressionSettings(min_frozen=0.0)
 def test_what_lies_where_images_hardly_change_is_frozen_early(make_trainer: Make, capture: Capture) -> None:
     trainer = make_trainer(100, watched=Exact(capture), compression=FEW, capacity="auto")
     train(trainer, until=10)
-    (found,) = compression(trainer).record.log
+    (found,) = compression(trainer).log
     moving = trainer.model.canonical.num_dynamic
     assert found.what == "put to rest" and found.before == trainer.count and found.after == moving
     assert 3 < trainer.count - moving < trainer.count / 10
@@ -84,7 +84,7 @@ def test_what_the_images_would_miss_is_not_frozen_early_and_neither_are_few(
 ) -> None:
     trainer = make_trainer(100, watched=Exact(capture), compression=replace(FEW, **change), capacity="auto")
     train(trainer, until=20)
-    assert compression(trainer).record.log == []
+    assert compression(trainer).log == []
     assert trainer.model.canonical.num_dynamic == trainer.count
 
 
@@ -98,7 +98,7 @@ def test_motion_is_learned_to_the_end_unless_some_are_static_already(
     train(trainer, until=79)
     assert (trainer.model.canonical.num_dynamic < trainer.count) == some_static  # copies of static ones are static
     train(trainer)
-    log = compression(trainer).record.log
+    log = compression(trainer).log
     frozen = [each for each in log if each.what == "put to rest" and each.progress > 0.2]
     assert [each.progress for each in frozen] == [at] and frozen[0].after < frozen[0].before
 
@@ -114,14 +114,15 @@ def test_measuring_leaves_no_gradient_behind(make_trainer: Make) -> None:
         trainer.gaussians.reindex(torch.arange(trainer.model.canonical.num_dynamic), 0)
 
 
-def hold(pass_: Callable[..., Iterable[Proposal]], context: CompressionContext, *about: object) -> None:
+def hold(pass_: Callable[..., Proposal | None], context: Compression, *about: object) -> None:
     """One pass of a milestone."""
     evaluator = context.evaluator()
     context.compress(evaluator, pass_(context, evaluator, *about))
 
 
-def changed(context: CompressionContext, **settings: float) -> CompressionContext:
-    return replace(context, settings=replace(context.settings, **settings))
+def changed(context: Compression, **settings: float) -> Compression:
+    context.settings = replace(context.settings, **settings)
+    return context
 
 
 def measured(trainer: Trainer) -> Sensitivity:
@@ -129,8 +130,8 @@ def measured(trainer: Trainer) -> Sensitivity:
     return compression(trainer).measure(compression(trainer).sample_views(generator), generator)
 
 
-def freeze(context: CompressionContext, motion: Motion, state: dict[str, torch.Tensor]) -> None:
-    context.record.motion, context.record.mean_state = motion, state
+def freeze(context: Compression, motion: Motion, state: dict[str, torch.Tensor]) -> None:
+    context.motion, context.mean_state = motion, state
     hold(passes.freeze_motion, context, context.settings.max_freeze_loss)
 
 
@@ -168,7 +169,7 @@ def test_what_no_training_image_misses_is_taken_at_the_end_and_a_surface_of_one_
     left = set((1e3 * canonical.sh.detach()[:, 0, 2]).round().long().tolist())
     assert not left & set(fog.tolist()) and left >= set(surface[peaks[surface] > 0.05].tolist())
     assert before - context.evaluator().now <= context.settings.max_unmissed_loss + 1e-6
-    (step,) = [each for each in context.record.log if each.what == "pruned"]
+    (step,) = [each for each in context.log if each.what == "pruned"]
     assert step.after == trainer.count < step.before and step.loss <= context.settings.max_unmissed_loss
     hold(passes.prune_unmissed, changed(context, unmissed_weight=0.0), measured(trainer))
     assert trainer.count == step.after
@@ -186,7 +187,8 @@ def test_of_what_no_image_misses_the_largest_goes_first_and_one_that_is_missed_s
     energy = torch.full((trainer.count,), 1e-9)
     energy[missed] = 1e6
     found = replace(measured(trainer), energy=energy)
-    (proposal,) = passes.prune_unmissed(context, context.evaluator(), found)
+    proposal = passes.prune_unmissed(context, context.evaluator(), found)
+    assert proposal is not None
     proposal.apply(1)
     left = (1e3 * canonical.sh.detach()[:, 0, 2]).round().long().tolist()
     assert sorted(set(range(len(names))) - set(left)) == [largest]
@@ -196,7 +198,7 @@ def test_what_moves_far_is_not_even_proposed(halfway: Make) -> None:
     trainer = halfway()
     found = measured(trainer)
     freeze(compression(trainer), replace(found.motion, score=torch.full((trainer.count,), 50.0)), found.state)
-    assert compression(trainer).record.log == [] and trainer.model.canonical.num_dynamic == trainer.count
+    assert compression(trainer).log == [] and trainer.model.canonical.num_dynamic == trainer.count
 
 
 @pytest.mark.parametrize("forced", [False, True])
@@ -221,7 +223,7 @@ def test_nothing_is_added_after_the_scene_has_settled(make_trainer: Make) -> Non
     trainer = make_trainer(100, capacity="auto", densify_until=1.0, sampling_until=1.0, densify_threshold=0.0)
     train(trainer, until=85)
     count = trainer.count
-    assert "pruned" in [each.what for each in compression(trainer).record.log]
+    assert "pruned" in [each.what for each in compression(trainer).log]
     assert count < trainer.recipe.growth_limit_at(0.85)
     train(trainer, until=99)
     assert trainer.count == count
@@ -236,11 +238,11 @@ def test_motion_that_was_measured_outlives_a_resume(
     make_trainer: Make, halfway: Make, bits: Callable, tmp_path: Path
 ) -> None:
     trainer = train(halfway(**GROWING), until=100)
-    assert compression(trainer).record.motion and trainer.model.canonical.num_dynamic == trainer.count
+    assert compression(trainer).motion and trainer.model.canonical.num_dynamic == trainer.count
     save_checkpoint(tmp_path / "c", trainer)
     other = make_trainer(120, capacity="auto", **GROWING)
     load_checkpoint(tmp_path / "c", other)
-    record = compression(other).record
+    record = compression(other)
     assert record.motion
     train(other)
     assert [each.progress for each in record.log if each.what == "put to rest"] == [1.0]
@@ -252,9 +254,9 @@ def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
     make_trainer: Make, halfway: Make, tmp_path: Path
 ) -> None:
     trainer = train(halfway(), until=100)
-    record = compression(trainer).record
+    record = compression(trainer)
     count, before = trainer.count, record.motion
-    Recovery(trainer).rollback(trainer, MemoryError())
+    Recovery(trainer).rollback(MemoryError())
     after = record.motion
     assert before and after and trainer.count < count and len(after.score) == trainer.model.canonical.num_dynamic
     assert set(after.rest_energy.tolist()) < set(before.rest_energy.tolist())
@@ -262,7 +264,7 @@ def test_memory_that_ends_late_leaves_what_was_measured_of_those_that_stay(
     other = make_trainer(120, capacity="auto", max_gaussians=trainer.recipe.max_gaussians)
     load_checkpoint(tmp_path / "c", other)
     train(other)
-    assert [each.what for each in compression(other).record.log].count("put to rest") == 1
+    assert [each.what for each in compression(other).log].count("put to rest") == 1
 
 
 def test_milestones_that_a_resume_would_jump_over_are_run(make_trainer: Make, tmp_path: Path) -> None:
@@ -272,7 +274,7 @@ def test_milestones_that_a_resume_would_jump_over_are_run(make_trainer: Make, tm
     shorter = make_trainer(130, capacity="auto")
     load_checkpoint(tmp_path / "c", shorter)
     train(shorter)
-    assert "put to rest" in [each.what for each in compression(shorter).record.log]
+    assert "put to rest" in [each.what for each in compression(shorter).log]
 
 
 def test_broken_gaussians_do_not_cost_the_scene(filmed: Path, tmp_path: Path, lively: Callable) -> None:

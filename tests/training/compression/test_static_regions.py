@@ -16,11 +16,12 @@ from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.training.compression.passes import is_static_capture, temporal_variance
-from frog_blender.engine.training.compression.schedule import compression_hooks
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.compression.schedule import CompressionSchedule
+from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
 
@@ -66,8 +67,8 @@ def test_one_moment_is_static_from_the_start(capture: Capture, lively: Callable[
     images = Repeated(moment, 0.0)
     assert is_static_capture(moment, images)
     settings = lively(4, capacity="auto")
-    hooks = compression_hooks(settings, "frog", moment, 0)
-    trainer = Trainer(moment, images, film.seeds(), settings, "frog", Limits(4), seed=0, hooks=hooks)
+    trainer = Trainer(moment, images, film.seeds(), settings, JobOptions())
+    trainer.add_hook(CompressionSchedule())
     assert trainer.gaussians.num_dynamic == 0 < trainer.count
     before = {name: value.clone() for name, value in trainer.model.deformation.state_dict().items()}
     train(trainer)

@@ -22,24 +22,24 @@ from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.model import interface as interface_module
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.rasterizer import rasterize
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.compression import sensitivity, validation
-from frog_blender.engine.training.compression.schedule import compression_hooks
 from frog_blender.engine.training.compression.settings import DEFAULT, CompressionSettings
-from frog_blender.engine.training.optimize import losses, neighbours, training_images
+from frog_blender.engine.training.optimize import losses, neighbours, training
 from frog_blender.engine.training.optimize import optimizer as optimizer_module
 from frog_blender.engine.training.optimize import trainer as trainer_module
 from frog_blender.engine.training.optimize.camera_refinement import ExposureCompensation
 from frog_blender.engine.training.optimize.device import choose_device, image_on, try_rasterizer
 from frog_blender.engine.training.optimize.losses import PhotometricLoss, photometric_loss_reference
 from frog_blender.engine.training.optimize.running_loss import RunningLoss, TrainingDiverged
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events, pictures
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
-from frog_blender.engine.training.session.run import run_training
+from frog_blender.engine.training.session.run import add_hooks, run_training
 
 ENGINE = Path(trainer_module.__file__).parents[2]
 CPU = torch.device("cpu")
@@ -71,7 +71,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
         with machine.uncounted():  # the CUDA rasterizer waits once, whatever is drawn
             return rasterize(*arguments, **{**keywords, "backend": "reference"})
 
-    for module in (training_images, interface_module, sensitivity, validation, pictures):
+    for module in (training, interface_module, sensitivity, validation, pictures):
         monkeypatch.setattr(module, "rasterize", slowly)
     monkeypatch.setattr(losses, "photometric_loss", photometric_loss_on_any_device)
     monkeypatch.setattr(neighbours, "by_tree", neighbours.by_distances)
@@ -85,16 +85,16 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
 class InPlainTorch(Trainer):
     """Whose model is computed by what both devices have."""
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
         self.model.backend = "reference"
 
 
 class Elsewhere(InPlainTorch):
     """Trains there whatever device it is given."""
 
-    def __init__(self, *arguments: Any, device: torch.device, **options: Any) -> None:
-        super().__init__(*arguments, device=ELSEWHERE, **options)
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments[:-1], ELSEWHERE)
 
 
 @pytest.fixture
@@ -108,9 +108,10 @@ def make(capture: Capture, store: FrameStore, lively: Any) -> Make:
         **changes: Any,
     ) -> Trainer:
         recipe = lively(STEPS, **{**BUSY, **changes})
-        hooks = compression_hooks(recipe, method, capture, seed, compression)
-        options = {"seed": seed, "device": device, "hooks": hooks}
-        return InPlainTorch(capture, store, film.seeds(80), recipe, method, Limits(STEPS), **options)
+        options = JobOptions(method=method, seed=seed, steps=STEPS)
+        trainer = InPlainTorch(capture, store, film.seeds(80), recipe, options, device)
+        add_hooks(trainer, compression)
+        return trainer
 
     return make
 
@@ -170,13 +171,13 @@ def test_compression_is_the_same_elsewhere(machine: Machine, make: Make) -> None
     any_loss = {"freeze_score": 1e9, "max_freeze_loss": 1e9, "static_deviation": 0.2}
     settings = CompressionSettings(**few, **any_loss)
     there, here = (train(make(device, compression=settings, capacity="auto")) for device in (ELSEWHERE, CPU))
-    logs = [compression(each).record.log for each in (there, here)]
+    logs = [compression(each).log for each in (there, here)]
     done, expected = ([(each.what, each.before, each.after) for each in log] for log in logs)
     assert done == expected
     assert "put to rest" in {what for what, _, _ in done}
     assert all(isinstance(value, Remote) for value in state(there).values())
     assert numbers(there) == numbers(here)
-    np.testing.assert_array_equal(compression(there).record.removed, compression(here).record.removed)
+    np.testing.assert_array_equal(compression(there).removed, compression(here).removed)
     image = pictures.draw_report_image(compression(there), 8)
     np.testing.assert_array_equal(image, pictures.draw_report_image(compression(here), 8))
     assert not machine.homeless
@@ -202,7 +203,7 @@ def test_a_step_waits_for_nothing(machine: Machine, make: Make) -> None:
     """Two small copies come back by themselves; the loss is looked at every twenty steps."""
     trainer = make(ELSEWHERE, densify_from=2.0, sampling="off", dssim_from=0.0, warm_up=0.0)
     trainer.exposures = ExposureCompensation(trainer.rig, trainer.recipe, ELSEWHERE, every=1.0)  # never updated
-    trainer.limits = Limits(30)
+    trainer.steps = 30
     train(trainer, until=2)
     trainer.smoothness.resample()
     machine.waits.clear()

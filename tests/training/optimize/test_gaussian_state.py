@@ -12,9 +12,9 @@ from support.training_steps import compression, train
 from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.budget import keep_within
 from frog_blender.engine.training.optimize.gaussian_state import Reindexing, freeze_motion, sort_by_morton_code
-from frog_blender.engine.training.optimize.hooks import Hook, Training
 from frog_blender.engine.training.optimize.stateful import Tensors, Values
 from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.optimize.training import Hook, Training
 from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.export import remove_non_finite
 from frog_blender.engine.training.session.recovery import Recovery
@@ -32,7 +32,7 @@ class Labels:
         self.dynamic = self.all[: gaussians.num_dynamic].clone()
         self.colors = gaussians.canonical.sh.detach()[:, 0].clone()
         self.changes = 0
-        gaussians.register(self)
+        gaussians.register(self.reindex)
 
     def reindex(self, change: Reindexing) -> None:
         self.changes += 1
@@ -84,7 +84,7 @@ OPERATIONS: dict[str, Callable[[Trainer], object]] = {
     "freezing": lambda trainer: freeze_motion(trainer.gaussians, torch.arange(3, 90), state_of_dynamic(trainer)),
     "pruning": prune_by_images,
     "a budget": lambda trainer: keep_within(compression(trainer), trainer.count - 7),
-    "out of memory": lambda trainer: Recovery(trainer).rollback(trainer, MemoryError()),
+    "out of memory": lambda trainer: Recovery(trainer).rollback(MemoryError()),
     "broken Gaussians": spoil,
 }
 
@@ -115,7 +115,7 @@ class Counting(Hook):
     def after_step(self, training: Training, before: float, now: float) -> None:
         self.steps += 1
 
-    def before_milestone(self, training: Training) -> None:
+    def before_milestone(self) -> None:
         self.milestones += 1
 
     def allows_growth(self, progress: float) -> bool:

@@ -15,6 +15,7 @@ from support.training_steps import train
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.image_coding import halved_image
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.training.optimize.mattes import (
@@ -22,7 +23,7 @@ from frog_blender.engine.training.optimize.mattes import (
     is_halved,
     sized,
 )
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
 
 
 @pytest.mark.parametrize("size", [(64, 96), (65, 97)])
@@ -67,7 +68,7 @@ def test_a_training_begins_at_half_size_and_ends_at_whole(
     changes = {"half_size_until": 0.5, "sampling_until": 0.95, "densify_until": 0.0, "region_share": 0.0}
     recipe = lively(60, **{**changes, "max_gaussians": 5000})
     store = FrameStore.open(large, cache_folder=cache_folder)
-    trainer = Watched(large, store, film.seeds(), recipe, "frog", Limits(60), seed=0)
+    trainer = Watched(large, store, film.seeds(), recipe, JobOptions(steps=60))
     trainer.sizes, trainer.anchored = [], []
     train(trainer)
     whole = (large.cameras[0].width, large.cameras[0].height)

@@ -21,12 +21,13 @@ from frog_blender.engine.capture.masking import over
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.evaluation.evaluate import TrueImages, evaluate_images
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import RasterizeOptions, rasterize
-from frog_blender.engine.training.optimize.hull_pruning import HullPruning, hull_hooks, room_for_subject
+from frog_blender.engine.training.optimize.hull_pruning import HullPruning, room_for_subject
 from frog_blender.engine.training.optimize.losses import matte_loss, photometric_loss
 from frog_blender.engine.training.optimize.mattes import Mattes, Truth, behind_ignored
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.run import run_training
@@ -102,7 +103,7 @@ def test_whole_images_have_the_loss_and_the_random_numbers_they_had(capture: Cap
     generator, mattes = torch.Generator().manual_seed(5), Mattes(capture, store)
     before = generator.get_state()
     assert mattes.random_background(generator) is None and torch.equal(generator.get_state(), before)
-    assert mattes.background_of(3) == capture.background and hull_hooks(capture, store) == []
+    assert mattes.background_of(3) == capture.background and not mattes.has_alpha
 
 
 def test_truth_lies_over_the_color_of_the_step(masked: Capture, frames: FrameStore) -> None:
@@ -123,8 +124,8 @@ def test_truth_lies_over_the_color_of_the_step(masked: Capture, frames: FrameSto
 
 
 def test_gaussians_outside_the_hull_are_pruned(masked: Capture, frames: FrameStore, lively: Any) -> None:
-    trainer = Trainer(masked, frames, film.seeds(300), lively(20), "static", Limits(20), seed=0)
-    hook = HullPruning(masked, frames)
+    trainer = Trainer(masked, frames, film.seeds(300), lively(20), JobOptions(method="static", steps=20))
+    trainer.add_hook(hook := HullPruning())
     keep = hook.inside(trainer, strict=False)
     depths, kept = trainer.model.canonical.means.detach().numpy()[:, 2], keep.numpy()
     assert kept[depths < 0.2].mean() > 0.8 and kept[depths > 0.6].mean() < 0.2  # the ball, and the wall behind it
@@ -136,7 +137,7 @@ def test_what_is_outside_the_hull_for_the_most_part_goes_once_motion_is_learned(
     masked: Capture, frames: FrameStore, lively: Any
 ) -> None:
     """Of Gaussians that stand, while the ball moves."""
-    trainer = Trainer(masked, frames, film.seeds(300), lively(20), "static", Limits(20), seed=0)
+    trainer = Trainer(masked, frames, film.seeds(300), lively(20), JobOptions(method="static", steps=20))
     hull, means = (
         VisualHull(masked, frames, masked.train_indices),
         trainer.model.canonical.means.detach().double().numpy(),
@@ -146,7 +147,7 @@ def test_what_is_outside_the_hull_for_the_most_part_goes_once_motion_is_learned(
     inside = np.array([each for each, _ in found])
     mostly = seen.any(0) & ((seen & ~inside).sum(0) <= 0.75 * seen.sum(0))
     assert 0 < mostly.sum() < inside.any(0).sum()
-    hook = HullPruning(masked, frames)
+    trainer.add_hook(hook := HullPruning())
     np.testing.assert_array_equal(hook.inside(trainer).numpy(), mostly)
     hook.after_step(trainer, 0.65, 0.75)
     assert trainer.count == mostly.sum()
@@ -217,7 +218,7 @@ def test_nothing_is_learned_of_what_is_ignored(
 
     losses = []
     for frames in (store, Marked()):
-        trainer = Trainer(capture, frames, film.seeds(), lively(60), "frog", Limits(60), seed=0)  # type: ignore[arg-type]
+        trainer = Trainer(capture, frames, film.seeds(), lively(60), JobOptions(steps=60))  # type: ignore[arg-type]
         while not trainer.finished:
             trainer.step()
         losses.append((trainer.loss, trainer.model.canonical.sh.detach().clone(), trainer.evaluate(9)))

@@ -14,11 +14,12 @@ from support.builders import scene_file
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.evaluation.evaluate import TrueImages, evaluate_images
 from frog_blender.engine.frames.store import FrameStore
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.training.compression.sensitivity import sample_views
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
 
 LATE = 0.25  # frames
 
@@ -35,7 +36,7 @@ def time_of(frame: float) -> float:
 def test_training_draws_the_scene_as_it_was(
     lively: Callable[..., Recipe], late: Capture, store: FrameStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    trainer = Trainer(late, store, film.seeds(), lively(20), "frog", Limits(20), seed=0, hooks=[])
+    trainer = Trainer(late, store, film.seeds(), lively(20), JobOptions(steps=20))
     times: list[float] = []
     draw = trainer.model.draw
 

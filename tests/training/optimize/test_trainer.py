@@ -16,10 +16,11 @@ from support.training_steps import train
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.model.interface import ScheduleState
+from frog_blender.engine.options import JobOptions
 from frog_blender.engine.rasterizer import RasterizeOptions
 from frog_blender.engine.training.optimize import losses, neighbours
 from frog_blender.engine.training.optimize.densification import DensificationStrategy
-from frog_blender.engine.training.optimize.trainer import Limits, Trainer
+from frog_blender.engine.training.optimize.trainer import Trainer
 
 STEPS = 600
 
@@ -102,7 +103,7 @@ def test_number_of_threads_does_not_change_the_training(
 def test_no_held_out_image_is_ever_read(watched: Callable[[], Any], capture: Capture, lively: Any) -> None:
     watching = watched()
     capture = capture.with_holdout(3)
-    trainer = Trainer(capture, watching, film.seeds(), lively(150), "frog", Limits(150), seed=0)
+    trainer = Trainer(capture, watching, film.seeds(), lively(150), JobOptions(steps=150))
     train(trainer)
     held_out = {i for i, shot in enumerate(capture.shots) if capture.is_test(shot)}
     assert len(held_out) == 6 + 2 * 3
@@ -128,7 +129,7 @@ def test_evaluation_looks_at_held_out_images_and_changes_nothing(
 
 def test_evaluation_without_held_out_images(capture: Capture, store: FrameStore, lively: Any) -> None:
     everything = replace(capture, test_cameras=frozenset())
-    trainer = Trainer(everything, store, film.seeds(), lively(5), "frog", Limits(5), seed=0)
+    trainer = Trainer(everything, store, film.seeds(), lively(5), JobOptions(steps=5))
     assert trainer.evaluate(3)[1] == "training"
 
 
@@ -233,12 +234,12 @@ def test_a_burst_stays_at_one_frame_and_changes_the_camera(
 
 
 def test_seconds_limit_a_training(capture: Capture, store: FrameStore, lively: Any) -> None:
-    trainer = Trainer(capture, store, film.seeds(), lively(10**6), "frog", Limits(seconds=0.3), seed=0)
+    trainer = Trainer(capture, store, film.seeds(), lively(10**6), JobOptions(seconds=0.3))
     train(trainer)
     assert trainer.finished and 0.3 <= trainer.seconds < 5 and 1 < trainer.step_count < 10**5
 
 
 def test_one_seed_is_enough(capture: Capture, store: FrameStore, lively: Any) -> None:
-    trainer = Trainer(capture, store, film.seeds(1), lively(60), "frog", Limits(60), seed=0)
+    trainer = Trainer(capture, store, film.seeds(1), lively(60), JobOptions(steps=60))
     train(trainer)
     assert np.isfinite(trainer.loss) and trainer.count >= 1

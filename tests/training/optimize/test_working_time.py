@@ -8,9 +8,9 @@ import pytest
 
 from frog_blender.engine.training.optimize import schedule
 from frog_blender.engine.training.optimize import trainer as trainer_module
-from frog_blender.engine.training.optimize.hooks import Hook, Training
 from frog_blender.engine.training.optimize.schedule import worked
 from frog_blender.engine.training.optimize.trainer import Trainer
+from frog_blender.engine.training.optimize.training import Hook, Training
 
 
 @pytest.mark.parametrize(

@@ -143,7 +143,7 @@ VALUES: list[tuple[str, Any]] = [
 def trained(make_trainer: Make) -> Trainer:
     trainer = train(make_trainer(40, capacity="auto"), until=37)
     moving = trainer.model.canonical.num_dynamic
-    compression(trainer).record.motion = Motion(*torch.rand(2, moving))  # as where none is static before the end
+    compression(trainer).motion = Motion(*torch.rand(2, moving))  # as where none is static before the end
     return trainer
 
 

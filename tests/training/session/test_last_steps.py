@@ -15,7 +15,7 @@ from support.training_steps import train
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.compression import schedule
-from frog_blender.engine.training.compression.context import CompressionContext, Proposal
+from frog_blender.engine.training.compression.context import Compression
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session import events, export, loop
 from frog_blender.engine.training.session.export import Metrics, build_scene
@@ -33,7 +33,7 @@ ERRORS = [
 ]
 AT_THE_END = [
     *((schedule, name) for name in ("prune_unmissed", "freeze_motion")),
-    (CompressionContext, "mean_dynamic_state"),
+    (Compression, "mean_dynamic_state"),
     *((export, name) for name in ("reorder_for_playback", "playback_steps")),
     *((loop, name) for name in ("fit_budget", "draw_report_image")),
     (Trainer, "evaluate"),
@@ -58,7 +58,7 @@ def broken(monkeypatch: pytest.MonkeyPatch, what: tuple[Any, str], error: Except
 
     def fails(*arguments: Any, **options: Any) -> Any:
         first = arguments[0]
-        training = first.training if isinstance(first, CompressionContext) else first
+        training = first.training if isinstance(first, Compression) else first
         if name in MORE_THAN_ONCE and not training.finished:
             return real(*arguments, **options)
         raise error
@@ -97,7 +97,7 @@ def test_what_a_failed_milestone_did_is_undone(task: TrainingJob, monkeypatch: p
             super().before_milestone()
             before.update({name: value.clone() for name, value in self.model.state_dict().items()})
 
-    def fails(context: CompressionContext, *_: Any) -> list[Proposal]:
+    def fails(context: Compression, *_: Any) -> None:
         gaussians = context.training.gaussians
         gaussians.keep(torch.arange(gaussians.count // 2, device=gaussians.device))
         raise RuntimeError("too late")

@@ -74,10 +74,10 @@ def test_going_back_restores_every_bit(make_trainer: Make, bits: Callable, tmp_p
     recovery, before = Recovery(trainer), bits(trainer)
     train(trainer, until=33)  # past a round that brings Gaussians
     assert bits(trainer) != before
-    assert "step 20" in recovery.rollback(trainer, TrainingDiverged("Training became unstable."))
+    assert "step 20" in recovery.rollback(TrainingDiverged("Training became unstable."))
     assert bits(trainer) == before and trainer.step_count == 20
     assert trainer.optimizer.rate_factor == 0.5
-    recovery.rollback(trainer, TrainingDiverged("Again."))
+    recovery.rollback(TrainingDiverged("Again."))
     assert trainer.optimizer.rate_factor == 0.25  # smaller each time
     trainer.step()
     assert trainer.optimizer.adam.param_groups[0]["lr"] > 0
@@ -93,8 +93,8 @@ def test_a_model_that_is_not_finite_is_not_remembered(make_trainer: Make) -> Non
     recovery = Recovery(trainer)
     trainer.model.canonical.embeddings.data[3, 1] = float("nan")
     with pytest.raises(TrainingDiverged, match="embeddings is not finite"):
-        recovery.snapshot(trainer)
-    recovery.rollback(trainer, TrainingDiverged("x"))
+        recovery.snapshot()
+    recovery.rollback(TrainingDiverged("x"))
     assert torch.isfinite(trainer.model.canonical.embeddings).all()
 
 
@@ -151,7 +151,7 @@ def test_what_a_bad_image_said_of_its_regions_is_forgotten(make_trainer: Make) -
     recovery = Recovery(trainer)
     camera, shape = trainer.capture.cameras[1], trainer.crops.errors[1].shape
     trainer.crops.observe(1, (0, 0, camera.width, camera.height), torch.full(shape, torch.nan))
-    recovery.rollback(trainer, TrainingDiverged("x"))
+    recovery.rollback(TrainingDiverged("x"))
     trainer.synchronize()
     assert all(not np.isnan(errors).any() for errors in trainer.crops.errors)
     np.testing.assert_array_equal(trainer.crops.errors[1], recovery.last_state[0]["regions.1"])

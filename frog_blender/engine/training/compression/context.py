@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...capture.capture import Capture
 from ...gaussians import TorchGaussians
 from ...io.plain_values import JsonObject
 from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind, reduction_line
 from ..optimize.gaussian_state import Reindexing
-from ..optimize.hooks import Training
-from ..optimize.mattes import Mattes
 from ..optimize.stateful import Tensors, Values, expect
+from ..optimize.training import Hook, Training
 from .sensitivity import MOTION_ARRAYS, Motion, SampledView, Sensitivity, mean_state, measure, sample_views
 from .settings import DEFAULT, CompressionSettings
 from .validation import ValidationEvaluator, largest_count_within, validation_shots
@@ -60,7 +58,6 @@ class Proposal:
     Attributes:
         kind: for the log.
         apply: takes the first so many.
-        count: of what ``kind.unit`` says, as the model stands.
         loss: dB that taking the first so many costs.
         allowed: dB.
         expected: (candidates,) about that loss for the first one, the first two and so on, ascending.
@@ -69,23 +66,23 @@ class Proposal:
 
     kind: StepKind
     apply: Callable[[int], None]
-    count: Callable[[], int]
     loss: Callable[[int], float]
-    allowed: float = 0.0
-    expected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+    allowed: float
+    expected: NDArray[np.float64]
     forced: int = 0
 
 
-class CompressionRecord:
-    """What compression remembers of one training.
+class Compression(Hook):
+    """What passes need of one training, and what it remembers of them: it measures by sampled views, is evaluated on
+    validation images, and logs.
 
     Args:
-        capture: what is trained on.
-        seed: the training's; a resumed training finds the same images and views.
-        settings: how many images stand in for validation images.
+        settings: thresholds, and how many images stand in for validation images.
 
     Attributes:
-        seed: the same.
+        settings: the same.
+        training: as it stands.
+        seed: the training's; a resumed training finds the same images and views.
         validation: validation shots, which are not learned from for a while; none where there are few.
         evaluated, learned: shots that proposals are evaluated on, and that views are sampled from.
         log: steps so far.
@@ -95,34 +92,32 @@ class CompressionRecord:
         mean_state: how the dynamic Gaussians look on average (see ``Sensitivity.state``), during a milestone.
     """
 
-    def __init__(self, capture: Capture, seed: int, settings: CompressionSettings) -> None:
-        self._capture, self._settings = capture, settings
-        self._seed_with(seed)
+    training: Training
+
+    def __init__(self, settings: CompressionSettings = DEFAULT) -> None:
+        self.settings = settings
         self.log: list[CompressionStep] = []
         self._told = 0
         self.removed = np.empty((0, 3), np.float32)
         self.motion: Motion | None = None
         self.mean_state: Tensors = {}
 
+    def begin(self, training: Training) -> None:
+        """See Hook."""
+        self.training = training
+        self._seed_with(training.options.seed)
+        training.gaussians.register(self._reindex)
+
     def _seed_with(self, seed: int) -> None:
         self.seed = seed
-        self.validation = validation_shots(self._capture, seed)
-        training = self._capture.train_indices
-        step = max(1, len(training) // self._settings.num_training_views)
+        self.validation = validation_shots(self.training.capture, seed)
+        training = self.training.capture.train_indices
+        step = max(1, len(training) // self.settings.num_training_views)
         self.evaluated = self.validation or tuple(training[::step])
         self.learned = [i for i in training if i not in self.validation]
 
-    def generator(self, number: int) -> torch.Generator:
-        """A milestone's own, so that a resumed training draws what an undisturbed one does."""
-        return torch.Generator("cpu").manual_seed(1000 * self.seed + number)
-
-    def new_steps(self) -> list[CompressionStep]:
-        """The steps since this was called last."""
-        new, self._told = self.log[self._told :], len(self.log)
-        return new
-
-    def reindex(self, change: Reindexing) -> None:
-        """See RowFollower. What was measured is void where static Gaussians become dynamic."""
+    def _reindex(self, change: Reindexing) -> None:
+        """What was measured is void where static Gaussians become dynamic."""
         known = bool((change.dynamic < change.num_dynamic).all())
         self.motion = self.motion.select(change.dynamic) if self.motion and known else None
         self.mean_state = {name: values[change.dynamic] for name, values in self.mean_state.items()} if known else {}
@@ -134,38 +129,33 @@ class CompressionRecord:
             tensors |= {f"motion.{name}": getattr(self.motion, name) for name in MOTION_ARRAYS}
         return tensors, {"parsimony": {"seed": self.seed, "reductions": [step.to_json() for step in self.log]}}
 
-    def load_state(self, tensors: Tensors, values: Values, num_dynamic: int, device: torch.device) -> None:
-        """See Stateful; of a scene with so many dynamic Gaussians."""
+    def load_state(self, tensors: Tensors, values: Values) -> None:
+        """See Stateful."""
         stored, removed = values["parsimony"], tensors["removed"]
-        log = [CompressionStep.from_json(each) for each in stored["reductions"]]
+        log = [CompressionStep.from_json(step) for step in stored["reductions"]]
         expect("removed", removed, (len(removed), 3))
         torch.Generator("cpu").manual_seed(1000 * stored["seed"])  # as every milestone will
         self._seed_with(stored["seed"])
         self.removed, self.motion = removed.numpy(), None
         if "motion.score" in tensors:
-            arrays = [expect(name, tensors[f"motion.{name}"], (num_dynamic,)) for name in MOTION_ARRAYS]
+            device = self.training.gaussians.device
+            arrays = [expect(name, tensors[f"motion.{name}"], (self.num_dynamic,)) for name in MOTION_ARRAYS]
             self.motion = Motion(*(array.to(device) for array in arrays))
         self.log, self._told = log, len(log)
 
-
-@dataclass(frozen=True)
-class CompressionContext:
-    """What a pass needs: it measures by sampled views, is evaluated on validation images, and is logged.
-
-    Attributes:
-        training: as it stands.
-        record: what is remembered.
-        settings: thresholds.
-    """
-
-    training: Training
-    record: CompressionRecord
-    settings: CompressionSettings = DEFAULT
+    def new_steps(self) -> list[CompressionStep]:
+        """The steps since this was called last."""
+        new, self._told = self.log[self._told :], len(self.log)
+        return new
 
     @property
     def num_dynamic(self) -> int:
         """Dynamic Gaussians."""
         return self.training.gaussians.num_dynamic
+
+    def generator(self, number: int) -> torch.Generator:
+        """A milestone's own, so that a resumed training draws what an undisturbed one does."""
+        return torch.Generator("cpu").manual_seed(1000 * self.seed + number)
 
     @torch.no_grad()
     def gaussians_at(self, time: float) -> TorchGaussians:
@@ -175,43 +165,48 @@ class CompressionContext:
     def sample_views(self, generator: torch.Generator, count: int | None = None) -> list[SampledView]:
         """Views near the images that are learned from."""
         count = self.settings.num_sensitivity_views if count is None else count
-        return sample_views(self.training.capture, self.record.learned, count, generator)
+        return sample_views(self.training.capture, self.learned, count, generator)
 
     def measure(self, views: Sequence[SampledView], generator: torch.Generator) -> Sensitivity:
         """Of the Gaussians as they stand."""
-        capture = self.training.capture
-        mattes = Mattes(capture, self.training.store) if capture.has_masks else None
-        return measure(self.gaussians_at, self.num_dynamic, capture, views, generator, mattes)
+        training = self.training
+        return measure(self.gaussians_at, self.num_dynamic, training.capture, views, generator, training.mattes)
 
     def mean_dynamic_state(self, views: Sequence[SampledView]) -> Tensors:
         """How the dynamic Gaussians look on average over the views, see ``Sensitivity.state``."""
-        return {name: values[: self.num_dynamic] for name, values in mean_state(self.gaussians_at, views).items()}
+        return mean_state(self.gaussians_at, views, self.num_dynamic)
 
     def evaluator(self, played: Callable[[float], TorchGaussians] | None = None) -> ValidationEvaluator:
         """Of the Gaussians as they stand, or as they are ``played`` at a time."""
-        capture = self.training.capture
+        training = self.training
+        return ValidationEvaluator(training.capture, training.mattes, self.evaluated, played or self.gaussians_at)
 
-        def gaussians_of(shot: int) -> TorchGaussians:
-            return (played or self.gaussians_at)(capture.time_of(capture.shots[shot]))
-
-        return ValidationEvaluator(capture, self.training.store, self.record.evaluated, gaussians_of)
-
-    def compress(self, evaluator: ValidationEvaluator, proposals: Iterable[Proposal]) -> None:
-        """Takes as much of each proposal as the validation images allow, or as is forced, and logs it."""
-        for proposal in proposals:
-            number, loss = largest_count_within(proposal.loss, proposal.expected, proposal.allowed)
-            if proposal.forced > number:
-                number, loss = proposal.forced, proposal.loss(proposal.forced)
-            if not number:
-                continue
-            before, size = proposal.count(), self._size()
-            proposal.apply(number)
-            self.add_step(proposal.kind, before, proposal.count(), loss, size - self._size())
-            evaluator.accept(loss)
+    def compress(self, evaluator: ValidationEvaluator, proposal: Proposal | None) -> None:
+        """Takes as much of a proposal as the validation images allow, or as is forced, and logs it."""
+        if proposal is None:
+            return
+        number, loss = largest_count_within(proposal.loss, proposal.expected, proposal.allowed)
+        if proposal.forced > number:
+            number, loss = proposal.forced, proposal.loss(proposal.forced)
+        if not number:
+            return
+        before, size = self._count(proposal.kind), self._size()
+        proposal.apply(number)
+        self.add_step(proposal.kind, before, self._count(proposal.kind), loss, size - self._size())
+        evaluator.accept(loss)
 
     def add_step(self, kind: StepKind, before: int, after: int, loss: float | None = None, saved: int = 0) -> None:
         """Adds a step to the log; ``saved`` bytes."""
-        self.record.log.append(CompressionStep(kind, self.training.progress, before, after, loss, saved))
+        self.log.append(CompressionStep(kind, self.training.progress, before, after, loss, saved))
+
+    def _count(self, kind: StepKind) -> int:
+        """What ``kind.unit`` says, as the model stands."""
+        return self.num_dynamic if kind is StepKind.FREEZE else self.training.gaussians.count
 
     def _size(self) -> int:
         return sum(parameter.nbytes for parameter in self.training.gaussians.model.parameters())
+
+
+def compression_of(training: Training) -> Compression | None:
+    """What compresses a training, if anything does."""
+    return next((hook for hook in training.hooks if isinstance(hook, Compression)), None)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -21,7 +19,7 @@ from ...rasterizer import GaussianArrays
 from ...scene.compression_report import StepKind
 from ...scene.quantization import morton_order_by_range, unpack
 from ...scene.scene_file import VISIBILITY, SceneFile, packed_arrays
-from .context import CompressionContext, CompressionStep
+from .context import Compression, CompressionStep
 from .settings import DEFAULT
 
 
@@ -39,9 +37,9 @@ def reorder_for_playback(
         return near
     lives = _lives(near)
     order = sort_by_visibility(lives)
-    found = in_order(near, np.concatenate([order, np.arange(len(order), count)]))
-    lives = lives[:, order] | _lives(as_packed(found))  # whose opacities differ a little
-    return SceneFile(scene.header, found.arrays | {VISIBILITY: pack_group_bits(lives)})
+    sorted_ = in_order(near, np.concatenate([order, np.arange(len(order), count)]))
+    lives = lives[:, order] | _lives(as_packed(sorted_))  # whose opacities differ a little
+    return SceneFile(scene.header, sorted_.arrays | {VISIBILITY: pack_group_bits(lives)})
 
 
 def in_groups(scene: SceneFile) -> bool:
@@ -61,12 +59,10 @@ def has_transients(scene: SceneFile, max_visible: float = DEFAULT.max_visible) -
 def as_packed(scene: SceneFile) -> SceneFile:
     """The scene with numbers as they come back from a packed file; FrogError where none can hold them."""
     packed = packed_arrays(scene.arrays)
-    return SceneFile(scene.header, {name: unpack(each.content, each.description) for name, each in packed.items()})
+    return SceneFile(scene.header, {name: unpack(array.content, array.description) for name, array in packed.items()})
 
 
-def playback_steps(
-    context: CompressionContext, scene: SceneFile, size: int
-) -> tuple[CompressionStep, CompressionStep | None]:
+def playback_steps(context: Compression, scene: SceneFile, size: int) -> tuple[CompressionStep, CompressionStep | None]:
     """What packing a reordered scene into ``size`` bytes saves and costs, and what its lifetimes do, if any."""
     packed = as_packed(scene)
     player = ScenePlayer(packed)
@@ -95,16 +91,12 @@ def in_order(scene: SceneFile, order: NDArray[np.int64]) -> SceneFile:
     return SceneFile(scene.header, arrays)
 
 
-def _played_by(scene: ScenePlayer, device: torch.device) -> Callable[[float], TorchGaussians]:
-    """Its Gaussians at a time in [0, 1], for torch."""
+def _psnr(context: Compression, scene: ScenePlayer) -> float:
+    """Of the scene as it is played, on the validation images."""
+    device = context.training.gaussians.device
 
-    def gaussians_at(time_: float) -> TorchGaussians:
+    def played(time_: float) -> TorchGaussians:
         arrays = vars(scene.at(time_)).values()
         return GaussianArrays(*(torch.from_numpy(np.array(array)).to(device) for array in arrays))
 
-    return gaussians_at
-
-
-def _psnr(context: CompressionContext, scene: ScenePlayer) -> float:
-    """Of the scene as it is played, on the validation images."""
-    return context.evaluator(played=_played_by(scene, context.training.gaussians.device)).now
+    return context.evaluator(played).now

@@ -1,14 +1,14 @@
 """Compression passes: prune, and freeze what the images show at rest.
 
-A pass yields proposals. ``CompressionContext.compress`` applies each only as far as the validation loss stays within
-its tolerance, or as a budget requires, and logs what it saved. A pass goes on from what was taken.
+A pass proposes something, or nothing. ``Compression.compress`` applies it only as far as the validation loss stays
+within its tolerance, or as a budget requires, and logs what it saved.
 
 Static image regions of static cameras are found by the temporal variance of 8x8 cells.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from ...spherical_harmonics import SH_DC
 from ..optimize import gaussian_state
 from ..optimize.gaussian_state import mask_excluding
 from ..optimize.stateful import Tensors
-from .context import CompressionContext, Proposal
+from .context import Compression, Proposal
 from .sensitivity import SampledView, Sensitivity, in_state, peak_weights
 from .validation import ValidationEvaluator
 
@@ -157,7 +157,7 @@ def _cells(pixels: NDArray[np.float32 | np.uint8], cell: int = _CELL) -> NDArray
     return np.asarray(cv2.resize(pixels.astype(np.float32) / 255, size, interpolation=cv2.INTER_AREA))
 
 
-def prune(context: CompressionContext, evaluator: ValidationEvaluator, measured: Sensitivity) -> Iterator[Proposal]:
+def prune(context: Compression, evaluator: ValidationEvaluator, measured: Sensitivity) -> Proposal:
     """Gaussians that images do not need, or that the limit has no room for.
 
     What no image may miss is ordered by the image that would miss it most; where a budget forces, by what all of them
@@ -167,17 +167,11 @@ def prune(context: CompressionContext, evaluator: ValidationEvaluator, measured:
     count, recipe = gaussians.count, training.recipe
     forced = count - recipe.kept_at_most
     order = (measured.energy if forced > 0 and recipe.kept_gaussians else measured.contribution).argsort()
-    yield replace(
-        _pruning(context, evaluator, order),
-        allowed=settings.max_prune_loss,
-        expected=evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]]),
-        forced=forced,
-    )
+    expected = evaluator.expected(measured.energy[order[: int(settings.max_pruned * count)]])
+    return _pruning(context, evaluator, order, settings.max_prune_loss, expected, forced)
 
 
-def prune_unmissed(
-    context: CompressionContext, evaluator: ValidationEvaluator, measured: Sensitivity
-) -> Iterator[Proposal]:
+def prune_unmissed(context: Compression, evaluator: ValidationEvaluator, measured: Sensitivity) -> Proposal | None:
     """Gaussians that hardly make a part of any training image: from elsewhere they are fog. What a single camera sees
     as a surface is most of what that camera sees there.
 
@@ -192,15 +186,20 @@ def prune_unmissed(
     hidden = drawn.opacities * drawn.scales.sort(1).values[:, 1:].prod(1)
     loss = measured.energy / hidden.clamp(min=torch.finfo(hidden.dtype).tiny)
     order = torch.where(faint, loss, torch.inf).argsort()[: int(faint.sum())]
-    if 0 < len(order) < gaussians.count:
-        yield replace(
-            _pruning(context, evaluator, order),
-            allowed=settings.max_unmissed_loss,
-            expected=evaluator.expected(measured.energy[order]),
-        )
+    if not 0 < len(order) < gaussians.count:
+        return None
+    expected = evaluator.expected(measured.energy[order])
+    return _pruning(context, evaluator, order, settings.max_unmissed_loss, expected)
 
 
-def _pruning(context: CompressionContext, evaluator: ValidationEvaluator, order: torch.Tensor) -> Proposal:
+def _pruning(
+    context: Compression,
+    evaluator: ValidationEvaluator,
+    order: torch.Tensor,
+    allowed: float,
+    expected: NDArray[np.float64],
+    forced: int = 0,
+) -> Proposal:
     """Removing the first of ``order``."""
     gaussians = context.training.gaussians
     count = gaussians.count
@@ -212,56 +211,53 @@ def _pruning(context: CompressionContext, evaluator: ValidationEvaluator, order:
     def apply(number: int) -> None:
         keep = mask_excluding(order[:number], count)
         removed = gaussians.canonical.means.detach()[~keep].cpu().numpy()
-        context.record.removed = np.concatenate([context.record.removed, removed])
+        context.removed = np.concatenate([context.removed, removed])
         gaussians.keep(keep.nonzero().squeeze(1))
 
-    return Proposal(StepKind.PRUNE, apply, lambda: gaussians.count, loss)
+    return Proposal(StepKind.PRUNE, apply, loss, allowed, expected, forced)
 
 
-def freeze_motion(context: CompressionContext, evaluator: ValidationEvaluator, allowed: float) -> Iterator[Proposal]:
+def freeze_motion(context: Compression, evaluator: ValidationEvaluator, allowed: float) -> Proposal | None:
     """Dynamic Gaussians whose motion images miss least, in their mean state: for ``allowed`` dB at most, and none whose
     motion can be seen but for what ``dynamic_share`` forces."""
-    motion, gaussians, settings = context.record.motion, context.training.gaussians, context.settings
+    motion, gaussians, settings = context.motion, context.training.gaussians, context.settings
     before = context.num_dynamic
     if not before or motion is None:
-        return
+        return None
     all_may = float(motion.score.max()) < settings.freeze_all_score
     may = motion.score < (settings.freeze_all_score if all_may else settings.freeze_score)
     by_energy = motion.rest_energy.argsort()
     order = torch.cat([by_energy[may[by_energy]], by_energy[~may[by_energy]]])
     share = context.training.recipe.dynamic_share
-    yield replace(
-        _freezing(context, evaluator, order, context.record.mean_state),
-        expected=evaluator.expected(motion.rest_energy[order[: int(may.sum())]]),
-        allowed=allowed,
-        forced=before - int(share * gaussians.count) if share else 0,
-    )
+    expected = evaluator.expected(motion.rest_energy[order[: int(may.sum())]])
+    forced = before - int(share * gaussians.count) if share else 0
+    apply, loss = _freezing(context, evaluator, order, context.mean_state)
+    return Proposal(StepKind.FREEZE, apply, loss, allowed, expected, forced)
 
 
 def freeze_static_regions(
-    context: CompressionContext, evaluator: ValidationEvaluator, generator: torch.Generator
-) -> Iterator[Proposal]:
+    context: Compression, evaluator: ValidationEvaluator, generator: torch.Generator
+) -> Proposal | None:
     """Dynamic Gaussians where the images hardly change, while motion is still being learned: all of them or none. Few
     are not worth disturbing a training that still finds its motion."""
     training, settings, before = context.training, context.settings, context.num_dynamic
     variance = temporal_variance(training.capture, training.store) if before else {}
     views = [view for view in context.sample_views(generator) if view.camera in variance]
     if not views:
-        return
+        return None
     change = change_of_pixels(context.gaussians_at, training.capture, views, variance)[:before]
     static = (change < settings.static_deviation**2).nonzero().squeeze(1)
-    if len(static) > settings.min_frozen * before:
-        yield replace(
-            _freezing(context, evaluator, static, context.mean_dynamic_state(views)),
-            expected=np.zeros(len(static)),
-            allowed=settings.max_freeze_loss,
-        )
+    if len(static) <= settings.min_frozen * before:
+        return None
+    apply, loss = _freezing(context, evaluator, static, context.mean_dynamic_state(views))
+    return Proposal(StepKind.FREEZE, apply, loss, settings.max_freeze_loss, np.zeros(len(static)))
 
 
 def _freezing(
-    context: CompressionContext, evaluator: ValidationEvaluator, order: torch.Tensor, state: Tensors
-) -> Proposal:
-    """Freezing the first of ``order``, dynamic Gaussians, in ``state`` (of all dynamic ones)."""
+    context: Compression, evaluator: ValidationEvaluator, order: torch.Tensor, state: Tensors
+) -> tuple[Callable[[int], None], Callable[[int], float]]:
+    """Freezes the first so many of ``order``, dynamic Gaussians, in ``state`` (of all dynamic ones); and what that
+    costs."""
     gaussians = context.training.gaussians
     before = gaussians.num_dynamic
     drawn = {
@@ -276,9 +272,7 @@ def _freezing(
         chosen = ~mask_excluding(order[:number], before)
         return evaluator.loss(lambda all_: in_state(all_, chosen, drawn))
 
-    return Proposal(
-        StepKind.FREEZE,
-        lambda number: gaussian_state.freeze_motion(gaussians, order[:number].sort().values, state),
-        lambda: gaussians.num_dynamic,
-        loss,
-    )
+    def apply(number: int) -> None:
+        gaussian_state.freeze_motion(gaussians, order[:number].sort().values, state)
+
+    return apply, loss

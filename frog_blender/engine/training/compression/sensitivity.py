@@ -128,13 +128,8 @@ def measure(
         num_dynamic: of them, M.
         mattes: where images have masks: what is ignored shows nothing, and views have backgrounds of their own.
     """
-    ranges = {name: _Range() for name in _ATTRIBUTES}
+    ranges = _ranges(gaussians_at, views, num_dynamic)
     contribution, energy, rest_energy, weight, reach = (_Range() for _ in range(5))
-    with torch.no_grad():
-        for view in views:
-            gaussians = gaussians_at(view.time)
-            for name, values in ranges.items():
-                values.add(getattr(gaussians, name)[:num_dynamic])
     mean = {name: values.mean for name, values in ranges.items()}
     for index, view in enumerate(views):
         camera = capture.cameras[view.camera]
@@ -171,15 +166,24 @@ def peak_weights(
     return peaks
 
 
-def mean_state(
-    gaussians_at: Callable[[float], TorchGaussians], views: Sequence[SampledView]
-) -> dict[str, torch.Tensor]:
-    """How Gaussians look on average over the views, see ``Sensitivity.state``."""
+@torch.no_grad()
+def _ranges(
+    gaussians_at: Callable[[float], TorchGaussians], views: Sequence[SampledView], num_dynamic: int
+) -> dict[str, _Range]:
+    """Of the first ``num_dynamic`` Gaussians over the views, by attribute."""
     ranges = {name: _Range() for name in _ATTRIBUTES}
     for view in views:
         gaussians = gaussians_at(view.time)
         for name, values in ranges.items():
-            values.add(getattr(gaussians, name))
+            values.add(getattr(gaussians, name)[:num_dynamic])
+    return ranges
+
+
+def mean_state(
+    gaussians_at: Callable[[float], TorchGaussians], views: Sequence[SampledView], num_dynamic: int
+) -> dict[str, torch.Tensor]:
+    """How the dynamic Gaussians look on average over the views, see ``Sensitivity.state``."""
+    ranges = _ranges(gaussians_at, views, num_dynamic)
     return canonical_state({name: values.mean for name, values in ranges.items()})
 
 

@@ -3,15 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum, auto
-
-
-class Milestone(Enum):
-    """What happens at a fraction of the training."""
-
-    FREEZE_STATIC_REGIONS = auto()
-    PRUNE = auto()
-    FINISH = auto()
 
 
 @dataclass(frozen=True)
@@ -56,15 +47,6 @@ class CompressionSettings:
     max_visible: float = 0.9
     validate_from: float = 0.75
     prune_at: float = 0.8
-
-    @property
-    def milestones(self) -> dict[float, Milestone]:
-        """By fraction of the training. Freezing all that hardly moves before the end costs 0.1 dB."""
-        return {
-            0.1: Milestone.FREEZE_STATIC_REGIONS,
-            self.prune_at: Milestone.PRUNE,
-            1.0: Milestone.FINISH,
-        }
 
 
 DEFAULT = CompressionSettings()

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ...capture.capture import Capture
 from ...evaluation.metrics import psnr_of
-from ...frames.store import FrameStore
 from ...gaussians import TorchGaussians
 from ...rasterizer import rasterize
 from ..optimize.device import image_on
@@ -45,14 +44,15 @@ class ValidationEvaluator:
     """PSNR of Gaussians on some shots, as they stand and as they are proposed.
 
     Args:
+        mattes: the capture's images.
         shots: to compare with.
-        gaussians_of: the Gaussians at a shot's time, as they stand.
+        gaussians_at: the Gaussians at a time in [0, 1], as they stand.
     """
 
     def __init__(
-        self, capture: Capture, store: FrameStore, shots: Sequence[int], gaussians_of: Callable[[int], TorchGaussians]
+        self, capture: Capture, mattes: Mattes, shots: Sequence[int], gaussians_at: Callable[[float], TorchGaussians]
     ) -> None:
-        self._capture, self._store, self._shots, self._gaussians_of = capture, store, shots, gaussians_of
+        self._capture, self._mattes, self._shots, self._gaussians_at = capture, mattes, shots, gaussians_at
         self._gaussians: dict[int, TorchGaussians] = {}  # as they stand, by shot
         self._now: float | None = None
 
@@ -93,11 +93,13 @@ class ValidationEvaluator:
     @torch.no_grad()
     def _psnr(self, change: Callable[[TorchGaussians], TorchGaussians]) -> float:
         """Mean over the shots after ``change``."""
-        self._gaussians = self._gaussians or {index: self._gaussians_of(index) for index in self._shots}
-        values, mattes = [], Mattes(self._capture, self._store)
-        for number, (index, gaussians) in enumerate(self._gaussians.items()):
-            camera = self._capture.cameras[self._capture.shots[index].camera]
-            target = mattes.truth(index, camera, (0, 0, camera.width, camera.height), mattes.background_of(number))
+        values, capture, mattes = [], self._capture, self._mattes
+        if not self._gaussians:
+            times = {index: capture.time_of(capture.shots[index]) for index in self._shots}
+            self._gaussians = {index: self._gaussians_at(time) for index, time in times.items()}
+        for position, (index, gaussians) in enumerate(self._gaussians.items()):
+            camera = capture.cameras[capture.shots[index].camera]
+            target = mattes.truth(index, camera, (0, 0, camera.width, camera.height), mattes.background_of(position))
             image = rasterize(change(gaussians), camera, target.background)
             truth = image_on(image.rgb.device, target.pixels)
             square = (image.rgb.clamp(0, 1) - truth).square()
@@ -125,9 +127,8 @@ def largest_count_within(
         aim = math.sqrt(least * most)
         number = max(1, int(np.searchsorted(expected, aim, side="right")))  # one is worth a look in any case
         if low < number < high:
-            found = loss(number)
-            if found <= allowed:
-                low, cost = number, found
+            if (lost := loss(number)) <= allowed:
+                low, cost = number, lost
             else:
                 high = number
         if cost > _ENOUGH * allowed:

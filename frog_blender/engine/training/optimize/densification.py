@@ -90,7 +90,7 @@ class DensityStrategy(Statistics):
         self._canonical, self._scene_scale = gaussians.canonical, scene_scale
         for name, first in COLLECTED.items():
             setattr(self, name, torch.full((gaussians.count,), first, device=gaussians.device))
-        gaussians.register(self)
+        gaussians.register(self.reindex)
 
     def round(self, gaussians: GaussianState, limit: int, generator: torch.Generator) -> tuple[int, int]:
         """One round, ``recipe.densify_every`` after the last; returns how many were added and removed.
@@ -103,7 +103,7 @@ class DensityStrategy(Statistics):
         raise NotImplementedError
 
     def reindex(self, change: Reindexing) -> None:
-        """See RowFollower."""
+        """See ``GaussianState.register``."""
         for name, first in COLLECTED.items():
             old = getattr(self, name)
             setattr(self, name, torch.cat([old, old.new_full((1,), first)])[change.indices.clamp(max=len(old))])

@@ -7,8 +7,8 @@ is so large that it wraps the cameras backs all walls with one colour, which is 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import torch
@@ -44,14 +44,6 @@ class Reindexing:
     resample: bool
 
 
-class RowFollower(Protocol):
-    """Something that is kept by Gaussian, and follows when their rows change."""
-
-    def reindex(self, change: Reindexing) -> None:
-        """Called after every change of the rows."""
-        ...
-
-
 class GaussianState:
     """Parameters and optimizer moments by Gaussian, and whatever else has registered. Only ``reindex`` changes rows.
 
@@ -69,7 +61,7 @@ class GaussianState:
         self.model = model
         self._recipe, self._scene_scale = recipe, scene_scale
         self.optimizer = SceneOptimizer(model, recipe, scene_scale)
-        self._followers: list[RowFollower] = []
+        self._followers: list[Callable[[Reindexing], None]] = []
 
     @property
     def canonical(self) -> CanonicalField:
@@ -91,8 +83,8 @@ class GaussianState:
         """Where they lie."""
         return self.canonical.means.device
 
-    def register(self, follower: RowFollower) -> None:
-        """From now on ``follower`` is told of every change of the rows."""
+    def register(self, follower: Callable[[Reindexing], None]) -> None:
+        """From now on ``follower`` is told of every change of the rows: something is kept by Gaussian there."""
         self._followers.append(follower)
 
     def reindex(
@@ -114,7 +106,7 @@ class GaussianState:
         self.optimizer.reindex(indices, dynamic, new or {})
         change = Reindexing(indices, dynamic, count, before, self.canonical, resample)
         for follower in self._followers:
-            follower.reindex(change)
+            follower(change)
 
     def keep(self, indices: torch.Tensor) -> None:
         """Removes all but some Gaussians (indices, ascending)."""

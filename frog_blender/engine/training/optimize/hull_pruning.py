@@ -9,8 +9,8 @@ from ...capture.capture import Capture
 from ...capture.hull import ALL_BUT, VisualHull
 from ...capture.seeding.views import spread
 from ...frames.store import FrameStore
-from .hooks import Hook, Training
 from .schedule import Every
+from .training import Hook, Training
 
 _FROM, _UNTIL, _EVERY = 0.1, 0.99, 0.08  # of the training
 _MOST_TIMES = 48  # frames that are looked at: what shows for a few of them only must not be missed
@@ -27,24 +27,18 @@ class HullPruning(Hook):
     """Removes what is outside the hull as it is deformed, at all times at which it can be seen: a Gaussian that is
     inside at one time may yet learn to move, or to vanish at the others; once motion is learned, what is outside for
     the most part, weighted by opacity, is none of the subject's. Of single views, each of which leaves room before and
-    behind the subject, it removes what is outside in a share of them.
-
-    Args:
-        capture: with masks.
-        store: with their alpha.
+    behind the subject, it removes what is outside in a share of them. For captures whose masks have an alpha.
     """
 
-    def __init__(self, capture: Capture, store: FrameStore) -> None:
+    def begin(self, training: Training) -> None:
+        """A subject that fills a part of the images has the Gaussians of that part, and some for its details."""
+        capture, store = training.capture, training.store
         frames = sorted({capture.shots[index].frame for index in capture.train_indices})
         chosen = set(spread(frames, _MOST_TIMES))
         shots = [index for index in capture.train_indices if capture.shots[index].frame in chosen]
         self._hull = VisualHull(capture, store, shots)
         self._due = Every(_FROM, _UNTIL, _EVERY)
-        self._capture, self._store = capture, store
-
-    def begin(self, training: Training) -> None:
-        """A subject that fills a part of the images has the Gaussians of that part, and some for its details."""
-        training.limit_gaussians(room_for_subject(self._capture, self._store, training.recipe.max_gaussians))
+        training.limit_gaussians(room_for_subject(capture, store, training.recipe.max_gaussians))
 
     def after_step(self, training: Training, before: float, now: float) -> None:
         """Prunes where that is due in (before, now]."""
@@ -76,17 +70,8 @@ class HullPruning(Hook):
 
 def room_for_subject(capture: Capture, store: FrameStore, most: int) -> int:
     """Gaussians at most for the subject of a capture, of ``most`` for whole images."""
-    if not _has_alpha(capture, store):
+    if not (capture.has_masks and store.alpha(0) is not None):
         return most
     alphas = [store.alpha(index) for index in spread(capture.train_indices, _SHARE_OF)]
     share = float(np.mean([alpha.mean() / 255 for alpha in alphas if alpha is not None]))
     return min(most, max(_FEWEST, round(_DENSER * share * most)))
-
-
-def hull_hooks(capture: Capture, store: FrameStore) -> list[Hook]:
-    """What a trainer of a capture with masks needs besides; nothing where the images are whole."""
-    return [HullPruning(capture, store)] if _has_alpha(capture, store) else []
-
-
-def _has_alpha(capture: Capture, store: FrameStore) -> bool:
-    return capture.has_masks and store.alpha(0) is not None

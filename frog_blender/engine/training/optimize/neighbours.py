@@ -154,7 +154,7 @@ class EmbeddingSmoothness:
     def __init__(self, gaussians: GaussianState, recipe: Recipe, generator: torch.Generator) -> None:
         self._recipe, self._generator, self._canonical = recipe, generator, gaussians.canonical
         self.graph: NeighbourGraph | None = None
-        gaussians.register(self)
+        gaussians.register(self.reindex)
 
     def resample(self) -> None:
         """Draws the sample anew."""
@@ -162,7 +162,7 @@ class EmbeddingSmoothness:
         self.graph = NeighbourGraph.sample(means, self._recipe, self._generator)
 
     def reindex(self, change: Reindexing) -> None:
-        """See RowFollower."""
+        """See ``GaussianState.register``."""
         if self.graph is None:
             return
         if change.resample:

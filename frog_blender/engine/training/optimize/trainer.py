@@ -5,11 +5,9 @@ from __future__ import annotations
 from .. import passive_threads  # noqa: F401
 
 # isort: split
-import json
 import math
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -18,12 +16,11 @@ from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...capture.seeds import Seeds
 from ...frames.store import FrameStore
-from ...io.plain_values import JsonObject
 from ...model.interface import RenderResult
+from ...options import JobOptions
 from ...rasterizer import RasterizeOptions
 from ...recipes import Recipe
 from ...registry import DENSITY, METHODS, RASTERIZERS
-from ...scene.scene_file import settings_json
 from ...setting import weights_of
 from ..views import fit_to
 from .camera_refinement import CameraRig, ExposureCompensation, PoseRefinement
@@ -31,16 +28,15 @@ from .canonical_sampling import inject_anchors
 from .densification import DensityStrategy, Statistics
 from .device import torch_threads
 from .gaussian_state import GaussianState, add_size_gradient, limit_sizes, sort_by_morton_code
-from .hooks import Hook
 from .initialization import first_model, scale_of
 from .losses import matte_loss
 from .mattes import Mattes, Truth, behind_ignored
 from .neighbours import SMOOTHED_EVERY, EmbeddingSmoothness
 from .optimizer import SceneOptimizer
-from .running_loss import RunningLoss, TrainingDiverged
+from .running_loss import RunningLoss
 from .schedule import CropSampler, Every, ViewSampler, worked_since
 from .stateful import Stateful, Tensors, Values
-from .training_images import TrainingImages
+from .training import Training
 from .view_pass import ALONE, PeerLost, Peers, StepSum, View, ViewPass
 
 _SORTED_EVERY = 0.1  # of the training, while it grows
@@ -49,15 +45,7 @@ _NEAREST = 1e-3  # of the scene's scale, at which no camera sees anything
 _MOST_STEPS, _MOST_LOSS = 10**12, 1e12  # in a checkpoint
 
 
-@dataclass(frozen=True)
-class Limits:
-    """When to stop: after so many steps, or so many seconds of training, whichever comes first."""
-
-    steps: int | None = None
-    seconds: float | None = None
-
-
-class Trainer(TrainingImages):
+class Trainer(Training):
     """Call ``step`` until ``progress`` is 1.
 
     Everything that grows with the Gaussians lies on ``device``. Random numbers are drawn on the CPU, so that a seed
@@ -65,21 +53,18 @@ class Trainer(TrainingImages):
 
     Args:
         capture, store, seeds: what to train on.
-        recipe: before ``method`` adapts it.
-        method: a name of ``registry.METHODS``.
-        limits: when to stop.
-        seed: of everything random.
+        recipe: before the method adapts it.
+        options: method, seed of everything random, and when to stop: after so many steps, or so many seconds of
+            training, whichever comes first; without either after as many steps as the recipe says.
         device: where to compute.
-        hooks: what happens besides the steps; each begins at once.
-        peers: the processes that share the views of every step.
 
     Attributes:
-        recipe: as the method and the capture adapted it.
-        gaussians: everything that is kept by Gaussian.
-        hooks: in the order in which they are called.
-        step_count, seconds: so far; seconds leave out evaluation, saving, and what the process was stopped for.
-        progress: 0 to 1.
+        steps: after which to stop; None where that depends on seconds alone.
+        seconds: so far, without evaluation, saving, and what the process was stopped for.
+        peers: the processes that share the views of every step: at least one view for each.
     """
+
+    peers: Peers = ALONE
 
     def __init__(
         self,
@@ -87,23 +72,18 @@ class Trainer(TrainingImages):
         store: FrameStore,
         seeds: Seeds,
         recipe: Recipe,
-        method: str,
-        limits: Limits,
-        *,
-        seed: int,
+        options: JobOptions,
         device: torch.device | str = "cpu",
-        hooks: Iterable[Hook] = (),
-        peers: Peers = ALONE,
     ) -> None:
-        self.recipe = recipe = fit_to(METHODS[method].adapted(recipe), capture)
-        self.peers, self._views_per_step = peers, max(recipe.views_per_step, peers.size)
+        self.options, seed = options, options.seed
+        self.steps = options.steps or (None if options.seconds else recipe.steps_for(capture.frame_count))
+        self.recipe = recipe = fit_to(METHODS[options.method].adapted(recipe), capture)
         self.rig, self.store, self.device = CameraRig(capture), store, torch.device(device)
-        self.method, self.limits = method, limits
         self.generator = torch.Generator().manual_seed(seed)
         self.scene_scale = scale_of(capture, seeds.points)
         with torch.random.fork_rng(devices=[]):  # whoever else uses the CPU's generator finds it as it was
             torch.default_generator.manual_seed(seed)
-            model = first_model(capture, seeds, recipe, method, self.scene_scale, self.device)
+            model = first_model(capture, seeds, recipe, options.method, self.scene_scale, self.device)
         if recipe.rasterizer != "auto":
             model.backend = RASTERIZERS[recipe.rasterizer]
         self.gaussians = GaussianState(model, recipe, self.scene_scale)
@@ -118,7 +98,7 @@ class Trainer(TrainingImages):
             self.exposures.begin(store)
         self.views, self.mattes = ViewSampler(capture), Mattes(capture, store)
         self.crops = CropSampler(capture.cameras, recipe.region_share, recipe.region_size)
-        self.hooks: list[Hook] = []
+        self.hooks = []
         self.step_count, self.seconds, self.progress, self._burst_shot = 0, 0.0, 0.0, -1
         self._worked = self._agreed_seconds = 0.0
         self._loss = RunningLoss()
@@ -126,27 +106,11 @@ class Trainer(TrainingImages):
         self._sort = Every(recipe.densify_from, recipe.densify_until, _SORTED_EVERY)
         self._sample = Every(recipe.sampling_from, recipe.sampling_until, recipe.sampling_every)
         self._limit_sizes = Every(recipe.size_limit_from, 1.0, _LIMITED_EVERY)
-        for hook in hooks:
-            self.add_hook(hook)
-
-    def add_hook(self, hook: Hook) -> None:
-        """Adds a hook and lets it begin."""
-        self.hooks.append(hook)
-        hook.begin(self)
-
-    def limit_gaussians(self, count: int) -> None:
-        """Allows no more than ``count`` Gaussians from now on; those that there are stay."""
-        self.recipe = self.density.recipe = replace(self.recipe, max_gaussians=count)
 
     @property
     def optimizer(self) -> SceneOptimizer:
         """Of all the model's parameters."""
         return self.gaussians.optimizer
-
-    @property
-    def count(self) -> int:
-        """Gaussians."""
-        return self.gaussians.count
 
     @property
     def finished(self) -> bool:
@@ -158,16 +122,6 @@ class Trainer(TrainingImages):
         return self._loss.mean
 
     # Checkpoints -----------------------------------------------------------------------------------------------------
-
-    @property
-    def description(self) -> JsonObject:
-        """See Training."""
-        return {
-            "method": self.method,
-            "recipe": json.loads(json.dumps(settings_json(self.recipe))),
-            "cameras": [camera.name for camera in self.capture.cameras],
-            "shots": len(self.capture.shots),
-        }
 
     def _parts(self) -> list[Stateful]:
         optional = [part for part in (self.poses, self.exposures) if part]
@@ -208,14 +162,6 @@ class Trainer(TrainingImages):
         self._exclude_validation()
         self.check()
 
-    def check(self) -> None:
-        """Raises TrainingDiverged when the loss or a parameter is not finite. Call it before anything is saved: a
-        non-finite Gaussian is not drawn, so the loss alone does not show it."""
-        self._loss.check(self.step_count)
-        for name, parameter in self.model.named_parameters():
-            if not bool(torch.isfinite(parameter).all()):
-                raise TrainingDiverged(f"Training became unstable at step {self.step_count} ({name} is not finite).")
-
     def synchronize(self) -> None:
         """Adds what the last step found and has not been waited for."""
         self.crops.synchronize()
@@ -245,7 +191,7 @@ class Trainer(TrainingImages):
         """Draws training images and moves the parameters; returns the shot of the first."""
         self.synchronize()
         self.optimizer.schedule(progress)
-        if self._views_per_step > 1:
+        if self.recipe.views_per_step > 1:
             return self._optimize_views(progress)
         view = self._next_view(progress)
         if self.store.is_large:
@@ -257,7 +203,7 @@ class Trainer(TrainingImages):
     def _optimize_views(self, progress: float) -> int:
         """The same on several images, of which every process draws some. A PeerLost leaves all as it was."""
         before, burst_shot = self.generator.get_state(), self._burst_shot
-        views = [self._next_view(progress) for _ in range(self._views_per_step)]
+        views = [self._next_view(progress) for _ in range(self.recipe.views_per_step)]
         parameters = [parameter for group in self.optimizer.adam.param_groups for parameter in group["params"]]
         total, changes = StepSum(parameters, views, self.count), False
         for index in range(self.peers.rank, len(views), self.peers.size):
@@ -353,10 +299,10 @@ class Trainer(TrainingImages):
 
     def _progress_now(self) -> float:
         shares = [0.0]
-        if self.limits.steps:
-            shares.append(self.step_count / self.limits.steps)
-        if self.limits.seconds:
-            shares.append(self.seconds / self.limits.seconds)
+        if self.steps:
+            shares.append(self.step_count / self.steps)
+        if self.options.seconds:
+            shares.append(self.seconds / self.options.seconds)
         return min(1.0, max(shares))
 
     def _in_burst(self, progress: float) -> bool:
@@ -409,11 +355,6 @@ class Trainer(TrainingImages):
 
         limit = self.recipe.growth_limit_at(progress)
         inject_anchors(self.gaussians, self.density, limit, draw, self.generator)
-
-    def before_milestone(self) -> None:
-        """See Training."""
-        for hook in self.hooks:
-            hook.before_milestone(self)
 
     def _exclude_validation(self) -> None:
         self.views.exclude(tuple(shot for hook in self.hooks for shot in hook.validation_at(self.progress)))

@@ -26,7 +26,7 @@ from ...io.paths import is_network_path
 from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
 from ...recipes import stored_recipe
-from ..optimize.hooks import Training
+from ..optimize.training import Training
 from ..optimize.view_pass import Peers, shared
 from .job import TrainingJob, restored_settings
 from .output_paths import checkpoint_path

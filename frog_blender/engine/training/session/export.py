@@ -23,9 +23,8 @@ from ...playback.player import row_ranges
 from ...scene.header import SceneHeader
 from ...scene.scene_file import SceneFile, scene_bytes, settings_json
 from ..compression.budget import fit_within, keep_within
-from ..compression.context import CompressionContext, CompressionStep
+from ..compression.context import Compression, CompressionStep, compression_of
 from ..compression.finalize import playback_steps, reorder_for_playback
-from ..compression.schedule import compression_of
 from ..optimize.gaussian_state import GaussianState
 from .session import Session
 
@@ -154,7 +153,7 @@ def _plain(session: Session, metrics: Metrics) -> BuiltScene:
     return BuiltScene(scene, scene_bytes(scene))
 
 
-def _compact(session: Session, compression: CompressionContext, metrics: Metrics) -> BuiltScene:
+def _compact(session: Session, compression: Compression, metrics: Metrics) -> BuiltScene:
     trainer, budget = session.trainer, session.job.max_bytes
     scene = reorder_for_playback(
         scene_as_it_stands(session, metrics), trainer.finished, compression.settings.max_visible
@@ -165,7 +164,7 @@ def _compact(session: Session, compression: CompressionContext, metrics: Metrics
     packing, transients = playback_steps(compression, scene, len(content))
     compact = packing.loss is None or packing.loss <= compression.settings.max_packing_loss or bool(budget)
     steps = [step for step in (packing if compact else None, transients) if step]
-    report = compression_report(session, [*compression.record.log, *steps])
+    report = compression_report(session, [*compression.log, *steps])
     scene = replace(scene, header=replace(scene.header, capacity=report))
     return BuiltScene(scene, scene_bytes(scene, compact=compact))
 
@@ -178,7 +177,7 @@ def scene_as_it_stands(session: Session, metrics: Metrics | None = None) -> Scen
         shots[shot.camera].append(shot.frame)
     compression, is_dynamic = compression_of(trainer), trainer.gaussians.num_dynamic > 0
     header = SceneHeader(
-        method=trainer.method,
+        method=trainer.options.method,
         recipe=settings_json(trainer.recipe),
         model=trainer.model.stored_settings(trainer.schedule_state()) if is_dynamic else {},
         cameras=capture.cameras,
@@ -197,7 +196,7 @@ def scene_as_it_stands(session: Session, metrics: Metrics | None = None) -> Scen
         metrics=dict(metrics or {}),
         steps=trainer.step_count,
         train_seconds=trainer.seconds,
-        capacity=compression_report(session, compression.record.log) if compression else {},
+        capacity=compression_report(session, compression.log) if compression else {},
     )
     return SceneFile(header, _arrays(session))
 

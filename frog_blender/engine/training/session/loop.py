@@ -15,8 +15,8 @@ from ...errors import FrogError, reason
 from ...io.atomic_files import write_atomically
 from ...scene.compression_report import reduction_line
 from ...scene.header import SceneHeader
-from ..compression.context import CompressionContext
-from ..compression.schedule import CompressionFailed, compression_of
+from ..compression.context import Compression, compression_of
+from ..compression.schedule import CompressionFailed
 from ..optimize.running_loss import TrainingDiverged
 from ..optimize.view_pass import PeerLost, agreed
 from . import events
@@ -61,17 +61,17 @@ def train(session: Session) -> Iterator[Event]:
                 place, header = yield from _export(session, recovery)
                 break
             except CompressionFailed as failed:
-                message = recovery.without_milestone(trainer, failed)
+                message = recovery.without_milestone(failed)
             except PeerLost as lost:
-                recovery.snapshot(trainer)  # no step was half done
+                recovery.snapshot()  # no step was half done
                 checkpoints.write_emergency(recovery.last_state, trainer.store)
                 raise PeerLost(_lost(lost, trainer.step_count, checkpoints)) from lost
             except (RuntimeError, MemoryError) as error:
                 if session.peers.size > 1:  # one process cannot go back alone
                     raise
-                message = recovery.rollback(trainer, error)
+                message = recovery.rollback(error)
             except TrainingDiverged as error:  # of all processes at the same step
-                message = recovery.rollback(trainer, error)
+                message = recovery.rollback(error)
             yield events.WarningEvent(message)
         yield from checkpoints.save_late(recovery.last_state, None if trainer.finished else trainer.store)
     except Exception as error:
@@ -127,21 +127,21 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
         a_tenth = int(trainer.progress * _EVALUATIONS) > evaluated and not trainer.finished
         if a_tenth:
             evaluated = int(trainer.progress * _EVALUATIONS)
-            recovery.snapshot(trainer)
+            recovery.snapshot()
             if shows:
                 psnr, split = trainer.evaluate(job.evaluated_shots)
                 yield events.Evaluated(trainer.step_count, psnr, split, trainer.seconds)
         if shows and (a_tenth or (previews.due and not trainer.finished)):
             yield from previews.render()
     if trainer.step_count == checkpoints.step:  # the checkpoint is up to date, or there was no step yet
-        recovery.snapshot(trainer)
+        recovery.snapshot()
     else:
         yield from _save(session, recovery, checkpoints)
 
 
 def _save(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> Iterator[Event]:
     """Writes a checkpoint, as rank 0; ``snapshot`` first refuses a state that is not finite."""
-    recovery.snapshot(session.trainer)
+    recovery.snapshot()
     if session.peers.rank == 0:
         yield from checkpoints.save(recovery.last_state)
 
@@ -188,7 +188,7 @@ def _export(session: Session, recovery: Recovery) -> Generator[Event, None, tupl
     return place, built.scene.header
 
 
-def _report_image(session: Session, compression: CompressionContext, scene: Path) -> Iterator[Event]:
+def _report_image(session: Session, compression: Compression, scene: Path) -> Iterator[Event]:
     """An image of the compression beside the scene; a failure costs only the image."""
     import cv2
 
@@ -205,14 +205,14 @@ def _report_image(session: Session, compression: CompressionContext, scene: Path
 def _compression_events(session: Session) -> Iterator[Event]:
     """What the last step's compression did, if any was due."""
     compression = compression_of(session.trainer)
-    for step in compression.record.new_steps() if compression else ():
+    for step in compression.new_steps() if compression else ():
         yield events.Reduced(session.trainer.step_count, reduction_line(step.to_json()))
 
 
 def _time_left(session: Session) -> TimeLeft:
     trainer = session.trainer
     own = replace(trainer.recipe, views_per_step=-(-trainer.recipe.views_per_step // session.peers.size))
-    work = Workload.of(session.capture, own, trainer.limits.steps)
+    work = Workload.of(session.capture, own, trainer.steps)
     return TimeLeft(work, trainer.device.type, trainer.progress, session.clock.now)
 
 
@@ -220,7 +220,7 @@ def _progress_event(session: Session, time_left: TimeLeft) -> events.Progress:
     trainer = session.trainer
     return events.Progress(
         trainer.step_count,
-        trainer.limits.steps or round(trainer.step_count / max(trainer.progress, 1e-9)),
+        trainer.steps or round(trainer.step_count / max(trainer.progress, 1e-9)),
         trainer.seconds,
         time_left.at(trainer.progress, session.clock.now),
         trainer.loss,

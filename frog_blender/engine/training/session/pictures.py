@@ -22,7 +22,7 @@ from ...playback.render import to_uint8
 from ...rasterizer import GaussianArrays, rasterize
 from ...scene.scene_file import SceneFile
 from ...spherical_harmonics import SH_DC
-from ..compression.context import CompressionContext
+from ..compression.context import Compression
 from . import events
 from .events import Event
 from .export import scene_as_it_stands
@@ -112,7 +112,7 @@ STATIC, DYNAMIC, REMOVED = (0.35, 0.60, 0.85), (1.00, 0.60, 0.05), (0.85, 0.10, 
 
 
 @torch.no_grad()
-def draw_report_image(context: CompressionContext, shot_index: int) -> NDArray[np.uint8]:
+def draw_report_image(context: Compression, shot_index: int) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 what a shot shows: blue is static, orange dynamic, red dots are pruned Gaussians.
 
     Brightness is the scene's own, so that things can be told.
@@ -124,7 +124,7 @@ def draw_report_image(context: CompressionContext, shot_index: int) -> NDArray[n
     tints = torch.tensor(STATIC, device=brightness.device).repeat(len(brightness), 1)
     tints[: context.num_dynamic] = torch.tensor(DYNAMIC, device=brightness.device)
     colors = tints * (0.25 + 0.75 * brightness[:, None])
-    everything = _with_removed(context.record.removed, gaussians, colors)
+    everything = _with_removed(context.removed, gaussians, colors)
     image = rasterize(everything, capture.cameras[shot.camera], (0.0, 0.0, 0.0))
     return to_uint8(image.rgb.cpu().numpy())
 

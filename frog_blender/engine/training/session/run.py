@@ -10,14 +10,13 @@ from .. import passive_threads  # noqa: F401
 import os
 import queue
 import threading
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
 from ...capture.capture import Capture
-from ...capture.masking import EVERY_MASK, MaskSettings
 from ...capture.readers import open_capture
 from ...capture.seeds import Seeds, SeedSettings
 from ...errors import FrogError, reason
@@ -27,12 +26,13 @@ from ...io.atomic_files import check_writable, remove_partial_files
 from ...memory import gc_frozen
 from ...registry import METHODS, SINKS
 from ..compression.budget import recipe_within
-from ..compression.schedule import compression_hooks
+from ..compression.schedule import CompressionSchedule
+from ..compression.settings import DEFAULT, CompressionSettings
 from ..optimize.device import choose_device
-from ..optimize.hooks import Hook
-from ..optimize.hull_pruning import hull_hooks, room_for_subject
+from ..optimize.hull_pruning import HullPruning, room_for_subject
 from ..optimize.initialization import doubt_of_scale
-from ..optimize.trainer import Limits, Trainer, TrainerFactory
+from ..optimize.trainer import Trainer, TrainerFactory
+from ..optimize.training import Training
 from ..optimize.view_pass import ALONE, Peers, shared
 from ..views import fit_to
 from . import events
@@ -93,27 +93,12 @@ def in_background(
     return None if cancelled() else outcome.result()
 
 
-def prepare_capture(
-    path: Path,
-    scale: float | None,
-    holdout_frames: int | None,
-    pixel_offsets: Mapping[str, tuple[float, float]] | None,
-    opened: Capture | None = None,
-    masks: MaskSettings = EVERY_MASK,
-) -> tuple[Capture, float]:
-    """The capture as it will be trained on or evaluated, and the scale that was used.
-
-    Args:
-        opened: the capture itself, instead of what the folder holds.
-        masks: what is made of the folder's masks.
-    """
-    capture = opened if opened is not None else open_capture(Path(path), pixel_offsets=pixel_offsets, masks=masks)
-    if scale is None:
-        scale = usual_scale(capture.cameras)
+def prepare_capture(job: TrainingJob) -> tuple[Capture, float]:
+    """The capture as it will be trained on or evaluated, and the scale that was used."""
+    capture = job.opened or open_capture(job.capture, pixel_offsets=job.pixel_offsets, masks=job.mask_settings)
+    scale = usual_scale(capture.cameras) if job.scale is None else job.scale
     capture = capture.scaled(scale)
-    if holdout_frames is not None:
-        capture = capture.with_holdout(holdout_frames)
-    return capture, scale
+    return (capture if job.holdout_frames is None else capture.with_holdout(job.holdout_frames)), scale
 
 
 def run_training(
@@ -170,16 +155,13 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
         if message:
             yield events.WarningEvent(message)
     else:
-        job = replace(
-            job, recipe=recipe_within(job.recipe, job.method, max_gaussians=job.max_gaussians, max_bytes=job.max_bytes)
-        )
+        job = replace(job, recipe=recipe_within(job.recipe, job))
     if peers.size > job.recipe.views_per_step:
         job = replace(job, recipe=replace(job.recipe, views_per_step=peers.size))
     adapted = METHODS[job.method].adapted(job.recipe)
     if job.max_bytes and (adapted.capacity != "auto" or job.lossless):
         raise FrogError("A budget of bytes needs FRoG with automatic capacity, and a file that may be packed.")
-    read = job.scale, job.holdout_frames, job.pixel_offsets, job.opened
-    capture, scale = prepare_capture(job.capture, *read, job.mask_settings)
+    capture, scale = prepare_capture(job)
     clock = PhaseClock(cancel)
     device, fallback = choose_device(job.device)
     for warning in (*capture.warnings, *([fallback] if fallback else [])):
@@ -204,19 +186,9 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
         return
     if peers.decodes_first:
         shared(peers, b"")
-    limits = Limits(job.steps or (None if job.seconds else job.recipe.steps_for(capture.frame_count)), job.seconds)
-    trainer = trainer_type(
-        capture,
-        store,
-        seeds,
-        job.recipe,
-        job.method,
-        limits,
-        seed=job.seed,
-        device=device,
-        hooks=hooks_of(job, capture, store),
-        **({"peers": peers} if peers.size > 1 else {}),
-    )
+    trainer = trainer_type(capture, store, seeds, job.recipe, job, device)
+    trainer.peers = peers
+    add_hooks(trainer, job.compression)
     if job.resume and peers.rank == 0:
         load_checkpoint(checkpoint_path(job.output), trainer)
     if peers.size > 1:
@@ -227,16 +199,18 @@ def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, pe
         if doubt:
             yield events.WarningEvent(doubt)
     counts = (len(capture.cameras), capture.frame_count, trainer.count)
-    work = Workload.of(capture, trainer.recipe, limits.steps)
-    yield events.Started(job.method, limits.steps, *counts, trainer.device.type, round(work.pixels), work.images)
+    work = Workload.of(capture, trainer.recipe, trainer.steps)
+    yield events.Started(job.method, trainer.steps, *counts, trainer.device.type, round(work.pixels), work.images)
     with gc_frozen():
         yield from train(session)
 
 
-def hooks_of(job: TrainingJob, capture: Capture, store: FrameStore) -> list[Hook]:
+def add_hooks(training: Training, compression: CompressionSettings = DEFAULT) -> None:
     """What a training does besides its steps."""
-    compression = compression_hooks(job.recipe, job.method, capture, job.seed, job.compression)
-    return [*compression, *hull_hooks(capture, store)]
+    if training.recipe.capacity == "auto":
+        training.add_hook(CompressionSchedule(compression))
+    if training.mattes.has_alpha:
+        training.add_hook(HullPruning())
 
 
 def seeds_of(

@@ -1,8 +1,10 @@
-"""Images of a training: what a step draws, and what people look at."""
+"""A training as its hooks, and whoever looks at it, see it: the scene as it stands, and its images."""
 
 from __future__ import annotations
 
+import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -11,33 +13,76 @@ from numpy.typing import NDArray
 from ...capture.camera import Camera
 from ...capture.capture import Capture
 from ...evaluation.metrics import psnr_of
+from ...frames.store import FrameStore
 from ...gaussians import TorchGaussians
 from ...model.interface import RenderResult, SceneModel, ScheduleState
+from ...options import JobOptions
 from ...rasterizer import RasterizeOptions, rasterize
 from ...recipes import Recipe
+from ...scene.scene_file import settings_json
 from .camera_refinement import CameraRig
+from .densification import DensityStrategy
 from .gaussian_state import GaussianState
 from .mattes import Color, Mattes, Truth, halved, is_halved
+from .running_loss import RunningLoss, TrainingDiverged
 from .schedule import ramp
-from .stateful import Tensors
+from .stateful import Stateful, Tensors, Values
 
 
-class TrainingImages:
-    """Draws the scene of a training as it stands.
+class Hook:
+    """Something that a training does besides its steps; this one does nothing."""
+
+    def begin(self, training: Training) -> None:
+        """Called once, before the first step and before a checkpoint is loaded."""
+
+    def after_step(self, training: Training, before: float, now: float) -> None:
+        """Called after the step that led from the progress ``before`` to ``now``."""
+
+    def before_milestone(self) -> None:
+        """Called before a hook changes the model in a way that may fail."""
+
+    def allows_growth(self, progress: float) -> bool:
+        """Whether Gaussians may be added at ``progress``."""
+        return True
+
+    def validation_at(self, progress: float) -> tuple[int, ...]:
+        """Training shots that are for validation, and not to be learned from, at ``progress``."""
+        return ()
+
+    def state(self) -> tuple[Tensors, Values]:
+        """See Stateful."""
+        return {}, {}
+
+    def load_state(self, tensors: Tensors, values: Values) -> None:
+        """See Stateful."""
+
+
+class Training(Stateful):
+    """The scene of a training as it stands; see ``Trainer``.
 
     Attributes:
+        options: method, seed and length.
         recipe: as the method and the capture adapted it.
         rig: the capture's cameras.
+        store, mattes: the capture's images.
         gaussians: everything that is kept by Gaussian.
-        mattes: the capture's images.
+        density: who adds and removes Gaussians.
+        hooks: in the order in which they are called.
+        step_count: so far.
         progress: 0 to 1.
     """
 
+    options: JobOptions
     recipe: Recipe
     rig: CameraRig
-    gaussians: GaussianState
+    store: FrameStore
     mattes: Mattes
+    gaussians: GaussianState
+    density: DensityStrategy
+    hooks: list[Hook]
+    step_count: int
     progress: float
+    _loss: RunningLoss
 
     @property
     def capture(self) -> Capture:
@@ -48,6 +93,43 @@ class TrainingImages:
     def model(self) -> SceneModel:
         """The method's."""
         return self.gaussians.model
+
+    @property
+    def count(self) -> int:
+        """Gaussians."""
+        return self.gaussians.count
+
+    @property
+    def description(self) -> Values:
+        """What has to be the same for a checkpoint to be this training's, by name."""
+        return {
+            "method": self.options.method,
+            "recipe": json.loads(json.dumps(settings_json(self.recipe))),
+            "cameras": [camera.name for camera in self.capture.cameras],
+            "shots": len(self.capture.shots),
+        }
+
+    def add_hook(self, hook: Hook) -> None:
+        """Adds a hook and lets it begin."""
+        self.hooks.append(hook)
+        hook.begin(self)
+
+    def limit_gaussians(self, count: int) -> None:
+        """Allows no more than ``count`` Gaussians from now on; those that there are stay."""
+        self.recipe = self.density.recipe = replace(self.recipe, max_gaussians=count)
+
+    def before_milestone(self) -> None:
+        """A hook is about to change the model in a way that may fail."""
+        for hook in self.hooks:
+            hook.before_milestone()
+
+    def check(self) -> None:
+        """Raises TrainingDiverged when the loss or a parameter is not finite. Call it before anything is saved: a
+        non-finite Gaussian is not drawn, so the loss alone does not show it."""
+        self._loss.check(self.step_count)
+        for name, parameter in self.model.named_parameters():
+            if not bool(torch.isfinite(parameter).all()):
+                raise TrainingDiverged(f"Training became unstable at step {self.step_count} ({name} is not finite).")
 
     def draw(
         self,
