@@ -9,6 +9,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -184,7 +185,7 @@ def wrong_clocks(capture: Capture, most: int) -> Capture:
     return replace(capture, shots=shots)
 
 
-def faster(capture: Capture, pace: int, count: int) -> Capture:
+def faster(capture: Capture, pace: int, count: int = _NUM_FRAMES) -> Capture:
     """Every ``pace``-th frame of the capture, ``count`` in all: motion that is ``pace`` times as fast."""
     recorded = capture.segment(0, pace * count)
     kept = (shot for shot in recorded.shots if shot.frame % pace == 0)
@@ -219,51 +220,32 @@ class Condition:
         return self.change(open_capture(folder))
 
 
-def _altered(name: str, alteration: Alteration, **more: Any) -> Condition:
-    return Condition(name, change=lambda capture: replace(capture, alteration=alteration), **more)
+def _altered(alteration: Alteration, capture: Capture) -> Capture:
+    return replace(capture, alteration=alteration)
 
 
-def _views(count: int) -> Condition:
-    return Condition(f"views {count}", change=lambda capture: fewer_views(capture, count))
-
-
-def _poses(degrees: float) -> Condition:
-    return Condition(f"poses {degrees:g} deg", change=lambda capture: wrong_poses(capture, degrees))
-
-
-def _clocks(most: int) -> Condition:
-    return Condition(f"clocks {most}", change=lambda capture: wrong_clocks(capture, most))
-
-
-def _pace(pace: int) -> Condition:
-    against = "" if pace == 1 else "speed 1x"
-    return Condition(f"speed {pace}x", "long", lambda capture: faster(capture, pace, _NUM_FRAMES), against=against)
-
-
-def _length(count: int) -> Condition:
-    return Condition(f"moments {count}", "long", lambda capture: capture.segment(0, count), against="speed 1x")
-
-
-def _light(light: float) -> Condition:
-    against = "" if light == 1 else "light 1"
-    return _altered(f"light {light:g}", Light(light), base="dim", light=light, against=against)
-
+_LIVELY = partial(Condition, base="long", against="speed 1x")
 
 CONDITIONS = {
     condition.name: condition
     for condition in (
         Condition(CLEAN, against=""),
         *(Condition(f"points {share:.0%}", settings={"seed_share": share}) for share in (0.1, 0.01, 0.0)),
-        *(_views(count) for count in (6, 3)),
-        *(_poses(degrees) for degrees in (0.1, 0.4)),
-        *(_clocks(most) for most in (1, 2)),
-        *(_altered(f"exposure {stops:g}", Exposure(stops)) for stops in (0.1, 0.3)),
-        *(_altered(f"noise {deviation}", Noise(deviation)) for deviation in (5, 15)),
-        *(_altered(f"jpeg {quality}", Compression(quality)) for quality in (50, 15)),
-        *(_altered(f"occluded {share:.0%}", Occlusion(share)) for share in (0.1, 0.3)),
-        *(_pace(pace) for pace in (1, 2, 4)),
-        *(_length(count) for count in (120, 300)),
-        *(_light(light) for light in (1.0, 0.25, 0.0625)),
+        *(Condition(f"views {count}", change=partial(fewer_views, count=count)) for count in (6, 3)),
+        *(Condition(f"poses {angle:g} deg", change=partial(wrong_poses, degrees=angle)) for angle in (0.1, 0.4)),
+        *(Condition(f"clocks {most}", change=partial(wrong_clocks, most=most)) for most in (1, 2)),
+        *(Condition(f"exposure {stops:g}", change=partial(_altered, Exposure(stops))) for stops in (0.1, 0.3)),
+        *(Condition(f"noise {level}", change=partial(_altered, Noise(level))) for level in (5, 15)),
+        *(Condition(f"jpeg {quality}", change=partial(_altered, Compression(quality))) for quality in (50, 15)),
+        *(Condition(f"occluded {share:.0%}", change=partial(_altered, Occlusion(share))) for share in (0.1, 0.3)),
+        Condition("speed 1x", "long", partial(faster, pace=1), against=""),
+        *(_LIVELY(f"speed {pace}x", change=partial(faster, pace=pace)) for pace in (2, 4)),
+        *(_LIVELY(f"moments {count}", change=partial(Capture.segment, first=0, count=count)) for count in (120, 300)),
+        Condition("light 1", "dim", partial(_altered, Light(1.0)), against=""),
+        *(
+            Condition(f"light {gain:g}", "dim", partial(_altered, Light(gain)), light=gain, against="light 1")
+            for gain in (0.25, 0.0625)
+        ),
         Condition("appearing", "appearing", against=""),
         Condition("nothing moves", "still", against=""),
     )

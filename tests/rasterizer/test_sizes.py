@@ -51,7 +51,7 @@ def test_the_library_does_nothing_for_absurd_sizes(size: tuple[int, int], region
     camera = structs.camera_struct(plain_camera(8, 8))
     camera.width, camera.height = size
     options = structs.options_struct(RasterizeOptions(), (0.0, 0.0, 0.0), region, None)
-    image = structs.pointers(structs.Image, structs.IMAGE, {})
+    image = structs.Image()
     found = binding.library().frog_draw(
         byref(structs.gaussians_struct(gaussians)), byref(camera), byref(options), byref(image), 1
     )

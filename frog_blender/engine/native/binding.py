@@ -135,11 +135,9 @@ def ssim(image: Buffer, truth: Buffer, gradient: Buffer) -> float:
     with its gradient by ``image``."""
     height, width = image.shape[:2]
     value = c_float()
-    addresses = [structs.address(array) for array in (image, truth)]
-    check_status(
-        library().frog_ssim(height, width, *addresses, ctypes.addressof(value), structs.address(gradient)),
-        f"comparing two images of {width} x {height}",
-    )
+    first, second, by_first = (structs.address(array) for array in (image, truth, gradient))
+    status = library().frog_ssim(height, width, first, second, ctypes.addressof(value), by_first)
+    check_status(status, f"comparing two images of {width} x {height}")
     return value.value
 
 
@@ -162,13 +160,11 @@ def l1_loss(
         raise ValueError(f"expected images of {truth.shape}, truth in uint8 and rows, found {sizes}, {truth.dtype}")
     if tuple(cells.shape) != (-(-height // CELL), -(-width // CELL)):
         raise ValueError(f"expected a cell for {CELL} x {CELL} pixels of {height} x {width}, found {cells.shape}")
-    comparison = structs.L1Loss(
-        *(height, width, structs.address(image), structs.address(truth), truth.strides[0], weight),
-        *(structs.address(array) for array in (gradient, cells, truth_floats)),
-    )
-    check_status(
-        library().frog_l1_loss(byref(comparison), byref(absolute)), f"comparing two images of {width} x {height}"
-    )
+    arrays = {"image": image, "truth": truth, "gradient": gradient, "cells": cells, "truth_floats": truth_floats}
+    sizes_of = {"height": height, "width": width, "truth_row": truth.strides[0]}
+    comparison = structs.pointers(structs.L1Loss, arrays, **sizes_of, weight=weight)
+    status = library().frog_l1_loss(byref(comparison), byref(absolute))
+    check_status(status, f"comparing two images of {width} x {height}")
     return absolute.value
 
 
@@ -221,15 +217,9 @@ class Frame:
         self._free = library().frog_free
         self._arrays = gaussians, depth_limit  # kept alive as long as the library may read them
         self._gaussians, self._count = structs.gaussians_struct(gaussians), len(gaussians)
-        native_camera = structs.camera_struct(camera)
         native_options = structs.options_struct(options, background, options.region_of(camera), depth_limit)
-        self._handle = library().frog_draw(
-            byref(self._gaussians),
-            byref(native_camera),
-            byref(native_options),
-            byref(structs.pointers(structs.Image, structs.IMAGE, image)),
-            differentiable,
-        )
+        drawn = self._gaussians, structs.camera_struct(camera), native_options, structs.pointers(structs.Image, image)
+        self._handle = library().frog_draw(*map(byref, drawn), differentiable)
         self._differentiable = differentiable
         if not self._handle:
             raise MemoryError(
@@ -245,14 +235,8 @@ class Frame:
         if not self._differentiable:
             raise ValueError("this frame was drawn without what its backward pass needs: expected differentiable=True")
         image_gradient = structs.ImageGradient(structs.address(rgb), structs.address(alpha), SLOT_LIMIT)
-        native = structs.pointers(structs.Gradients, structs.GRADIENTS, gradients)
-        if library().frog_backward(
-            self._handle,
-            byref(self._gaussians),
-            byref(image_gradient),
-            byref(native),
-        ):
-            raise MemoryError("the rasterizer's backward pass ran out of memory")
+        native = self._gaussians, image_gradient, structs.pointers(structs.Gradients, gradients)
+        check_status(library().frog_backward(self._handle, *map(byref, native)), "the rasterizer's backward pass")
 
     @property
     def instances(self) -> int:
@@ -269,8 +253,7 @@ class Frame:
     def work(self) -> dict[str, int]:
         """How much was drawn: ``gaussians``, ``instances`` (Gaussian, tile) and blended ``pairs`` (Gaussian, pixel)."""
         counts = (c_int64 * 3)()
-        if library().frog_count_work(self._handle, byref(counts)):
-            raise MemoryError("counting a frame's work ran out of memory")
+        check_status(library().frog_count_work(self._handle, byref(counts)), "counting a frame's work")
         return dict(zip(("gaussians", "instances", "pairs"), counts, strict=True))
 
     def __del__(self) -> None:

@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 from ..field.network import num_outputs
 from . import structs
-from .binding import library
+from .binding import check_status, library
 from .structs import Buffer
 
 Buffers: TypeAlias = Mapping[str, Buffer]
@@ -78,8 +78,6 @@ class PlaybackField:
             raise ValueError("groups: found some beside heads, expected embeddings")
         self._arrays, self._field = arrays, _field(shape, arrays)
         self._field.unit_quaternions, self._field.precomputed_first_layer = True, precomputed_first_layer
-        for name in ("groups", "temporal_weight", "modulation_weight"):
-            setattr(self._field, name, structs.address(arrays.get(name)))
 
     def deform(self, inputs: Buffers, result: Mapping[str, Buffer | int], active: Buffer | None = None) -> None:
         """Fills the first rows of ``result``.
@@ -100,8 +98,8 @@ class PlaybackField:
 
 
 def _deform(field: Structure, result: Mapping[str, Buffer | int]) -> None:
-    if library().frog_deform(byref(field), byref(structs.pointers(structs.Deformed, structs.DEFORMED, result))):
-        raise MemoryError("deforming the Gaussians ran out of memory")
+    status = library().frog_deform(byref(field), byref(structs.pointers(structs.Deformed, result)))
+    check_status(status, "deforming the Gaussians")
 
 
 def deform_backward(shape: FieldShape, arrays: Buffers, by: Buffers, result: Buffers) -> None:
@@ -109,23 +107,22 @@ def deform_backward(shape: FieldShape, arrays: Buffers, by: Buffers, result: Buf
 
     The same bits for any number of threads.
     """
-    if library().frog_deform_backward(
-        byref(_field(shape, arrays)),
-        byref(structs.pointers(structs.Deformed, structs.DEFORMED, by)),
-        byref(structs.pointers(structs.FieldGradients, structs.FIELD_ARRAYS, result)),
-    ):
-        raise MemoryError("the deformation's backward pass ran out of memory")
+    gradients = structs.pointers(structs.Deformed, by), structs.pointers(structs.FieldGradients, result)
+    status = library().frog_deform_backward(byref(_field(shape, arrays)), *map(byref, gradients))
+    check_status(status, "the deformation's backward pass")
 
 
 def _field(shape: FieldShape, arrays: Buffers) -> Structure:
     in_groups, count, weight = "groups" in arrays, len(arrays["means"]), arrays["embedding_weight"]
     units, embedding = (len(arrays["output_weight"]), len(weight)) if in_groups else weight.shape
-    return structs.Field(
-        *(count, count if in_groups else len(arrays["embeddings"])),
-        *(embedding, units // shape.networks, shape.head_width, shape.networks),
-        *(shape.sh_deformed if in_groups else arrays["sh"].shape[1], shape.sh_active, shape.sh_deformed),
-        *(structs.OPACITY_FORMS[shape.opacity_form], False, False),
-        arrays["temporal_weight"].shape[0] if in_groups and "temporal_weight" in arrays else 0,
-        *(shape.opacity_sharpness, shape.opacity_share, shape.motion_unit),
-        *[structs.address(arrays.get(name)) for name in structs.FIELD_ARRAYS],
+    return structs.pointers(
+        structs.Field,
+        arrays,
+        **{**vars(shape), "opacity_form": structs.OPACITY_FORMS[shape.opacity_form]},
+        count=count,
+        num_dynamic=count if in_groups else len(arrays["embeddings"]),
+        embedding_size=embedding,
+        hidden_width=units // shape.networks,
+        sh_count=shape.sh_deformed if in_groups else arrays["sh"].shape[1],
+        temporal_size=arrays["temporal_weight"].shape[0] if in_groups and "temporal_weight" in arrays else 0,
     )

@@ -33,6 +33,10 @@ SPLAT_FLOATS = 16  # a Splat takes 64 bytes
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
 
 
+def _named(kind: type, names: str) -> list[tuple[str, type]]:
+    return [(name, kind) for name in names.split()]
+
+
 def _struct(name: str, *fields: tuple[str, type]) -> type[Structure]:
     return type(name, (Structure,), {"_fields_": list(fields)})
 
@@ -40,7 +44,7 @@ def _struct(name: str, *fields: tuple[str, type]) -> type[Structure]:
 class Gaussians(Structure):
     """``FrogGaussians``: addresses of (N, 3), (N, 4), (N, 3), (N,) and (N, K, 3) float32 arrays."""
 
-    _fields_ = [("count", c_int32), ("sh_count", c_int32), *[(name, c_void_p) for name in ATTRIBUTES]]
+    _fields_ = [*_named(c_int32, "count sh_count"), *[(name, c_void_p) for name in ATTRIBUTES]]
 
 
 class Camera(Structure):
@@ -48,8 +52,8 @@ class Camera(Structure):
 
     _fields_ = [
         ("world_to_camera", c_float * 12),
-        *[(name, c_float) for name in ("fx", "fy", "cx", "cy")],
-        *[(name, c_int32) for name in ("width", "height")],
+        *_named(c_float, "fx fy cx cy"),
+        *_named(c_int32, "width height"),
     ]
 
 
@@ -58,54 +62,44 @@ class Options(Structure):
 
     _fields_ = [
         ("background", c_float * 3),
-        ("low_pass", c_float),
-        ("near_plane", c_float),
+        *_named(c_float, "low_pass near_plane"),
         ("region", c_int32 * 4),
         ("depth_limit", c_void_p),
     ]
 
 
-IMAGE = ("rgb", "alpha", "median_index", "mean_depth", "max_weights", "radii")
-Image = _struct("FrogImage", *[(name, c_void_p) for name in IMAGE])
-ImageGradient = _struct("FrogImageGradient", ("rgb", c_void_p), ("alpha", c_void_p), ("slot_limit", c_int64))
-GRADIENTS = (*ATTRIBUTES, "screen", "pose")
-Gradients = _struct("FrogGradients", *[(name, c_void_p) for name in GRADIENTS])
-FIELD_SIZES = (
-    *("count", "num_dynamic", "embedding_size", "hidden_width", "head_width", "networks"),
-    *("sh_count", "sh_active", "sh_deformed", "opacity_form", "unit_quaternions", "precomputed_first_layer"),
-    "temporal_size",
+Image = _struct("FrogImage", *_named(c_void_p, "rgb alpha median_index mean_depth max_weights radii"))
+ImageGradient = _struct("FrogImageGradient", *_named(c_void_p, "rgb alpha"), ("slot_limit", c_int64))
+Gradients = _struct("FrogGradients", *_named(c_void_p, "means quaternions scales opacities sh screen pose"))
+_FIELD_ARRAYS = _named(
+    c_void_p,
+    "means log_scales quaternions opacity_logits sh embeddings shared "
+    "embedding_weight head_weight head_bias output_weight output_bias",
 )
-FIELD_ARRAYS = (
-    *("means", "log_scales", "quaternions", "opacity_logits", "sh", "embeddings", "shared"),
-    *("embedding_weight", "head_weight", "head_bias", "output_weight", "output_bias"),
-)
-MOMENT_ARRAYS = ("temporal", "temporal_weight", "modulation_weight")
 Field = _struct(
     "FrogDeformation",
-    *[(name, c_int32) for name in FIELD_SIZES],
-    *[(name, c_float) for name in ("opacity_sharpness", "opacity_share", "motion_unit")],
-    *[(name, c_void_p) for name in (*FIELD_ARRAYS, "groups", "active", *MOMENT_ARRAYS)],
+    *_named(c_int32, "count num_dynamic embedding_size hidden_width head_width networks"),
+    *_named(c_int32, "sh_count sh_active sh_deformed opacity_form unit_quaternions precomputed_first_layer"),
+    *_named(c_int32, "temporal_size"),
+    *_named(c_float, "opacity_sharpness opacity_share motion_unit"),
+    *_FIELD_ARRAYS,
+    *_named(c_void_p, "groups active temporal temporal_weight modulation_weight"),
 )
-DEFORMED = (*ATTRIBUTES, "changes", "was_visible")
-Deformed = _struct("FrogDeformed", *[(name, c_void_p) for name in DEFORMED])
-FieldGradients = _struct("FrogDeformationGradients", *[(name, c_void_p) for name in FIELD_ARRAYS])
+Deformed = _struct("FrogDeformed", *_named(c_void_p, "means quaternions scales opacities sh changes was_visible"))
+FieldGradients = _struct("FrogDeformationGradients", *_FIELD_ARRAYS)
 Adam = _struct(
     "FrogAdam",
-    *[(name, c_void_p) for name in ("values", "gradients", "first", "second")],
+    *_named(c_void_p, "values gradients first second"),
     ("size", c_int64),
-    *[(name, c_float) for name in ("first_share", "second_share", "rate", "second_scale", "epsilon")],
+    *_named(c_float, "first_share second_share rate second_scale epsilon"),
 )
 L1Loss = _struct(
     "FrogL1Loss",
-    *[(name, c_int32) for name in ("height", "width")],
-    *[("image", c_void_p), ("truth", c_void_p), ("truth_row", c_int64), ("weight", c_float)],
-    *[(name, c_void_p) for name in ("gradient", "cells", "truth_floats")],
+    *_named(c_int32, "height width"),
+    *[*_named(c_void_p, "image truth"), ("truth_row", c_int64), ("weight", c_float)],
+    *_named(c_void_p, "gradient cells truth_floats"),
 )
-Pixels = _struct(
-    "FrogPixels",
-    *[("first", c_void_p), ("row", c_int64)],
-    *[(name, c_int32) for name in ("height", "width", "channels")],
-)
+Pixels = _struct("FrogPixels", ("first", c_void_p), ("row", c_int64), *_named(c_int32, "height width channels"))
 OPACITY_FORMS = {"off": 0, "paper": 1, "unit": 2}
 
 
@@ -121,9 +115,14 @@ def address(array: Buffer | int | None) -> int | None:
         return int(array.__array_interface__["data"][0])
 
 
-def pointers(struct: type[Structure], names: tuple[str, ...], arrays: Mapping[str, Buffer | int | None]) -> Structure:
-    """A struct of the addresses of ``arrays`` in the order of ``names``; null where there is none."""
-    return struct(*[address(arrays.get(name)) for name in names])
+def pointers(struct: type[Structure], arrays: Mapping[str, Buffer | int | None], **others: float) -> Structure:
+    """A struct of the addresses of ``arrays``, by the fields' names; null where there is none.
+
+    Args:
+        others: its fields that are no addresses; zero where there is none.
+    """
+    addresses = {name: address(arrays.get(name)) for name, kind, *_ in struct._fields_ if kind is c_void_p}
+    return struct(**others, **addresses)
 
 
 def gaussians_struct(gaussians: AnyGaussians) -> Gaussians:
