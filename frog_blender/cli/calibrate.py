@@ -50,17 +50,17 @@ def _calibrate(options: argparse.Namespace) -> int:
     )
     with stopping() as asked, stage_bars() as progress:
         try:
-            found = calibrate(options.folder, chosen, progress, asked)
+            result = calibrate(options.folder, chosen, progress, asked)
         except Stopped:
             complain("cancelled; the same command goes on from here.")
             return 1
-    for warning in found.warnings:
+    for warning in result.warnings:
         say(f"warning: {warning}")
-    if found.given_kept:
+    if result.given_kept:
         say(f"{options.out or options.folder} has a calibration already, which was left as it is and is used.")
         say(f"To use what was found instead: frog calibrate {options.out or options.folder} --use-found")
-    say(f"{found.cameras}: the cameras")
-    say(f"{found.page}: how they were found")
+    say(f"{result.cameras}: the cameras")
+    say(f"{result.page}: how they were found")
     return 0
 
 

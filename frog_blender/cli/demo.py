@@ -186,12 +186,12 @@ def write_comparison(scene_path: Path, capture_path: Path, out: Path) -> None:
     truth = FrameStore.open(capture).image(index).astype(np.float32) / 255
     image = draw(scene.at(capture.time_of(shot)), camera, scene.header.background).rgb.clip(0, 1)
     panels = {"truth": truth, "render": image, "error x 4": (4 * np.abs(image - truth)).clip(0, 1)}
-    cv2, picture = load_opencv(), np.ascontiguousarray(to_uint8(np.concatenate(list(panels.values()), axis=1)))
-    for place, title in enumerate(panels):
+    cv2, sheet = load_opencv(), np.ascontiguousarray(to_uint8(np.concatenate(list(panels.values()), axis=1)))
+    for column, title in enumerate(panels):
         for level, thickness in ((0, 3), (255, 1)):  # white with a black rim
-            corner, color = (place * camera.width + 6, 18), (level, level, level)
-            cv2.putText(picture, title, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, thickness, cv2.LINE_AA)
-    _, content = cv2.imencode(".png", picture[:, :, ::-1])
+            corner, color = (column * camera.width + 6, 18), (level, level, level)
+            cv2.putText(sheet, title, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, thickness, cv2.LINE_AA)
+    _, content = cv2.imencode(".png", sheet[:, :, ::-1])
     write_atomically(out, content.tobytes())
     seen = "held out" if held_out else "seen in training"
     say(f"{out}: truth, render and error (four times) of {camera.name}, frame {shot.frame} ({seen})")

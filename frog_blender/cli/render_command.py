@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,6 @@ from .terminal import say
 if TYPE_CHECKING:
     from ..engine.interchange.take import Take
     from ..engine.playback.render_files import FrameRenderer, PlayedFrames
-    from ..engine.scene.header import SceneHeader
     from ..engine.scene.scene_file import SceneFile
 
 
@@ -36,35 +34,14 @@ def add_render_parser(commands: Any) -> None:
     render.set_defaults(run=_render)
 
 
-@dataclass(frozen=True)
-class _Opened:
-    """A scene that is ready to be rendered.
-
-    Attributes:
-        renderer, shown: see ``render_frames``.
-        count: of its frames, as they are retimed.
-    """
-
-    header: SceneHeader
-    renderer: FrameRenderer
-    shown: Callable[[int], float]
-    count: int
-
-    def render(self, camera: str, frames: Sequence[int], folder: Path) -> Iterator[Path]:
-        """See ``render_frames``."""
-        from ..engine.playback.render_files import render_frames
-
-        return render_frames(self.header, camera, frames, folder, self.renderer, self.shown)
-
-
 def _render(options: argparse.Namespace) -> int:
     from .progress import bar
 
-    opened = _opened(options.scene, options.device, options.edits)
-    frames = frames_of(options.frames, opened.count)
+    render, count = _opened(options.scene, options.device, options.edits)
+    frames = frames_of(options.frames, count)
     with bar("Rendering") as report:
         if options.scheduler is None:
-            for done, _ in enumerate(opened.render(options.camera, frames, options.out), 1):
+            for done, _ in enumerate(render(options.camera, frames, options.out), 1):
                 report(done, len(frames))
         else:
             _on_cluster(options, frames, report)
@@ -72,21 +49,34 @@ def _render(options: argparse.Namespace) -> int:
     return 0
 
 
-def _opened(scene_file: Path, device: str, edits: Path | None) -> _Opened:
+Render = Callable[[str, Sequence[int], Path], Iterator[Path]]
+"""Renders frames of a scene, see ``render_frames``: of a camera, which ones, into a folder."""
+
+
+def _opened(scene_file: Path, device: str, edits: Path | None) -> tuple[Render, int]:
+    """A scene that is ready to be rendered, and the number of its frames as they are retimed."""
     from ..engine.editing.edited_scene import RetimedScene
     from ..engine.playback.player import ScenePlayer
-    from ..engine.playback.render_files import cpu_renderer
+    from ..engine.playback.render_files import cpu_renderer, render_frames
     from ..engine.scene.scene_file import read_scene
 
     scene = read_scene(scene_file)
+    count = scene.header.frame_count
+    shown: Callable[[int], float] = float
     if edits is None:
-        return _Opened(scene.header, frame_renderer(scene, device), float, scene.header.frame_count)
-    if device == "cuda":
+        renderer = frame_renderer(scene, device)
+    elif device == "cuda":
         raise FrogError("--edits: found --device cuda, expected cpu, which alone makes edits.")
-    played, timing = edited_scene(ScenePlayer(scene), edits)
-    if timing is None:
-        return _Opened(scene.header, cpu_renderer(played), float, scene.header.frame_count)
-    return _Opened(scene.header, cpu_renderer(RetimedScene(played, timing)), timing.capture_frame, len(timing.frames))
+    else:
+        played, timing = edited_scene(ScenePlayer(scene), edits)
+        renderer = cpu_renderer(played if timing is None else RetimedScene(played, timing))
+        if timing is not None:
+            count, shown = len(timing.frames), timing.capture_frame
+
+    def render(camera: str, frames: Sequence[int], folder: Path) -> Iterator[Path]:
+        return render_frames(scene.header, camera, frames, folder, renderer, shown)
+
+    return render, count
 
 
 def _on_cluster(options: argparse.Namespace, frames: range, report: Callable[[int, int], None]) -> None:
@@ -110,11 +100,11 @@ def _on_cluster(options: argparse.Namespace, frames: range, report: Callable[[in
 
 def render_part(task: Mapping[str, Any], say: Callable[[int], None], cancelled: Callable[[], bool]) -> None:
     """Renders some frames as a task of a cluster; says each of them."""
-    opened = _opened(task["scene"], task["device"], task["edits"])
+    render, _ = _opened(task["scene"], task["device"], task["edits"])
     for frame in task["frames"]:
         if cancelled():
             return
-        list(opened.render(task["camera"], [frame], task["out"]))
+        list(render(task["camera"], [frame], task["out"]))
         say(frame)
 
 
@@ -187,9 +177,9 @@ def _export(options: argparse.Namespace) -> int:
     from ..engine.interchange.take import scene_take
     from ..engine.playback.player import ScenePlayer
 
-    for name, (kinds, found, expected) in _OF_FORMATS.items():
+    for name, (kinds, others, expected) in _OF_FORMATS.items():
         if getattr(options, name) and options.kind not in kinds:
-            raise FrogError(f"--{name.replace('_', '-')}: found {found}, expected {expected}.")
+            raise FrogError(f"--{name.replace('_', '-')}: found {others}, expected {expected}.")
     scene, timing = edited_scene(ScenePlayer.load(options.scene), options.edits)
     frames = frames_of(options.frames, scene.header.frame_count if timing is None else len(timing.frames))
     if options.kind in ("usd", "html"):

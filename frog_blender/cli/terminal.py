@@ -48,8 +48,8 @@ def stopping() -> Iterator[Callable[[], bool]]:
         nonlocal asked
         asked = True
 
-    def stop(number: int, _: FrameType | None) -> None:
-        if asked and number == _CTRL_C:
+    def stop(signal_number: int, _: FrameType | None) -> None:
+        if asked and signal_number == _CTRL_C:
             raise KeyboardInterrupt
         ask()
 
@@ -76,14 +76,14 @@ def _handled(signals: Iterable[int], handler: Callable[[int, FrameType | None], 
     """
     before = {}
     if threading.current_thread() is threading.main_thread():
-        for number in signals:
-            if number == _CTRL_C or signal.getsignal(number) != signal.SIG_IGN:
-                before[number] = signal.signal(number, handler)
+        for handled in signals:
+            if handled == _CTRL_C or signal.getsignal(handled) != signal.SIG_IGN:
+                before[handled] = signal.signal(handled, handler)
     try:
         yield
     finally:
-        for number, previous in before.items():
-            signal.signal(number, previous if previous is not None else signal.SIG_DFL)
+        for handled, previous in before.items():
+            signal.signal(handled, previous if previous is not None else signal.SIG_DFL)
 
 
 @contextmanager

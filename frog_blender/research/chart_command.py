@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from ..cli.arguments import LOCAL, add_scheduler_argument, opened_cluster, positive
 from ..cli.terminal import complain, printing_may_fail, say, stopping
 from ..engine import RECIPES, FrogError, printable
-from .grid import ABLATIONS, ROWS, Run, chart_grid, named_captures
+from .grid import ABLATIONS, ROWS, OwnRow, Run, chart_grid, named_captures
 
 if TYPE_CHECKING:
     from .execute import Progress
@@ -81,16 +81,14 @@ def _grid(options: argparse.Namespace) -> list[Run]:
     return chart_grid(
         folders,
         common,
-        seeds=options.seeds,
-        other_seeds=options.other_seeds,
-        methods=options.methods or ROWS,
+        seeds=(options.seeds, options.other_seeds),
+        rows=[*(options.methods or ROWS), *map(_row, options.row)],
         ablation=names(options.ablation or ""),
         equal_time=options.equal_time,
-        more=[_row(text) for text in options.row],
     )
 
 
-def _row(text: str) -> tuple[str, str, dict[str, Any]]:
+def _row(text: str) -> OwnRow:
     """``LABEL=METHOD,NAME=VALUE,...`` as label, method and settings."""
     label, equals, rest = text.partition("=")
     method, *settings = rest.split(",")

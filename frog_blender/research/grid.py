@@ -165,21 +165,23 @@ def ablation_variants(base: Recipe, kinds: Sequence[str]) -> dict[str, dict[str,
     return {kind: everything[kind] for kind in kinds}
 
 
-def row_named(row: str) -> tuple[str, str, dict[str, Any]]:
-    """The method, label and own settings of a row among ``ROWS``; FrogError for another name."""
-    return ("frog", AUTO_LABEL, AUTO) if row == AUTO_ROW else (row, METHODS[row].title, {})
+OwnRow = tuple[str, str, Mapping[str, Any]]
+"""The label and method of a row of a table, and settings of its own."""
+
+
+def row_named(row: str) -> OwnRow:
+    """A row among ``ROWS``; FrogError for another name."""
+    return (AUTO_LABEL, "frog", AUTO) if row == AUTO_ROW else (METHODS[row].title, row, {})
 
 
 def chart_grid(
     captures: Mapping[str, Path],
     common: Run | None = None,
     *,
-    seeds: int = 3,
-    other_seeds: int = 1,
-    methods: Sequence[str] = ROWS,
+    seeds: tuple[int, int] = (3, 1),
+    rows: Sequence[str | OwnRow] = ROWS,
     ablation: Sequence[str] = (),
     equal_time: bool = False,
-    more: Sequence[tuple[str, str, Mapping[str, Any]]] = (),
 ) -> list[Run]:
     """The runs of a chart: the first seed of everything, rows of the main tables before those of ablations, then the
     next seed. Runs at equal time come last, as they need to know how long FRoG took.
@@ -187,33 +189,29 @@ def chart_grid(
     Args:
         captures: folders by scene name.
         common: what all runs share.
-        seeds, other_seeds: how often ``MAIN_METHODS`` and the rows of ablations are trained, and all others (not more
-            often).
-        methods: which of ``ROWS``.
+        seeds: how often ``MAIN_METHODS`` and the rows of ablations are trained, and all others (not more often).
+        rows: of the main table: which of ``ROWS``, and others.
         ablation: which of ``ABLATIONS`` of FRoG.
-        equal_time: every method but FRoG a second time, for as long as FRoG took.
-        more: further rows of the main table: (label, method, settings of its own).
+        equal_time: every method but FRoG a second time, for as long as FRoG took; rows of ``ROWS`` alone.
 
     Raises:
         FrogError: for a method, recipe, setting or ablation that does not exist.
     """
-    common, other_seeds = common or Run(), min(seeds, other_seeds)
+    common, other_seeds = common or Run(), min(seeds)
     runs: list[Run] = []
     for scene, folder in captures.items():
-        for row in methods:
-            method, label, changes = row_named(row)
+        for row in rows:
+            label, method, changes = row_named(row) if isinstance(row, str) else row
             first = common.of(scene, folder, method, label, changes)
-            count = seeds if row in MAIN_METHODS else other_seeds
+            count = seeds[0] if row in MAIN_METHODS else other_seeds
             runs += first.with_seeds(count)
-            if equal_time and method != "frog" and "frog" in methods:
+            if equal_time and isinstance(row, str) and method != "frog" and "frog" in rows:
                 runs += replace(first, equal_time=True, group="time").with_seeds(count)
-        for label, method, own in more:
-            runs += common.of(scene, folder, method, label, own).with_seeds(other_seeds)
         base = common.of(scene, folder, "frog", "", {}).plain_recipe()
         for kind, variants in ablation_variants(base, ablation).items():
             for label, own in variants.items():
                 first = replace(common.of(scene, folder, "frog", label, own), group=kind)
-                runs += first.with_seeds(seeds)
+                runs += first.with_seeds(seeds[0])
     return sorted(runs, key=lambda run: (run.equal_time, run.seed, run.group != "methods"))
 
 

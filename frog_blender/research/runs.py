@@ -102,13 +102,13 @@ def frog_seconds(run: Run, records: Iterable[Record], environment: RunEnvironmen
         FrogError: if there is no such run of FRoG.
     """
     same = ("scene", "recipe_name", "overrides", "scale", "holdout_frames", "planned_steps")
-    wanted = identity(run)
+    own = identity(run)
     seconds = [
         record["train_seconds"]
         for record in finished(records).values()
         if record["method"] == "frog"
         and record["group"] == "methods"
-        and all(record[name] == wanted[name] for name in same)
+        and all(record[name] == own[name] for name in same)
         and (record["threads"], record["dedicated"]) == (environment.threads, environment.dedicated)
     ]
     if not seconds:
@@ -260,9 +260,9 @@ def _measure(job: TrainingJob, light: float) -> Record:
     if light != 1:
         metrics = {**metrics, "psnr_bright": partial(_bright_psnr, 1 / light)}
     size = job.output.stat().st_size
-    found = evaluate_images(scene, TrueImages(capture, FrameStore.open(capture)), more_metrics=metrics)
+    metrics_of_all = evaluate_images(scene, TrueImages(capture, FrameStore.open(capture)), more_metrics=metrics)
     camera = capture.cameras[0]
-    figures = {name: found.get(name) for name in _FIGURES}
+    figures = {name: metrics_of_all.get(name) for name in _FIGURES}
     packed = len(scene_bytes(read_scene(job.output), compact=True))
     sizes = {"bytes": size, "packed_bytes": packed, "size": [camera.width, camera.height]}
     return {**figures, **sizes, "missing": missing}

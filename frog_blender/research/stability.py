@@ -29,9 +29,8 @@ def stability_grid(
     common: Run | None = None,
     *,
     conditions: Sequence[str] = tuple(CONDITIONS),
-    methods: Sequence[str] = ROWS,
-    frog_seeds: int = 5,
-    seeds: int = 3,
+    rows: Sequence[str] = ROWS,
+    seeds: tuple[int, int] = (5, 3),
     side: int | None = None,
 ) -> list[Run]:
     """Runs under every condition whose capture is given: the first seed of everything, then the next.
@@ -39,7 +38,8 @@ def stability_grid(
     Args:
         captures: folders by ``conditions.BASES``.
         common: what all runs share; a condition's own settings are added.
-        frog_seeds, seeds: of FRoG and of each other method.
+        rows: which of ``grid.ROWS``.
+        seeds: of FRoG and of each other row.
         side: longest side of the images in pixels, where a capture's are larger.
 
     Raises:
@@ -53,10 +53,10 @@ def stability_grid(
             continue
         folder = captures[condition.base]
         under = replace(common, scale=scales[condition.base], condition=condition.name)
-        for row in methods:
-            method, label, own = row_named(row)
+        for row in rows:
+            label, method, own = row_named(row)
             first = under.of(folder.resolve().name, folder, method, label, {**condition.settings, **own})
-            runs += first.with_seeds(frog_seeds if row == "frog" else seeds)
+            runs += first.with_seeds(seeds[row != "frog"])
     return sorted(runs, key=lambda run: run.seed)
 
 
@@ -159,7 +159,7 @@ def outcome(records: Iterable[Record]) -> Outcome:
         for seed, psnr in cell.psnr.items():
             if psnr < base - WORSE_THAN_STATIC:
                 cell.failures.append(f"seed {seed}: {base - psnr:.1f} dB worse than a static scene")
-    labels, order = {label for _, label in cells}, [row_named(name)[1] for name in ROWS]
+    labels, order = {label for _, label in cells}, [row_named(name)[0] for name in ROWS]
     return Outcome([label for label in order if label in labels] + sorted(labels - set(order)), cells)
 
 

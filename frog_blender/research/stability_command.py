@@ -45,9 +45,8 @@ def _stability(options: argparse.Namespace) -> int:
             captures,
             common_run(options),
             conditions=conditions,
-            methods=options.methods or ROWS,
-            frog_seeds=options.frog_seeds,
-            seeds=options.seeds,
+            rows=options.methods or ROWS,
+            seeds=(options.frog_seeds, options.seeds),
             side=options.side,
         )
         for sentence in without_captures(captures, conditions):

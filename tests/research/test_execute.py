@@ -71,8 +71,8 @@ def performed(own_cache: Path, monkeypatch: pytest.MonkeyPatch) -> Performed:
 
 
 def grid(seeds: int = 2, **changes: Any) -> list[Run]:
-    options = {"methods": ["frog", "static"], **changes}
-    return chart_grid({"room": Path("/nowhere/room")}, seeds=seeds, **options)
+    options = {"rows": ["frog", "static"], **changes}
+    return chart_grid({"room": Path("/nowhere/room")}, seeds=(seeds, 1), **options)
 
 
 def test_finished_runs_are_skipped_and_a_cut_off_line_is_done_again(tmp_path: Path, performed: Performed) -> None:

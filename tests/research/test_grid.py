@@ -43,9 +43,8 @@ def test_what_decides_the_result_decides_the_key() -> None:
 def test_a_grid_is_what_was_asked_for() -> None:
     runs = chart_grid(
         CAPTURES,
-        seeds=3,
-        other_seeds=2,
-        methods=["frog", "frog-auto", "ed3dgs", "static"],
+        seeds=(3, 2),
+        rows=["frog", "frog-auto", "ed3dgs", "static"],
         equal_time=True,
     )
     assert len({run.key for run in runs}) == len(runs)
@@ -67,7 +66,7 @@ def test_a_grid_is_what_was_asked_for() -> None:
 
 def test_an_ablation_changes_one_thing_at_a_time() -> None:
     base = recipe("draft")
-    runs = chart_grid({"room": CAPTURES["room"]}, seeds=2, methods=["frog"], ablation=ABLATIONS)
+    runs = chart_grid({"room": CAPTURES["room"]}, seeds=(2, 1), rows=["frog"], ablation=ABLATIONS)
     rows = {run.label: run for run in runs if run.group != "methods"}
     assert set(rows) >= {f"fusion: {name}" for name in ("add", "concat", "attention", "coarse", "fine", "dual")}
     assert {"sampling: off", "sampling: inverse", "sampling: mean depth", "opacity: off", "opacity: paper"} <= set(rows)
@@ -96,7 +95,7 @@ def test_an_ablation_leaves_out_what_the_recipe_does_itself() -> None:
 def test_more_rows() -> None:
     rows = [("E-D3DGS, own rates", "ed3dgs", {"network_rate": 1e-4})]
     common = Run(overrides=(("network_rate", 1e-2), ("sh_degree", 2)))
-    runs = chart_grid(CAPTURES, common, other_seeds=2, methods=(), more=rows)
+    runs = chart_grid(CAPTURES, common, seeds=(3, 2), rows=rows)
     assert len(runs) == 4 and {run.group for run in runs} == {"methods"}
     assert runs[0].plain_recipe().network_rate == 1e-4 and runs[0].plain_recipe().sh_degree == 2
     assert runs[0].settings().fusion == "dual"
@@ -104,10 +103,10 @@ def test_more_rows() -> None:
 
 def test_mistakes_are_said_before_anything_runs() -> None:
     for common, options, word in (
-        (Run(), {"methods": ["nerf"]}, "nerf"),
-        (Run(), {"methods": ["frog"], "ablation": ["color"]}, "color"),
-        (Run(recipe="fast"), {"methods": ["frog"]}, "fast"),
-        (Run(overrides=(("speed", 1),)), {"methods": ["frog"]}, "speed"),
+        (Run(), {"rows": ["nerf"]}, "nerf"),
+        (Run(), {"rows": ["frog"], "ablation": ["color"]}, "color"),
+        (Run(recipe="fast"), {"rows": ["frog"]}, "fast"),
+        (Run(overrides=(("speed", 1),)), {"rows": ["frog"]}, "speed"),
     ):
         with pytest.raises(FrogError, match=word):
             chart_grid(CAPTURES, common, **options)

@@ -45,7 +45,7 @@ def some() -> list[Record]:
 
 
 def test_the_grid_begins_with_a_first_seed_of_everything(filmed: Path) -> None:
-    runs = stability_grid({"clean": filmed}, methods=["frog", "frog-auto", "static"], frog_seeds=3, seeds=2, side=24)
+    runs = stability_grid({"clean": filmed}, rows=["frog", "frog-auto", "static"], seeds=(3, 2), side=24)
     assert {run.condition for run in runs} == {name for name, item in CONDITIONS.items() if item.base == "clean"}
     seeds = [run.seed for run in runs]
     assert seeds == sorted(seeds)

@@ -98,7 +98,7 @@ def test_the_timing_pass(filmed: Path, tmp_path: Path, quick_seeds: None, monkey
     environment = RunEnvironment(tmp_path)
     common = Run(steps=12, overrides=(("moment_seeds", True),))
     captures = {"tiny": filmed, "gone": tmp_path / "gone"}
-    runs = chart_grid(captures, common, seeds=2, methods=["frog", "ed3dgs", "static"], equal_time=True)
+    runs = chart_grid(captures, common, seeds=(2, 1), rows=["frog", "ed3dgs", "static"], equal_time=True)
     runs = [run for run in runs if run.scene == "tiny" or run.method == "static"]
     assert [run.method for run in timed_runs(runs)] == ["frog", "ed3dgs", "static", "static"]
     perform(runs[0], environment)

@@ -146,6 +146,6 @@ def rasterize(
 
 def median_depth(index: torch.Tensor, means: torch.Tensor, camera: Camera) -> torch.Tensor:
     """(H, W) Euclidean distance to the Gaussians named by ``index`` (H, W), NaN where it is -1."""
-    offsets = means - torch.as_tensor(camera.center, dtype=means.dtype)
-    missing = torch.full((1,), float("nan"), dtype=means.dtype)  # index -1 picks it
+    offsets = means - torch.as_tensor(camera.center, dtype=means.dtype, device=means.device)
+    missing = means.new_full((1,), float("nan"))  # index -1 picks it
     return torch.cat([offsets.norm(dim=1), missing])[index.long()]

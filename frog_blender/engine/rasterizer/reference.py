@@ -15,6 +15,7 @@ from ..gaussians import TorchGaussians
 from ..native.options import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN, RasterizeOptions
 from ..spherical_harmonics import SH_DC, sh_terms
 from . import Image
+from .cpu import median_depth
 from .torch_types import kind_of
 
 _STRIP_ELEMENTS = 8_000_000  # pixels times Gaussians held at once
@@ -177,9 +178,7 @@ def rasterize(
     image = Image(rgb, torch.cat([strip.alpha for strip in strips]).reshape(size), radii, screen)
     if options.depth:
         median = torch.cat([strip.median for strip in strips]).reshape(size)
-        centers = (gaussians.means.detach() - torch.as_tensor(camera.center, **like))[splats.index]
-        missing = torch.full((1,), math.nan, **like)  # index -1 picks it
-        image.median_depth = torch.cat([centers.norm(dim=1), missing])[median]
+        image.median_depth = median_depth(median, gaussians.means.detach()[splats.index], camera)
         image.mean_depth = torch.cat([strip.mean_depth for strip in strips]).reshape(size)
     if options.weights:
         image.max_weights = weights
