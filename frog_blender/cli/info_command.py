@@ -198,7 +198,10 @@ def _cache(options: argparse.Namespace) -> int:
     entries, (limit, said) = stored_frames(folder), limit_of(folder)
     total = sum(entry.size for entry in entries)
     if options.json:
-        shown = [{"capture": e.capture, "folder": str(e.folder), "bytes": e.size, "used": e.used} for e in entries]
+        shown = [
+            {"capture": e.index.capture if e.index else "", "folder": str(e.folder), "bytes": e.size, "used": e.used}
+            for e in entries
+        ]
         print(json.dumps({"folder": str(folder), "bytes": total, "limit": limit, **done, "frames": shown}, indent=1))
         return 0
     if done:
@@ -207,7 +210,7 @@ def _cache(options: argparse.Namespace) -> int:
     say(f"{folder}: {_size(total)} of decoded frames, at most {_size(limit)} ({said})")
     for entry in reversed(entries):
         used = f"{datetime.fromtimestamp(entry.used):%Y-%m-%d %H:%M}"
-        say(f"{_size(entry.size):>10}  {used}  {entry.capture or entry.folder.name}")
+        say(f"{_size(entry.size):>10}  {used}  {entry.index.capture if entry.index else entry.folder.name}")
     return 0
 
 

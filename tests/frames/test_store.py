@@ -17,8 +17,9 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture, Distortion, Shot
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.frames.store import DecodingCancelled, FrameStore
+from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.io.cache_folder import default_cache_folder
+from frog_blender.engine.io.child_process import Stopped
 
 
 def open_store(folder: Path, **options: Any) -> FrameStore:
@@ -58,7 +59,7 @@ def test_a_store_is_reused_and_rebuilt_when_a_video_changes(n3dv: Path) -> None:
 
 def test_cancelling_leaves_nothing(n3dv: Path) -> None:
     asked = iter([False] * 7 + [True])
-    with pytest.raises(DecodingCancelled):
+    with pytest.raises(Stopped):
         open_store(n3dv, cancelled=lambda: next(asked))
     assert stores(n3dv) == []
 

@@ -94,10 +94,8 @@ def _distortion_key(distortion: Distortion | None) -> list[float] | dict[str, ob
     return {"coefficients": coefficients, "skew": distortion.skew} if distortion.skew else coefficients
 
 
-def has_changed(sources: object) -> bool:
+def has_changed(sources: Sources) -> bool:
     """Whether a source file of a store has changed."""
-    if not isinstance(sources, dict):
-        return True
     try:
         return any(_facts(Path(path)) != facts for path, facts in sources.items())
     except OSError:

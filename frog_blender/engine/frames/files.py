@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -40,33 +40,21 @@ _SILENT = {ALPHA: 255, IGNORED: 0}
 _NONE = Grid(0, 0, 1, 1)
 
 Shape = tuple[int, int]
-Description = dict[str, list[int]]
+PackedShot = tuple[dict[str, list[bytes]], set[str]]
+"""The tiles of a shot by file, and the masks among them that say something."""
+Description = dict[str, tuple[int, int]]
 """Bytes of the tiles and a checksum (CRC-32) of their sizes, by the file's name."""
-
-
-@dataclass(frozen=True)
-class PackedShot:
-    """The tiles of a shot by file, and the masks among them that say something."""
-
-    tiles: dict[str, list[bytes]]
-    said: set[str] = field(default_factory=set)
 
 
 def pack_shot(shot: DecodedShot, has_masks: bool, codec: TileCodec) -> PackedShot:
     """Compresses a decoded shot."""
-    image = shot.image
-    packed = PackedShot({})
+    image, masks = shot.image, masks_of(shot) if has_masks else {}
+    said = {name for name, values in masks.items() if (values != _SILENT[name]).any()}
+    packed = {name: pack_plain(values, codec) for name, values in masks.items()}
     if is_halved(*image.shape[:2]):
         half = halved_image(image)
-        packed.tiles[_HALVES], packed.tiles[_DETAILS] = pack_plain(half, codec), pack_details(image, half, codec)
-    else:
-        packed.tiles[_PLAIN] = pack_plain(image, codec)
-    if has_masks:
-        for name, values in masks_of(shot).items():
-            packed.tiles[name] = pack_plain(values, codec)
-            if (values != _SILENT[name]).any():
-                packed.said.add(name)
-    return packed
+        return packed | {_HALVES: pack_plain(half, codec), _DETAILS: pack_details(image, half, codec)}, said
+    return packed | {_PLAIN: pack_plain(image, codec)}, said
 
 
 def masks_of(shot: DecodedShot) -> dict[str, ImageArray]:
@@ -101,12 +89,13 @@ class FrameWriter:
 
     def add(self, packed: PackedShot) -> None:
         """The next shot. OSError if the disk does not take it."""
-        for name, tiles in packed.tiles.items():
+        tiles_of, said = packed
+        for name, tiles in tiles_of.items():
             content = b"".join(tiles)
             self._files[name].write(content)
             self._sizes[name] += map(len, tiles)
             self.written += len(content)
-        self._said |= packed.said
+        self._said |= said
 
     def finish(self) -> Description:
         """Ends the files, and leaves out the masks that say nothing."""
@@ -121,16 +110,14 @@ class FrameWriter:
                 continue
             sizes = np.array(self._sizes[name], "<u4").tobytes()
             _sizes_of(self._folder, name).write_bytes(sizes)
-            described[name] = [size, zlib.crc32(sizes)]
+            described[name] = (size, zlib.crc32(sizes))
         return described
 
     def abandon(self) -> None:
         """Closes the files, whatever is in them."""
         for file in self._files.values():
-            try:
+            with suppress(OSError):  # what was not written yet does not fit on the disk
                 file.close()
-            except OSError:  # what was not written yet does not fit on the disk
-                continue
 
 
 class FrameFiles:
@@ -169,23 +156,23 @@ class FrameFiles:
         """Whether masks of that kind say something of any image."""
         return name in self._files
 
-    def image(self, number: int, region: Region | None = None) -> ImageArray:
+    def image(self, row: int, region: Region | None = None) -> ImageArray:
         """(H, W, 3) an image or a region of it. DamagedTiles if it is not what was written."""
-        height, width = self._shapes[number]
+        height, width = self._shapes[row]
         if not is_halved(height, width):
-            return read_plain(self._files[_PLAIN], number, region)
+            return read_plain(self._files[_PLAIN], row, region)
         whole = (0, 0, width, height)
-        return read_detailed(self._files[_DETAILS], self._files[_HALVES], number, region or whole)
+        return read_detailed(self._files[_DETAILS], self._files[_HALVES], row, region or whole)
 
-    def half(self, number: int) -> ImageArray:
+    def half(self, row: int) -> ImageArray:
         """(H // 2, W // 2, 3) ``halved_image`` of an image. DamagedTiles if it is not what was written."""
-        if not is_halved(*self._shapes[number]):
-            return halved_image(self.image(number))
-        return read_plain(self._files[_HALVES], number)
+        if not is_halved(*self._shapes[row]):
+            return halved_image(self.image(row))
+        return read_plain(self._files[_HALVES], row)
 
-    def mask(self, name: str, number: int, region: Region | None = None) -> ImageArray:
+    def mask(self, name: str, row: int, region: Region | None = None) -> ImageArray:
         """(H, W) a mask or a region of it. DamagedTiles if it is not what was written."""
-        return read_plain(self._files[name], number, region)
+        return read_plain(self._files[name], row, region)
 
 
 def _grid(name: str, height: int, width: int) -> Grid:

@@ -106,42 +106,39 @@ class TileFile:
         """No image can be read any more."""
         self._file.close()
 
-    def read(self, number: int, lines: range, columns: range) -> ImageArray:
+    def read(self, row: int, lines: range, columns: range) -> ImageArray:
         """The numbers of some tiles of an image, line by line one after the other.
 
         Raises:
             DamagedTiles: if they cannot be read, or are not what was written.
         """
-        grid = self.grids[number]
-        sizes, found = iter(grid.sizes(lines, columns)), list[bytes]()
+        grid = self.grids[row]
+        sizes, tiles = iter(grid.sizes(lines, columns)), list[bytes]()
         for line in lines:
-            first = int(self._first[number]) + line * grid.columns
+            first = int(self._first[row]) + line * grid.columns
             ends = self._offsets[first + columns.start : first + columns.stop + 1].tolist()
             packed = memoryview(self._bytes(ends[0], ends[-1] - ends[0]))
-            for start, end in pairwise(ends):
-                found.append(self._unpacked(packed[start - ends[0] : end - ends[0]], next(sizes)))
-        return np.frombuffer(b"".join(found), np.uint8)
+            try:
+                for start, end in pairwise(ends):
+                    tiles.append(self._codec.unpack(packed[start - ends[0] : end - ends[0]], next(sizes)))
+            except ValueError as error:
+                raise DamagedTiles(f"{self.path}: {error}") from error
+        return np.frombuffer(b"".join(tiles), np.uint8)
 
     def _bytes(self, offset: int, size: int) -> bytes:
         """Not by a memory map: the pages of a file that is read are the system's, and count for nobody's memory."""
         try:
             if hasattr(os, "pread"):
-                found = os.pread(self._file.fileno(), size, offset)
+                content = os.pread(self._file.fileno(), size, offset)
             else:
                 with self._lock:
                     self._file.seek(offset)
-                    found = self._file.read(size)
+                    content = self._file.read(size)
         except (OSError, ValueError) as error:
             raise DamagedTiles(f"{self.path}: {error}") from error
-        if len(found) != size:
-            raise DamagedTiles(f"{self.path}: {len(found)} bytes of {size} at {offset}")
-        return found
-
-    def _unpacked(self, packed: memoryview, size: int) -> bytes:
-        try:
-            return self._codec.unpack(packed, size)
-        except ValueError as error:
-            raise DamagedTiles(f"{self.path}: {error}") from error
+        if len(content) != size:
+            raise DamagedTiles(f"{self.path}: {len(content)} bytes of {size} at {offset}")
+        return content
 
 
 _SIDE = 128  # pixels of a tile: smaller ones compress less, larger ones cost more where a part is read
@@ -180,20 +177,20 @@ def pack_plain(image: ImageArray, codec: TileCodec) -> list[bytes]:
     return _packed(predict(image, grid.side), grid, codec)
 
 
-def read_plain(file: TileFile, number: int, region: Region | None = None) -> ImageArray:
+def read_plain(file: TileFile, row: int, region: Region | None = None) -> ImageArray:
     """A plain image (H, W, 3), or a mask (H, W), or the region of it.
 
     Raises:
         DamagedTiles: if it is not what was packed.
     """
-    grid = file.grids[number]
+    grid = file.grids[row]
     left, top, width, height = region or (0, 0, grid.width, grid.height)
     touched = grid.touched(slice(top, top + height), slice(left, left + width))
     rows, across = grid.covered(*touched)
     x, y = across.start, rows.start
     channels = () if grid.channels == 1 else (grid.channels,)
     image = np.empty((rows.stop - y, across.stop - x, *channels), np.uint8)
-    restore(file.read(number, *touched), grid.side, image)
+    restore(file.read(row, *touched), grid.side, image)
     return image[top - y : top - y + height, left - x : left - x + width]
 
 
@@ -204,13 +201,13 @@ def pack_details(image: ImageArray, half: ImageArray, codec: TileCodec) -> list[
     return _packed(predict_details(even, known, grid.side), grid, codec)
 
 
-def read_detailed(details: TileFile, halves: TileFile, number: int, region: Region) -> ImageArray:
+def read_detailed(details: TileFile, halves: TileFile, row: int, region: Region) -> ImageArray:
     """The region of an image (H, W, 3), given its details and the reduced images.
 
     Raises:
         DamagedTiles: if it is not what was packed.
     """
-    grid, half = details.grids[number], halves.grids[number]
+    grid, half = details.grids[row], halves.grids[row]
     left, top, width, height = region
     touched = grid.touched(slice(top // 2, -(-(top + height) // 2)), slice(left // 2, -(-(left + width) // 2)))
     rows, across = grid.covered(*touched)
@@ -219,9 +216,9 @@ def read_detailed(details: TileFile, halves: TileFile, number: int, region: Regi
     # The last row and column of an image of odd size have no pixel of their own in the reduced one.
     first = min(x, half.width - 1), min(y, half.height - 1)
     there = (*first, min(x + wide, half.width) - first[0], min(y + tall, half.height) - first[1])
-    known = _repeated(read_plain(halves, number, there), tall, wide)
+    known = _repeated(read_plain(halves, row, there), tall, wide)
     image = np.empty((2 * tall, 2 * wide, 3), np.uint8)
-    restore_details(details.read(number, *touched), known, grid.side, image)
+    restore_details(details.read(row, *touched), known, grid.side, image)
     return image[top - 2 * y : top - 2 * y + height, left - 2 * x : left - 2 * x + width]
 
 

@@ -1,7 +1,7 @@
 """The folder of decoded frames: how large it may be, what lies in it, and what is deleted first.
 
 A limit is a number of bytes or a share of the disk. ``$FROG_CACHE_LIMIT`` says it, else a file in the folder that
-``frog cache --limit`` writes, else it is DEFAULT_SHARE of the disk. What was used longest ago is deleted first; what
+``frog cache --limit`` writes, else it is a quarter of the disk. What was used longest ago is deleted first; what
 any process has open stays.
 """
 
@@ -21,13 +21,13 @@ from pathlib import Path
 from ..capture.sharing import lock_exclusively, open_shared
 from ..errors import FrogError, found_instead
 from ..io.atomic_files import write_atomically
+from ..io.plain_values import typed
 
 INDEX = "index.json"
 PARTIAL = ".partial-"
-DEFAULT_SHARE = 0.25
 FORMAT = 3
 """Of the stores that this version writes and reads; others are deleted."""
-_LIMIT = "limit.txt"
+_LIMIT, _USUAL_LIMIT = "limit.txt", "25%"
 _LIMIT_VARIABLE = "FROG_CACHE_LIMIT"
 _LONGEST_LIMIT = 100  # bytes of the file
 _NAME = re.compile("[0-9a-f]{32}")  # of a store
@@ -36,35 +36,52 @@ _UNITS = {"": 1.0, "B": 1.0, "KB": 1e3, "MB": 1e6, "GB": 1e9, "TB": 1e12}
 
 
 @dataclass(frozen=True)
+class Index:
+    """What a store says of itself.
+
+    Attributes:
+        format: see FORMAT.
+        capture: path of the capture.
+        codec: what packed its tiles.
+        sources: size and modification time of each file of the capture.
+        files: bytes of each file of tiles and a checksum, by its name.
+    """
+
+    format: int
+    capture: str
+    codec: str
+    sources: dict[str, list[int]]
+    files: dict[str, tuple[int, int]]
+
+
+@dataclass(frozen=True)
 class StoredFrames:
     """Decoded frames of a capture in the cache.
 
     Attributes:
         folder: where they lie.
-        capture: path of the capture; "" where that cannot be read.
+        index: None where it cannot be read, or is another version's.
         size: bytes.
         used: when they were last opened, seconds since 1970.
-        is_current: written in the format of this version.
     """
 
     folder: Path
-    capture: str
+    index: Index | None
     size: int
     used: float
-    is_current: bool
 
 
-def parse_limit(text: str, where: str) -> str:
-    """A limit in its plain form: "40 GB" and "25 %" as "40GB" and "25%".
+def parse_limit(text: str, where: str) -> re.Match[str]:
+    """A limit in its plain form, its number and its unit: "40 GB" and "25 %" are "40GB" and "25%".
 
     Raises:
         FrogError: if it is none; ``where`` says whose it is.
     """
     plain = re.sub(r"\s+", "", text).upper()
-    found = re.fullmatch(r"(\d{1,15}(?:\.\d{1,9})?)(%|[KMGT]?B|)", plain)
-    if found is None or (found[2] == "%" and not 0 < float(found[1]) <= 100):
+    parsed = re.fullmatch(r"(\d{1,15}(?:\.\d{1,9})?)(%|[KMGT]?B|)", plain)
+    if parsed is None or (parsed[2] == "%" and not 0 < float(parsed[1]) <= 100):
         raise found_instead(where, repr(text), "a size such as 40GB or a share of the disk such as 25%")
-    return plain
+    return parsed
 
 
 def limit_of(cache: Path) -> tuple[int, str]:
@@ -73,19 +90,19 @@ def limit_of(cache: Path) -> tuple[int, str]:
     Raises:
         FrogError: if what says so is no limit.
     """
-    file, said = cache / _LIMIT, f"{DEFAULT_SHARE:.0%} of the disk"
-    text = os.environ.get(_LIMIT_VARIABLE, "")
-    if text:
-        text = said = parse_limit(text, _LIMIT_VARIABLE)
-        said = f"{said} by {_LIMIT_VARIABLE}"
+    file = cache / _LIMIT
+    if given := os.environ.get(_LIMIT_VARIABLE, ""):
+        limit, source = parse_limit(given, _LIMIT_VARIABLE), f"by {_LIMIT_VARIABLE}"
     elif file.is_file() and file.stat().st_size <= _LONGEST_LIMIT:
-        text = parse_limit(file.read_text(encoding="utf-8", errors="replace"), str(file))
-        said = f"{text} by frog cache --limit"
-    text = text or f"{DEFAULT_SHARE * 100:g}%"
-    if text.endswith("%"):
-        return int(float(text[:-1]) / 100 * shutil.disk_usage(_existing(cache)).total), said
-    number, unit = re.fullmatch(r"([\d.]+)(\w*)", text).groups()  # type: ignore[union-attr]
-    return int(float(number) * _UNITS[unit]), said
+        kept = file.read_text(encoding="utf-8", errors="replace")
+        limit, source = parse_limit(kept, str(file)), "by frog cache --limit"
+    else:
+        limit, source = parse_limit(_USUAL_LIMIT, "the limit"), "of the disk"
+    said = f"{limit[0]} {source}"
+    if limit[2] == "%":
+        existing = next(path for path in (cache, *cache.parents) if path.exists())
+        return int(float(limit[1]) / 100 * shutil.disk_usage(existing).total), said
+    return int(float(limit[1]) * _UNITS[limit[2]]), said
 
 
 def set_limit(cache: Path, text: str) -> None:
@@ -98,13 +115,20 @@ def set_limit(cache: Path, text: str) -> None:
         with suppress(FileNotFoundError):
             (cache / _LIMIT).unlink()
         return
-    write_atomically(cache / _LIMIT, parse_limit(text, "--limit").encode())
+    write_atomically(cache / _LIMIT, parse_limit(text, "--limit")[0].encode())
 
 
 def stored_frames(cache: Path) -> list[StoredFrames]:
     """What lies in the folder, used longest ago first; partial stores do not count."""
-    found = [_described(folder) for folder in _folders(cache) if PARTIAL not in folder.name]
-    return sorted(found, key=lambda entry: entry.used)
+    stores = []
+    for folder in _folders(cache):
+        if PARTIAL not in folder.name:
+            size, used = 0, 0.0
+            with suppress(OSError):
+                size = size_of(folder)
+                used = (folder / INDEX).stat().st_mtime
+            stores.append(StoredFrames(folder, read_index(folder), size, used))
+    return sorted(stores, key=lambda entry: entry.used)
 
 
 def clear(cache: Path) -> tuple[int, int]:
@@ -145,7 +169,7 @@ def remove_abandoned(cache: Path) -> None:
                 newest = max((file.stat().st_mtime for file in [folder, *folder.iterdir()]), default=0.0)
                 if time.time() - newest > _ABANDONED_AFTER:
                     shutil.rmtree(folder, ignore_errors=True)
-        elif not _described(folder).is_current:
+        elif read_index(folder) is None:
             remove_store(folder)
 
 
@@ -154,7 +178,7 @@ def remove_store(folder: Path) -> bool:
     index = folder / INDEX
     if index.is_file():
         file = open_shared(index)
-        if file is None or not lock_exclusively(file):
+        if not lock_exclusively(file):
             if file is not None:
                 file.close()
             return False
@@ -172,23 +196,14 @@ def size_of(folder: Path) -> int:
     return sum(file.stat().st_size for file in folder.iterdir())
 
 
-def read_index(folder: Path) -> dict[str, object] | None:
-    """What a store says of itself; None where that cannot be read."""
+def read_index(folder: Path) -> Index | None:
+    """What a store says of itself; None where that cannot be read, or is another version's."""
     try:
-        index = json.loads((folder / INDEX).read_text(encoding="utf-8"))
+        text = (folder / INDEX).read_text(encoding="utf-8")
+        index: Index = typed(Index, json.loads(text), "an index")
     except (OSError, ValueError, RecursionError):
         return None
-    return index if isinstance(index, dict) else None
-
-
-def _described(folder: Path) -> StoredFrames:
-    index = read_index(folder) or {}
-    size, used = 0, 0.0
-    with suppress(OSError):
-        size = size_of(folder)
-        used = (folder / INDEX).stat().st_mtime
-    capture = index.get("capture")
-    return StoredFrames(folder, capture if isinstance(capture, str) else "", size, used, index.get("format") == FORMAT)
+    return index if index.format == FORMAT else None
 
 
 def _folders(cache: Path) -> Iterator[Path]:
@@ -203,18 +218,14 @@ def _folders(cache: Path) -> Iterator[Path]:
             yield entry
 
 
-def _existing(folder: Path) -> Path:
-    return next((path for path in (folder, *folder.parents) if path.exists()), folder)
-
-
-def too_small(cache: Path, needed: int) -> FrogError | None:
-    """Why ``needed`` bytes of frames do not fit; None where they do."""
+def keep_to_limit(cache: Path, needed: int) -> None:
+    """Makes room for a store of ``needed`` bytes under the limit; FrogError if there is none."""
+    make_room(cache, 0, needed)
     limit, said = limit_of(cache)
     others = sum(entry.size for entry in stored_frames(cache))
-    if needed + others <= limit:
-        return None
-    in_use = f" and {others / 1e9:.2f} GB are in use" if others else ""
-    return FrogError(
-        f"{cache}: the decoded frames need about {needed / 1e9:.2f} GB, found a limit of {limit / 1e9:.2f} GB "
-        f"({said}){in_use}: choose a smaller image scale, or a higher limit with frog cache --limit."
-    )
+    if needed + others > limit:
+        in_use = f" and {others / 1e9:.2f} GB are in use" if others else ""
+        raise FrogError(
+            f"{cache}: the decoded frames need about {needed / 1e9:.2f} GB, found a limit of {limit / 1e9:.2f} GB "
+            f"({said}){in_use}: choose a smaller image scale, or a higher limit with frog cache --limit."
+        )

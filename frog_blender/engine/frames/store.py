@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -30,20 +30,17 @@ from ..capture.frame_keys import Sources, bytes_of, decoding_order, has_changed,
 from ..capture.sharing import lock_exclusively, open_shared
 from ..errors import FrogError, found_instead
 from ..io.cache_folder import default_cache_folder
+from ..io.child_process import Stopped
+from . import limit
 from .codecs import TileCodec, codec_of, usual_codec
 from .files import ALPHA, IGNORED, Description, FrameFiles, FrameWriter, PackedShot, masks_of, names_of, pack_shot
 from .image_coding import DamagedTiles, Region, halved_image
-from .limit import FORMAT, INDEX, PARTIAL, make_room, read_index, remove_abandoned, remove_store, size_of, too_small
 
 DAMAGED = "damaged"
 """An empty file in a store that has to be written again."""
 _SPARE_BYTES = 256 << 20  # left free on the disk
 _BEST_RATIO = 8  # by which frames are compressed at most, as far as anybody knows before
 _LOOKED_EVERY = 64 << 20  # bytes written, after which the room is looked at again
-
-
-class DecodingCancelled(Exception):
-    """The caller's ``cancelled`` answered True during decoding. No FrogError: nothing is wrong with the input."""
 
 
 def opened_files(folder: Path, capture: Capture) -> tuple[Sources, FrameFiles]:
@@ -53,25 +50,17 @@ def opened_files(folder: Path, capture: Capture) -> tuple[Sources, FrameFiles]:
         OSError: if a file cannot be opened.
         DamagedTiles: if it is not a store of this version, cannot be unpacked here, or is not whole.
     """
-    index = read_index(folder)
-    if index is None or index.get("format") != FORMAT or (folder / DAMAGED).exists():
+    index, needed = limit.read_index(folder), set(names_of(capture.has_masks))
+    if index is None or (folder / DAMAGED).exists():
         raise DamagedTiles(f"{folder}: not a store of this version, or one that is damaged")
-    sources, files = index.get("sources"), index.get("files")
-    needed = set(names_of(capture.has_masks))
-    if not (isinstance(sources, dict) and isinstance(files, dict)):
-        raise DamagedTiles(f"{folder}: an index without its files")
-    whole = needed - {ALPHA, IGNORED} <= set(files) <= needed
-    if not whole or not all(_are_two_numbers(value) for value in files.values()):
+    if not needed - {ALPHA, IGNORED} <= set(index.files) <= needed:
         raise DamagedTiles(f"{folder}: other files than such a capture has")
-    codec = codec_of(index.get("codec"))
+    codec = codec_of(index.codec)
     if codec is None:
-        raise DamagedTiles(f"{folder}: packed by {index.get('codec')!r}, which is not here")
+        raise DamagedTiles(f"{folder}: packed by {index.codec!r}, which is not here")
     shapes = shapes_of(capture)
-    return sources, FrameFiles(folder, [shapes[shot] for shot in decoding_order(capture)], files, codec)
-
-
-def _are_two_numbers(value: object) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(type(number) is int and number >= 0 for number in value)
+    shots = [shapes[shot] for shot in decoding_order(capture)]
+    return index.sources, FrameFiles(folder, shots, index.files, codec)
 
 
 def remove_stale(cache: Path, capture: Capture) -> None:
@@ -79,15 +68,11 @@ def remove_stale(cache: Path, capture: Capture) -> None:
 
     Stores of some of its cameras, or of altered images, stay.
     """
-    remove_abandoned(cache)
-    for folder in [path.parent for path in cache.glob(f"*/{INDEX}") if PARTIAL not in path.parent.name]:
-        index = read_index(folder)
-        if (
-            index is not None
-            and index.get("capture") == str(capture.path.resolve())
-            and has_changed(index.get("sources"))
-        ):
-            remove_store(folder)
+    limit.remove_abandoned(cache)
+    for entry in limit.stored_frames(cache):
+        index = entry.index
+        if index is not None and index.capture == str(capture.path.resolve()) and has_changed(index.sources):
+            limit.remove_store(entry.folder)
 
 
 def altered(capture: Capture, index: int, decoded: DecodedShot) -> DecodedShot:
@@ -103,20 +88,19 @@ def build(
     folder: Path,
     capture: Capture,
     sources: Sources,
-    progress: Callable[[int, int], None] | None,
-    cancelled: Callable[[], bool] | None,
+    progress: Callable[[int, int], None],
+    cancelled: Callable[[], bool],
 ) -> None:
     """Decode into a temporary folder and rename it to ``folder``."""
     raw = sum(map(bytes_of, shapes_of(capture)))
     _check_room(folder.parent, raw // _BEST_RATIO, raw // _BEST_RATIO)
-    partial = Path(tempfile.mkdtemp(prefix=folder.name + PARTIAL, dir=folder.parent))
+    partial = Path(tempfile.mkdtemp(prefix=folder.name + limit.PARTIAL, dir=folder.parent))
     try:
         codec = usual_codec()
         described = _write(partial, capture, codec, progress, cancelled)
-        _keep_to_limit(folder.parent, size_of(partial))
-        facts = {"format": FORMAT, "capture": str(capture.path.resolve()), "sources": sources}
-        facts |= {"codec": codec.name, "files": described}
-        (partial / INDEX).write_text(json.dumps(facts), encoding="utf-8")
+        limit.keep_to_limit(folder.parent, limit.size_of(partial))
+        index = limit.Index(limit.FORMAT, str(capture.path.resolve()), codec.name, sources, described)
+        (partial / limit.INDEX).write_text(json.dumps(asdict(index)), encoding="utf-8")
         _put(partial, folder, capture)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
@@ -126,8 +110,8 @@ def _write(
     partial: Path,
     capture: Capture,
     codec: TileCodec,
-    progress: Callable[[int, int], None] | None,
-    cancelled: Callable[[], bool] | None,
+    progress: Callable[[int, int], None],
+    cancelled: Callable[[], bool],
 ) -> Description:
     """Decodes, compresses in threads, and writes in the order of decoding."""
     order, workers = decoding_order(capture), os.cpu_count() or 1
@@ -141,14 +125,13 @@ def _write(
         if writer.written - looked > _LOOKED_EVERY:
             looked = writer.written
             _check_room(partial.parent, writer.written * len(order) // done - writer.written, _LOOKED_EVERY, partial)
-        if progress is not None:
-            progress(done, len(order))
+        progress(done, len(order))
 
     try:
         with ThreadPoolExecutor(workers, thread_name_prefix="frog-packing") as threads:
             for index, decoded in zip(order, decode_masked(capture, order), strict=True):
-                if cancelled is not None and cancelled():
-                    raise DecodingCancelled(f"{capture.path}: decoding was cancelled.")
+                if cancelled():
+                    raise Stopped
                 waiting.append(threads.submit(pack_shot, altered(capture, index, decoded), capture.has_masks, codec))
                 if len(waiting) > 2 * workers:
                     write_first()
@@ -166,22 +149,15 @@ def _check_room(cache: Path, more: int, at_once: int, partial: Path | None = Non
     Raises:
         FrogError: if the limit is lower, or the disk has no room for what is written ``at_once``.
     """
-    written = 0 if partial is None else size_of(partial)
-    make_room(cache, more, written, _SPARE_BYTES)
+    written = 0 if partial is None else limit.size_of(partial)
+    limit.make_room(cache, more, written, _SPARE_BYTES)
     free = shutil.disk_usage(cache).free
     if free < at_once + _SPARE_BYTES:
         raise FrogError(
             f"{cache}: the decoded frames need about {more / 1e9:.2f} GB, found {free / 1e9:.2f} GB free: "
             "choose a smaller image scale, or another cache folder with FROG_CACHE."
         )
-    _keep_to_limit(cache, more + written)
-
-
-def _keep_to_limit(cache: Path, needed: int) -> None:
-    """Makes room under the limit for a store; FrogError if there is none."""
-    make_room(cache, 0, needed)
-    if (error := too_small(cache, needed)) is not None:
-        raise error
+    limit.keep_to_limit(cache, more + written)
 
 
 def _put(partial: Path, folder: Path, capture: Capture) -> None:
@@ -192,7 +168,7 @@ def _put(partial: Path, folder: Path, capture: Capture) -> None:
         with suppress(OSError, DamagedTiles):
             opened_files(folder, capture)[1].close()
             return  # it is whole
-        if not remove_store(folder):  # damaged, and open: whoever has it open goes on with what it has
+        if not limit.remove_store(folder):  # damaged, and open: whoever has it open goes on with what it has
             shutil.rmtree(folder, ignore_errors=True)
         partial.rename(folder)
 
@@ -242,8 +218,8 @@ class FrameStore:
         capture: Capture,
         *,
         cache_folder: Path | None = None,
-        progress: Callable[[int, int], None] | None = None,
-        cancelled: Callable[[], bool] | None = None,
+        progress: Callable[[int, int], None] = lambda done, total: None,
+        cancelled: Callable[[], bool] = lambda: False,
     ) -> FrameStore:
         """The store of a capture, decoded now unless an earlier run left it.
 
@@ -254,7 +230,7 @@ class FrameStore:
             cancelled: asked before each frame.
 
         Raises:
-            DecodingCancelled: if ``cancelled`` said so.
+            Stopped: if ``cancelled`` said so.
             FrogError: if a file is missing or cut off, images are too large, or disk or limit have no room.
         """
         _check_sizes(capture)
@@ -321,20 +297,20 @@ class FrameStore:
         if self._reader is not None:
             self._reader.shutdown()
         self._in_use, self._ahead, self._reader, self._kept = None, [], None, {}
-        size = size_of(self.folder)
+        size = limit.size_of(self.folder)
         self._files.close()
-        if remove_store(self.folder):
+        if limit.remove_store(self.folder):
             return size
         with suppress(OSError, DamagedTiles):  # somebody else has opened them meanwhile
             self._open_files()
         return 0
 
     def _open_files(self) -> None:
-        self._in_use = open_shared(self.folder / INDEX)
+        self._in_use = open_shared(self.folder / limit.INDEX)
         try:
             if self._in_use is not None:
-                found, here = os.fstat(self._in_use.fileno()), (self.folder / INDEX).stat()
-                if not os.path.samestat(found, here):
+                opened, here = os.fstat(self._in_use.fileno()), (self.folder / limit.INDEX).stat()
+                if not os.path.samestat(opened, here):
                     raise DamagedTiles(f"{self.folder}: another process replaced it")
             self._sources, self._files = opened_files(self.folder, self._capture)
         except BaseException:
@@ -388,7 +364,7 @@ class FrameStore:
             (self.folder / DAMAGED).touch()
         try:
             unchanged = not has_changed(self._sources)
-            (found,) = (altered(self._capture, shot, each) for each in decode_masked(self._capture, [shot]))
+            decoded = altered(self._capture, shot, next(decode_masked(self._capture, [shot])))
         except FrogError as error:
             raise FrogError(
                 f"{self.folder}: decoded frames are damaged, and cannot be decoded again: {error}"
@@ -396,7 +372,7 @@ class FrameStore:
         if not unchanged:
             expected = "what was written; the capture has changed meanwhile: start again, and it is decoded anew"
             raise found_instead(self.folder, "damaged frames", expected)
-        images = {_IMAGE: found.image, **masks_of(found)}
+        images = {_IMAGE: decoded.image, **masks_of(decoded)}
         with self._lock:
             for kind, image in images.items():
                 image.flags.writeable = False
@@ -431,7 +407,7 @@ def _opened(capture: Capture, folder: Path) -> FrameStore | None:
             return None
         if store._in_use is not None or not _is_lockable(folder):
             with suppress(OSError):
-                os.utime(folder / INDEX)
+                os.utime(folder / limit.INDEX)
             return store
         time.sleep(0.02)  # whoever deletes it holds it for no longer
     return None
@@ -440,7 +416,7 @@ def _opened(capture: Capture, folder: Path) -> FrameStore | None:
 def _is_lockable(folder: Path) -> bool:
     """Whether somebody may hold a lock on the store: some network disks have none."""
     try:
-        file = open_shared(folder / INDEX)
+        file = open_shared(folder / limit.INDEX)
         if file is not None:
             file.close()
         with tempfile.TemporaryFile(dir=folder.parent) as probe:
