@@ -30,9 +30,7 @@ def frame_speeds(shown: Array) -> Array:
     """
     present = np.flatnonzero(~np.isnan(shown))
     speeds = np.full(len(shown), np.nan)
-    if len(present) == 0:
-        return speeds
-    if len(present) == 1:
+    if len(present) < 2:
         speeds[present] = 1.0
         return speeds
     steps = np.diff(shown[present])
@@ -109,20 +107,13 @@ def _means(values: Array, places: Array, widths: Array) -> Array:
     low = int(np.clip(np.floor(first.min()), 0, length))
     high = int(np.clip(np.ceil(last.max()), low, length))
     scale = 1 / 32768 if values.dtype == np.int16 else 1.0
-    found = np.empty((len(places), values.shape[1]), np.float32)
+    means = np.empty((len(places), values.shape[1]), np.float32)
     for channel in range(values.shape[1]):
         part = values[low:high, channel].astype(np.float64) * scale
         sums = np.concatenate([[0.0], np.cumsum(part)])
-        ends = [_interpolated(sums, np.clip(end - low, 0, high - low)) for end in (first, last)]
-        found[:, channel] = (ends[1] - ends[0]) / widths
-    return found
-
-
-def _interpolated(sums: Array, places: Array) -> Array:
-    index = np.minimum(places.astype(np.int64), max(len(sums) - 2, 0))
-    following = sums[np.minimum(index + 1, len(sums) - 1)]
-    result: Array = sums[index] + (places - index) * (following - sums[index])
-    return result
+        begin, end = (np.interp(ends - low, np.arange(len(sums)), sums) for ends in (first, last))
+        means[:, channel] = (end - begin) / widths
+    return means
 
 
 def _smooth(gains: Array, width: int) -> Array:

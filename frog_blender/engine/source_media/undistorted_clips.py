@@ -99,33 +99,19 @@ def undistortion(
     if folder.is_symlink() or (index is None and _holds_others(folder)):  # a link leads where nobody asked to write
         raise FrogError(f"{folder}: found files of others, expected this name to be free for them.")
     marks = {"scene": _decides(header), "made_from": key}
-    steps = _reserved(folder, writing, _write(header, seen, films, folder, marks))
-    return Undistortion(sum(map(len, films.values())), steps)
+    return Undistortion(sum(map(len, films.values())), _write(header, seen, films, folder, marks, writing))
 
 
 def _is_shown_as_filmed(capture: Capture) -> bool:
     """False where a film's images do not follow the capture's frames one by one, or are tone-mapped, or where images
     are turned by their EXIF, which not every program obeys."""
-    films = {shot.path for shot in capture.shots if _is_video(shot.path)}
+    films = {shot.path for shot in capture.shots if shot.path.suffix.lower() in VIDEO_SUFFIXES}
     if any(shot.path in films and shot.index != shot.frame for shot in capture.shots):
         return False
     if any(read_film_header(film).transfer for film in films):
         return False
     photographs = map(read_photograph, {shot.path for shot in capture.shots} - films)
     return all(photograph is None or photograph.orientation == UPRIGHT for photograph in photographs)
-
-
-def _is_video(path: Path) -> bool:
-    return path.suffix.lower() in VIDEO_SUFFIXES
-
-
-def _reserved(folder: Path, writing: set[Path], steps: Generator[int, None, None]) -> Generator[int, None, None]:
-    """The same steps, with the folder among ``writing`` from the first to the last."""
-    writing.add(folder)
-    try:
-        yield from steps
-    finally:
-        writing.discard(folder)
 
 
 def _holds_others(folder: Path) -> bool:
@@ -193,7 +179,12 @@ def _file(folder: Path, name: str, count: int) -> Path:
 
 
 def _write(
-    header: SceneHeader, capture: Capture, films: Mapping[str, Sequence[int]], folder: Path, marks: JsonObject
+    header: SceneHeader,
+    capture: Capture,
+    films: Mapping[str, Sequence[int]],
+    folder: Path,
+    marks: JsonObject,
+    writing: set[Path],
 ) -> Generator[int, None, None]:
     """Films into the folder, whose index says nothing until all of them are whole.
 
@@ -203,6 +194,7 @@ def _write(
     done, index, placing, whole = 0, folder / _INDEX, False, False
     files = {name: _file(folder, name, len(shots)) for name, shots in films.items()}
     partial = None
+    writing.add(folder)
     try:
         folder.mkdir(exist_ok=True)
         _remove_abandoned(folder)
@@ -221,6 +213,7 @@ def _write(
         where = error.filename2 or folder  # of what is put in its place, the place
         raise FrogError(f"{where}: the clips cannot be written here ({error.strerror or error}).") from error
     finally:
+        writing.discard(folder)
         if partial is not None:
             shutil.rmtree(partial, ignore_errors=True)
         for file in (*files.values(), index) if placing and not whole else ():

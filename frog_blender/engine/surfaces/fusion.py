@@ -40,6 +40,7 @@ class Mesh:
     quads: Array
 
 
+NOTHING = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 4), np.int32))
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
 _EDGES = np.array([(a, b) for a in range(8) for b in range(a) if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 1])
 
@@ -53,7 +54,7 @@ def surface_nets(field: Array) -> Mesh:
     """
     cells = _crossed_cells(field)
     if not len(cells):
-        return Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 4), np.int32))
+        return NOTHING
     values = np.stack([field[tuple((cells + corner).T)] for corner in _CORNERS], axis=1)
     first, second = values[:, _EDGES[:, 0]], values[:, _EDGES[:, 1]]
     crossed = (first < 0) != (second < 0)
@@ -132,8 +133,7 @@ def surface_depth(gaussians: NumpyGaussians, camera: Camera) -> Array:
     if not rows.size:
         return depth
     which = index[rows, columns]
-    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
-    rays = (pixels @ np.linalg.inv(camera.intrinsics).T @ camera.rotation).astype(np.float32)  # of planar depth 1
+    rays = planar_rays(camera, rows, columns).astype(np.float32)
     centers = gaussians.means[which] - camera.center.astype(np.float32)
     axes, scales = rotations_of(gaussians.quaternions[which]), np.maximum(gaussians.scales[which], 1e-12)
     local_rays = np.einsum("nij,ni->nj", axes, rays) / scales
@@ -145,6 +145,13 @@ def surface_depth(gaussians: NumpyGaussians, camera: Camera) -> Array:
     on_it = np.isfinite(densest) & (densest > 0) & (away <= _REACH * scales.max(1))
     depth[rows, columns] = np.where(on_it, densest, planar)
     return depth
+
+
+def planar_rays(camera: Camera, rows: Array, columns: Array) -> Float64s:
+    """(N, 3) the rays through pixels, in the world's axes, up to a planar depth of 1."""
+    pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
+    rays: Float64s = pixels @ np.linalg.inv(camera.intrinsics).T @ camera.rotation
+    return rays
 
 
 _TRUNCATION = 3.0  # voxels
@@ -181,12 +188,13 @@ class Grid:
         return cls(low - border, voxel, (int(counts[0]), int(counts[1]), int(counts[2])))
 
 
-def fuse(grid: Grid, views: Sequence[tuple[Camera, Array]]) -> Generator[float, None, Mesh]:
-    """The surface that depth images show, as a mesh; yields what share of the work is done.
+def fuse(grid: Grid, views: Sequence[tuple[Camera, Array]], done: int) -> Generator[int, None, Mesh]:
+    """The surface that depth images show, as a mesh.
 
     Args:
         grid: where it lies; its spacing is the finest detail.
         views: cameras, and planar depths (H, W) of what they see, NaN where they see through.
+        done: is yielded now and then.
     """
     seen = [(camera, depth, _facing(camera, depth)) for camera, depth in views]
     field = np.full(grid.shape, np.nan, np.float32)
@@ -196,7 +204,7 @@ def fuse(grid: Grid, views: Sequence[tuple[Camera, Array]]) -> Generator[float, 
         low = grid.low + np.array([first * grid.voxel, 0, 0])
         part = Grid(low, grid.voxel, (last - first, *grid.shape[1:]))
         field[first:last] = _distances(part, seen)
-        yield last / grid.shape[0]
+        yield done
     mesh = without_islands(surface_nets(field), _LEAST_QUADS)
     return Mesh((mesh.vertices * grid.voxel + grid.low).astype(np.float32), mesh.quads)
 

@@ -11,8 +11,8 @@ import numpy as np
 from ..arrays import Array, Float64s
 from ..capture.camera import Camera
 from ..errors import FrogError
-from ..gaussians import GaussianArrays, NumpyGaussians
-from .fusion import Grid, Mesh, fuse, surface_depth
+from ..gaussians import NumpyGaussians
+from .fusion import NOTHING, Grid, Mesh, fuse, planar_rays, surface_depth
 
 Frames = Sequence[Callable[[], NumpyGaussians]]
 """The Gaussians of each frame, computed when they are asked for."""
@@ -63,88 +63,49 @@ def make_proxy(
     """
     if not RESOLUTIONS[0] <= resolution <= RESOLUTIONS[1]:
         raise ValueError(f"resolution: {resolution}, expected {RESOLUTIONS[0]} to {RESOLUTIONS[1]}")
-    motion = Motion()
-    for index, frame in enumerate(frames if keeps_identity else ()):
-        motion.add(frame())
-        yield index + 1
-    done = steps_of(len(frames)) - len(frames) - 1
+    motion = (yield from _motion(frames)) if keeps_identity else None
+    done = len(frames)
     first = frames[0]()
     if not len(first):
         raise FrogError(_UNSEEN)
     views = yield from _views(first, _looking(cameras, first, resolution), done)
     low, high = _seen_box(views)
-    proxy, eyes = Proxy(_NOTHING, voxel=float((high - low).max()) / resolution), [camera for camera, _ in views]
-    room = _ROOM * float((high - low).max())
-    viewing = _Viewing(eyes, proxy.voxel, low - room, high + room)
-    moves = motion.moves(proxy.voxel)
-    if len(frames) == 1:
-        moves = np.zeros(len(first), bool)
-    elif moves is None:
-        moves = np.ones(len(first), bool)
-    proxy.still = yield from _surface(_part(first, ~moves), viewing, done)
+    longest = float((high - low).max())
+    proxy, eyes = Proxy(NOTHING, voxel=longest / resolution), [camera for camera, _ in views]
+    room = low - _ROOM * longest, high + _ROOM * longest
+    moves = np.full(len(first), len(frames) > 1)
+    if motion is not None:
+        moves = (np.linalg.norm(motion[:, :3], axis=1) > proxy.voxel) | (motion[:, 3] > _FADES)
+    proxy.still = yield from _surface(first.part(~moves), eyes, proxy.voxel, room, done)
     yield done + 1
     known: dict[bytes, Mesh] = {}  # frames that are held or repeated
-    for number, frame in enumerate(frames if moves.any() else ()):
+    for index, frame in enumerate(frames if moves.any() else ()):
         gaussians = frame()
-        moving = _part(gaussians, moves) if len(gaussians) == len(moves) else gaussians
+        moving = gaussians.part(moves) if len(gaussians) == len(moves) else gaussians
         key = _digest(moving)
         if key not in known:
-            known[key] = yield from _surface(moving, viewing, done + 1 + number)
+            known[key] = yield from _surface(moving, eyes, proxy.voxel, room, done + 1 + index)
         proxy.moving.append(known[key])
-        yield done + 2 + number
+        yield done + 2 + index
     if not len(proxy.still.quads) and not any(len(mesh.quads) for mesh in proxy.moving):
         raise FrogError("The cameras see no closed surface in this capture, so there is nothing to make a mesh of.")
     return proxy
 
 
-@dataclass(frozen=True)
-class _Viewing:
-    """From where a scene is seen in all its frames.
-
-    Attributes:
-        cameras: with images as fine as a mesh needs.
-        voxel: world units.
-        low, high: (3,) corners of the box in which surfaces are expected.
-    """
-
-    cameras: Sequence[Camera]
-    voxel: float
-    low: Float64s
-    high: Float64s
-
-    def box(self, low: Float64s, high: Float64s) -> tuple[Float64s, Float64s]:
-        """A box, cut where it is longer than what is expected: a floater far away would need a grid up to it."""
-        is_long = high - low > (self.high - self.low).max()
-        return np.where(is_long, np.maximum(low, self.low), low), np.where(is_long, np.minimum(high, self.high), high)
-
-
-class Motion:
-    """Finds the Gaussians that do not stay as they are over several frames."""
-
-    def __init__(self) -> None:
-        self._low: tuple[Array, Array] | None = None
-        self._high: tuple[Array, Array] | None = None
-        self._is_comparable = True
-
-    def add(self, gaussians: NumpyGaussians) -> None:
-        """Looks at another frame."""
-        values = gaussians.means, gaussians.opacities
-        if self._low is None or self._high is None:
-            self._low = self._high = values
-        elif len(self._low[0]) != len(gaussians):
-            self._is_comparable = False
-        else:
-            self._low = np.minimum(self._low[0], values[0]), np.minimum(self._low[1], values[1])
-            self._high = np.maximum(self._high[0], values[0]), np.maximum(self._high[1], values[1])
-
-    def moves(self, distance: float) -> Array | None:
-        """(N,) bool whether each moves by more than a distance in world units, or comes and goes; None where frames
-        have different numbers of Gaussians."""
-        if self._low is None or self._high is None or not self._is_comparable:
-            return None
-        distances = np.linalg.norm(self._high[0] - self._low[0], axis=1)
-        result: Array = (distances > distance) | (self._high[1] - self._low[1] > _FADES)
-        return result
+def _motion(frames: Frames) -> Generator[int, None, Array | None]:
+    """(N, 4) by how much each Gaussian's place and opacity change over the frames; None where these have different
+    numbers of Gaussians."""
+    low = high = None
+    is_comparable = True
+    for index, frame in enumerate(frames):
+        gaussians = frame()
+        values = np.column_stack([gaussians.means, gaussians.opacities])
+        if low is None or high is None:
+            low = high = values
+        elif is_comparable := is_comparable and len(low) == len(values):
+            low, high = np.minimum(low, values), np.maximum(high, values)
+        yield index + 1
+    return high - low if is_comparable and low is not None else None
 
 
 def _digest(gaussians: NumpyGaussians) -> bytes:
@@ -155,28 +116,27 @@ def _digest(gaussians: NumpyGaussians) -> bytes:
     return digest.digest()
 
 
-def _part(gaussians: NumpyGaussians, kept: Array) -> NumpyGaussians:
-    return GaussianArrays(*(array[kept] for array in vars(gaussians).values()))
+def _surface(
+    gaussians: NumpyGaussians,
+    cameras: Sequence[Camera],
+    voxel: float,
+    room: tuple[Float64s, Float64s],
+    done: int,
+) -> Generator[int, None, Mesh]:
+    """The mesh of Gaussians as cameras see them.
 
-
-def _surface(gaussians: NumpyGaussians, viewing: _Viewing, done: int) -> Generator[int, None, Mesh]:
-    """The mesh of Gaussians as cameras see them."""
-    if not len(gaussians):
-        return _NOTHING
-    views = yield from _views(gaussians, viewing.cameras, done)
+    Args:
+        room: (3,) corners of the box in which surfaces are expected.
+    """
+    views = (yield from _views(gaussians, cameras, done)) if len(gaussians) else []
     if not any(np.isfinite(depth).any() for _, depth in views):
-        return _NOTHING
-    low, high = viewing.box(*_seen_box(views))
+        return NOTHING
+    low, high = _seen_box(views)
+    is_long = high - low > (room[1] - room[0]).max()  # a floater far away would need a grid up to it
+    low, high = np.where(is_long, np.maximum(low, room[0]), low), np.where(is_long, np.minimum(high, room[1]), high)
     if (high < low).any():
-        return _NOTHING
-    steps = fuse(Grid.around(low, high, viewing.voxel), views)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            mesh: Mesh = end.value
-            return mesh
-        yield done
+        return NOTHING
+    return (yield from fuse(Grid.around(low, high, voxel), views, done))
 
 
 def _views(
@@ -194,9 +154,7 @@ def _seen_box(views: Sequence[tuple[Camera, Array]]) -> tuple[Float64s, Float64s
     seen = []
     for camera, depth in views:
         rows, columns = np.nonzero(np.isfinite(depth))
-        pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))], axis=1)
-        rays = pixels @ np.linalg.inv(camera.intrinsics).T @ camera.rotation
-        seen.append(camera.center + rays * depth[rows, columns, None])
+        seen.append(camera.center + planar_rays(camera, rows, columns) * depth[rows, columns, None])
     points = np.concatenate(seen)
     if not len(points):
         raise FrogError(_UNSEEN)
@@ -207,10 +165,8 @@ def _seen_box(views: Sequence[tuple[Camera, Array]]) -> tuple[Float64s, Float64s
 def _looking(cameras: Sequence[Camera], gaussians: NumpyGaussians, resolution: int) -> list[Camera]:
     """Some of a capture's cameras, or cameras around a scene, with images as fine as a mesh needs."""
     chosen = np.unique(np.linspace(0, len(cameras) - 1, _MOST_CAMERAS).round().astype(int)) if cameras else ()
-    found = [cameras[index] for index in chosen] or _around(gaussians)
-    side = _PIXELS * resolution
-    factors = [side / max(camera.width, camera.height) for camera in found]
-    return [camera.scaled(factor) for camera, factor in zip(found, factors, strict=True)]
+    looking = [cameras[index] for index in chosen] or _around(gaussians)
+    return [camera.scaled(_PIXELS * resolution / max(camera.width, camera.height)) for camera in looking]
 
 
 def _around(gaussians: NumpyGaussians) -> list[Camera]:
@@ -235,4 +191,3 @@ def _around(gaussians: NumpyGaussians) -> list[Camera]:
 
 
 _UNSEEN = "The cameras see no surface in this capture, so there is nothing to make a mesh of."
-_NOTHING = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 4), np.int32))

@@ -34,7 +34,7 @@ def detect(path: Path) -> str:
 def layout_of(path: Path) -> str | None:
     """The layout of this very folder; None if no reader knows it. FrogError if it cannot be read."""
     with _readable(path):
-        return _layout(path)
+        return next((name for name in READERS if _matches(name, path)), None)
 
 
 def _located(path: Path) -> tuple[Path, str]:
@@ -42,20 +42,15 @@ def _located(path: Path) -> tuple[Path, str]:
     with _readable(path):
         if not path.is_dir():
             raise not_a_folder(path)
-        if layout := _layout(path):
+        if layout := layout_of(path):
             return path, layout
         if find_videos(path):  # which somebody wants to use, whatever lies below
             raise unknown_folder(path, [])
         entries = (entry for entry in path.iterdir() if not entry.name.startswith(".") and entry.is_dir())
-        below = [(folder, layout) for folder in islice(entries, _LOOKED_BELOW) if (layout := _layout(folder))]
+        below = [(folder, layout) for folder in islice(entries, _LOOKED_BELOW) if (layout := layout_of(folder))]
         if len(below) == 1:
             return below[0]
         raise unknown_folder(path, sorted(folder for folder, _ in below))
-
-
-def _layout(path: Path) -> str | None:
-    """The layout of a folder; None if no reader knows it."""
-    return next((name for name in READERS if _matches(name, path)), None)
 
 
 def _matches(name: str, path: Path) -> bool:
@@ -90,10 +85,10 @@ def open_capture(
     """
     folder, layout = _located(Path(path))
     with _readable(folder):
-        found = READERS[layout].read(folder)
-        if not isinstance(found, Capture):
-            raise FrogError(f"The reader {layout!r} gave {type(found).__name__} for {folder}, expected a Capture.")
-        capture = with_masks(localized(checked(found)), masks)
+        capture = READERS[layout].read(folder)
+        if not isinstance(capture, Capture):
+            raise FrogError(f"The reader {layout!r} gave {type(capture).__name__} for {folder}, expected a Capture.")
+        capture = with_masks(localized(checked(capture)), masks)
     return capture.with_pixel_offsets(pixel_offsets) if pixel_offsets else capture
 
 

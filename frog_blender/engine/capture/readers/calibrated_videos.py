@@ -189,8 +189,7 @@ def _opencv_cameras(path: Path, content: dict[str, object]) -> list[_Entry]:
         name = "" if entry.get("name") is None else composed(str(entry["name"]))  # which may be the number 0
         if not name:
             raise found_instead(path, f"camera {position} without a name", "the name of its video")
-        width = size(entry.get("width"), path, f"width of camera {name}")
-        height = size(entry.get("height"), path, f"height of camera {name}")
+        width, height = (size(entry.get(side), path, f"{side} of camera {name}") for side in ("width", "height"))
         view = opencv_camera(name, (width, height), {key: entry.get(key) for key in ("K", "R", "t", "dist")}, path)
         cameras.append(_Entry(view, _video(entry, path, name), clock_of(entry, path, name)))
     return cameras
@@ -257,8 +256,8 @@ def _read_camera(element: ElementTree.Element, path: Path) -> Calibrated:
         raise found_instead(path, "a camera without a serial", "a serial that names the camera's video")
 
     def value(child: str, attribute: str, default: float | None = None) -> float:
-        found = element.find(child)
-        text = None if found is None else found.get(attribute)
+        part = element.find(child)
+        text = None if part is None else part.get(attribute)
         if text is None and default is not None:
             return default
         return number(text, path, f"{child} {attribute} of camera {name}")
@@ -276,13 +275,7 @@ def _read_camera(element: ElementTree.Element, path: Path) -> Calibrated:
     rows = np.array([[value("transform", f"r{i}{j}") for j in (1, 2, 3)] for i in (1, 2, 3)])
     world_to_camera = rotation(OPENGL_AXES @ rows, path, f"the rotation of camera {name}")
     center = np.array([value("transform", axis) for axis in "xyz"]) / 1000.0
-    names = (
-        "radialDistortion1",
-        "radialDistortion2",
-        "tangentalDistortion1",
-        "tangentalDistortion2",
-        "radialDistortion3",
-    )
-    coefficients = np.array([value("intrinsic", key, 0.0) for key in names]) / _SUBPIXELS
+    terms = (("radial", 1), ("radial", 2), ("tangental", 1), ("tangental", 2), ("radial", 3))
+    coefficients = np.array([value("intrinsic", f"{kind}Distortion{i}", 0.0) for kind, i in terms]) / _SUBPIXELS
     camera = Camera(name, width, height, intrinsics, pose(world_to_camera, center))
     return camera, distortion(coefficients)

@@ -43,8 +43,7 @@ def read(path: Path) -> Capture:
         FrogError: if no camera has a film, or a value cannot be used.
     """
     file = _calibration(path)
-    if file is None:
-        raise found_instead(path, "no TOML calibration", "camera_array.toml, calibration.toml or Calib.toml")
+    assert file is not None  # or it would not match
     tables = {key: table for key, table in _tables(_parsed(file)).items() if table.get("ignore") is not True}
     warnings = [
         f"{file}: the camera {key} has no pose and is left out."

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...arrays import Array, Float64s
 from ...errors import FrogError, brief, found_instead
+from ...io.numpy_files import read_npy
 from ...io.regular_file import regular_file
 from ..camera import MAX_SIDE, exact_pinhole
 from ..capture import MAX_FRAMES, MAX_IMAGES, Capture
@@ -169,17 +170,27 @@ def _row(values: Float64s) -> str:
 
 
 def rigid(value: object, path: Path, what: str) -> Float64s:
-    """``value`` as a (4, 4) matrix of a rotation and a translation.
+    """``value`` as a (4, 4) matrix of a rotation and a translation, with exactly that rotation and the row 0 0 0 1.
 
     Raises:
-        FrogError: if its last row is not 0 0 0 1. The message names the usual mistake, a transposed matrix.
+        FrogError: if it is not such a matrix. The message names the usual mistake, a transposed one.
     """
-    matrix = numbers(value, (4, 4), path, what)
+    matrix = numbers(value, (4, 4), path, what).copy()
     last = [0.0, 0.0, 0.0, 1.0]
     if not np.allclose(matrix[3], last, atol=1e-3):
         transposed = " that is transposed: its last row is" if np.allclose(matrix[:, 3], last, atol=1e-3) else " with"
         raise found_instead(path, f"{what}{transposed} {_row(matrix[3])}", "the last row 0 0 0 1")
+    matrix[:3, :3], matrix[3] = rotation(matrix[:3, :3], path, what), last
     return matrix
+
+
+def read_table(file: Path, columns: int, most: int, rows: str = "N") -> Array:
+    """The numbers (rows, columns) of a ``.npy`` file; FrogError for another shape, or more rows than ``most``."""
+    expected = f"numbers of shape ({rows}, {columns})"
+    table = read_npy(file, expected, columns * most)
+    if table.ndim != 2 or table.shape[1] != columns:
+        raise found_instead(file, f"{table.dtype} of shape {table.shape}", expected)
+    return table
 
 
 def frame_span(first: int, last: int, path: Path, what: str) -> int:

@@ -129,10 +129,6 @@ def from_quaternion(values: Float64s, path: Path, what: str) -> Float64s:
     if abs(length - 1) > 0.02:
         raise found_instead(path, f"{what}, a quaternion of length {length:g}", "one of length 1")
     w, x, y, z = values / length
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn: Float64s = np.eye(3) + 2 * (w * cross + cross @ cross)
+    return turn

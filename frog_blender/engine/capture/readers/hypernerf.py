@@ -19,12 +19,11 @@ import numpy as np
 
 from ...arrays import Float64s
 from ...errors import FrogError, found_instead
-from ...io.numpy_files import read_npy
 from ..camera import Camera
 from ..capture import Capture, Shot
 from ..video import image_size, with_ending
 from .assembly import assembled
-from .checks import frame_span, number, numbers, read_json, rotation, size, usable_points
+from .checks import frame_span, number, numbers, read_json, read_table, rotation, size, usable_points
 from .footage import Footage
 from .geometry import Calibrated, distortion, intrinsics, pose
 from .pairing import Pairing
@@ -59,7 +58,7 @@ def read(path: Path) -> Capture:
         raise found_instead(path / _DATASET, "no image to train on", "train_ids with images in rgb and in camera")
     names = [*train, *held_out]
     frames = _frames(path, names)
-    points = _points(path / _POINTS)
+    points = usable_points(read_table(path / _POINTS, 3, _MAX_POINTS)) if (path / _POINTS).is_file() else None
     shots = [Shot(index, frames[name], images[name], 0) for index, name in enumerate(names)]
     capture = assembled(
         path,
@@ -172,16 +171,6 @@ def _camera(name: str, file: Path) -> Calibrated:
     skew = number(data.get("skew", 0.0), file, "skew") / focal
     coefficients = np.array([*radial[:2], *tangential, radial[2]])
     return Camera(name, width, height, matrix, pose(orientation, position)), distortion(coefficients, skew)
-
-
-def _points(file: Path) -> Float64s | None:
-    """(N, 3) points in world units, None where the capture has none."""
-    if not file.is_file():
-        return None
-    points = read_npy(file, "points of shape (N, 3)", 3 * _MAX_POINTS)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise found_instead(file, f"{points.dtype} of shape {points.shape}", "numbers of shape (N, 3)")
-    return usable_points(points)
 
 
 def _near_far(path: Path, cameras: Sequence[Camera], points: Float64s | None) -> tuple[float, float] | None:

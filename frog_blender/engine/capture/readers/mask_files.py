@@ -10,7 +10,6 @@ Both folders have the same layouts. White is the subject, or what is ignored.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,10 +21,10 @@ from ..masking import EVERY_MASK, MaskSettings, MaskSource, chroma_key
 from ..media import read_photograph
 from ..video import IMAGE_SUFFIXES, VIDEO_SUFFIXES, composed, image_size, read_facts
 from .checks import check_images
+from .footage import number_of
 
 SUBJECT, IGNORED = "masks", "ignore"
 """Folders in a capture's."""
-_NUMBER = re.compile(r"(\d{1,9})(?!.*\d)")  # the last in a name
 _DEPTH = 4  # folders below ``masks``
 _SHOWN = 3  # names in a sentence
 
@@ -78,18 +77,17 @@ def _check_complete(capture: Capture, shots: list[Shot]) -> None:
 
 def _check_sizes(capture: Capture, shots: list[Shot]) -> None:
     """FrogError where the first mask of a camera has not its image's size; the others are compared when decoded."""
-    first = {(shot.camera, kind): (shot, mask) for shot in reversed(shots) for kind, mask in _separate(shot)}
-    sizes: dict[Path, tuple[int, int]] = {}
+    first = {
+        (shot.camera, kind): (shot, mask)
+        for shot in reversed(shots)
+        for kind, mask in (("mask", shot.mask), ("ignore", shot.ignore))
+        if mask and not mask.is_alpha
+    }
     for shot, mask in first.values():
-        found, expected = (sizes.setdefault(path, _size(path)) for path in (mask.path, shot.path))
-        if found != expected:
-            wanted = f"{expected[0]} x {expected[1]} pixels as {shot.path.name} has"
-            raise found_instead(mask.path, f"a mask of {found[0]} x {found[1]} pixels", wanted)
-
-
-def _separate(shot: Shot) -> list[tuple[str, MaskSource]]:
-    """The masks of a shot that lie in files of their own."""
-    return [(kind, mask) for kind, mask in (("mask", shot.mask), ("ignore", shot.ignore)) if mask and not mask.is_alpha]
+        (width, height), expected = _size(mask.path), _size(shot.path)
+        if (width, height) != expected:
+            its = f"{expected[0]} x {expected[1]} pixels as {shot.path.name} has"
+            raise found_instead(mask.path, f"a mask of {width} x {height} pixels", its)
 
 
 def _size(path: Path) -> tuple[int, int]:
@@ -109,16 +107,13 @@ def _finder(capture: Capture, folder: Path) -> _Found | None:
         if path.parent != folder and path.suffix.lower() in IMAGE_SUFFIXES:
             by_folder.setdefault(composed(path.parent.relative_to(folder).as_posix()), []).append(path)
     numbered: dict[str, dict[int, Path]] = {}
-    counts: dict[Path, int] = {}
-    for shot in capture.shots:
-        counts[shot.path] = max(counts.get(shot.path, 0), shot.index + 1)
-    stems = _unique_stems(capture)
+    stems = Counter(path.stem for path in {shot.path for shot in capture.shots})
 
     def find(shot: Shot) -> MaskSource | None:
         camera = capture.cameras[shot.camera].name
         if shot.path.suffix.lower() not in VIDEO_SUFFIXES:
             names = [*_names_of(capture, shot.path), f"{camera}/{shot.path.stem}"]
-            names += [shot.path.stem] if shot.path.stem in stems else []
+            names += [shot.path.stem] if stems[shot.path.stem] == 1 else []
             for name in names:
                 if (path := files.get(name)) is not None and path.suffix.lower() in IMAGE_SUFFIXES:
                     return MaskSource(path)
@@ -127,7 +122,8 @@ def _finder(capture: Capture, folder: Path) -> _Found | None:
                 return MaskSource(path, shot.index if path.suffix.lower() in VIDEO_SUFFIXES else 0)
             if shot.path.suffix.lower() in VIDEO_SUFFIXES and name in by_folder:
                 if name not in numbered:
-                    numbered[name] = _in_order(folder / name, by_folder[name], counts[shot.path])
+                    needed = max(other.index + 1 for other in capture.shots if other.path == shot.path)
+                    numbered[name] = _in_order(folder / name, by_folder[name], needed)
                 return MaskSource(numbered[name][shot.index])
         return None
 
@@ -165,26 +161,20 @@ def _names_of(capture: Capture, image: Path) -> list[str]:
     return [composed(name.as_posix()) for name in names]
 
 
-def _unique_stems(capture: Capture) -> frozenset[str]:
-    """Names of image files, without their ending, that only one has."""
-    counts = Counter(path.stem for path in {shot.path for shot in capture.shots})
-    return frozenset(stem for stem, count in counts.items() if count == 1)
-
-
 def _in_order(folder: Path, files: list[Path], needed: int) -> dict[int, Path]:
     """The masks of a film's frames by frame; FrogError unless they are numbered from 0 or 1 and none is missing."""
-    found: dict[int, Path] = {}
+    numbered: dict[int, Path] = {}
     for path in files:
-        match = _NUMBER.search(path.stem)
-        if match is None:
+        number = number_of(path.stem)
+        if number is None:
             raise found_instead(path, "a name without a number", "the number of a frame")
-        found[int(match[1])] = path
-    first = 0 if 0 in found else 1
-    missing = [frame for frame in range(first, first + needed) if frame not in found]
+        numbered[number] = path
+    first = 0 if 0 in numbered else 1
+    missing = [frame for frame in range(first, first + needed) if frame not in numbered]
     if missing:
         shown = ", ".join(map(str, missing[:_SHOWN])) + (", ..." if len(missing) > _SHOWN else "")
         raise FrogError(
             f"{folder}: {len(missing)} of {needed} masks are missing (number {shown}), expected one for each frame of "
             "the film, numbered from 0 or 1."
         )
-    return {number - first: path for number, path in found.items() if number >= first}
+    return {number - first: path for number, path in numbered.items() if number >= first}

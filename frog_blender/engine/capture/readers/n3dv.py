@@ -17,12 +17,11 @@ import numpy as np
 
 from ...arrays import Float64s
 from ...errors import found_instead
-from ...io.numpy_files import read_npy
 from ..camera import Camera
 from ..capture import Capture
 from ..video import find_images
 from .assembly import standing_cameras
-from .checks import numbers, rotation
+from .checks import numbers, read_table, rotation
 from .footage import MAX_CAMERAS, Footage, find_footage
 from .geometry import intrinsics, is_transposed, pose
 
@@ -69,9 +68,7 @@ def read_rows(path: Path, layout: str, file: Path, footage: Sequence[Footage]) -
     Raises:
         FrogError: for a file of another shape, or a value that cannot be used.
     """
-    stored = read_npy(file, "numbers of shape (cameras, 17)", 17 * MAX_CAMERAS)
-    if stored.ndim != 2 or stored.shape[1] != 17:
-        raise found_instead(file, f"{stored.dtype} of shape {stored.shape}", "numbers of shape (cameras, 17)")
+    stored = read_table(file, 17, MAX_CAMERAS, "cameras")
     rows = np.array([numbers(row, (17,), file, f"row {index}") for index, row in enumerate(stored)]).reshape(-1, 17)
     bad = np.flatnonzero((rows[:, [4, 9, 14]] <= 0).any(axis=1))
     if bad.size:

@@ -27,7 +27,6 @@ from .checks import (
     pinhole,
     read_json,
     rigid,
-    rotation,
     size,
     usable_points,
 )
@@ -98,9 +97,7 @@ def _entries(path: Path, file: Path, warnings: list[str]) -> list[_Entry]:
             image = path_inside(path / _IMAGES, listed_name(name, file, f"fn of {where}"), file, "image")
             if image.is_file():
                 intrinsics = pinhole(matrix, file, f"k of {where}")
-                world_to_camera = rigid(pose, file, f"w2c of {where}").copy()
-                world_to_camera[:3, :3] = rotation(world_to_camera[:3, :3], file, f"w2c of {where}")
-                world_to_camera[3] = (0, 0, 0, 1)
+                world_to_camera = rigid(pose, file, f"w2c of {where}")
                 named = f"{number(camera, file, 'cam_id'):g}"
                 entries.append(_Entry(frame, image, Camera(named, width, height, intrinsics, world_to_camera)))
     if entries and len(entries) < listed:

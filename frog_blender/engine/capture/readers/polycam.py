@@ -27,7 +27,7 @@ _FOLDERS = (("corrected_cameras", "corrected_images"), ("cameras", "images"))
 
 def matches(path: Path) -> bool:
     """True if the folder holds ``keyframes/cameras``, or is ``keyframes`` itself."""
-    return _folders(path) is not None
+    return bool(_folders(path))
 
 
 def read(path: Path) -> Capture:
@@ -36,10 +36,7 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if no image has a camera, or a value cannot be used.
     """
-    found = _folders(path)
-    if found is None:
-        raise found_instead(path, "no keyframes/cameras", "Polycam's raw data export")
-    cameras, images = found
+    cameras, images = _folders(path)[0]
     files = sorted(cameras.glob("*.json"), key=lambda file: natural(file.name))
     files = [file for file in files if not file.name.startswith(".")]
     if len(files) > MAX_IMAGES:
@@ -60,13 +57,10 @@ def read(path: Path) -> Capture:
     return moving_cameras(path, "polycam", views, warnings)
 
 
-def _folders(path: Path) -> tuple[Path, Path] | None:
-    """The folders of cameras and images."""
-    for base in (path / _KEYFRAMES, path):
-        for cameras, images in _FOLDERS:
-            if (base / cameras).is_dir() and (base / images).is_dir() and next((base / cameras).glob("*.json"), None):
-                return base / cameras, base / images
-    return None
+def _folders(path: Path) -> list[tuple[Path, Path]]:
+    """The folders of cameras and images, the preferred ones first."""
+    folders = [(base / cameras, base / images) for base in (path / _KEYFRAMES, path) for cameras, images in _FOLDERS]
+    return [(cameras, images) for cameras, images in folders if images.is_dir() and any(cameras.glob("*.json"))]
 
 
 def _camera(file: Path) -> Camera:

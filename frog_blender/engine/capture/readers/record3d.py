@@ -27,7 +27,7 @@ _IMAGES = ("rgbd", "rgb", "EXR_RGBD/rgb")
 
 def matches(path: Path) -> bool:
     """True if the folder holds the metadata and a folder with images."""
-    return _file(path) is not None and bool(_images(path))
+    return bool(_files(path) and _images(path))
 
 
 def read(path: Path) -> Capture:
@@ -36,9 +36,7 @@ def read(path: Path) -> Capture:
     Raises:
         FrogError: if no image has a pose, or a value cannot be used.
     """
-    file = _file(path)
-    if file is None:
-        raise found_instead(path, "no metadata.json", "Record3D's export (EXR + RGB or RGBD)")
+    file = _files(path)[0]
     data = read_json(file)
     poses = data.get("poses")
     if not isinstance(poses, list) or not poses or len(poses) > MAX_IMAGES:
@@ -71,14 +69,12 @@ def read(path: Path) -> Capture:
     return moving_cameras(path, "record3d", views, warnings, rate)
 
 
-def _file(path: Path) -> Path | None:
-    return next((path / name for name in _METADATA if (path / name).is_file()), None)
+def _files(path: Path) -> list[Path]:
+    return [path / name for name in _METADATA if (path / name).is_file()]
 
 
 def _images(path: Path) -> list[Path]:
     """The images of the first folder that has some."""
-    for name in _IMAGES:
-        found = find_images(path / name) if (path / name).is_dir() else []
-        if found:
-            return sorted(found, key=lambda image: natural(image.name))
-    return []
+    folders = [path / name for name in _IMAGES if (path / name).is_dir()]
+    images = next(filter(None, map(find_images, folders)), [])
+    return sorted(images, key=lambda image: natural(image.name))

@@ -82,16 +82,12 @@ def _read_rows(path: Path) -> Float64s:
     """(cameras, 12) float64 rows, checked."""
     rows = []
     for position, line in enumerate(read_text(path, "a row for each camera").splitlines(), start=1):
-        fields = line.split()  # rows end in blanks
         try:
-            values = [float(field) for field in fields]
-        except ValueError as error:
-            if position == 1:  # the header
-                continue
-            raise found_instead(path, f"line {position} with words", f"{_COLUMNS} numbers") from error
-        if not fields or (position == 1 and len(fields) != _COLUMNS):
-            continue
-        rows.append(numbers(values, (_COLUMNS,), path, f"line {position}"))
+            if fields := line.split():  # rows end in blanks
+                rows.append(numbers(fields, (_COLUMNS,), path, f"line {position}"))
+        except FrogError:
+            if position > 1:  # else the header
+                raise
     if not rows:
         raise found_instead(path, "no row after the header", f"{_COLUMNS} numbers for each camera")
     return np.array(rows)

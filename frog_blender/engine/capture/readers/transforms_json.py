@@ -22,8 +22,8 @@ from ..lenses import FISHEYE
 from ..masking import MaskSource
 from ..video import image_size, with_ending
 from .assembly import assembled, with_holdout_of_one
-from .checks import listed_name, number, path_inside, read_json, rigid, rotation, size
-from .footage import Footage
+from .checks import listed_name, number, path_inside, read_json, rigid, size
+from .footage import RATE, Footage
 from .frame_times import camera_names, first_images, frame_times, times_by_name
 from .geometry import OPENGL_AXES, Calibrated, distortion, intrinsics, pose, through_lens
 from .pairing import Pairing
@@ -77,28 +77,27 @@ def read(path: Path) -> Capture:
     entries, warnings = _entries(path)
     training = entries[0].file
     has_splits = training.name != _SINGLE
-    times = _times(entries)
-    found = frame_times(times, [entry.file.name for entry in entries], training)
-    if found.are_ranks:
+    times = frame_times(_times(entries), [entry.file.name for entry in entries], training)
+    if times.are_ranks:
         warnings.append(f"{training}: the images' times are too far apart for a film; one follows the other.")
-    names = _camera_names(path, entries, times)
+    names = _camera_names(path, entries)
     first: dict[str, _Entry] = {}  # image of each camera
     for name, entry in zip(names, entries, strict=True):
         first.setdefault(name, entry)
-    place = {name: index for index, name in enumerate(first)}
-    when = zip(found.frames.tolist(), found.offsets.tolist(), strict=True)
+    index = {name: index for index, name in enumerate(first)}
+    placed = zip(names, times.frames.tolist(), entries, times.offsets.tolist(), strict=True)
     shots = [
-        Shot(place[name], frame, entry.image, 0, offset, ignore=_ignored(path, entry))
-        for name, (frame, offset), entry in zip(names, when, entries, strict=True)
+        Shot(index[name], frame, entry.image, 0, offset, ignore=_ignored(path, entry))
+        for name, frame, entry, offset in placed
     ]
     warnings += _lens_warnings(entries) + _mask_warnings(entries, shots)
-    rate = number(entries[0].top.get("fps", 30.0), training, "fps", positive=True, most=_MAX_RATE)
+    rate = number(entries[0].top.get("fps", RATE), training, "fps", positive=True, most=_MAX_RATE)
     capture = assembled(
         path,
         "transforms",
         [_camera(name, entry) for name, entry in first.items()],
         [Footage.of_image(entry.image) for entry in first.values()],
-        Pairing(shots, found.count, rate, warnings),
+        Pairing(shots, times.count, rate, warnings),
         test_cameras=frozenset(name for name, entry in first.items() if entry.file != training),
         # D-NeRF's images are composited over white, as in all published results.
         background=(1.0, 1.0, 1.0) if has_splits else (0.0, 0.0, 0.0),
@@ -113,52 +112,44 @@ def images_by_camera(path: Path) -> dict[str, list[Path]]:
         FrogError: for a list that cannot be used.
     """
     entries, _ = _entries(path)
-    times = _times(entries)
-    names = _camera_names(path, entries, times)
     images: dict[str, list[Path]] = {}
-    for _, name, entry in sorted(zip(times, names, entries, strict=True), key=lambda found: found[0]):
+    named = zip(_times(entries), _camera_names(path, entries), entries, strict=True)
+    for _, name, entry in sorted(named, key=lambda timed: timed[0]):
         images.setdefault(name, []).append(entry.image)
     return images
 
 
 def _entries(folder: Path) -> tuple[list[_Entry], list[str]]:
-    """The images of all lists, training images first, and warnings; FrogError if no training image exists."""
+    """The images of all lists that exist, training images first, and warnings; FrogError if no training image does."""
     files = [folder / _SINGLE]
     if not files[0].is_file():
         files = [folder / _TRAIN, *(folder / name for name in _HELD_OUT if (folder / name).is_file())]
     entries: list[_Entry] = []
     warnings: list[str] = []
     for file in files:
-        found, listed, is_ordered = _find_images(folder, file)
-        if not found and file == files[0]:
-            raise found_instead(file, f"{listed} listed images of which none exists", "the images beside it")
-        if len(found) < listed:
-            warnings.append(f"{file}: {listed - len(found)} of {listed} listed images are missing and left out.")
-        if not is_ordered:
+        top = read_json(file)
+        frames = top.get("frames")
+        if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
+            expected = '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]'
+            raise found_instead(file, "no list of frames", expected)
+        names = [listed_name(frame.get("file_path"), file, "a file_path").replace("\\", "/") for frame in frames]
+        places, is_ordered = times_by_name(names, [_view(frame, index) for index, frame in enumerate(frames)])
+        before = len(entries)
+        for place, name, frame in zip(places, names, frames, strict=True):
+            inside = path_inside(folder, name, file, "image")
+            image = inside if os.path.isfile(inside) else with_ending(inside)
+            if image is not None:
+                entries.append(_Entry(file, top, frame, image, place))
+        if not entries:
+            raise found_instead(file, f"{len(frames)} listed images of which none exists", "the images beside it")
+        if lacking := len(frames) - (len(entries) - before):
+            warnings.append(f"{file}: {lacking} of {len(frames)} listed images are missing and left out.")
+        if not is_ordered and not all(frame.get("time") is not None for frame in frames):
             warnings.append(
                 f'{file}: the images lie in several folders, and no "time" says when they were taken; they follow one '
                 "another in the order of the list."
             )
-        entries += found
     return entries, warnings
-
-
-def _find_images(folder: Path, file: Path) -> tuple[list[_Entry], int, bool]:
-    """The entries whose images exist, how many are listed, and whether anything but the list's order says when they
-    were taken."""
-    top = read_json(file)
-    frames = top.get("frames")
-    if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
-        raise found_instead(file, "no list of frames", '"frames": [{"file_path": ..., "transform_matrix": ...}, ...]')
-    found = []
-    names = [listed_name(frame.get("file_path"), file, "a file_path").replace("\\", "/") for frame in frames]
-    places, is_ordered = times_by_name(names, [_view(frame, index) for index, frame in enumerate(frames)])
-    for place, name, frame in zip(places, names, frames, strict=True):
-        inside = path_inside(folder, name, file, "image")
-        image = inside if os.path.isfile(inside) else with_ending(inside)
-        if image is not None:
-            found.append(_Entry(file, top, frame, image, place))
-    return found, len(frames), is_ordered or all(frame.get("time") is not None for frame in frames)
 
 
 def _ignored(folder: Path, entry: _Entry) -> MaskSource | None:
@@ -178,8 +169,9 @@ def _times(entries: list[_Entry]) -> list[float]:
     return [entry.place for entry in entries]
 
 
-def _camera_names(folder: Path, entries: list[_Entry], times: list[float]) -> list[str]:
+def _camera_names(folder: Path, entries: list[_Entry]) -> list[str]:
     """The name of each image's camera; training and held-out lists have no camera in common."""
+    times = _times(entries)
     first: list[int] = []
     for file in dict.fromkeys(entry.file for entry in entries):
         of = [index for index, entry in enumerate(entries) if entry.file == file]
@@ -249,7 +241,7 @@ def _camera(name: str, entry: _Entry) -> Calibrated:
     if not is_fisheye and model not in _MODELS:
         expected = f"a perspective camera ({', '.join(sorted(_MODELS))}) or OPENCV_FISHEYE"
         raise found_instead(file, f"the camera model {model}", expected)
-    real = image_size(entry.image) if "w" not in both or "h" not in both else (0, 0)
+    real = image_size(entry.image) if not {"w", "h"} <= both.keys() else (0, 0)
     width, height = (size(both.get(key, side), file, key) for key, side in zip("wh", real, strict=True))
     focal_x = _focal(entry, "x", width)
     if focal_x is None:
@@ -259,8 +251,7 @@ def _camera(name: str, entry: _Entry) -> Calibrated:
     center_y = number(both.get("cy", height / 2), file, "cy")
     lens = intrinsics(focal_x, focal_y or focal_x, center_x, center_y)
     matrix = rigid(entry.own.get("transform_matrix"), file, f"transform_matrix of {name}")
-    camera_to_world = rotation(matrix[:3, :3], file, f"the transform_matrix of {name}") @ OPENGL_AXES
-    camera = Camera(name, width, height, lens, pose(camera_to_world.T, matrix[:3, 3]))
+    camera = Camera(name, width, height, lens, pose(OPENGL_AXES @ matrix[:3, :3].T, matrix[:3, 3]))
     coefficients = np.array([number(both.get(key, 0.0), file, key) for key in _DISTORTION])
     if is_fisheye:
         return through_lens(camera, FISHEYE, coefficients[[0, 1, 4, 5]], file)
