@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
@@ -38,23 +37,19 @@ def _draw_exports(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     _draw(self, "export_menu")
 
 
-def _menus() -> tuple[tuple[Any, Callable[..., None]], ...]:
-    return (bpy.types.TOPBAR_MT_file_import, _draw_imports), (bpy.types.TOPBAR_MT_file_export, _draw_exports)
-
-
 def register() -> None:
     for family in _families():
         for kind in _classes(family):
             bpy.utils.register_class(kind)
         if hasattr(family, "on_register"):
             family.on_register()
-    for menu, draw in _menus():
-        menu.append(draw)
+    bpy.types.TOPBAR_MT_file_import.append(_draw_imports)
+    bpy.types.TOPBAR_MT_file_export.append(_draw_exports)
 
 
 def unregister() -> None:
-    for menu, draw in _menus():
-        menu.remove(draw)
+    bpy.types.TOPBAR_MT_file_import.remove(_draw_imports)
+    bpy.types.TOPBAR_MT_file_export.remove(_draw_exports)
     for family in reversed(_families()):
         if hasattr(family, "on_unregister"):
             family.on_unregister()

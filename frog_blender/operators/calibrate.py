@@ -46,7 +46,9 @@ def begin_calibration(scene: bpy.types.Scene, points: str = "") -> None:
     needed = torch_environment.calibration_needed()
     if needed:
         raise FrogError(needed)
-    CaptureCalibration(folder, folder / points if points else None).begin()
+    task = CaptureCalibration(folder, folder / points if points else None)
+    task.on_finished = task.open
+    task.begin()
 
 
 def footage_folder(stored: str) -> Path:
@@ -65,25 +67,24 @@ class CaptureCalibration(CalibrationTask):
     The capture is read on the worker thread, because small videos are decoded for that.
     """
 
-    def __init__(self, folder: Path, points: Path | None = None) -> None:
-        super().__init__(folder, points)
-        self.on_finished = self._show
-        self._summary, self._stamp = capture_summary.CaptureSummary(), capture_summary.stamp(str(folder))
+    summary = capture_summary.CaptureSummary()
+    stamp: object = None
+    """Of the folder, from before it was read."""
 
     def work(self) -> "Outcome":
         outcome = super().work()
         self.tell("opening the capture", 0, 1)
-        self._stamp, self._summary = capture_summary.stamp(str(self.folder)), capture_summary.read(self.folder)
+        self.stamp, self.summary = capture_summary.stamp(str(self.folder)), capture_summary.read(self.folder)
         return outcome
 
-    def _show(self, _outcome: "Outcome") -> None:
+    def open(self, _outcome: "Outcome") -> None:
         """Shows the capture in every scene that names it, and draws what was found."""
         for scene in bpy.data.scenes:
             stored = scene.frog.capture_folder
             named = bpy.path.abspath(stored) if stored else ""
             if named and Path(os.path.normpath(named)) == Path(os.path.normpath(self.folder)):
-                capture_summary.store(named, self._summary, self._stamp)
-                report_images.show(self.folder, self._summary.capture)
+                capture_summary.store(named, self.summary, self.stamp)
+                report_images.show(self.folder, self.summary.capture)
 
 
 class FROG_OT_click_points(FrogOperator, bpy.types.Operator):

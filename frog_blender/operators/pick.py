@@ -9,7 +9,7 @@ import numpy as np
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 from mathutils import Matrix
 
-from .. import addon_state, reported_once
+from .. import reported_once
 from ..cameras import view_camera
 from ..capture_files import is_capture
 from ..engine.errors import FrogError
@@ -66,11 +66,11 @@ def is_hidden(context: bpy.types.Context, hit: Hit, x: int, y: int) -> bool:
     origin = region_2d_to_origin_3d(region, view, (x, y))
     direction = region_2d_to_vector_3d(region, view, (x, y))
     depsgraph = context.evaluated_depsgraph_get()
-    found, place, _, _, obj, _ = context.scene.ray_cast(depsgraph, origin, direction)
-    if not found or is_capture(obj.original):
+    is_hit, location, _, _, obj, _ = context.scene.ray_cast(depsgraph, origin, direction)
+    if not is_hit or is_capture(obj.original):
         return False
     camera = view_camera(view.view_matrix, view.window_matrix, region.width, region.height)
-    return float((np.array(place) - camera.center) @ camera.forward) < hit.depth
+    return float((np.array(location) - camera.center) @ camera.forward) < hit.depth
 
 
 def select(context: bpy.types.Context, hit: Hit, *, extend: bool = False) -> None:
@@ -89,8 +89,8 @@ def _instancer(context: bpy.types.Context, hit: Hit) -> bpy.types.Object | None:
     for obj in context.view_layer.objects:
         collection = obj.instance_collection if obj.instance_type == "COLLECTION" else None
         if collection is not None and hit.obj.name in collection.all_objects:
-            place = obj.matrix_world @ Matrix.Translation(-collection.instance_offset) @ hit.obj.matrix_world
-            if np.allclose(hit.matrix, place, atol=_SAME):
+            matrix = obj.matrix_world @ Matrix.Translation(-collection.instance_offset) @ hit.obj.matrix_world
+            if np.allclose(hit.matrix, matrix, atol=_SAME):
                 return obj
     return None
 
@@ -144,28 +144,22 @@ def _picks_a_handle(context: bpy.types.Context, x: int, y: int, extend: bool) ->
     return False
 
 
-class PickKeys:
-    """The entries in Blender's keymap."""
-
-    def __init__(self) -> None:
-        self.items: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
+def _keys() -> bpy.types.KeyMapItems | None:
+    """Where add-ons put keys of Object Mode; None without a window."""
+    keys = bpy.context.window_manager.keyconfigs.addon
+    return None if keys is None else keys.keymaps.new(name="Object Mode", space_type="EMPTY").keymap_items
 
 
 def on_register() -> None:
     """See ``operators``."""
-    keys = bpy.context.window_manager.keyconfigs.addon
-    if keys is None:  # without a window
-        return
-    keymap = keys.keymaps.new(name="Object Mode", space_type="EMPTY")
-    items = addon_state.get(PickKeys).items
-    for button, value in (("LEFTMOUSE", "CLICK"), ("RIGHTMOUSE", "PRESS")):
-        for shift in (False, True):
-            items.append((keymap, keymap.keymap_items.new(FROG_OT_pick.bl_idname, button, value, shift=shift)))
+    if (keys := _keys()) is not None:
+        for button, value in (("LEFTMOUSE", "CLICK"), ("RIGHTMOUSE", "PRESS")):
+            for shift in (False, True):
+                keys.new(FROG_OT_pick.bl_idname, button, value, shift=shift)
 
 
 def on_unregister() -> None:
     """See ``operators``."""
-    items = addon_state.get(PickKeys).items
-    for keymap, item in items:
-        keymap.keymap_items.remove(item)
-    items.clear()
+    if (keys := _keys()) is not None:
+        for item in [item for item in keys if item.idname == FROG_OT_pick.bl_idname]:
+            keys.remove(item)

@@ -60,7 +60,6 @@ class Ended:
 
     error: str = ""
     result: Any = None
-    cause: FrogError | None = None
 
 
 class BackgroundTask(ABC):
@@ -72,7 +71,6 @@ class BackgroundTask(ABC):
         progress: of the work.
         result: what a successful one has made; None until then.
         error: one sentence if it failed.
-        cause: the error that the sentence is of, where the work raised it.
         is_running: whether the worker's last message was not applied yet.
         is_cancelled: it has ended because it was asked to.
         where: a path that begins its sentences, if not empty.
@@ -95,7 +93,6 @@ class BackgroundTask(ABC):
         self.progress = Progress()
         self.result: Any = None
         self.error = ""
-        self.cause: FrogError | None = None
         self.is_running, self.is_cancelled = True, False
         self.stopped = threading.Event()
         self._messages: queue.Queue[Message] = queue.Queue()
@@ -224,9 +221,9 @@ class BackgroundTask(ABC):
 
     def conclude(self, ended: Ended) -> None:
         """Keeps how it ended. Whatever ends one that was cancelled is no error, and what it made in time counts."""
-        self.result, self.error, self.cause = ended.result, ended.error, ended.cause
+        self.result, self.error = ended.result, ended.error
         if self.stopped.is_set() and self.result is None:
-            self.is_cancelled, self.error, self.cause = True, "", None
+            self.is_cancelled, self.error = True, ""
 
     def hand_over(self) -> None:
         """Calls ``on_finished``; what that raises becomes the error."""
@@ -251,7 +248,7 @@ class BackgroundTask(ABC):
         try:
             ended = Ended(result=self.work())
         except FrogError as error:
-            ended = Ended(error=str(error), cause=error)
+            ended = Ended(error=str(error))
         except Stopped:
             ended = Ended()
         except BaseException as error:

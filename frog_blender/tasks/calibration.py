@@ -21,6 +21,8 @@ class CalibrationTask(BackgroundTask):
 
     what = "calibration"
     busy = "A calibration is already running. Wait for it or cancel it first."
+    is_refused = False
+    """Whether it failed because the footage does not fix its cameras; the error says what to film next time."""
 
     def __init__(self, folder: Path, points: Path | None = None) -> None:
         super().__init__()
@@ -28,19 +30,17 @@ class CalibrationTask(BackgroundTask):
 
     def work(self) -> Outcome:
         from ..engine.capture.calibration.pipeline import Options, calibrate
+        from ..engine.capture.synchronization.run import CalibrationRefused
 
-        return calibrate(self.folder, Options(points=self._points), self.tell, self.stopped.is_set)
+        try:
+            return calibrate(self.folder, Options(points=self._points), self.tell, self.stopped.is_set)
+        except CalibrationRefused:
+            self.is_refused = True
+            raise
 
     def made(self) -> Path:
         cameras: Path = self.result.cameras
         return cameras
-
-    @property
-    def is_refused(self) -> bool:
-        """Whether it failed because the footage does not fix its cameras; the error says what to film next time."""
-        from ..engine.capture.synchronization.run import CalibrationRefused
-
-        return isinstance(self.cause, CalibrationRefused)
 
 
 def raw_footage(folder: Path) -> str:

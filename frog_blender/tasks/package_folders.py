@@ -28,13 +28,10 @@ _REMOVED = "removed"
 
 def hold() -> None:
     """Keeps other processes from removing torch's folder until this process ends. Call it before importing torch."""
-    found = _loaded_torch()
-    if found is None:
-        spec = importlib.util.find_spec("torch")
-        found = spec.origin if spec is not None else None
-    if found is not None:
+    spec = importlib.util.find_spec("torch")
+    if spec is not None and spec.origin is not None:
         with suppress(OSError):
-            _held(found)
+            _held(spec.origin)
 
 
 @cache
@@ -64,12 +61,12 @@ def clear_remains(folder: Path) -> None:
 
 def remains(folder: Path) -> list[Path]:
     """The folders that ``clear_remains`` would remove."""
-    current, found = installed(folder), []
+    current, partial = installed(folder), []
     for path in folder.parent.glob(f"{glob.escape(folder.name)}.partial-*"):
         process = re.fullmatch(r".*\.partial-(?:(\d+)-)?.*?", path.name)
         if not (process and process[1] and _is_running(int(process[1]))) and path.is_dir() and not path.is_symlink():
-            found.append(path)
-    return [*found, *(path for path in _versions(folder) if path != current)]
+            partial.append(path)
+    return [*partial, *(path for path in _versions(folder) if path != current)]
 
 
 def remove(folder: Path) -> bool:
@@ -84,9 +81,9 @@ def remove(folder: Path) -> bool:
 
 def _versions(folder: Path) -> list[Path]:
     """All installations of ``folder``, whole ones and others."""
-    found = folder.parent.glob(f"{glob.escape(folder.name)}*")
+    paths = folder.parent.glob(f"{glob.escape(folder.name)}*")
     pattern = rf"{re.escape(folder.name)}(-\d+)?"
-    return [path for path in found if re.fullmatch(pattern, path.name) and path.is_dir() and not path.is_symlink()]
+    return [path for path in paths if re.fullmatch(pattern, path.name) and path.is_dir() and not path.is_symlink()]
 
 
 def _number(path: Path) -> int:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import bpy
 
@@ -16,7 +16,9 @@ from .. import addon_state, redrawing, unsaved_changes
 from ..engine import memory
 from ..engine.errors import FrogError, brief
 from ..engine.scene.compression_report import lines, summary
+from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
+from ..engine.training.session.events import Event
 from ..engine.training.session.live_scene import LiveScene
 from ..timeline import open_scenes, playback_cache, prefetch
 from .background_task import BackgroundTask, Ended, Progress
@@ -25,9 +27,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..engine.playback.player import ScenePlayer
-    from ..engine.training.session.events import Event, Finished
 
-EventSource = Callable[[CancelToken], Iterator[Any]]  # Any: events of the engine, which need torch to be imported
+EventSource = Callable[[CancelToken], Iterator[Event]]
 OnFinished = Callable[[Path], str | None]
 """Is called with a finished scene's file; returns an additional note for the panel, if any. May raise FrogError."""
 Watcher = Callable[["TrainingState"], None]
@@ -69,33 +70,31 @@ class TrainingState:
         return f"{'; '.join(parts)}."
 
     def take(self, event: Event) -> None:
-        """Apply an event of the engine (``engine.training.session.events``)."""
-        from ..engine.training.session import events as kinds
-
+        """Apply an event of the engine."""
         match event:
-            case kinds.Progress():
+            case events.Progress():
                 self.step, self.steps, self.loss = event.step, event.steps, event.loss
                 self.seconds, self.seconds_left = event.seconds, event.seconds_left
                 self.gaussians, self.moving = event.gaussians, event.num_dynamic
-            case kinds.Reduced():
+            case events.Reduced():
                 self.capacity.append(event.message)
-            case kinds.Preview():
+            case events.Preview():
                 self.preview = event.image
-            case kinds.CompressionPreview():
+            case events.CompressionPreview():
                 self.report_image = event.image
-            case kinds.Started():
+            case events.Started():
                 self.steps, self.gaussians = event.steps or 0, event.gaussians
-            case kinds.Evaluated():
+            case events.Evaluated():
                 self.psnr, self.psnr_split = event.psnr, event.split
-            case kinds.WarningEvent():
+            case events.WarningEvent():
                 self.warnings.append(event.message)
-            case kinds.Finished():
+            case events.Finished():
                 self._finish(event)
-            case kinds.Cancelled():
+            case events.Cancelled():
                 self.is_cancelled = True
                 self.result = Path(event.path) if event.path else None
 
-    def _finish(self, event: Finished) -> None:
+    def _finish(self, event: events.Finished) -> None:
         self.result = Path(event.path)  # first: the file exists, whatever else is wrong with the event
         self.step, self.steps = event.steps, event.steps
         self.seconds = sum(event.phases.values()) or event.seconds  # by the clock, as it was promised
@@ -121,13 +120,11 @@ class LiveView:
     Attributes:
         source: what the training offers its snapshots to.
         player: the latest one; None until there is one.
-        number: of snapshots so far.
     """
 
     def __init__(self, scene: bpy.types.Scene) -> None:
         self.source = LiveScene(is_wanted=self._is_seen(scene))
         self.player: ScenePlayer | None = None
-        self.number = 0
         self._scene_uid = scene.session_uid
 
     def shown_in(self, scene: bpy.types.Scene) -> ScenePlayer | None:
@@ -143,7 +140,6 @@ class LiveView:
             return False
         self.forget()
         self.player = newest
-        self.number += 1
         return True
 
     def forget(self) -> None:
@@ -243,17 +239,13 @@ class TrainingTask(BackgroundTask):
 
     def _open_result(self, event: Event) -> None:
         """Reads a finished scene here, so that the main thread, which imports it, does not stand still for it."""
-        from ..engine.training.session.events import Finished
-
-        if self.on_finished is None or not isinstance(event, Finished):
+        if self.on_finished is None or not isinstance(event, events.Finished):
             return
         with suppress(FrogError):  # which the import tells
             open_scenes.scene(Path(event.path)).at(0.0)
 
     def take(self, event: Event) -> None:
         """Applies an event of the source."""
-        from ..engine.training.session import events
-
         try:
             match event:
                 case events.Stage():

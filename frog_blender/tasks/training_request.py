@@ -79,8 +79,6 @@ def request_of(settings: Any, resume: bool = False) -> TrainingRequest:
 
     Unless it is resumed, a training writes what is not there yet: the output gets a number where a scene lies.
     """
-    if not settings.capture_folder:
-        raise FrogError("No capture is selected. Choose the folder with the videos and cameras to train from.")
     capture = Path(bpy.path.abspath(settings.capture_folder))
     if not os.path.isdir(capture):  # false, not an error, without permission
         raise FrogError(f"{capture}: found no such folder, expected a capture to train from.")
