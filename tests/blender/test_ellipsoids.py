@@ -5,17 +5,12 @@ from __future__ import annotations
 import bpy
 import mathutils
 import numpy as np
+from support.builders import blobs
 
 from frog_blender import point_cloud
-from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.native.options import ALPHA_MIN
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.render import collect_instances
-
-
-def import_scene(path):
-    assert bpy.ops.import_scene.frog(filepath=str(path)) == {"FINISHED"}
-    return next(obj for obj in bpy.context.scene.objects if obj.frog.filepath)
 
 
 def instances(obj):
@@ -29,21 +24,17 @@ def instances(obj):
     return np.array(found)
 
 
-def test_every_instance_is_its_gaussian(empty, static_rig):
-    obj = import_scene(static_rig)
-    obj.parent.matrix_world = mathutils.Matrix.LocRotScale(
-        (1.0, 2.0, 3.0), mathutils.Quaternion((0.9, 0.1, 0.4, 0.2)), None
-    )
+def test_every_instance_is_its_gaussian(empty, capture, static_rig):
+    obj, turn = capture, mathutils.Quaternion((0.9, 0.1, 0.4, 0.2))
+    obj.parent.matrix_world = mathutils.Matrix.LocRotScale((1.0, 2.0, 3.0), turn, None)
     obj.frog.display = "ELLIPSOIDS"
     scene = ScenePlayer.load(static_rig)
     for frame in (1, 5, 3, 2.5, 6):
         empty.frame_set(int(frame), subframe=frame % 1)
         gaussians = scene.at_frame(frame - 1)
-        turns = np.array(
-            [mathutils.Quaternion(q).normalized().to_matrix() for q in gaussians.quaternions.astype(float)]
-        )
+        turns = [mathutils.Quaternion(q).normalized().to_matrix() for q in gaussians.quaternions.astype(float)]
         expected = np.tile(np.eye(4), (len(gaussians), 1, 1))
-        expected[:, :3, :3] = turns * gaussians.scales[:, None, :]
+        expected[:, :3, :3] = np.array(turns) * gaussians.scales[:, None, :]
         expected[:, :3, 3] = gaussians.means
         expected = expected[gaussians.opacities >= ALPHA_MIN]
         found = instances(obj)
@@ -52,10 +43,8 @@ def test_every_instance_is_its_gaussian(empty, static_rig):
 
 
 def test_nobody_sees_what_is_transparent(empty):
-    opacities = np.array([0.9, 0.0, 0.5, 0.003, 0.004], np.float32)
     means = np.arange(15, dtype=np.float32).reshape(5, 3)
-    turns = np.tile(np.array([1, 0, 0, 0], np.float32), (5, 1))
-    obj = point_cloud.create("five", GaussianArrays(means, turns, np.ones_like(means), opacities, means[:, None]))
+    obj = point_cloud.create("five", blobs(means, 1.0, opacities=[0.9, 0.0, 0.5, 0.003, 0.004]))
     point_cloud.display(obj, "ELLIPSOIDS")
     empty.collection.objects.link(obj)
     np.testing.assert_array_equal(instances(obj)[:, :3, 3], means[[0, 2, 4]])
@@ -63,15 +52,7 @@ def test_nobody_sees_what_is_transparent(empty):
 
 def test_ellipsoids_have_the_gaussians_colours(empty, rendered):
     """One red and one green Gaussian, seen by Cycles."""
-    sh = ((np.eye(3)[:2] - 0.5) / 0.28209479)[:, None].astype(np.float32)
-    two = GaussianArrays(
-        np.array([[-1, 0, 0], [1, 0, 0]], np.float32),
-        np.tile(np.array([1, 0, 0, 0], np.float32), (2, 1)),
-        np.full((2, 3), 0.4, np.float32),
-        np.full(2, 0.9, np.float32),
-        sh,
-    )
-    obj = point_cloud.create("two", two)
+    obj = point_cloud.create("two", blobs([(-1, 0, 0), (1, 0, 0)], 0.4, colors=np.eye(3)[:2]))
     point_cloud.display(obj, "ELLIPSOIDS")
     eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
     eye.location, eye.rotation_euler = (0, -6, 0), (np.pi / 2, 0, 0)
@@ -86,8 +67,8 @@ def test_ellipsoids_have_the_gaussians_colours(empty, rendered):
     assert right[right.sum(1).argmax()].argmax() == 1 and right.max() > 240
 
 
-def test_frog_draws_the_capture_and_not_its_ellipsoids(empty, static_rig, rendered):
-    obj = import_scene(static_rig)
+def test_frog_draws_the_capture_and_not_its_ellipsoids(empty, capture, rendered):
+    obj = capture
     before, points = rendered(empty), len(instances(obj))
     obj.frog.display = "ELLIPSOIDS"
     assert len(instances(obj)) > max(30, points)

@@ -6,30 +6,24 @@ import bpy
 import mathutils
 import numpy as np
 import pytest
+from support.builders import blobs
 from support.small_scenes import lens, looking_at
 
 from frog_blender import point_cloud
+from frog_blender.cameras import apply_lens, pose_of
 from frog_blender.engine.gaussians import GaussianArrays
+from frog_blender.engine.playback.render import draw
 
 
-def three_gaussians(sh_count=1) -> GaussianArrays:
+def three_gaussians() -> GaussianArrays:
     """Red, long and tilted; green, upright; blue, round and half transparent."""
-    sh = np.zeros((3, sh_count, 3), np.float32)
-    sh[:, 0] = (np.eye(3) - 0.5) / 0.28209479
-    turn = np.array([[np.cos(0.4), 0.0, np.sin(0.4), 0.0], [1, 0, 0, 0], [1, 0, 0, 0]], np.float32)
-    return GaussianArrays(
-        np.array([[0.0, 0.0, 0.0], [1.5, 0.0, 0.0], [-1.5, 0.0, 0.0]], np.float32),
-        turn,
-        np.array([[0.6, 0.1, 0.1], [0.1, 0.1, 0.4], [0.3, 0.3, 0.3]], np.float32),
-        np.array([0.9, 0.9, 0.5], np.float32),
-        sh,
-    )
+    turns = [(np.cos(0.4), 0.0, np.sin(0.4), 0.0), (1, 0, 0, 0), (1, 0, 0, 0)]
+    scales = [(0.6, 0.1, 0.1), (0.1, 0.1, 0.4), (0.3, 0.3, 0.3)]
+    places = [(0.0, 0.0, 0.0), (1.5, 0.0, 0.0), (-1.5, 0.0, 0.0)]
+    return blobs(places, scales, colors=np.eye(3), opacities=[0.9, 0.9, 0.5], turns=turns)
 
 
 def test_cycles_shows_what_the_engine_draws(empty, rendered):
-    from frog_blender.cameras import apply_lens, pose_of
-    from frog_blender.engine.playback.render import draw
-
     scene = empty
     camera = looking_at("eye", (0.0, -6.0, 0.0), (96, 54), lens(100.0, 100.0, 48.0, 27.0))
     eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
@@ -43,16 +37,15 @@ def test_cycles_shows_what_the_engine_draws(empty, rendered):
     scene.cycles.use_denoising = False
     scene.view_settings.view_transform = "Standard"
     pixels = rendered(scene, resolution_x=96, resolution_y=54, resolution_percentage=100, dither_intensity=0.0)
-    image = draw(three_gaussians(), camera).rgb
-    alpha = draw(three_gaussians(), camera).alpha
+    drawing = draw(three_gaussians(), camera)
     # Cycles blends in linear light and the engine in display space: compare where the colours do not mix, by shape.
     for channel, name in enumerate(["red", "green", "blue"]):
-        expected = image[..., channel]
+        expected = drawing.rgb[..., channel]
         found = (pixels[..., channel] / 255.0) ** 2.2
         correlation = np.corrcoef(expected.ravel(), found.ravel())[0, 1]
         # Blender's own splats (5.3) fall off a little differently.
         assert correlation > (0.97 if point_cloud.draws_splats() else 0.98), f"{name}: {correlation:.3f}"
-    assert alpha.max() > 0.85 and pixels[..., :3].max() > 200
+    assert drawing.alpha.max() > 0.85 and pixels[..., :3].max() > 200
 
 
 def test_points_are_limited_in_viewports_alone(empty):
@@ -83,14 +76,7 @@ def test_the_bounds_are_those_of_what_is_seen(empty):
     random = np.random.default_rng(0)
     means = random.uniform(-2.0, 2.0, (2000, 3)).astype(np.float32)
     means[:3] = [(8300.0, 0.0, 0.0), (0.0, -60.0, 0.0), (0.0, 0.0, 25.0)]
-    gaussians = GaussianArrays(
-        means,
-        np.tile(np.float32([1.0, 0.0, 0.0, 0.0]), (2000, 1)),
-        np.full((2000, 3), 0.01, np.float32),
-        np.ones(2000, np.float32),
-        np.zeros((2000, 1, 3), np.float32),
-    )
-    obj = point_cloud.create("room", gaussians)
+    obj = point_cloud.create("room", blobs(means, 0.01, opacities=1.0))
     empty.collection.objects.link(obj)
     if obj.type == "POINTCLOUD":
         pytest.skip("Blender's own splats are all drawn")

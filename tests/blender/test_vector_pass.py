@@ -5,11 +5,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
+from support.builders import blobs
 from support.exr import pass_of, render_channels
 from support.small_scenes import rig_of_three
 
 from frog_blender.cameras import engine_camera
-from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.native.options import RasterizeOptions
 from frog_blender.render.collect_instances import gather
 from frog_blender.render.compositing.compositor import own_tree
@@ -55,14 +55,9 @@ def cycles_vectors(scene, path):
     return pixels[SIZE[1] // 2, SIZE[0] // 2]
 
 
-def one_gaussian(place, size, opacity):
-    arrays = [[place], [(1, 0, 0, 0)], [size], [opacity], [[(0, 0, 0)]]]
-    return GaussianArrays(*(np.array(array, np.float32) for array in arrays))
-
-
 def test_it_is_what_cycles_says(empty, tmp_path):
     moving_eye(empty)
-    wide = one_gaussian((0, 0, 0), (5, 1e-3, 5), 0.99)
+    wide = blobs([(0, 0, 0)], (5, 1e-3, 5), opacities=0.99)
 
     def snapshot_at(offset):
         empty.frame_set(2 + offset)
@@ -75,11 +70,9 @@ def test_it_is_what_cycles_says(empty, tmp_path):
     np.testing.assert_allclose(found[:count], expected[:count], rtol=2e-3)
 
 
-def test_a_still_scene_before_a_moving_camera(empty, static_rig, tmp_path):
+def test_a_still_scene_before_a_moving_camera(empty, capture, tmp_path):
     """5 away and 50 mm of 36 mm over 64 pixels: 0.1 to the right is 1.78 pixels to the left."""
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    obj = next(obj for obj in empty.objects if obj.frog.filepath)
-    obj.frog.use_remap, obj.frog.shown_frame = True, 0.0
+    capture.frog.use_remap, capture.frog.shown_frame = True, 0.0
     moving_eye(empty)
     found = frog_vectors(empty, tmp_path / "vectors.exr")
     gaussians = gather(bpy.context.evaluated_depsgraph_get())[0]
@@ -102,7 +95,7 @@ def test_what_cannot_be_seen_a_frame_away_goes_on_as_it_came(empty):
     aside = camera.rotation.T @ np.array([0.05, 0, 0])
 
     def snapshot(offset, opacity):
-        return one_gaussian(ahead + offset * aside, (0.5, 0.5, 0.5), opacity), camera
+        return blobs([ahead + offset * aside], 0.5, opacities=opacity), camera
 
     def middle(before, after):
         snapshots = {-1: before, 1: after, 0: snapshot(0, 0.9)}

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.builders import scene_file
+from support.builders import blobs, scene_file
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.editing import selections
@@ -91,14 +91,7 @@ def test_what_single_cameras_see_is_counted(room):
 
 
 def test_clusters_are_what_touches():
-    means = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [5.0, 0, 0], [5.1, 0, 0], [9.0, 9, 9]], np.float32)
-    many = GaussianArrays(
-        means,
-        np.tile([1.0, 0, 0, 0], (6, 1)).astype(np.float32),
-        np.full((6, 3), 0.05, np.float32),
-        np.ones(6, np.float32),
-        np.zeros((6, 1, 3), np.float32),
-    )
+    many = blobs([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [5.0, 0, 0], [5.1, 0, 0], [9.0, 9, 9]], 0.05, opacities=1.0)
     found = clusters(many)
     assert found[0] == found[1] == found[2] and found[3] == found[4]
     assert len(set(found)) == 3

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.builders import join, odd_camera, plain_camera, random_gaussians, rotation_of
+from support.builders import blobs, join, odd_camera, plain_camera, random_gaussians, rotation_of
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.editing.gestures import BOX, BRUSH, LASSO, OnScreen, drawn, gesture
-from frog_blender.engine.gaussians import GaussianArrays
 
 CAMERA = odd_camera(450, 270)
 
@@ -52,10 +51,10 @@ def test_what_is_not_drawn_is_not_hit():
     camera = plain_camera()
     means = np.array([[0, 0, 2], [0, 0, -2], [0, 0, 2], [0, 0, 0.001]], np.float32)
     opacities = np.array([0.5, 0.5, 0.001, 0.5], np.float32)
-    found = OnScreen.of(_balls(means, 0.1, opacities), camera)
+    found = OnScreen.of(blobs(means, 0.1, opacities=opacities), camera)
     np.testing.assert_array_equal(found.rows, [0])
     np.testing.assert_array_equal(found.among(np.ones(1, bool), 4), [True, False, False, False])
-    assert not len(OnScreen.of(_balls(means[1:2], 0.1, opacities[1:2]), camera, only_visible=True).rows)
+    assert not len(OnScreen.of(blobs(means[1:2], 0.1, opacities=opacities[1:2]), camera, only_visible=True).rows)
 
 
 @pytest.mark.parametrize("path", [[(200.0, 100.0)], [(50.0, 40.0), (60.0, 200.0), (60.0, 200.0), (400.0, 210.0)]])
@@ -89,22 +88,11 @@ def test_a_box_hits_what_lies_between_its_corners(screen):
     assert hit.any()
 
 
-def _balls(means, scale, opacities=0.9):
-    count = len(means)
-    return GaussianArrays(
-        np.asarray(means, np.float32),
-        np.tile(np.float32((1, 0, 0, 0)), (count, 1)),
-        np.broadcast_to(np.float32(scale), (count, 3)).copy(),
-        np.broadcast_to(np.float32(opacities), (count,)).copy(),
-        np.ones((count, 1, 3), np.float32),
-    )
-
-
 def _wall(depth, scale, turned=0.0):
     """Gaussians side by side, flat along a plane that is turned about the vertical."""
     x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(-1, 1, 21), np.linspace(-1, 1, 21)))
     rotation = rotation_of((0.0, 1.0, 0.0), turned)
-    flat = _balls(np.stack([x, y, np.zeros(441)], 1) @ rotation.T + (0.0, 0.0, depth), (scale, scale, 0.001))
+    flat = blobs(np.stack([x, y, np.zeros(441)], 1) @ rotation.T + (0.0, 0.0, depth), (scale, scale, 0.001))
     flat.quaternions[:] = np.cos(turned / 2), 0.0, np.sin(turned / 2), 0.0
     return flat
 
@@ -112,8 +100,8 @@ def _wall(depth, scale, turned=0.0):
 @pytest.mark.parametrize("turned", [0.0, 0.9, -1.2])
 def test_only_what_nothing_hides_is_visible(turned):
     camera = Camera("plain", 900, 600, np.array([[900.0, 0, 450], [0, 900, 300], [0, 0, 1]]), np.eye(4))
-    before = _balls([(0.0, 0.0, 2.0)], 0.02, 0.05)  # faint, which hides nothing
-    everything = join(_wall(4.0, 0.08, turned), before, _balls([(0.2, 0.1, 9.0), (40.0, 0.0, 6.0)], 0.05))
+    before = blobs([(0.0, 0.0, 2.0)], 0.02, opacities=0.05)  # faint, which hides nothing
+    everything = join(_wall(4.0, 0.08, turned), before, blobs([(0.2, 0.1, 9.0), (40.0, 0.0, 6.0)], 0.05))
     rows = OnScreen.of(everything, camera).rows
     np.testing.assert_array_equal(rows, np.arange(444))
     visible = set(OnScreen.of(everything, camera, only_visible=True).rows.tolist())

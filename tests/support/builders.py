@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.gaussians import GaussianArrays
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile
+from frog_blender.engine.spherical_harmonics import SH_DC
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 ATTRIBUTES = tuple(field.name for field in fields(GaussianArrays))
@@ -83,6 +85,23 @@ def random_gaussians(
         random.uniform(*opacity, count),
         sh,
     )
+
+
+def blobs(
+    means: ArrayLike,
+    scales: ArrayLike = 0.1,
+    *,
+    colors: ArrayLike = 0.5,
+    opacities: ArrayLike = 0.9,
+    turns: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+) -> GaussianArrays:
+    """Float32 Gaussians of degree 0 at (N, 3) and of display-referred colours; all but the places of each or of all."""
+
+    def of_all(values: ArrayLike, *width: int) -> np.ndarray:
+        return np.broadcast_to(np.float32(values), (len(means), *width)).copy()
+
+    sh = (of_all(colors, 3) - 0.5) / SH_DC
+    return GaussianArrays(np.float32(means), of_all(turns, 4), of_all(scales, 3), of_all(opacities), sh[:, None])
 
 
 def join(*parts: GaussianArrays) -> GaussianArrays:
