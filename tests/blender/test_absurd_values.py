@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 
 import bpy
-import numpy as np
 import pytest
 from support.observed_players import observed
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, shows, write_scene
 
-from frog_blender import point_cloud, reported_once
-from frog_blender.engine.playback.player import ScenePlayer
+from frog_blender import reported_once
 from frog_blender.timeline import playback, prefetch, retiming
 
 
@@ -56,9 +54,7 @@ def test_the_timeline_goes_on(empty, captures, static_rig, capfd, name, value):
     for frame in (2, 3, 4, 5):
         empty.frame_set(frame)
         prefetch.prefetch(empty)
-        np.testing.assert_array_equal(
-            point_cloud.read(good)["position"], ScenePlayer.load(good.frog.filepath).at_frame(frame - 1.0).means
-        )
+        shows(good, good.frog.filepath, frame - 1.0)
     err = capfd.readouterr().err
     assert "Traceback" not in err, err
     assert err.count("not a number") == (1 if not math.isfinite(value if isinstance(value, float) else 0.0) else 0), err
@@ -93,7 +89,5 @@ def test_something_unforeseen_in_one_capture_holds_up_no_other(empty, captures, 
     with observed(computing=fails):
         for frame in (3, 5):
             empty.frame_set(frame)
-    np.testing.assert_array_equal(
-        point_cloud.read(good)["position"], ScenePlayer.load(good.frog.filepath).at_frame(4.0).means
-    )
+    shows(good, good.frog.filepath, 4.0)
     assert capfd.readouterr().err.count("ZeroDivisionError: of some kind") == 1

@@ -36,9 +36,8 @@ def up_to_the_card(path):
     return draw(gaussians, camera, depth_limit=limit.astype(np.float32)), draw(gaussians, camera)
 
 
-def test_splats_end_where_an_object_hides_them(empty, static_rig, tmp_path):
+def test_splats_end_where_an_object_hides_them(empty, capture, static_rig, tmp_path):
     """A card across the middle of the figure: nothing behind it, everything before it."""
-    import_scene(static_rig)
     place = card(empty)
     empty.frog.hold_out = empty.render.film_transparent = True
     expected, whole = up_to_the_card(static_rig)
@@ -51,8 +50,7 @@ def test_splats_end_where_an_object_hides_them(empty, static_rig, tmp_path):
     np.testing.assert_allclose(passes_of(empty, tmp_path)[0][..., 3], whole.alpha, atol=2e-3)
 
 
-def test_f12_puts_cycles_and_frog_together(empty, static_rig, rendered):
-    obj = import_scene(static_rig)
+def test_f12_puts_cycles_and_frog_together(empty, capture, static_rig, rendered):
     card(empty)
     composed_scene.compose(empty)
     splats = bpy.data.scenes[f"{empty.name} FRoG"]
@@ -65,12 +63,11 @@ def test_f12_puts_cycles_and_frog_together(empty, static_rig, rendered):
     light = straight * alpha + np.array([0.9, 0.1, 0.8]) * (1 - alpha)
     assert np.abs(pixels[..., :3] - to_display(light).clip(0, 1)).max() < 3 / 255
     assert drawing.alpha.max() > 0.5 > drawing.alpha.min()
-    assert not point_cloud.is_drawn_in_renders(obj)
+    assert not point_cloud.is_drawn_in_renders(capture)
 
 
-def test_objects_are_lit_by_the_capture_where_nobody_made_a_world(empty, static_rig):
+def test_objects_are_lit_by_the_capture_where_nobody_made_a_world(empty, capture):
     """A cube in the grey of a new file, or in the black that a capture was filmed in, would be black among splats."""
-    import_scene(static_rig)
     start = empty.world = world_of("World", (0.0509, 0.0509, 0.0509))
     assert bpy.ops.frog.compose() == {"FINISHED"}
     assert lighting.is_lit(empty) and empty.frog.own_world == start
@@ -83,8 +80,7 @@ def test_objects_are_lit_by_the_capture_where_nobody_made_a_world(empty, static_
 
 
 @pytest.mark.parametrize("name, color", [("World", (0.2, 0.3, 0.4)), ("Studio", (0.0509, 0.0509, 0.0509))])
-def test_a_world_that_somebody_made_stays(empty, static_rig, name, color):
-    import_scene(static_rig)
+def test_a_world_that_somebody_made_stays(empty, capture, name, color):
     own = empty.world = world_of(name, color)
     assert bpy.ops.frog.compose() == {"FINISHED"}
     assert empty.world == own and not lighting.is_lit(empty)
@@ -108,8 +104,7 @@ def read_by(scene):
     return link.from_node.scene
 
 
-def test_run_again_after_its_splats_were_deleted_it_shows_new_ones(empty, static_rig, rendered):
-    import_scene(static_rig)
+def test_run_again_after_its_splats_were_deleted_it_shows_new_ones(empty, capture, rendered):
     composed_scene.compose(empty)
     before = rendered(empty)
     assert before[..., :3].std() > 10
@@ -119,8 +114,7 @@ def test_run_again_after_its_splats_were_deleted_it_shows_new_ones(empty, static
     np.testing.assert_array_equal(rendered(empty), before)
 
 
-def test_run_again_it_leaves_what_was_put_before_the_splats(empty, static_rig):
-    import_scene(static_rig)
+def test_run_again_it_leaves_what_was_put_before_the_splats(empty, capture):
     composed_scene.compose(empty)
     tree, splats = compositor.tree_of(empty), read_by(empty)
     (over,) = composed_scene.nodes_of(empty, "ALPHAOVER")
@@ -136,8 +130,7 @@ def test_run_again_it_leaves_what_was_put_before_the_splats(empty, static_rig):
     assert read_by(empty).render.engine == "FROG" and len(bpy.data.scenes) == 2
 
 
-def test_what_the_compositor_did_before_stays(empty, static_rig):
-    import_scene(static_rig)
+def test_what_the_compositor_did_before_stays(empty, capture):
     tree, output = compositor.own_tree(empty)
     layers = tree.nodes.new("CompositorNodeRLayers")
     mine = tree.nodes.new("CompositorNodeBlur")
@@ -153,8 +146,7 @@ def test_it_needs_a_capture(empty):
     assert not bpy.ops.frog.compose.poll()
 
 
-def test_what_cameras_do_not_see_hides_no_splats(empty, static_rig, tmp_path):
-    import_scene(static_rig)
+def test_what_cameras_do_not_see_hides_no_splats(empty, capture, tmp_path):
     empty.frog.hold_out = empty.render.film_transparent = True
     whole, _ = passes_of(empty, tmp_path)
     inside = composed_scene.collection_in(empty.collection, "light")
@@ -170,17 +162,16 @@ def test_what_cameras_do_not_see_hides_no_splats(empty, static_rig, tmp_path):
         setattr(owner, name, not value)
 
 
-def test_captures_that_cameras_do_not_see(empty, static_rig, tmp_path):
-    obj = import_scene(static_rig)
+def test_captures_that_cameras_do_not_see(empty, capture, tmp_path):
     empty.render.film_transparent = True
     layer = bpy.context.view_layer.layer_collection.children[0]
     for owner, name, value in (
         (layer, "indirect_only", True),
-        (obj, "visible_camera", False),
-        (obj, "scale", (0.0, 0.0, 0.0)),  # which is no reason to lose the whole image
+        (capture, "visible_camera", False),
+        (capture, "scale", (0.0, 0.0, 0.0)),  # which is no reason to lose the whole image
     ):
         assert passes_of(empty, tmp_path)[0][..., 3].max() > 0.5
-        before = getattr(owner, name) if name != "scale" else tuple(obj.scale)
+        before = getattr(owner, name) if name != "scale" else tuple(capture.scale)
         setattr(owner, name, value)
         assert not passes_of(empty, tmp_path)[0].any(), name
         setattr(owner, name, before)

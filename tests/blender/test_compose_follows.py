@@ -195,8 +195,7 @@ def the_nodes_deleted(scene):
     scene.render.use_compositing = False
 
 
-def test_captures_that_frog_no_longer_draws_are_drawn_by_the_other_engine(empty, static_rig, rendered):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
+def test_captures_that_frog_no_longer_draws_are_drawn_by_the_other_engine(empty, capture, rendered):
     card(empty.collection, (0.4, 0.0, 0.0))
     empty.render.engine, empty.cycles.samples, empty.cycles.use_denoising = "CYCLES", 1, False
     before = rendered(empty)

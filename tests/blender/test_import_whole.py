@@ -100,9 +100,8 @@ def test_one_change_makes_it_the_users(addon, static_rig, change):
     assert values(bpy.context.scene) == before
 
 
-def test_one_capture_after_another(empty, static_rig, tmp_path):
+def test_one_capture_after_another(empty, capture, tmp_path):
     """Settings that came with a capture give way to the next one's; what the user changed since does not."""
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
     bpy.ops.import_scene.frog(filepath=str(write_scene(tmp_path / "b.frog", rig_of_three(), frame_count=20)))
     assert empty.frame_end == 20
     empty.frame_end = 15

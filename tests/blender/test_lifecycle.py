@@ -19,11 +19,6 @@ from frog_blender.timeline import playback
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def imported(path):
-    assert bpy.ops.import_scene.frog(filepath=str(path)) == {"FINISHED"}
-    return next(obj for obj in playback.captures(bpy.context.scene.objects) if obj.frog.filepath == str(path))
-
-
 def select_only(obj):
     bpy.ops.object.select_all(action="DESELECT")
     obj.select_set(True)
@@ -31,8 +26,7 @@ def select_only(obj):
 
 
 @pytest.mark.parametrize("how", ["imported again", "duplicated with all of it"])
-def test_two_captures_move_and_play_by_themselves(empty, static_rig, how):
-    first = imported(static_rig)
+def test_two_captures_move_and_play_by_themselves(empty, capture, static_rig, how):
     if how == "imported again":
         assert bpy.ops.import_scene.frog(filepath=str(static_rig), start_frame=4.0) == {"FINISHED"}
         second = active_capture(bpy.context)
@@ -42,52 +36,43 @@ def test_two_captures_move_and_play_by_themselves(empty, static_rig, how):
         bpy.ops.object.duplicate()
         second = next(obj for obj in bpy.context.selected_objects if obj in set(playback.captures(empty.objects)))
         second.frog.start_frame = 4.0
-    assert second != first and second.parent != first.parent and len(cameras_of(second)) == 3
+    assert second != capture and second.parent != capture.parent and len(cameras_of(second)) == 3
     second.parent.location.x += 3.0
     empty.frame_set(6)
-    shows(first, static_rig, 5.0)
+    shows(capture, static_rig, 5.0)
     shows(second, static_rig, 2.0)
-    assert first.matrix_world.translation.x == 0.0 and second.matrix_world.translation.x == pytest.approx(3.0)
+    assert capture.matrix_world.translation.x == 0.0 and second.matrix_world.translation.x == pytest.approx(3.0)
 
 
-def test_without_its_root_a_capture_plays_on(empty, static_rig):
-    obj = imported(static_rig)
-    select_only(obj.parent)
+def test_without_its_root_a_capture_plays_on(empty, capture, static_rig):
+    select_only(capture.parent)
     bpy.ops.object.delete()
     empty.frame_set(5)
-    shows(obj, static_rig, 4.0)
-    assert obj.parent is None and bpy.ops.frog.align_to_floor() == {"FINISHED"}
+    shows(capture, static_rig, 4.0)
+    assert capture.parent is None and bpy.ops.frog.align_to_floor() == {"FINISHED"}
 
 
-def test_one_undo_takes_an_import_back_and_redo_plays_it(empty, static_rig):
+def test_an_import_and_a_deletion_are_undone_and_done_again(empty, static_rig):
     bpy.ops.ed.undo_push(message="before")
-    obj = imported(static_rig)
+    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+    obj = active_capture(bpy.context)
     obj.name, obj.data.name, obj.parent.name = "a", "b", "c"
-    bpy.ops.ed.undo_push(message="import")
-    bpy.ops.ed.undo()
-    assert not list(playback.captures(bpy.data.objects)) and not bpy.data.cameras and not bpy.data.collections
-    bpy.context.scene.frame_set(3)
-    bpy.ops.ed.redo()
-    bpy.context.scene.frame_set(7)
-    shows(bpy.data.objects["a"], static_rig, 6.0)
-
-
-def test_a_deleted_capture_is_gone_and_comes_back_by_undo(empty, static_rig):
-    obj = imported(static_rig)
-    name = obj.name
     bpy.ops.ed.undo_push(message="imported")
     select_only(obj)
     bpy.ops.object.delete()
     bpy.ops.ed.undo_push(message="deleted")
-    bpy.context.scene.frame_set(3)
-    assert name not in bpy.data.objects
-    bpy.ops.ed.undo()
-    scene = bpy.context.scene
-    assert name in bpy.data.objects
-    scene.frame_set(7)
-    shows(bpy.data.objects[name], static_rig, 6.0)
+    for step, is_there in ((bpy.ops.ed.undo, True), (bpy.ops.ed.undo, False), (bpy.ops.ed.redo, True)):
+        bpy.context.scene.frame_set(3)
+        step()
+        bpy.context.scene.frame_set(7)
+        assert ("a" in bpy.data.objects) == is_there
+        if is_there:
+            shows(bpy.data.objects["a"], static_rig, 6.0)
+        else:
+            assert not bpy.data.cameras and not bpy.data.collections
     bpy.ops.ed.redo()
     bpy.context.scene.frame_set(2)
+    assert "a" not in bpy.data.objects
 
 
 SOURCE = """

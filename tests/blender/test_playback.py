@@ -86,15 +86,6 @@ def test_saved_file_is_small_and_plays_when_reopened(empty, tmp_path):
     shows(capture, path, 7.0)
 
 
-def test_geometry_is_saved_when_its_file_is_gone(empty, capture, static_rig, tmp_path):
-    static_rig.unlink()
-    empty.frame_set(2)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
-    name = capture.name
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
-    assert point_cloud.count(bpy.data.objects[name]) == 60
-
-
 def test_what_nobody_plays_is_let_go(empty, tmp_path):
     """When another scene is opened; what is played stays."""
     paths = [write_scene(tmp_path / f"{name}.frog", rig_of_three()) for name in "abc"]
@@ -110,18 +101,6 @@ def test_what_nobody_plays_is_let_go(empty, tmp_path):
     assert open_scenes.paths() == set(paths[1:]) and playback.open_scene(paths[1]) is kept
     empty.frame_set(4)
     shows(second, paths[1], 3.0)
-
-
-def test_speed_and_repetition(empty, capture, static_rig):
-    """Ten frames, 0 to 9."""
-    capture.frog.start_frame, capture.frog.speed = 10.0, -0.5
-    empty.frame_set(13)
-    capture.frog.repeat = "PING_PONG"
-    shows(capture, static_rig, 1.5)  # a frame and a half before the first, mirrored
-    capture.frog.repeat = "LOOP"
-    shows(capture, static_rig, 8.5)
-    empty.frame_set(14)
-    shows(capture, static_rig, 8.0)
 
 
 def test_time_can_be_remapped_by_a_curve(empty, capture, static_rig):

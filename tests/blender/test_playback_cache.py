@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
-from pathlib import Path
 
 import bpy
 import pytest
+from support.builders import run_python
 from support.observed_players import observed
 from support.small_scenes import rig_of_three, shows, write_scene
 
+from frog_blender import point_cloud
 from frog_blender.engine.training.session import events
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
@@ -183,7 +182,7 @@ def test_blender_quits_with_a_thread_at_work(tmp_path):
         pytest.skip("a real Blender runs no second interpreter with bpy")
     path = write_scene(tmp_path / "x.frog", rig_of_three(), count=30_000)
     code = """
-import atexit, os, bpy, frog_blender
+import atexit, os, sys, bpy, frog_blender
 atexit.register(os._exit, 0)  # after the add-on's: bpy 4.5 may wait for a thread of its own for ever
 from frog_blender.timeline import playback_cache, prefetch
 bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -192,9 +191,7 @@ bpy.ops.import_scene.frog(filepath=sys.argv[1])
 prefetch.prefetch(bpy.context.scene)
 print("busy", playback_cache.worker().is_alive, flush=True)
 """
-    root = Path(__file__).resolve().parents[2]
-    command = [sys.executable, "-c", f"import sys; sys.path[:0] = [{str(root)!r}]\n{code}", str(path)]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    run = run_python(code, path)
     assert run.returncode == 0 and "busy True" in run.stdout, run.stdout + run.stderr
 
 
@@ -270,12 +267,13 @@ def test_geometry_that_somebody_changed_is_written_anew(empty, capture, static_r
 
 def test_saved_geometry_of_another_session_is_not_trusted(empty, capture, static_rig, tmp_path):
     """The file is missing while saving, so the mesh is in the .blend; then another one takes its place."""
-    hidden = static_rig.rename(tmp_path / "hidden")
+    static_rig.unlink()
     empty.frame_set(2)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
-    hidden.unlink()
-    write_scene(static_rig, rig_of_three(), seed=11)
     name = capture.name
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    assert point_cloud.count(bpy.data.objects[name]) == 60
+    write_scene(static_rig, rig_of_three(), seed=11)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
     shows(bpy.data.objects[name], static_rig, 1.0)
     bpy.context.scene.frame_set(8)

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from pathlib import Path
-
 import bpy
 import pytest
+from support.builders import run_python
 from support.small_scenes import rig_of_three, write_scene
 from support.training_panel import switched_off
 
 from frog_blender.tasks import background_task
 from frog_blender.tasks.training import TrainingTask
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def footprint():
@@ -44,8 +39,7 @@ def in_python(code, *arguments):
     """Run code in a fresh interpreter with the bpy module, or skip where Blender is not a module."""
     if bpy.app.binary_path:
         pytest.skip("a real Blender runs no second interpreter with bpy")
-    command = [sys.executable, "-c", f"import sys; sys.path[:0] = [{str(ROOT)!r}]\n{code}", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+    return run_python(f"import sys\n{code}", *arguments)
 
 
 def test_importing_needs_neither_bpy_nor_torch():

@@ -6,9 +6,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import expected_png, read_png, rig_of_three
+from support.small_scenes import expected_png, read_png, rig_of_three, shows
 
-from frog_blender import point_cloud
 from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback, retiming
@@ -64,9 +63,7 @@ def plain(empty, static_rig):
 def test_the_timeline_shows_it(empty, capture, static_rig):
     for frame in (6, 3, 4, 12):
         empty.frame_set(frame)
-        np.testing.assert_array_equal(
-            point_cloud.read(capture)["position"], ScenePlayer.load(static_rig).at_frame(frame / 2).means
-        )
+        shows(capture, static_rig, frame / 2)
 
 
 by_driver = pytest.mark.parametrize("capture", [driven], indirect=True)
@@ -124,7 +121,7 @@ def test_a_muted_curve_says_nothing(empty, plain, static_rig):
     (curve,) = retiming.curves(plain.animation_data)
     curve.mute, plain.frog.shown_frame = True, 7.0
     empty.frame_set(4)
-    np.testing.assert_array_equal(point_cloud.read(plain)["position"], ScenePlayer.load(static_rig).at_frame(7.0).means)
+    shows(plain, static_rig, 7.0)
 
 
 @pytest.fixture

@@ -14,7 +14,6 @@ from support.small_scenes import expected_png, moving_camera, passes_of, read_pn
 
 from frog_blender import reported_once
 from frog_blender.cameras import engine_camera
-from frog_blender.color_spaces import to_linear
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import joined
 from frog_blender.engine.native import binding
@@ -41,12 +40,11 @@ def assert_same_image(pixels, expected):
     np.testing.assert_allclose(pixels[..., :3].astype(float), expected, atol=1.0)
 
 
-def test_stills_through_each_camera_wherever_its_root_stands(empty, static_rig, rendered):
-    root = import_scene(static_rig).parent
+def test_stills_through_each_camera_wherever_its_root_stands(empty, capture, static_rig, rendered):
     turn = mathutils.Euler((0.3, -0.8, 1.9)).to_matrix().to_4x4()
     elsewhere = mathutils.Matrix.Translation((5.0, 2.0, -1.0)) @ turn @ mathutils.Matrix.Scale(2.5, 4)
     for index, frame, place in ((0, 4.25, None), (1, 5, None), (2, 7, elsewhere)):
-        root.matrix_world = place or mathutils.Matrix()
+        capture.parent.matrix_world = place or mathutils.Matrix()
         look_through(empty, f"cam0{index}")
         empty.frame_set(int(frame), subframe=frame % 1)
         pixels = rendered(empty)
@@ -54,8 +52,7 @@ def test_stills_through_each_camera_wherever_its_root_stands(empty, static_rig, 
         assert pixels[..., 3].min() == 255
 
 
-def test_what_cannot_be_drawn_is_refused_in_a_sentence(empty, static_rig, rendered):
-    capture = import_scene(static_rig)
+def test_what_cannot_be_drawn_is_refused_in_a_sentence(empty, capture, static_rig, rendered):
     capture.scale = (1.0, 2.0, 1.0)
     with pytest.raises(RuntimeError, match="can only be scaled evenly"):
         rendered(empty)
@@ -66,8 +63,7 @@ def test_what_cannot_be_drawn_is_refused_in_a_sentence(empty, static_rig, render
 
 
 @pytest.mark.parametrize("blurred", [False, True], ids=["vectors", "motion blur"])
-def test_other_frames_that_fail_leave_the_frame(empty, static_rig, rendered, blurred):
-    import_scene(static_rig)
+def test_other_frames_that_fail_leave_the_frame(empty, capture, rendered, blurred):
     empty.frame_set(5, subframe=0.25)
     empty.render.use_motion_blur, bpy.context.view_layer.use_pass_vector = blurred, not blurred
 
@@ -80,9 +76,8 @@ def test_other_frames_that_fail_leave_the_frame(empty, static_rig, rendered, blu
     assert empty.frame_current_final == 5.25
 
 
-def test_orthographic_camera_sees_no_perspective(empty, static_rig, tmp_path):
+def test_orthographic_camera_sees_no_perspective(empty, capture, static_rig, tmp_path):
     """What lies further away looks no smaller, and Depth is the distance from Blender's camera."""
-    import_scene(static_rig)
     data = empty.camera.data
     data.type, data.ortho_scale, data.shift_x, data.shift_y, data.frog.focal_ratio = "ORTHO", 3.0, 0.0, 0.0, 1.0
     combined, depth = passes_of(empty, tmp_path)
@@ -103,9 +98,8 @@ def test_orthographic_camera_sees_no_perspective(empty, static_rig, tmp_path):
     assert np.quantile(change, 0.98) < 5e-3  # at edges another Gaussian may take transmittance through a half
 
 
-def test_motion_blur_is_the_light_of_the_open_shutter(empty, static_rig, tmp_path):
+def test_motion_blur_is_the_light_of_the_open_shutter(empty, capture, tmp_path):
     """Against 60 frames over the same time; cameras move as well as Gaussians."""
-    import_scene(static_rig)
     camera = empty.camera
     for frame, x in ((1, -1.0), (10, 1.0)):
         camera.location.x = x
@@ -154,9 +148,8 @@ def test_two_captures_are_drawn_together(empty, static_rig, tmp_path, rendered):
     assert_same_image(rendered(empty), np.clip(image, 0.0, 1.0) * 255.0)
 
 
-def test_depth_is_planar_and_in_world_units(empty, static_rig, tmp_path):
-    root = import_scene(static_rig).parent
-    root.scale = (2.0, 2.0, 2.0)
+def test_depth_is_planar_and_in_world_units(empty, capture, static_rig, tmp_path):
+    capture.parent.scale = (2.0, 2.0, 2.0)
     bpy.context.view_layer.use_pass_z = True
     _, depth = passes_of(empty, tmp_path)
     expected = draw(ScenePlayer.load(static_rig).at_frame(0.0), rig_of_three()[0]).median_z
@@ -166,31 +159,6 @@ def test_depth_is_planar_and_in_world_units(empty, static_rig, tmp_path):
     both = ~nothing & (depth < 1e9)
     # A median may jump to a neighbour where two Gaussians tie at one half; nearly all pixels agree.
     assert np.mean(np.abs(depth[both] - 2.0 * expected[both]) < 1e-3) > 0.98
-
-
-def test_transparent_film_is_premultiplied_linear(empty, static_rig, tmp_path):
-    import_scene(static_rig)
-    empty.render.film_transparent = True
-    combined, _ = passes_of(empty, tmp_path)
-    drawing = draw(ScenePlayer.load(static_rig).at_frame(0.0), rig_of_three()[0])
-    np.testing.assert_allclose(combined[..., 3], drawing.alpha, atol=1e-3)
-    solid = drawing.alpha > 0.05
-    straight = np.clip(drawing.rgb[solid] / drawing.alpha[solid][:, None], 0.0, 1.0)
-    np.testing.assert_allclose(combined[solid][:, :3], to_linear(straight) * drawing.alpha[solid][:, None], atol=2e-3)
-    assert np.all(combined[drawing.alpha == 0.0] == 0.0)
-
-
-def test_world_colour_is_the_background(empty, static_rig, tmp_path):
-    import_scene(static_rig).hide_render = True
-    world = bpy.data.worlds.new("Green")
-    world.color = (0.1, 0.5, 0.2)
-    if world.node_tree is not None:
-        world.node_tree.nodes.clear()
-    empty.world = world
-    combined, depth = passes_of(empty, tmp_path)
-    np.testing.assert_allclose(combined[0, 0], (0.1, 0.5, 0.2, 1.0), atol=1e-5)
-    assert np.all(depth == np.float32(1e10))
-    empty.world = None
 
 
 @pytest.mark.parametrize("size", [(80, 50), (50, 80)])
@@ -215,8 +183,7 @@ def test_camera_projects_as_blender_does(empty, size, aspect):
             assert z == pytest.approx(distance, rel=1e-5)
 
 
-def test_a_render_region_is_that_part_of_the_image(empty, static_rig, rendered):
-    import_scene(static_rig)
+def test_a_render_region_is_that_part_of_the_image(empty, capture, rendered):
     empty.render.resolution_x, empty.render.resolution_y = 100, 60
     whole = rendered(empty)
     for share in (0.07, 0.29, 0.57, 0.58, 0.7, 0.95):
@@ -230,8 +197,7 @@ def test_a_render_region_is_that_part_of_the_image(empty, static_rig, rendered):
         np.testing.assert_array_equal(image[-height:, -width:], part)
 
 
-def test_a_strip_of_the_sequencer_has_a_camera_of_its_own(empty, static_rig, tmp_path, rendered):
-    import_scene(static_rig)
+def test_a_strip_of_the_sequencer_has_a_camera_of_its_own(empty, capture, tmp_path, rendered):
     look_through(empty, "cam00")
     cut = bpy.data.scenes.new("Cut")
     cut.render.resolution_x, cut.render.resolution_y = empty.render.resolution_x, empty.render.resolution_y
@@ -248,8 +214,7 @@ def test_a_strip_of_the_sequencer_has_a_camera_of_its_own(empty, static_rig, tmp
     np.testing.assert_allclose(rendered(empty)[..., :3].astype(float), found[..., :3], atol=1.0)
 
 
-def test_nothing_behind_an_orthographic_camera_is_drawn(empty, static_rig, tmp_path):
-    import_scene(static_rig)
+def test_nothing_behind_an_orthographic_camera_is_drawn(empty, capture, tmp_path):
     empty.render.film_transparent = True
     empty.camera.data.type, empty.camera.data.ortho_scale = "ORTHO", 4.0
     for height, is_seen in ((50.0, True), (-50.0, False)):
@@ -275,10 +240,9 @@ def test_colours_are_the_same_in_any_working_space(empty, static_rig, rendered):
     np.testing.assert_allclose(without_world, expected, atol=1.0)
 
 
-def test_a_capture_in_edit_mode_is_drawn(empty, static_rig, rendered):
-    obj = import_scene(static_rig)
+def test_a_capture_in_edit_mode_is_drawn(empty, capture, rendered):
     before = rendered(empty)
-    bpy.context.view_layer.objects.active = obj
+    bpy.context.view_layer.objects.active = capture
     bpy.ops.object.mode_set(mode="EDIT")
     try:
         np.testing.assert_array_equal(rendered(empty), before)
@@ -287,9 +251,8 @@ def test_a_capture_in_edit_mode_is_drawn(empty, static_rig, rendered):
 
 
 @pytest.mark.parametrize(("most", "blurred"), [(0, False), (0, True), (10**9, True)])
-def test_an_image_that_takes_long_says_so_once(empty, static_rig, rendered, monkeypatch, capfd, most, blurred):
+def test_an_image_that_takes_long_says_so_once(empty, capture, rendered, monkeypatch, capfd, most, blurred):
     """Here every image does, or none."""
-    import_scene(static_rig)
     assert empty.cycles.transparent_max_bounces == 1024, "Cycles sees through all layers"
     empty.render.use_motion_blur = blurred
     monkeypatch.setattr(binding, "MANY_INSTANCES", most)
@@ -305,8 +268,7 @@ ERRORS = (ZeroDivisionError("of a kind"), FrogError("a.frog: found nothing."), M
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=repr)
-def test_what_nobody_foresaw_leaves_its_traceback(empty, static_rig, capfd, error):
-    import_scene(static_rig)
+def test_what_nobody_foresaw_leaves_its_traceback(empty, capture, capfd, error):
 
     def fail(player, time):
         raise error

@@ -54,8 +54,7 @@ def test_several_captures_are_a_list_of_which_one_is_chosen(empty, static_rig, t
     assert "found no file" in panel_says(captures_panel.FROG_PT_captures), "a problem is told whatever is chosen"
 
 
-def test_a_view_transform_is_told_and_taken_away(empty, static_rig):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
+def test_a_view_transform_is_told_and_taken_away(empty, capture):
     panel = render_panel.FROG_PT_render
     assert not bpy.ops.frog.show_as_filmed.poll()
     empty.view_settings.view_transform, empty.view_settings.look = "AgX", "AgX - Punchy"

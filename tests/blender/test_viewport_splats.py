@@ -191,9 +191,7 @@ def test_in_x_ray_a_share_of_what_is_hidden_is_seen(card, tmp_path, through):
     assert psnr(pixels[..., 3], before.alpha + through * hidden[1]) >= LEAST
 
 
-def test_points_give_way_in_viewports_and_stay_in_renders(empty, static_rig):
-    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    capture = active_capture(bpy.context)
+def test_points_give_way_in_viewports_and_stay_in_renders(empty, capture):
     bpy.context.view_layer.update()
 
     def seen():
@@ -218,8 +216,7 @@ def test_points_give_way_in_viewports_and_stay_in_renders(empty, static_rig):
     assert point_cloud.is_drawn_in_renders(capture)
 
 
-def test_without_a_window_nothing_is_drawn(empty, static_rig):
-    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
+def test_without_a_window_nothing_is_drawn(empty, capture):
     for choice in ("AUTO", "CARD", "POINTS"):
         empty.frog.viewport_drawing = choice
         assert not drawing.is_wanted(empty) and point_cloud.is_drawn_in_viewports(active_capture(bpy.context))
