@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 from support.builders import ATTRIBUTES, scene_file
 
-from frog_blender.engine.playback.frame_delta import column_of, column_width
+from frog_blender.engine.playback.frame_delta import column_of
 from frog_blender.engine.playback.player import ScenePlayer
-from frog_blender.engine.scene.scene_file import SceneFile
+from frog_blender.engine.scene.scene_file import WIDTHS, SceneFile
 
 TIMES = (0.0, 0.31, 0.5, 1.0)
 
@@ -26,7 +26,7 @@ def assert_same_bits(scene: SceneFile, times: tuple[float, ...] = TIMES) -> Scen
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
         for name in playable.columns:
             column = playable.column(name, part)
-            assert column.shape == (playable.count, column_width(name)) and column.flags.c_contiguous
+            assert column.shape == (playable.count, WIDTHS[name]) and column.flags.c_contiguous
             np.testing.assert_array_equal(column, column_of(expected, name), err_msg=name)
     return playable
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 
 import numpy as np
 
@@ -122,13 +122,6 @@ def kept_of_all(crops: Sequence[Crop], kept: Sequence[Array], count: int) -> Arr
     Args:
         kept: (count,) what each keeps alone.
     """
-    result = np.ones(count, np.float32)
-    inner = [each for crop, each in zip(crops, kept, strict=True) if crop.keep_inside]
-    if inner:
-        result = inner[0]
-        for each in inner[1:]:
-            result = np.maximum(result, each)
-    for crop, each in zip(crops, kept, strict=True):
-        if not crop.keep_inside:
-            result = result * each
-    return result
+    inner = [share for crop, share in zip(crops, kept, strict=True) if crop.keep_inside]
+    outer = [share for crop, share in zip(crops, kept, strict=True) if not crop.keep_inside]
+    return reduce(np.multiply, outer, reduce(np.maximum, inner) if inner else np.ones(count, np.float32))

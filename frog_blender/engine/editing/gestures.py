@@ -16,6 +16,7 @@ from ..capture.camera import Camera
 from ..gaussians import NumpyGaussians
 from ..native.options import ALPHA_MIN, RasterizeOptions
 from ..playback.render import draw
+from ..playback.transform import rotations_of
 from .clusters import REACH
 
 _LONGEST_SIDE = 480  # pixels of the image that says what lies before what
@@ -78,11 +79,7 @@ def _visible(gaussians: NumpyGaussians, camera: Camera, on_screen: OnScreen, dep
 
 def _extent(gaussians: NumpyGaussians, rows: Array, direction: Array) -> Array:
     """(K,) standard deviations of some Gaussians along a direction (3,), in world units."""
-    quaternions = gaussians.quaternions[rows].astype(np.float64)
-    quaternions /= np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)
-    back, real = -quaternions[:, 1:], quaternions[:, :1]  # the inverse turns the direction into each one's own axes
-    twice = 2 * np.cross(back, direction)
-    own = direction + real * twice + np.cross(back, twice)
+    own = direction @ rotations_of(gaussians.quaternions[rows].astype(np.float64))  # in each one's own axes
     result: Array = np.linalg.norm(own * gaussians.scales[rows], axis=1)
     return result
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import os
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -46,14 +47,8 @@ def read_npy(path: Path, expected: str, most: int) -> Array:
     Raises:
         FrogError: in one sentence, for a file that is missing, damaged, of another kind, or too large.
     """
-    regular_file(path, expected)
-    try:
-        with path.open("rb") as file:
-            return _read(file, os.fstat(file.fileno()).st_size, NUMBERS, most)
-    except OSError as error:
-        raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", expected) from error
-    except Exception as error:
-        raise found_instead(path, f"a file that is not a NumPy array of numbers ({brief(error)})", expected) from error
+    with _told(path, expected, "a NumPy array of numbers"), path.open("rb") as file:
+        return _read(file, os.fstat(file.fileno()).st_size, NUMBERS, most)
 
 
 def read_npz(path: Path, expected: str, wanted: Wanted, most: int, kinds: str = NUMBERS) -> dict[str, Array]:
@@ -64,29 +59,33 @@ def read_npz(path: Path, expected: str, wanted: Wanted, most: int, kinds: str = 
         most: numbers that all arrays together may have, or characters.
         kinds: of arrays: NUMBERS, and TEXT where that is expected.
     """
-    regular_file(path, expected)
     arrays: dict[str, Array] = {}
+    with _told(path, expected, "an archive of NumPy arrays"), zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+        if len(entries) > _MOST_ARRAYS:
+            raise ValueError(f"{len(entries)} arrays")
+        for entry in entries:
+            if entry.compress_type not in _COMPRESSIONS:
+                raise ValueError(f"compression {entry.compress_type}")
+            name = entry.filename.removesuffix(".npy")
+            with archive.open(entry) as file:
+                left = most - sum(array.size for array in arrays.values())
+                arrays[name] = _read(file, entry.file_size, kinds, left, partial(wanted, name))
+    return arrays
+
+
+@contextmanager
+def _told(path: Path, expected: str, kind: str) -> Iterator[None]:
+    """One sentence for whatever is raised where a file is read; ``kind`` is what it may not be."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            entries = archive.infolist()
-            if len(entries) > _MOST_ARRAYS:
-                raise ValueError(f"{len(entries)} arrays")
-            for entry in entries:
-                if entry.compress_type not in _COMPRESSIONS:
-                    raise ValueError(f"compression {entry.compress_type}")
-                name = entry.filename.removesuffix(".npy")
-                with archive.open(entry) as file:
-                    left = most - sum(array.size for array in arrays.values())
-                    arrays[name] = _read(file, entry.file_size, kinds, left, partial(wanted, name))
+        regular_file(path, expected)
+        yield
     except FrogError:
         raise
     except OSError as error:
         raise found_instead(path, f"a file that cannot be read ({error.strerror or error})", expected) from error
     except Exception as error:
-        raise found_instead(
-            path, f"a file that is not an archive of NumPy arrays ({brief(error)})", expected
-        ) from error
-    return arrays
+        raise found_instead(path, f"a file that is not {kind} ({brief(error)})", expected) from error
 
 
 def _read(

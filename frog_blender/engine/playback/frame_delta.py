@@ -19,6 +19,7 @@ import numpy as np
 
 from ..arrays import Array, SceneArrays
 from ..gaussians import GaussianArrays, NumpyGaussians
+from ..scene.scene_file import WIDTHS
 
 
 class BufferPool:
@@ -85,17 +86,9 @@ def normalize(quaternions: Array) -> Array:
     return result
 
 
-WIDTHS = {"means": 3, "quaternions": 4, "scales": 3, "base": 4}
-
-
 def column_names(sh_count: int) -> tuple[str, ...]:
     """Every column of Gaussians with so many SH coefficients, in a fixed order."""
-    return (*WIDTHS, *(f"sh_{k}" for k in range(1, sh_count)))
-
-
-def column_width(name: str) -> int:
-    """Numbers a Gaussian has in a column."""
-    return WIDTHS.get(name, 3)
+    return tuple(WIDTHS)[: 3 + sh_count]
 
 
 FrameDelta: TypeAlias = dict[str, Array]
@@ -109,9 +102,9 @@ def column_of(gaussians: NumpyGaussians, name: str, count: int | None = None) ->
         base = np.empty((len(opacities), 4), np.float32)
         base[:, :3], base[:, 3] = gaussians.sh[:count, 0], opacities
         return base
-    if name in WIDTHS:
-        return np.ascontiguousarray(getattr(gaussians, name)[:count])
-    return _coefficient(gaussians.sh[:count], int(name.removeprefix("sh_")))
+    if name.startswith("sh_"):
+        return _coefficient(gaussians.sh[:count], int(name.removeprefix("sh_")))
+    return np.ascontiguousarray(getattr(gaussians, name)[:count])
 
 
 def put_columns(arrays: dict[str, Array], columns: dict[str, Array], count: int) -> None:

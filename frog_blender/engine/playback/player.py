@@ -21,7 +21,7 @@ from ..field.names import CANONICAL
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..registry import METHODS
 from ..scene.header import SceneHeader
-from ..scene.scene_file import KEEPS_IDENTITY, VISIBILITY, FrameRows, SceneFile, read_scene
+from ..scene.scene_file import KEEPS_IDENTITY, VISIBILITY, WIDTHS, FrameRows, SceneFile, read_scene
 from .deformation import DeformationPlayer, VisibilityMask
 from .frame_delta import (
     BufferPool,
@@ -30,7 +30,6 @@ from .frame_delta import (
     column_names,
     column_of,
     column_view,
-    column_width,
     extract_columns,
     normalize,
     put_columns,
@@ -254,7 +253,7 @@ class ScenePlayer:
     @property
     def delta_bytes(self) -> int:
         """Bytes that ``delta_at`` returns."""
-        return 4 * self.num_dynamic * sum(column_width(name) for name in self.changing)
+        return 4 * self.num_dynamic * sum(WIDTHS[name] for name in self.changing)
 
     def column(self, name: str, part: FrameDelta) -> Array:
         """(N, width) a column at the time of ``part``; it is good until the caller drops it, and not to be changed."""

@@ -8,32 +8,21 @@ from ..io.plain_values import JsonMapping, JsonObject, UnfitValue, finite_entrie
 
 
 class StepKind(StrEnum):
-    """What a compression step does. Values are the names on disk, ``label`` is what people read."""
+    """What a compression step does. Values are the names on disk."""
 
     PRUNE = "pruned"
     FREEZE = "put to rest"
     VISIBILITY = "unseen left out"
     PACK = "packed"
 
-    @property
-    def label(self) -> str:
-        """What was done, in a word or two."""
-        return _LABELS[self][0]
 
-    @property
-    def unit(self) -> str:
-        """What the numbers before and after count."""
-        return _LABELS[self][1]
-
-
-_LABELS = {
+_SAID = {
     StepKind.PRUNE: ("prune", "Gaussians"),
     StepKind.FREEZE: ("freeze", "dynamic Gaussians"),
     StepKind.VISIBILITY: ("skip invisible groups", "Gaussians deformed a frame"),
     StepKind.PACK: ("quantize", "bytes"),
 }
-"""By kind: label and unit."""
-_KNOWN = {kind.value: kind for kind in StepKind}
+"""By kind: what was done in a word or two, and what the numbers before and after count."""
 
 
 def summary(capacity: JsonMapping) -> str:
@@ -62,7 +51,7 @@ def readable_report(value: object) -> JsonObject:
 def reduction_line(reduction: JsonMapping) -> str:
     """``at 85 %, freeze: 20,704 -> 5,927 dynamic Gaussians; saves 1.9 MB; costs 0.005 dB``."""
     what = reduction["what"]
-    label, unit = (_KNOWN[what].label, _KNOWN[what].unit) if what in _KNOWN else (what, "")
+    label, unit = _SAID.get(what, (what, ""))
     counts = f"{reduction['before']:,} -> {reduction['after']:,} {unit}"
     parts = [f"at {100 * reduction['progress']:.0f} %, {label}: {counts}"]
     if reduction.get("bytes", 0) > 0:

@@ -33,48 +33,29 @@ _WIDEST = 12.0  # a range in extents of the nearest half of its numbers; of a no
 _FINE = {"log_scales": 0.02, "quaternions": 0.004, "opacity_logits": 0.05, "sh": 0.01}
 
 
-@dataclass(frozen=True)
-class Blocks:
-    """Quantised columns.
+def stored_blocks(name: str, rows: Array, bits: int) -> tuple[bytes, int]:
+    """The finite numbers (N, columns) of an attribute in whole ones of 8 or 16 bits, as ``from_stored`` reads them.
 
-    Attributes:
-        least, step: (blocks, columns) float32; level l of a block's column stands for least + l * step.
-        levels: (N, columns) whole numbers, uint8 or uint16.
-        places: (A,) ascending int64, of the numbers that stand apart among all N * columns.
-        numbers: (A,) float32, what they are.
+    Least numbers and steps of the blocks, levels column by column, and the numbers that are far from all others of
+    their block, with the steps between their places; and how many of those there are.
     """
-
-    least: Array
-    step: Array
-    levels: Array
-    places: Array
-    numbers: Array
-
-
-def quantize(name: str, rows: Array, bits: int) -> Blocks:
-    """The finite numbers (N, columns) of an attribute in whole ones of 8 or 16 bits; those far from all others of their
-    block stand apart."""
-    kind = np.uint8 if bits == 8 else np.uint16
     inside = _inside(name, rows, bits)
     least, step = _ranges(rows, inside, bits)
     block = np.arange(len(rows)) // BLOCK
     with np.errstate(over="ignore"):  # of numbers that stand apart
-        levels = np.rint((rows - least[block]) / step[block]).clip(0, 2**bits - 1).astype(kind)
+        levels = np.rint((rows - least[block]) / step[block]).clip(0, 2**bits - 1).astype(f"<u{bits // 8}")
     places = np.empty(0, np.int64) if inside is None else np.flatnonzero(~inside)
-    return Blocks(least, step, levels, places, rows.reshape(-1)[places])
-
-
-def block_bytes(blocks: Blocks) -> bytes:
-    """What ``from_stored`` reads: least numbers, steps, levels column by column, and what stands apart."""
-    levels = np.ascontiguousarray(blocks.levels.T).reshape(-1)  # columns have most in common
-    steps_between = np.diff(blocks.places, prepend=0).astype("<u4")
-    ranges = np.stack([blocks.least, blocks.step]).astype("<f4").tobytes()
-    parts = (levels, steps_between, blocks.numbers.astype("<f4"))
-    return ranges + b"".join(by_significance(part.view(np.uint8), part.itemsize) for part in parts)
+    parts = (
+        np.ascontiguousarray(levels.T).reshape(-1),  # columns have most in common
+        np.diff(places, prepend=0).astype("<u4"),
+        rows.reshape(-1)[places].astype("<f4"),
+    )
+    ranges = np.stack([least, step]).astype("<f4").tobytes()
+    return ranges + b"".join(by_significance(part.view(np.uint8), part.itemsize) for part in parts), len(places)
 
 
 def stored_size(rows: int, columns: int, bits: int, apart: int) -> int:
-    """Bytes that ``block_bytes`` makes."""
+    """Bytes that ``stored_blocks`` makes."""
     return 8 * -(-rows // BLOCK) * columns + bits // 8 * rows * columns + APART_BYTES * apart
 
 
@@ -217,8 +198,7 @@ def pack(name: str, array: Array) -> Packed:
         stored = by_significance(array.astype(np.float16).reshape(-1).view(np.uint8), 2)
     else:
         rows = array.reshape(len(array), math.prod(array.shape[1:]))
-        found = quantize(name, rows, bits)
-        stored, apart = block_bytes(found), len(found.places)
+        stored, apart = stored_blocks(name, rows, bits)
     content = np.frombuffer(zlib.compress(stored, _LEVEL), np.uint8)
     described = {"shape": list(array.shape), "bits": bits} | ({"apart": apart} if apart else {})
     return Packed(content, described)

@@ -39,7 +39,8 @@ DYNAMIC, COLUMNS, KEEPS_IDENTITY, HALF = "dynamic", "columns", "keeps_identity",
 same row is the same Gaussian in all frames, so that there is something between two frames; and whether all but places
 are half floats."""
 _KIND = "a .frog scene"
-_WIDTHS = {"means": 3, "quaternions": 4, "scales": 3, "base": 4, **{f"sh_{k}": 3 for k in range(1, 16)}}
+WIDTHS = {"means": 3, "quaternions": 4, "scales": 3, "base": 4, **{f"sh_{k}": 3 for k in range(1, 16)}}
+"""Numbers that a Gaussian has in each column, see playback.frame_delta."""
 _LARGEST_HALF = 65504.0
 
 
@@ -66,7 +67,7 @@ class RowLayout:
     @property
     def size(self) -> int:
         """Bytes of a row."""
-        return self.num_dynamic * sum(_WIDTHS[name] * np.dtype(self.kind(name)).itemsize for name in self.columns)
+        return self.num_dynamic * sum(WIDTHS[name] * np.dtype(self.kind(name)).itemsize for name in self.columns)
 
     def model(self) -> JsonObject:
         """The header's model settings."""
@@ -85,7 +86,7 @@ class RowLayout:
         """(M, width) by column of a row, as they are stored; views of it."""
         columns, start = {}, 0
         for name in self.columns:
-            shape = self.num_dynamic, _WIDTHS[name]
+            shape = self.num_dynamic, WIDTHS[name]
             columns[name] = np.frombuffer(row, self.kind(name), math.prod(shape), start).reshape(shape)
             start += columns[name].nbytes
         return columns
@@ -99,9 +100,9 @@ class RowLayout:
     def of(cls, header: SceneHeader, num_gaussians: int) -> RowLayout:
         """The layout that a sequence's header describes; UnfitValue for a header that describes none."""
         model = header.model
-        columns = tuple(text(name, "a column", 16) for name in items(model.get(COLUMNS), COLUMNS, len(_WIDTHS)))
-        if len(set(columns)) != len(columns) or not set(columns) <= _WIDTHS.keys():
-            raise UnfitValue(f"the columns {', '.join(columns)}", f"some of {', '.join(_WIDTHS)}")
+        columns = tuple(text(name, "a column", 16) for name in items(model.get(COLUMNS), COLUMNS, len(WIDTHS)))
+        if len(set(columns)) != len(columns) or not set(columns) <= WIDTHS.keys():
+            raise UnfitValue(f"the columns {', '.join(columns)}", f"some of {', '.join(WIDTHS)}")
         keeps, half = (model.get(name) for name in (KEEPS_IDENTITY, HALF))
         if not isinstance(keeps, bool) or not isinstance(half, bool):
             raise UnfitValue(f"{KEEPS_IDENTITY} = {keeps!r}, {HALF} = {half!r}", "true or false")

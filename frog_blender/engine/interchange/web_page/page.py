@@ -25,7 +25,8 @@ from ...capture.camera import Camera
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
-from ...playback.frame_delta import WIDTHS, column_names, column_of, column_width
+from ...playback.frame_delta import column_names, column_of
+from ...scene.scene_file import WIDTHS
 from ..take import Take, encoded
 
 MOST_BYTES = 2**29
@@ -125,7 +126,7 @@ def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes, Array]]:
     description: JsonObject = {
         "count": len(columns["means"]),
         "dynamic": moved,
-        "sh_count": len(columns) - len(WIDTHS) + 1,
+        "sh_count": len(columns) - 3,
         "frames": frames,
         "arrays": described,
     }
@@ -140,8 +141,8 @@ def _extent(column: Array) -> Array:
 
 def _refuse_too_large(take: Take, count: int, names: Sequence[str]) -> None:
     frames = len(take.numbers)
-    needed = 4 * count * sum(column_width(name) for name in names)
-    needed += 2 * frames * take.num_dynamic * sum(column_width(name) for name in take.changing)
+    needed = 4 * count * sum(WIDTHS[name] for name in names)
+    needed += 2 * frames * take.num_dynamic * sum(WIDTHS[name] for name in take.changing)
     if needed > MOST_BYTES:
         raise FrogError(
             f"A page of {frames} frames would unpack to {needed / 1e6:,.0f} MB in the browser, expected at most "

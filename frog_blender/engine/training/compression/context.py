@@ -28,7 +28,7 @@ class CompressionStep:
     Attributes:
         what: the kind of step.
         progress: of the training, 0 to 1.
-        before, after: of what ``what.unit`` says.
+        before, after: see compression_report for what they count.
         loss: dB that it cost on the validation images before training went on; None where nothing was measured.
         bytes: that it saves, of numbers as training has them.
     """
