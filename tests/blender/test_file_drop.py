@@ -6,7 +6,7 @@ import bpy
 import pytest
 from support.small_scenes import rig_of_three, write_scene
 
-from frog_blender.engine.interchange.ply import write_splats
+from frog_blender.engine.interchange.frame_files import write_frame
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback
 
@@ -42,7 +42,7 @@ def test_one_of_several_that_is_damaged(empty, scenes_of_two):
 
 def test_several_splat_files_become_a_scene_each(empty, scenes_of_two, tmp_path):
     for path in scenes_of_two:
-        write_splats(path.with_suffix(".ply"), ScenePlayer.load(path).at_frame(0))
+        write_frame(path.with_suffix(".ply"), ScenePlayer.load(path).at_frame(0))
         path.unlink()
     files = [path.with_suffix(".ply") for path in scenes_of_two]
     named = str(tmp_path / "one.frog")  # would be overwritten by the second
@@ -55,7 +55,7 @@ def test_frames_of_a_sequence_become_one_scene(empty, static_rig, tmp_path):
     folder.mkdir()
     frames = [folder / f"{number}.ply" for number in range(3)]
     for number, frame in enumerate(frames):
-        write_splats(frame, ScenePlayer.load(static_rig).at_frame(number))
+        write_frame(frame, ScenePlayer.load(static_rig).at_frame(number))
     out = tmp_path / "out.frog"
     chosen = given(*frames[:2])
     assert bpy.ops.import_scene.frog_splats(**chosen, sequence=True, scene_file=str(out)) == {"FINISHED"}

@@ -12,7 +12,7 @@ from support.blender_windows import event, in_window
 
 from frog_blender import unsaved_changes
 from frog_blender.engine.interchange import imports
-from frog_blender.engine.interchange.ply import write_splats
+from frog_blender.engine.interchange.frame_files import write_frame
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.operators.import_ply import FROG_OT_import_splats
 from frog_blender.timeline import playback
@@ -26,7 +26,7 @@ def importing(empty, static_rig, tmp_path, monkeypatch):
     names, whole = ("a{b}.ply", "second.ply"), imports.import_scene
     gates, begun = ({name: threading.Event() for name in names} for _ in range(2))
     for name in names:
-        write_splats(tmp_path / name, ScenePlayer.load(static_rig).at_frame(0))
+        write_frame(tmp_path / name, ScenePlayer.load(static_rig).at_frame(0))
 
     def slow(source, target, *, progress, **options):
         progress(1, 4)

@@ -18,7 +18,7 @@ import pytest
 from support.blender_windows import another_blender
 from support.small_scenes import rig_of_three, write_scene
 
-from frog_blender.engine.interchange.ply import write_splats
+from frog_blender.engine.interchange.frame_files import write_frame
 from frog_blender.engine.playback.player import ScenePlayer
 
 HERE = Path(__file__).parent
@@ -59,7 +59,7 @@ def test_every_operator_is_invoked_as_a_window_does(display: str, tmp_path: Path
     pytest.importorskip("cv2")
     scene = write_scene(tmp_path / "a.frog", rig_of_three())
     splats, capture, result = tmp_path / "s.ply", tmp_path / "capture", tmp_path / "result.json"
-    write_splats(splats, ScenePlayer.load(scene).at_frame(0))
+    write_frame(splats, ScenePlayer.load(scene).at_frame(0))
     pytest.importorskip("support.synthetic_capture").write_capture(capture)
     found, said = run_in_window(display, "window_script.py", scene, splats, capture, result)
     assert not found["errors"], "\n".join(found["errors"])

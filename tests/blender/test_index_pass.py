@@ -10,8 +10,8 @@ import pytest
 from support.exr import pass_of, render_channels
 from support.small_scenes import passes_of, rig_of_three, write_scene
 
+from frog_blender.engine.interchange.frame_files import write_frame
 from frog_blender.engine.interchange.imports import import_scene
-from frog_blender.engine.interchange.ply import write_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.render import passes
 from frog_blender.scene_import.capture_objects import active_capture
@@ -27,7 +27,7 @@ def solid(path, seed):
     """A still capture without cameras, whose Gaussians are nearly opaque."""
     moving = write_scene(path.with_name("moving.frog"), rig_of_three(), count=60 - seed, seed=seed)
     gaussians = ScenePlayer.load(moving).at_frame(0)
-    write_splats(path.with_suffix(".ply"), replace(gaussians, opacities=np.full(60 - seed, 0.98)))
+    write_frame(path.with_suffix(".ply"), replace(gaussians, opacities=np.full(60 - seed, 0.98)))
     return import_scene(path.with_suffix(".ply"), path).path
 
 

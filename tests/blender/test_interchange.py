@@ -11,7 +11,8 @@ import pytest
 from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
-from frog_blender.engine.interchange.ply import read_splats, write_splats
+from frog_blender.engine.interchange.frame_files import write_frame
+from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.transform import transform
 from frog_blender.operators import export_scene
@@ -21,9 +22,8 @@ from frog_blender.timeline import open_scenes, playback
 
 def assert_same(path, gaussians):
     """A .ply holds these Gaussians, to 1e-6."""
-    from frog_blender.engine.playback.frame_delta import canonical_gaussians
 
-    found = canonical_gaussians(read_splats(path).arrays)
+    found = read_splats(path).gaussians
     for name in ("means", "scales", "opacities", "sh"):
         np.testing.assert_allclose(getattr(found, name), getattr(gaussians, name), rtol=1e-6, atol=1e-6, err_msg=name)
     signs = np.sign((found.quaternions * gaussians.quaternions).sum(1, keepdims=True))
@@ -106,7 +106,7 @@ def test_every_gaussian_comes_back_to_its_place(empty, tmp_path, place, sh_count
 
 
 def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
-    write_splats(tmp_path / "x.ply", ScenePlayer.load(static_rig).at_frame(2))
+    write_frame(tmp_path / "x.ply", ScenePlayer.load(static_rig).at_frame(2))
     camera = bpy.data.objects.new("mine", bpy.data.cameras.new("mine"))
     empty.collection.objects.link(camera)
     empty.camera, empty.frame_end = camera, 77
@@ -129,7 +129,7 @@ def test_a_still_in_an_empty_scene(empty, static_rig, tmp_path):
 
 def test_a_trained_scene_beside_the_ply_is_not_written_over(empty, static_rig):
     content = static_rig.read_bytes()
-    write_splats(static_rig.with_suffix(".ply"), ScenePlayer.load(static_rig).at_frame(0))
+    write_frame(static_rig.with_suffix(".ply"), ScenePlayer.load(static_rig).at_frame(0))
     for _ in range(2):
         bpy.ops.import_scene.frog_splats(filepath=str(static_rig.with_suffix(".ply")))
         assert Path(active_capture(bpy.context).frog.filepath).name == "figure_ply.frog"
@@ -141,7 +141,7 @@ def test_bad_splats_are_an_error_in_a_sentence(empty, static_rig, tmp_path):
     with pytest.raises(RuntimeError, match=r"mesh\.ply: found the format ascii"):
         bpy.ops.import_scene.frog_splats(filepath=str(tmp_path / "mesh.ply"))
     assert not empty.objects[:] and not bpy.data.collections[:] and not list(tmp_path.glob("mesh*.frog"))
-    write_splats(tmp_path / "few.ply", ScenePlayer.load(static_rig).at_frame(0))
+    write_frame(tmp_path / "few.ply", ScenePlayer.load(static_rig).at_frame(0))
     content = (tmp_path / "few.ply").read_bytes()
     (tmp_path / "few.ply").write_bytes(content[:-50])
     with pytest.raises(RuntimeError, match="its header announces"):

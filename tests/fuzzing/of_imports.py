@@ -120,19 +120,19 @@ def packed_usd(scene: ScenePlayer, folder: Path) -> list[bytes]:
 
 
 def spz(scene: ScenePlayer, folder: Path) -> list[bytes]:
-    from frog_blender.engine.interchange.spz import write_spz
+    from frog_blender.engine.interchange.frame_files import write_frame
 
     path = folder / "whole.spz"
-    write_spz(path, scene.at_frame(2))
+    write_frame(path, scene.at_frame(2))
     packed = path.read_bytes()
-    write_spz(path, scene.at_frame(2), version=4)
+    write_frame(path, scene.at_frame(2), spz_version=4)
     return [packed, zlib.decompress(packed, 31), path.read_bytes(), path.read_bytes()]
 
 
 def glb(scene: ScenePlayer, folder: Path) -> list[bytes]:
-    from frog_blender.engine.interchange.gltf import write_glb
+    from frog_blender.engine.interchange.frame_files import write_frame
 
-    write_glb(folder / "whole.glb", scene.at_frame(2))
+    write_frame(folder / "whole.glb", scene.at_frame(2))
     return [(folder / "whole.glb").read_bytes()]
 
 

@@ -13,10 +13,9 @@ from support.foreign_takes import assert_plays_alike, partly_static
 
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
-from frog_blender.engine.interchange.frame_files import export_frames
+from frog_blender.engine.interchange.frame_files import export_frames, write_frame
 from frog_blender.engine.interchange.imports import free_scene_path, import_scene
-from frog_blender.engine.interchange.ply import PROMISE, read_splats, write_splats
-from frog_blender.engine.playback.frame_delta import canonical_gaussians
+from frog_blender.engine.interchange.ply import PROMISE, read_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.render import draw
 from frog_blender.engine.playback.transform import Y_DOWN, transform
@@ -52,7 +51,7 @@ def test_the_command_turns_z_up_to_y_down(trained: Path, tmp_path: Path) -> None
     before = ScenePlayer.load(trained).at_frame(3)
     for options, turn in (([], np.eye(4)), (["--y-down"], Y_DOWN)):
         assert main(["export", str(trained), "--frames", "3:4", "--out", str(tmp_path), *options]) == 0
-        found, expected = canonical_gaussians(read_splats(tmp_path / "x_0003.ply").arrays), transform(before, turn)
+        found, expected = read_splats(tmp_path / "x_0003.ply").gaussians, transform(before, turn)
         for name in ("means", "scales", "sh"):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-5)
     np.testing.assert_array_equal(Y_DOWN @ (0, 0, 1, 1), (0, -1, 0, 1))  # up
@@ -202,7 +201,7 @@ def test_the_folder_where_one_is(scene: ScenePlayer, tmp_path: Path, monkeypatch
     """Its frames have whatever names, and what an import left that was killed goes."""
     (tmp_path / "take" / "below").mkdir(parents=True)
     for frame, name in enumerate(("1²2.ply", "9.ply", "10.ply")):
-        write_splats(tmp_path / "take" / name, scene.at_frame(frame))
+        write_frame(tmp_path / "take" / name, scene.at_frame(frame))
     part = tmp_path / ".take.frog.0123abcd.part"
     part.write_bytes(b"half")
     for folder, name in (("take", "."), ("take/below", "..")):
@@ -217,7 +216,7 @@ def test_the_folder_where_one_is(scene: ScenePlayer, tmp_path: Path, monkeypatch
 def test_arguments_that_would_do_nothing_are_refused(
     scene: ScenePlayer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_splats(tmp_path / "a.ply", scene.at_frame(0))
+    write_frame(tmp_path / "a.ply", scene.at_frame(0))
     out = ["--out", str(tmp_path / "out")]
     for arguments in (
         ["import", str(tmp_path / "a.ply"), "--fps", "24"],

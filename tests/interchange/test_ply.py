@@ -12,8 +12,8 @@ from support.builders import ATTRIBUTES, pairwise, plain_camera, random_gaussian
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.interchange.ply import read_splats, splat_bytes, write_splats
-from frog_blender.engine.playback.frame_delta import canonical_gaussians
+from frog_blender.engine.interchange.frame_files import write_frame
+from frog_blender.engine.interchange.ply import read_splats, splat_bytes
 
 COUNT = 200
 STANDARD = [*"xyz", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
@@ -66,9 +66,9 @@ def gaussians(degree: int = 3, count: int = 50) -> GaussianArrays:
 @pytest.mark.parametrize("degree", range(4))
 def test_there_and_back(tmp_path: Path, degree: int) -> None:
     before = gaussians(degree)
-    write_splats(tmp_path / "x.ply", before)
+    write_frame(tmp_path / "x.ply", before)
     splats = read_splats(tmp_path / "x.ply")
-    after = canonical_gaussians(splats.arrays)
+    after = splats.gaussians
     assert splats.left_out == 0
     for name in ATTRIBUTES:
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=1e-6, atol=1e-6, err_msg=name)
@@ -77,7 +77,7 @@ def test_there_and_back(tmp_path: Path, degree: int) -> None:
 def test_another_program_reads_it(tmp_path: Path) -> None:
     plyfile = pytest.importorskip("plyfile")
     before = gaussians()
-    write_splats(tmp_path / "x.ply", before)
+    write_frame(tmp_path / "x.ply", before)
     table = plyfile.PlyData.read(tmp_path / "x.ply")["vertex"].data
     assert list(table.dtype.names) == [*STANDARD, *(f"f_rest_{i}" for i in range(45)), *END]
     np.testing.assert_array_equal(np.stack([table[name] for name in "xyz"], 1), before.means)
@@ -92,9 +92,9 @@ def test_another_program_reads_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("dtype", "extra"), pairwise(["<f4", ">f4", "<f8", ">f8"], [False, True]))
 def test_files_of_other_programs(tmp_path: Path, dtype: str, extra: bool) -> None:
     """Other numbers, another order of properties, others between them, other elements around."""
-    before = canonical_gaussians(read_splats(write(tmp_path / "x.ply", columns(), "<f4")).arrays)
+    before = read_splats(write(tmp_path / "x.ply", columns(), "<f4")).gaussians
     turned = dict(reversed(columns().items())) | {"confidence": np.zeros(COUNT)}
-    after = canonical_gaussians(read_splats(write(tmp_path / "y.ply", turned, dtype, extra=extra)).arrays)
+    after = read_splats(write(tmp_path / "y.ply", turned, dtype, extra=extra)).gaussians
     for name in ATTRIBUTES:
         np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=2e-6, atol=2e-6, err_msg=name)
 
@@ -159,10 +159,10 @@ def test_a_number_of_colours_that_no_degree_has(tmp_path: Path) -> None:
 )
 def test_half_floats(tmp_path: Path, dtype: str, kind: str) -> None:
     """By whatever name of 16 bits."""
-    before = canonical_gaussians(read_splats(write(tmp_path / "x.ply", columns(), "<f4")).arrays)
+    before = read_splats(write(tmp_path / "x.ply", columns(), "<f4")).gaussians
     found = read_splats(write(tmp_path / "half.ply", columns(), dtype, kind))
     assert found.left_out == 0
-    for name, values in vars(canonical_gaussians(found.arrays)).items():
+    for name, values in vars(found.gaussians).items():
         np.testing.assert_allclose(values, getattr(before, name), rtol=4e-3, atol=4e-3, err_msg=name)
     assert set(ATTRIBUTES) == set(vars(before))
 

@@ -16,9 +16,9 @@ from support.foreign_takes import partly_static, sorted_like
 from frog_blender.cli.main import main
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.interchange.gltf import EXTENSION, write_glb
+from frog_blender.engine.interchange.frame_files import write_frame
+from frog_blender.engine.interchange.gltf import EXTENSION
 from frog_blender.engine.interchange.imports import import_scene, open_source
-from frog_blender.engine.interchange.spz import write_spz
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.transform import transform
 
@@ -45,7 +45,7 @@ def test_spz_there_and_back(tmp_path: Path, sh_count: int, version: int) -> None
         pytest.importorskip("zstandard")
     before = partly_static(tmp_path, sh_count=sh_count).at_frame(3)
     before.sh = before.sh.clip(-0.9, 0.9)
-    write_spz(tmp_path / "x.spz", before, version=version)
+    write_frame(tmp_path / "x.spz", before, spz_version=version)
     after, left_out = read(tmp_path / "x.spz")
     assert (tmp_path / "x.spz").read_bytes()[:5] == (b"NGSP\4" if version == 4 else b"\x1f\x8b\x08\0\0")
     assert left_out == 0 and after.sh.shape == before.sh.shape
@@ -60,7 +60,7 @@ def test_spz_says_where_up_is(scene: ScenePlayer, tmp_path: Path) -> None:
     """In the file y is up: what has z = 3 here has y = 3 there, in 24-bit fixed point."""
     before = scene.at_frame(0)
     before.means = np.tile(np.array([[1, 2, 3]], np.float32), (40, 1))
-    write_spz(tmp_path / "x.spz", before)
+    write_frame(tmp_path / "x.spz", before)
     content = zlib.decompress((tmp_path / "x.spz").read_bytes(), 31)
     magic, version, count, _, bits, _, _ = struct.unpack_from("<IIIBBBB", content)
     place = [int.from_bytes(content[16 + 3 * i : 19 + 3 * i], "little", signed=True) / 2**bits for i in range(3)]
@@ -85,7 +85,7 @@ RDF, LUB = 6, 3  # axes as an extension numbers them: those of most .ply files, 
 def fourth_spz(path: Path, gaussians: GaussianArrays, axes: int, degree: int = 0) -> None:
     """A file of version 4 with two extensions, one of which names its axes, and harmonics of any degree."""
     zstandard = pytest.importorskip("zstandard")
-    write_spz(path, gaussians, version=4)
+    write_frame(path, gaussians, spz_version=4)
     content, count = bytearray(path.read_bytes()), len(gaussians)
     content[14] = 2
     sizes = [content[32 + 16 * place : 48 + 16 * place] for place in range(5)]
@@ -102,7 +102,7 @@ def fourth_spz(path: Path, gaussians: GaussianArrays, axes: int, degree: int = 0
 
 def test_axes_and_degree_of_a_fourth_spz(tmp_path: Path) -> None:
     before = partly_static(tmp_path, sh_count=4).at_frame(3)
-    write_spz(tmp_path / "plain.spz", before)
+    write_frame(tmp_path / "plain.spz", before)
     plain, _ = read(tmp_path / "plain.spz")
     fourth_spz(tmp_path / "x.spz", before, RDF, degree=4)
     found, _ = read(tmp_path / "x.spz")
@@ -167,7 +167,7 @@ def test_buffers_that_cannot_be_used(scene: ScenePlayer, tmp_path: Path, uri: st
 @pytest.mark.parametrize("sh_count", [1, 16])
 def test_gltf_there_and_back(tmp_path: Path, sh_count: int) -> None:
     before = partly_static(tmp_path, sh_count=sh_count).at_frame(3)
-    write_glb(tmp_path / "x.glb", before)
+    write_frame(tmp_path / "x.glb", before)
     after, left_out = read(tmp_path / "x.glb")
     assert left_out == 0 and turns_apart(after, before) < 1e-6
     for name in ("means", "scales", "opacities", "sh"):
@@ -177,7 +177,7 @@ def test_gltf_there_and_back(tmp_path: Path, sh_count: int) -> None:
 def test_another_program_reads_the_gltf(scene: ScenePlayer, tmp_path: Path) -> None:
     fourdgs = pytest.importorskip("fourdgs", reason="reads KHR_gaussian_splatting")
     before = scene.at_frame(3)
-    write_glb(tmp_path / "x.glb", before)
+    write_frame(tmp_path / "x.glb", before)
     found = fourdgs.from_gltf(str(tmp_path / "x.glb"))
     assert found.metadata["color_space"] == "srgb-rec709-display"
     np.testing.assert_allclose(found.gaussians.positions, before.means[:, [0, 2, 1]] * (1, 1, -1), atol=1e-6)
@@ -199,7 +199,7 @@ def rewritten(path: Path, **changes: object) -> None:
 
 def test_gltf_nodes_place_it(scene: ScenePlayer, tmp_path: Path) -> None:
     before = scene.at_frame(3)
-    write_glb(tmp_path / "x.glb", before)
+    write_frame(tmp_path / "x.glb", before)
     parent = {"children": [1], "translation": [0, 5, 0], "scale": [2, 2, 2]}
     rewritten(tmp_path / "x.glb", nodes=[parent, {"mesh": 0}])
     after, _ = read(tmp_path / "x.glb")
@@ -226,7 +226,7 @@ def test_gltf_nodes_place_it(scene: ScenePlayer, tmp_path: Path) -> None:
 def test_gltf_that_cannot_be_used(
     scene: ScenePlayer, tmp_path: Path, changes: dict[str, object], sentence: str
 ) -> None:
-    write_glb(tmp_path / "x.glb", scene.at_frame(3))
+    write_frame(tmp_path / "x.glb", scene.at_frame(3))
     rewritten(tmp_path / "x.glb", **changes)
     with pytest.raises(FrogError, match=sentence):
         read(tmp_path / "x.glb")

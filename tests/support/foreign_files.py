@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from frog_blender.engine.gaussians import GaussianArrays
-from frog_blender.engine.interchange.gltf import write_glb
+from frog_blender.engine.interchange.frame_files import write_frame
 from frog_blender.engine.interchange.ply import splat_bytes
 from frog_blender.engine.playback.player import ScenePlayer
 
@@ -166,7 +166,7 @@ def double_ply(g: GaussianArrays, offset: float = 5e6) -> bytes:
 
 def gltf(folder: Path, g: GaussianArrays, beside: str | None) -> tuple[str, bytes]:
     """A ``.gltf`` text and its buffer, which lies beside it under that name, or is in the text if there is none."""
-    write_glb(folder / "made.glb", g)
+    write_frame(folder / "made.glb", g)
     content = (folder / "made.glb").read_bytes()
     length = struct.unpack_from("<I", content, 12)[0]
     document, buffer = json.loads(content[20 : 20 + length]), content[20 + length + 8 :]

@@ -10,12 +10,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..arrays import Array
+from ..errors import found_instead
 from ..gaussians import NumpyGaussians
+from ..io.atomic_files import write_atomically
+from ..io.plain_values import UnfitValue
+from ..optional_imports import needed_package
 from ..playback.render_files import PlayedFrames
 from ..playback.transform import transform
-from .gltf import write_glb
-from .ply import write_splats
-from .spz import VERSIONS, write_spz
+from .gltf import glb_bytes
+from .ply import splat_bytes
+from .spz import VERSIONS, spz_bytes
 
 
 def numbered(path: Path, frame: int) -> Path:
@@ -30,16 +34,22 @@ def write_frame(
 
     Args:
         path: ends in .ply, which takes the axes as they are, or .spz or .glb, for which z is up.
-        promise: see ``write_splats``; of a .ply alone.
-        spz_version: see ``write_spz``; of a .spz alone.
+        promise: see ``splat_bytes``; of a .ply alone.
+        spz_version: see ``spz_bytes``; of a .spz alone.
     """
-    match path.suffix.lower():
-        case ".spz":
-            write_spz(path, gaussians, version=spz_version)
-        case ".glb":
-            write_glb(path, gaussians)
-        case _:
-            write_splats(path, gaussians, promise=promise)
+    try:
+        match path.suffix.lower():
+            case ".spz":
+                content = spz_bytes(gaussians, spz_version)
+            case ".glb":
+                content = glb_bytes(gaussians)
+            case _:
+                content = splat_bytes(gaussians, promise=promise)
+    except UnfitValue as error:
+        raise found_instead(path, error.found, error.expected) from error
+    except ImportError as error:
+        raise needed_package(path, error) from error
+    write_atomically(path, content)
 
 
 def export_frames(

@@ -20,7 +20,6 @@ import numpy as np
 from ..arrays import Array, Float64s
 from ..errors import FrogError, brief
 from ..gaussians import GaussianArrays, NumpyGaussians
-from ..io.atomic_files import write_atomically
 from ..io.plain_values import JsonObject, UnfitValue, entries, items, numbers, plain_json, text, whole
 from ..io.regular_file import regular_file
 from ..playback.transform import rotations_of, transform
@@ -43,9 +42,9 @@ _MOST_BUFFERS = 1024
 _DATA = ("data:application/octet-stream;base64,", "data:application/gltf-buffer;base64,")
 
 
-def write_glb(path: Path, gaussians: NumpyGaussians) -> None:
-    """Writes Gaussians with z up, atomically; FrogError when it cannot, and then an earlier file is untouched."""
-    g = transform(gaussians, np.linalg.inv(Y_UP)).checked()
+def glb_bytes(gaussians: NumpyGaussians) -> bytes:
+    """A binary file of Gaussians with z up; UnfitValue for more than it can hold."""
+    g = transform(gaussians, np.linalg.inv(Y_UP))
     color = np.clip(0.5 + SH_DC * g.sh[:, 0], 0, 1)
     linear = np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
     columns = {
@@ -58,7 +57,7 @@ def write_glb(path: Path, gaussians: NumpyGaussians) -> None:
     for degree in range(g.sh_degree + 1):
         for order in range(2 * degree + 1):
             columns[f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{order}"] = g.sh[:, degree**2 + order]
-    kinds = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
+    kinds = {width: kind for kind, width in _WIDTHS.items()}
     views, accessors, pieces, start = [], [], [], 0
     for index, values in enumerate(columns.values()):
         piece = np.ascontiguousarray(values, "<f4").tobytes()
@@ -96,9 +95,9 @@ def write_glb(path: Path, gaussians: NumpyGaussians) -> None:
     head += b" " * (-len(head) % 4)
     size = _HEADER.size + 2 * _CHUNK.size + len(head) + start
     if size >= 2**32:
-        raise FrogError(f"{path}: found {size:,} bytes of Gaussians, expected less than 4 GB, which a .glb can hold.")
+        raise UnfitValue(f"{size:,} bytes of Gaussians", "less than 4 GB, which a .glb can hold")
     chunks = [_HEADER.pack(_MAGIC, 2, size), _CHUNK.pack(len(head), _JSON), head, _CHUNK.pack(start, _BINARY)]
-    write_atomically(path, b"".join([*chunks, *pieces]))
+    return b"".join([*chunks, *pieces])
 
 
 def decode_gltf(path: Path, content: bytes) -> Iterator[Part]:

@@ -27,7 +27,6 @@ from ..arrays import Array, SceneArrays
 from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, brief, found_instead
 from ..gaussians import NumpyGaussians
-from ..io.atomic_files import write_atomically
 from ..io.regular_file import regular_file
 from ..playback.frame_delta import canonical_gaussians
 from ..scene.header import MAX_FRAMES
@@ -44,18 +43,10 @@ _LONGEST_HEADER = 1 << 16
 _COARSE = 0.01  # of a Gaussian's size: by so much single precision may move it
 _MAX_ORIGIN = 1e12  # world units
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
-_NAMES = {
-    "i1": ("char", "int8"),
-    "u1": ("uchar", "uint8"),
-    "i2": ("short", "int16"),
-    "u2": ("ushort", "uint16"),
-    "i4": ("int", "int32"),
-    "u4": ("uint", "uint32"),
-    "f2": ("half", "float16"),
-    "f4": ("float", "float32"),
-    "f8": ("double", "float64"),
-}
-_TYPES = {name: code for code, names in _NAMES.items() for name in names}
+_CODES = ("i1", "u1", "i2", "u2", "i4", "u4", "f2", "f4", "f8")
+_TYPES = dict(zip(["char", "uchar", "short", "ushort", "int", "uint", "half", "float", "double"], _CODES, strict=True))
+_TYPES |= {np.dtype(code).name: code for code in _CODES}
+"""numpy's types by the format's names, old and new."""
 _FRAMES = "a folder or .zip of 3DGS .ply files"
 _PIECES = re.compile(r"(\d+)")
 _LARGEST_FRAME = 8 << 30  # bytes of a frame's file
@@ -67,15 +58,6 @@ PROMISE = "comment frog: the same row is the same Gaussian in every file of this
 """Line of a header by which a sequence says that its count and order are constant: players interpolate such frames."""
 
 
-def write_splats(path: str | Path, gaussians: NumpyGaussians, *, promise: bool = False) -> None:
-    """Writes Gaussians as they are, atomically; FrogError when it cannot, and then an earlier file is untouched.
-
-    Args:
-        promise: say that the file is one of a sequence whose count and order are constant.
-    """
-    write_atomically(path, splat_bytes(gaussians, promise=promise))
-
-
 def promises_order(file: BinaryIO) -> bool:
     """Whether a file's header has ``PROMISE``."""
     head = file.read(_LONGEST_HEADER).partition(b"\nend_header")[0]
@@ -83,7 +65,11 @@ def promises_order(file: BinaryIO) -> bool:
 
 
 def splat_bytes(gaussians: NumpyGaussians, *, promise: bool = False) -> bytes:
-    """What ``write_splats`` writes."""
+    """A file of Gaussians as they are.
+
+    Args:
+        promise: say that the file is one of a sequence whose count and order are constant.
+    """
     g = gaussians.checked()
     rest = g.sh[:, 1:].transpose(0, 2, 1).reshape(len(g), -1)  # channel by channel
     names = [*"xyz", "nx", "ny", "nz", *(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest.shape[1]))]

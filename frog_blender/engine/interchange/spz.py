@@ -21,11 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from ..arrays import Array, Float64s
-from ..errors import FrogError, brief
+from ..errors import brief
 from ..gaussians import GaussianArrays, NumpyGaussians
-from ..io.atomic_files import write_atomically
 from ..io.plain_values import UnfitValue
-from ..optional_imports import needed_package
 from ..playback.transform import transform
 from .stills import Y_UP, Part
 
@@ -52,22 +50,22 @@ _HARMONICS = {0: 0, 1: 3, 2: 8, 3: 15, 4: 24}
 _MOST_HARMONICS = 15
 
 
-def write_spz(path: Path, gaussians: NumpyGaussians, *, version: int = VERSIONS[0]) -> None:
-    """Writes Gaussians with z up, atomically.
+def spz_bytes(gaussians: NumpyGaussians, version: int) -> bytes:
+    """A file of Gaussians with z up.
 
     Args:
         version: one of VERSIONS.
 
     Raises:
-        FrogError: when it cannot, and then an earlier file is untouched; for places beyond the format's range; or for
-            version 4 without the package that compresses it.
+        UnfitValue: for places beyond the format's range.
+        ImportError: for version 4 without the package that compresses it.
     """
     if version not in VERSIONS:
         raise ValueError(f"version {version} of .spz files")
-    g = transform(gaussians, np.linalg.inv(Y_UP)).checked()
+    g = transform(gaussians, np.linalg.inv(Y_UP))
     reach = float(np.abs(g.means).max())
     if not reach < _PLACES:
-        raise FrogError(f"{path}: found Gaussians {reach:g} units from the origin, expected less than {_PLACES:,}.")
+        raise UnfitValue(f"Gaussians {reach:g} units from the origin", f"less than {_PLACES:,}")
     bits = min(_MOST_BITS - 1, max(0, _MOST_BITS - math.ceil(math.log2(max(reach, 1e-6) + 1e-6)) - 1))
     fixed = np.rint(g.means.astype(np.float64) * 2**bits).clip(-_PLACES, _PLACES).astype("<i4")
     places = fixed.view(np.uint8).reshape(len(g), 3, 4)[:, :, :3]
@@ -84,17 +82,13 @@ def write_spz(path: Path, gaussians: NumpyGaussians, *, version: int = VERSIONS[
     header = _HEADER.pack(_MAGIC, version, len(g), g.sh_degree, bits, 0, number)
     if version == 3:
         packer = zlib.compressobj(9, zlib.DEFLATED, 31)  # as gzip, without a time or a name
-        write_atomically(path, packer.compress(header + b"".join(parts)) + packer.flush())
-        return
-    try:
-        from zstandard import ZstdCompressor
+        return packer.compress(header + b"".join(parts)) + packer.flush()
+    from zstandard import ZstdCompressor
 
-        streams = [(len(part), ZstdCompressor(level=_LEVEL).compress(part)) for part in parts if part]
-    except ImportError as error:
-        raise needed_package(path, error) from error
+    streams = [(len(part), ZstdCompressor(level=_LEVEL).compress(part)) for part in parts if part]
     sizes = [_SIZES.pack(len(stream), size) for size, stream in streams]
     head = header + _PLACES_OF_STREAMS.pack(_HEADER.size + _PLACES_OF_STREAMS.size)
-    write_atomically(path, b"".join([head, *sizes, *(stream for _, stream in streams)]))
+    return b"".join([head, *sizes, *(stream for _, stream in streams)])
 
 
 def decode_spz(_path: Path, content: bytes) -> list[Part]:

@@ -251,7 +251,7 @@ def write_page(path: Path, take: Take) -> Generator[int, None, None]:
         "frames_per_second": take.rate / step,
         "background": list(take.header.background),
         "held": not take.keeps_identity,  # between frames: rows are other Gaussians in the next
-        "cameras": [_camera(camera) for camera in cameras],
+        "cameras": [camera.to_json() for camera in cameras],
         "view": _first_view(cameras, means.astype(np.float64)),
     }
     sound = ""
@@ -286,16 +286,6 @@ def _offered(cameras: Sequence[Camera]) -> Sequence[Camera]:
     if len(cameras) <= MOST_CAMERAS:
         return cameras
     return [cameras[int(place)] for place in np.linspace(0, len(cameras) - 1, MOST_CAMERAS)]
-
-
-def _camera(camera: Camera) -> JsonObject:
-    return {
-        "name": camera.name,
-        "size": [camera.width, camera.height],
-        "intrinsics": [float(camera.intrinsics[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2))],
-        "world_to_camera": [float(value) for value in camera.world_to_camera[:3].ravel()],
-        "exposure": list(camera.exposure),
-    }
 
 
 def _first_view(cameras: Sequence[Camera], means: Array) -> JsonObject:

@@ -25,11 +25,12 @@ class View {
     this.target = [...this.start.target];
     const camera = this.cameras[number];
     if (!camera) return this.lookFromAfar();
-    const w = camera.world_to_camera;
-    this.axes = [[w[0], w[1], w[2]], [w[4], w[5], w[6]], [w[8], w[9], w[10]]];
-    this.center = [0, 1, 2].map((k) => -(w[k] * w[3] + w[4 + k] * w[7] + w[8 + k] * w[11]));
-    this.lens = { size: camera.size, intrinsics: camera.intrinsics };
-    this.exposure = camera.exposure;
+    const { intrinsics: k, world_to_camera: pose } = camera;
+    const [x, y, z] = pose;
+    this.axes = [x, y, z].map((row) => row.slice(0, 3));
+    this.center = [0, 1, 2].map((axis) => -(x[axis] * x[3] + y[axis] * y[3] + z[axis] * z[3]));
+    this.lens = { size: [camera.width, camera.height], intrinsics: [k[0][0], k[1][1], k[0][2], k[1][2]] };
+    this.exposure = camera.exposure ?? [1, 1, 1];
   }
 
   lookFromAfar() {
