@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
-from typing import TextIO
+from typing import Any
 
-_USUAL = warnings.showwarning
+_USUAL = warnings.formatwarning
 
 
 class Notice(UserWarning):
@@ -21,18 +20,9 @@ def say(sentence: str) -> None:
 
 def as_sentences() -> None:
     """From now on notices are printed to standard error as plain sentences, without file and line."""
-    warnings.showwarning = _show
+    warnings.formatwarning = _formatted
 
 
-def _show(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
-    if issubclass(category, Notice):
-        print(f"\nwarning: {message}", file=sys.stderr)  # on a line of its own, even if a progress bar has this one
-    else:
-        _USUAL(message, category, filename, lineno, file, line)
+def _formatted(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> str:
+    """A notice on a line of its own, even if a progress bar has this one."""
+    return f"\nwarning: {message}\n" if issubclass(category, Notice) else _USUAL(message, category, *where, **more)

@@ -57,9 +57,9 @@ class Option(Meaning):
         name: in Python and in files.
         default: None where something else decides.
         unset: what decides where it is None.
-        placeholder: what stands for a value in help.
+        placeholder: what stands for a value in help; N for whole numbers where nothing else is said.
         flag_name: on the command line, where that is another: what is given one by one.
-        label: in the panel.
+        label: in the panel; the name, where nothing else is said.
         panel_name: of the panel's property, where that is another.
         panel_unit: that property's unit, in the option's.
         items: of a choice: a label and a meaning for each value.
@@ -107,7 +107,7 @@ class Option(Meaning):
 
 
 @dataclass(frozen=True)
-class Key:
+class Key(Kind):
     """A chroma key as ``masking.chroma_key`` reads it."""
 
     expected = "a colour and a tolerance, such as green or #00b140,0.4"
@@ -117,9 +117,6 @@ class Key:
             return isinstance(value, str) and bool(chroma_key(value))
         except FrogError:
             return False
-
-    def parse(self, text: str) -> str:
-        return text
 
 
 @dataclass(frozen=True)
@@ -131,7 +128,7 @@ class RecipeChoice(Choice):
 
 
 @dataclass(frozen=True)
-class PixelOffsets:
+class PixelOffsets(Kind):
     """Pixels (x, y) by camera, as ``open_capture`` takes them."""
 
     expected = "CAMERA=DX,DY such as cam01=8,0"
@@ -155,16 +152,13 @@ def _is_offset(value: object) -> bool:
 
 
 @dataclass(frozen=True)
-class RecipeSettings:
+class RecipeSettings(Kind):
     """Settings of a recipe by name, which itself says of each what it takes."""
 
     expected = "settings of a recipe by name"
 
     def accepts(self, value: object) -> bool:
         return isinstance(value, dict) and all(isinstance(name, str) for name in value)
-
-    def parse(self, text: str) -> object:
-        return text  # each of them is given by itself
 
 
 def _option(default: object, kind: Kind, help: str, **more: Any) -> Field:
@@ -181,14 +175,12 @@ _RESUMED = "the buttons Resume and Train Longer are for it"
 class JobOptions:
     """Options of a training besides its recipe's."""
 
-    method: str = _option("frog", Choice(lambda: tuple(METHODS)), "how motion is modelled", label="Method")
+    method: str = _option("frog", Choice(lambda: tuple(METHODS)), "how motion is modelled")
     steps: int | None = _option(
         None,
         OrNone(Number(1, 10**12, whole=True)),
         "training steps",
         unset="as many as the recipe needs",
-        placeholder="N",
-        label="Steps",
         resume=Resume.ANEW,
     )
     seconds: float | None = _option(
@@ -202,7 +194,7 @@ class JobOptions:
         panel_unit=60.0,
         resume=Resume.ANEW,
     )
-    seed: int = _option(0, Number(0, 2**32 - 1, whole=True), "of everything random", placeholder="N", label="Seed")
+    seed: int = _option(0, Number(0, 2**32 - 1, whole=True), "of everything random")
     scale: float | None = _option(
         None,
         OrNone(Number(1e-4, 16)),
@@ -225,7 +217,6 @@ class JobOptions:
         OrNone(Number(1, 10**7, whole=True)),
         "Gaussians of the scene at most",
         unset="as many as the recipe allows",
-        placeholder="N",
         label="Largest Number",
     )
     max_bytes: int | None = _option(
@@ -233,18 +224,16 @@ class JobOptions:
         OrNone(Number(1, 2**50, whole=True)),
         "size of the .frog at most, in bytes; with automatic capacity and a packed file",
         unset="any size",
-        placeholder="N",
         label="Megabytes",
         panel_name="max_megabytes",
         panel_unit=1e6,
         resume=Resume.ANEW,
     )
-    lossless: bool = _option(False, Choice((True, False)), "write every number as it is, not packed", label="Lossless")
+    lossless: bool = _option(False, Choice((True, False)), "write every number as it is, not packed")
     masks: str = _option(
         "auto",
         Choice(("auto", "off")),
         "which pixels of the images are learned",
-        label="Masks",
         items={
             "auto": ("From the Folder", "only the subject of images with alpha or masks"),
             "off": ("None", "whole images, whatever masks there are"),
@@ -268,14 +257,12 @@ class JobOptions:
         unset="none",
         placeholder="CAMERA=DX,DY",
         flag_name="pixel_offset",
-        label="Pixel Offset",
         without=_OF_CAPTURE,
     )
     device: str = _option(
         "auto",
         Choice(("auto", "cpu", "cuda")),
         "what computes the training",
-        label="Device",
         items={
             "auto": ("Automatic", "a GPU on which torch and the CUDA rasterizer work, else the CPU"),
             "cpu": ("CPU", "all cores of the CPU"),
@@ -289,7 +276,6 @@ class JobOptions:
         Number(0, 1e9),
         "time between checkpoints: what a killed training loses at most",
         placeholder="SECONDS",
-        label="Save Every",
         resume=Resume.FREE,
     )
     preview_camera: str | None = _option(
@@ -355,7 +341,6 @@ class TrainingOptions(JobOptions):
         "auto",
         Choice(("auto", "fixed")),
         "how much the model of a scene may hold",
-        label="Capacity",
         items={
             "auto": ("Automatic", "no more than the scene needs: static parts get no motion, files stay small"),
             "fixed": ("Fixed", "every Gaussian can move, and nothing is compressed"),
@@ -366,7 +351,6 @@ class TrainingOptions(JobOptions):
         OrNone(Number(1, 1024, whole=True)),
         "images of every step",
         unset="1, or one a process",
-        placeholder="N",
         label="Images a Step",
     )
     settings: Mapping[str, Any] | None = _option(
@@ -376,7 +360,6 @@ class TrainingOptions(JobOptions):
         unset="none",
         placeholder="NAME=VALUE",
         flag_name="set",
-        label="Settings",
     )
 
     def __post_init__(self) -> None:
@@ -393,7 +376,14 @@ def _table() -> dict[str, Option]:
     """By name, those of the recipe first."""
     own = [declared for declared in fields(TrainingOptions) if declared.name not in JobOptions.__dataclass_fields__]
     ordered = (*own[:1], *fields(JobOptions)[:3], *own[1:], *fields(JobOptions)[3:])
-    return {declared.name: replace(declared.metadata[MEANING], name=declared.name) for declared in ordered}
+    return {declared.name: _named(declared.metadata[MEANING], declared.name) for declared in ordered}
+
+
+def _named(option: Option, name: str) -> Option:
+    """With what its name and its kind say."""
+    is_whole = isinstance(option.plain_kind, Number) and option.plain_kind.whole
+    placeholder = option.placeholder or ("N" if is_whole else "")
+    return replace(option, name=name, label=option.label or name.replace("_", " ").title(), placeholder=placeholder)
 
 
 OPTIONS: Mapping[str, Option] = MappingProxyType(_table())

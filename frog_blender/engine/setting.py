@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 from .errors import FrogError, brief
 from .registry import Registry
@@ -15,25 +15,25 @@ Field: TypeAlias = Any  # what dataclasses.field gives stands for a value of the
 Settings: TypeAlias = Any  # an instance of any dataclass, or one
 
 
-class Kind(Protocol):
+class Kind:
     """What values a setting takes."""
 
     def accepts(self, value: object) -> bool:
         """Never raises, whatever the value is."""
-        ...
+        raise NotImplementedError
 
     def parse(self, text: str) -> object:
         """The value that a text stands for; ValueError, or a value that is not accepted, where it stands for none."""
-        ...
+        return text
 
     @property
     def expected(self) -> str:
         """In words, after "expected"."""
-        ...
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class Number:
+class Number(Kind):
     """A number from ``least`` to ``most``, or zero where ``or_zero`` says so; True and NaN are none."""
 
     least: float
@@ -57,7 +57,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class Choice:
+class Choice(Kind):
     """One of some values, of the very same type: 1 is not True.
 
     Attributes:
@@ -83,7 +83,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Weights:
+class Weights(Kind):
     """Names of a registry with a weight each, as "NAME:WEIGHT,NAME:WEIGHT"; "" for none."""
 
     known: Registry[Any]
@@ -98,9 +98,6 @@ class Weights:
             name in self.known and 0 <= weight <= self.most for name, weight in weights.items()
         )
 
-    def parse(self, text: str) -> str:
-        return text
-
     @property
     def expected(self) -> str:
         return f"NAME:WEIGHT, with commas between several, of {', '.join(self.known)}, from 0 to {self.most:g}"
@@ -113,7 +110,7 @@ def weights_of(text: str) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Name:
+class Name(Kind):
     """A word or a few, for people."""
 
     longest: int = 100
@@ -121,16 +118,13 @@ class Name:
     def accepts(self, value: object) -> bool:
         return isinstance(value, str) and len(value) <= self.longest and value.isprintable()
 
-    def parse(self, text: str) -> str:
-        return text
-
     @property
     def expected(self) -> str:
         return f"a name of at most {self.longest} characters"
 
 
 @dataclass(frozen=True)
-class Fractions:
+class Fractions(Kind):
     """A tuple of ``least`` to ``most`` ascending numbers in [0, 1]."""
 
     least: int
@@ -151,7 +145,7 @@ class Fractions:
 
 
 @dataclass(frozen=True)
-class OrNone:
+class OrNone(Kind):
     """What ``kind`` takes, or None."""
 
     kind: Kind

@@ -11,7 +11,7 @@ from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.model.deformation import FrogSettings
 from frog_blender.engine.model.frog import Frog
 from frog_blender.engine.model.interface import ScheduleState
-from frog_blender.engine.model.time_windows import COLUMNS, can_open, has_windows, keep_apart, open_windows
+from frog_blender.engine.model.time_windows import COLUMNS, has_windows, keep_apart, open_windows
 
 COUNT, FRAMES, SIZE = 40, 30, 32 + COLUMNS
 SETTINGS = FrogSettings(temporal_rows=FRAMES, coarse_rows=15, embedding_size=SIZE, modulation=True)
@@ -64,6 +64,7 @@ def test_learning_leaves_the_windows_apart() -> None:
     times[30:] = torch.linspace(0, 1, 10)
     open_windows(model, times)
     assert has_windows(model) and not has_windows(model_of(0))
+    assert not has_windows(model_of(0, replace(SETTINGS, modulation=False)))
     optimizer, field = torch.optim.Adam(model.parameters(), lr=0.02), model.deformation
     rise = float(field.output_weight.detach()[model.output_rows("opacity_logits"), 0])
     generator = torch.Generator().manual_seed(0)
@@ -91,8 +92,3 @@ def test_nobody_with_a_time_changes_nothing() -> None:
     plain, model = model_of(0), model_of(0)
     open_windows(model, torch.full((COUNT,), torch.nan))
     assert all(torch.equal(a, b) for a, b in zip(plain.parameters(), model.parameters(), strict=True))
-
-
-@pytest.mark.parametrize("change", [{"modulation": False}, {"deformed_opacity": False}, {"head_width": 16}])
-def test_what_has_no_windows(change: dict[str, bool | int]) -> None:
-    assert can_open(model_of(0)) and not can_open(model_of(0, replace(SETTINGS, **change)))

@@ -21,8 +21,6 @@ from typing import TYPE_CHECKING, Any
 from ..errors import FrogError
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from distributed import Client, Future, LocalCluster
 
 LOCAL = "local"
@@ -85,9 +83,7 @@ class Cluster:
     def __enter__(self) -> Cluster:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
         self._client.close()
         self._close_own()

@@ -25,21 +25,9 @@ _OUTSIDE, _RISE = -3.0, 4.8  # opacity logits at other times, and what the own o
 _UNIT = 0
 
 
-def can_open(model: Frog) -> bool:
-    """Whether a model has what windows are made of."""
-    settings = model.settings
-    return (
-        settings.modulation
-        and settings.deformed_opacity
-        and settings.embedding_size > COLUMNS
-        and model.deformation.networks == 1
-        and not settings.head_width
-    )
-
-
 def has_windows(model: Frog) -> bool:
     """Whether one of a model's units is the windows'."""
-    return can_open(model) and bool((model.deformation.modulation_weight[:, -COLUMNS:] == 1).all(1).any())
+    return model.settings.modulation and bool((model.deformation.modulation_weight[:, -COLUMNS:] == 1).all(1).any())
 
 
 @torch.no_grad()
@@ -47,7 +35,7 @@ def open_windows(model: Frog, times: torch.Tensor) -> None:
     """Gives Gaussians a time at which they are seen.
 
     Args:
-        model: before its first step, one that ``can_open``.
+        model: before its first step, of a recipe that has moments (``Recipe.moments_for``).
         times: (N,) in [0, 1], NaN for Gaussians that are seen at all times.
     """
     chosen = torch.isfinite(times).nonzero().squeeze(1)

@@ -66,17 +66,8 @@ def embedded(recipe: Recipe) -> Recipe:
 
 def ed3dgs(recipe: Recipe) -> Recipe:
     """FRoG's base: dual networks, nothing that is FRoG's or ours."""
-    return replace(
-        embedded(recipe),
-        fusion="dual",
-        modulation=False,
-        moment_seeds=False,
-        appearance_views=0.0,
-        size_limit=0.0,
-        sampling="off",
-        opacity_reduction="off",
-        capacity="fixed",
-    )
+    bare = plain(embedded(recipe), recipe.embedding_size)
+    return replace(bare, fusion="dual", modulation=False, smoothness_weight=recipe.smoothness_weight)
 
 
 def plain(recipe: Recipe, embedding_size: int = 0) -> Recipe:

@@ -42,15 +42,13 @@ def reorder_for_playback(
     return SceneFile(scene.header, sorted_.arrays | {VISIBILITY: pack_group_bits(lives)})
 
 
-def in_groups(scene: SceneFile) -> bool:
-    """Whether playback deforms Gaussians of the scene in groups (see playback.deformation), and it is FRoG's."""
-    moves, header = len(scene.arrays.get("embeddings", ())), scene.header
-    return bool(moves and header.method == "frog" and not header.model["head_width"])
-
-
 def has_transients(scene: SceneFile, max_visible: float = DEFAULT.max_visible) -> bool:
-    """Whether playback needs to deform clearly fewer Gaussians in a frame than there are."""
-    if not in_groups(scene) or scene.header.frame_count < 2:
+    """Whether playback needs to deform clearly fewer Gaussians in a frame than there are: FRoG's, which it deforms in
+    groups (see playback.deformation)."""
+    header = scene.header
+    if not len(scene.arrays.get("embeddings", ())) or header.method != "frog" or header.frame_count < 2:
+        return False
+    if header.model["head_width"]:
         return False
     lives = _lives(scene)
     return mean_deformed_share(pack_group_bits(lives[:, sort_by_visibility(lives)]), lives.shape[1]) <= max_visible

@@ -25,11 +25,6 @@ class CancelToken:
         self._changed = threading.Condition()
         self._paused = self._cancelled = False
 
-    @classmethod
-    def of(cls, cancelled: Callable[[], bool]) -> CancelToken:
-        """A token for what ``run_training`` was given."""
-        return cancelled if isinstance(cancelled, CancelToken) else cls(cancelled)
-
     @property
     def paused(self) -> bool:
         """True from ``pause`` until ``resume`` or ``cancel``."""

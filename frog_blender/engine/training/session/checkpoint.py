@@ -25,7 +25,6 @@ from ...io.atomic_files import write_atomically
 from ...io.paths import is_network_path
 from ...io.plain_values import JsonObject
 from ...io.tensor_files import read_tensors
-from ...recipes import stored_recipe
 from ..optimize.training import Training
 from ..optimize.view_pass import Peers, shared
 from .job import TrainingJob, restored_settings
@@ -178,7 +177,7 @@ def _restored(job: TrainingJob, path: Path, stored: JsonObject) -> TrainingJob:
             kept |= {"steps": job.steps, "seconds": job.seconds}
         if job.max_bytes:
             kept["max_bytes"] = job.max_bytes
-        return replace(job, **kept, recipe=stored_recipe(stored["recipe"]))
+        return replace(job, **kept)
     except (KeyError, FrogError) as error:
         raise found_instead(path, f"settings that do not fit ({error})", "a training checkpoint") from error
 

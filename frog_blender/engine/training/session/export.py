@@ -67,14 +67,14 @@ def build_scene(session: Session, metrics: Metrics) -> BuiltScene:
     are left out, since no header can hold them.
     """
     finite = {name: value for name, value in metrics.items() if not isinstance(value, float) or math.isfinite(value)}
-    compression = compression_of(session.trainer)
-    if compression is None or session.job.lossless:
-        return _plain(session, finite)
-    try:
-        return _compact(session, compression, finite)
-    except Exception as error:
-        warning = f"The scene could not be packed ({reason(error)}): every number is written as it is."
-        return replace(_plain(session, finite), warning=warning)
+    compression, warning = compression_of(session.trainer), ""
+    if compression is not None and not session.job.lossless:
+        try:
+            return _compact(session, compression, finite)
+        except Exception as error:
+            warning = f"The scene could not be packed ({reason(error)}): every number is written as it is."
+    scene = scene_as_it_stands(session, finite)
+    return BuiltScene(scene, scene_bytes(scene), warning)
 
 
 def check_readable(session: Session) -> None:
@@ -146,11 +146,6 @@ def _packed_size(scene: SceneFile) -> int:
     """Bytes of a packed file, at most; the same for the same training on any day."""
     header = replace(scene.header, train_seconds=0.0, capacity={})
     return len(scene_bytes(SceneFile(header, scene.arrays), compact=True)) + _REPORT_BYTES
-
-
-def _plain(session: Session, metrics: Metrics) -> BuiltScene:
-    scene = scene_as_it_stands(session, metrics)
-    return BuiltScene(scene, scene_bytes(scene))
 
 
 def _compact(session: Session, compression: Compression, metrics: Metrics) -> BuiltScene:

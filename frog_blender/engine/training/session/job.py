@@ -70,17 +70,6 @@ class TrainingJob(JobOptions):
         values = {option.name: getattr(options, option.name) for option in fields(JobOptions)}
         return cls(capture, output, **{"recipe": options.chosen_recipe(), **values, **more})
 
-    @classmethod
-    def of_settings(cls, settings: JsonMapping, output: Path) -> TrainingJob:
-        """The job of what ``stored_settings`` said, read from a file or a task.
-
-        Raises:
-            KeyError: a setting is missing.
-            FrogError: one is not what it may be.
-        """
-        kept = restored_settings(settings)
-        return cls(Path(str(settings["capture"])), output, **kept, recipe=stored_recipe(settings["recipe"]))
-
     def stored_settings(self) -> JsonObject:
         """JSON values for a checkpoint: the options in ``STORED``, the recipe, and whose training it is."""
         settings = {name: getattr(self, name) for name in STORED}
@@ -93,7 +82,8 @@ def usual_scale(cameras: Iterable[Camera]) -> float:
 
 
 def restored_settings(stored: JsonMapping) -> dict[str, Any]:
-    """The options in ``STORED`` of a job, checked; ``Any`` because options have types of their own.
+    """The options in ``STORED`` of a job and its recipe, checked, of what ``stored_settings`` said; ``Any`` because
+    options have types of their own.
 
     Raises:
         KeyError: one is missing.
@@ -102,4 +92,4 @@ def restored_settings(stored: JsonMapping) -> dict[str, Any]:
     kept = {name: plain(stored[name]) for name in STORED}
     for name, value in kept.items():
         check(name, value, OPTIONS[name].kind)
-    return kept
+    return {**kept, "recipe": stored_recipe(stored["recipe"])}

@@ -122,30 +122,25 @@ def run_training(
         PeerLost: another process was lost; what was learned is in the checkpoint.
         FrogError: for what the user can mend.
     """
-    cancel = CancelToken.of(cancelled)
+    cancel = cancelled if isinstance(cancelled, CancelToken) else CancelToken(cancelled)
     if peers.rank > 0:
         yield from _run(job, cancel, trainer_type, peers)
         return
     sinks = {name: SINKS[name] for name in job.sinks}
-    for event in _run_alone(job, cancel, trainer_type, peers):
-        for name, sink in list(sinks.items()):
-            try:
-                sink(event)
-            except Exception as error:  # of others' code: hours of training do not end for it
-                del sinks[name]
-                yield events.WarningEvent(f"The sink {name!r} is told no more: it failed ({reason(error)}).")
-        yield event
-
-
-def _run_alone(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, peers: Peers) -> Iterator[Event]:
-    """``run_training`` in the process that writes files."""
     _check_output(job.output)
     with lock_output(job.output):
         if not (job.overwrite or job.resume):
             check_unused(job.output)
         for path in (job.output, checkpoint_path(job.output)):
             remove_partial_files(path)
-        yield from _run(job, cancel, trainer_type, peers)
+        for event in _run(job, cancel, trainer_type, peers):
+            for name, sink in list(sinks.items()):
+                try:
+                    sink(event)
+                except Exception as error:  # of others' code: hours of training do not end for it
+                    del sinks[name]
+                    yield events.WarningEvent(f"The sink {name!r} is told no more: it failed ({reason(error)}).")
+            yield event
 
 
 def _run(job: TrainingJob, cancel: CancelToken, trainer_type: TrainerFactory, peers: Peers) -> Iterator[Event]:
