@@ -142,8 +142,8 @@ def view_camera(view_matrix: Any, window_matrix: Any, width: int, height: int, f
     return Camera("viewport", width, height, intrinsics, np.linalg.inv(pose @ _FLIP))
 
 
-def _expect_numbers(lens: np.ndarray, place: np.ndarray, name: str) -> None:
-    if not (np.isfinite(lens).all() and np.isfinite(place).all()):
+def _expect_numbers(lens: np.ndarray, pose: np.ndarray, name: str) -> None:
+    if not (np.isfinite(lens).all() and np.isfinite(pose).all()):
         raise FrogError(f"{name}: found non-finite values in its lens or position, expected finite ones.")
 
 

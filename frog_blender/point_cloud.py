@@ -187,9 +187,9 @@ def show(obj: bpy.types.Object, scene: ScenePlayer, time: float, part: Callable[
         invalidate(mesh)  # Edit Mode may change its vertices
         return
     further = len(scene.columns) - len(_COLUMNS)
-    shown, wanted = mesh.get(_SHOWN), _name_of(scene, time)
+    shown, label = mesh.get(_SHOWN), _name_of(scene, time)
     whole = _fit(mesh, scene.count, further) or not (isinstance(shown, str) and shown.startswith(scene.token))
-    if not whole and shown == wanted:
+    if not whole and shown == label:
         return
     columns = _COLUMNS | {f"radiance:sh_{k}": f"sh_{k + 1}" for k in range(further)}
     moving = part()
@@ -197,7 +197,7 @@ def show(obj: bpy.types.Object, scene: ScenePlayer, time: float, part: Callable[
     for name, column in columns.items():
         if whole or column in moving:
             write_attribute(mesh, name, scene.column(column, moving))
-    mesh[_SHOWN] = wanted
+    mesh[_SHOWN] = label
     mesh.update_tag()
 
 
@@ -226,7 +226,7 @@ def write_attribute(mesh: bpy.types.Mesh, name: str, values: np.ndarray) -> None
 
 def read(obj: bpy.types.Object) -> dict[str, np.ndarray]:
     """The object's attributes as float32 arrays (N, width) by name, for tests and exporters."""
-    found: dict[str, np.ndarray] = {}
+    attributes: dict[str, np.ndarray] = {}
     for name, attribute in obj.data.attributes.items():
         key = _VALUE_KEY.get(attribute.data_type)
         if key is None:
@@ -234,8 +234,8 @@ def read(obj: bpy.types.Object) -> dict[str, np.ndarray]:
         width = 3 if attribute.data_type == "FLOAT_VECTOR" else 4
         values = np.empty(len(attribute.data) * width, dtype=np.float32)
         attribute.data.foreach_get(key, values)
-        found[name] = values.reshape(-1, width)
-    return found
+        attributes[name] = values.reshape(-1, width)
+    return attributes
 
 
 def draw_in_renders(obj: bpy.types.Object, shown: bool) -> None:
@@ -294,19 +294,19 @@ def _size(data: Data) -> int:
     return len(data.vertices if isinstance(data, bpy.types.Mesh) else data.points)
 
 
-def _resize(data: Data, wanted: int) -> None:
-    """``wanted`` vertices or points without any attributes but their position."""
+def _resize(data: Data, size: int) -> None:
+    """``size`` vertices or points without any attributes but their position."""
     if isinstance(data, bpy.types.Mesh):
         data.clear_geometry()
-        data.vertices.add(wanted)
+        data.vertices.add(size)
         return
     for name in [name for name in data.attributes.keys() if name != "position"]:  # noqa: SIM118
         data.attributes.remove(data.attributes[name])
-    data.resize(wanted)
+    data.resize(size)
 
 
-def _fit(data: Data, wanted: int, further: int) -> bool:
-    """Make the data hold ``wanted`` Gaussians and ``further`` SH attributes; all exist before any is written.
+def _fit(data: Data, size: int, further: int) -> bool:
+    """Make the data hold ``size`` Gaussians and ``further`` SH attributes; all exist before any is written.
 
     Returns whether anything of it is new, and so empty.
     """
@@ -314,9 +314,9 @@ def _fit(data: Data, wanted: int, further: int) -> bool:
     types = _FIXED | {"radiance:base": base} | {f"radiance:sh_{k}": "FLOAT_VECTOR" for k in range(further)}
     there = {name: attribute.data_type for name, attribute in data.attributes.items()}
     stray = [name for name in there if name.startswith("radiance:") and name not in types]
-    is_new = _size(data) != wanted or bool(stray)
+    is_new = _size(data) != size or bool(stray)
     if is_new:
-        _resize(data, wanted)
+        _resize(data, size)
         there = {}
     for name, kind in types.items():
         if name not in there:

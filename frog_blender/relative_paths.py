@@ -68,11 +68,11 @@ def library_of(block: bpy.types.ID) -> bpy.types.Library | None:
 def absolute(block: bpy.types.ID, path: str) -> Path:
     """The absolute path of a data-block's path. Data that was linked and made local still has its library's path."""
     library = library_of(block)
-    found = os.path.normpath(bpy.path.abspath(path, library=library))
-    if library is None and path.startswith("//") and bpy.data.libraries and not Path(found).exists():
-        beside = (os.path.normpath(bpy.path.abspath(path, library=each)) for each in bpy.data.libraries)
-        found = next((each for each in beside if Path(each).exists()), found)
-    return Path(found)
+    file = Path(os.path.normpath(bpy.path.abspath(path, library=library)))
+    if library is None and path.startswith("//") and not file.exists():
+        beside = (os.path.normpath(bpy.path.abspath(path, library=library)) for library in bpy.data.libraries)
+        return next(filter(Path.exists, map(Path, beside)), file)
+    return file
 
 
 def _settle() -> None:

@@ -78,6 +78,6 @@ class FROG_OT_cancel_scene_capture(CancelOperator, bpy.types.Operator):
 
 def _open(find: Callable[[], bpy.types.Scene | None], folder: Path) -> None:
     """Shows the capture in the Capture panel of the scene that it was rendered from, which Train then trains."""
-    found = find()
-    if found is not None:
-        found.frog.capture_folder = str(folder)
+    scene = find()
+    if scene is not None:
+        scene.frog.capture_folder = str(folder)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import bpy
 import numpy as np
 
-from .. import addon_state
+from .. import addon_state, point_cloud
 from ..engine.errors import FrogError
 from ..properties import choice, number, switch, whole
 from ..timeline import playback
@@ -193,8 +193,7 @@ def _selected_points(context: bpy.types.Context, obj: bpy.types.Object) -> np.nd
     shown = playback.displayed(obj, context.scene.frame_current_final).scene
     if obj.mode == "EDIT":
         obj.update_from_editmode()
-    data = obj.data
-    size = len(data.vertices) if isinstance(data, bpy.types.Mesh) else len(data.points)
+    data, size = obj.data, point_cloud.count(obj)
     if size != shown.count:
         raise FrogError(f"{obj.name}: found {size:,} points, expected the {shown.count:,} that are shown.")
     selected = np.zeros(size, bool)

@@ -40,8 +40,8 @@ before. Press again after changes to take the light anew"""
 
     def act(self, context: bpy.types.Context) -> str:
         scene = world.lit_scene(context.scene)
-        place = np.array(context.scene.cursor.location, np.float64) if self.place == "CURSOR" else None
-        light_by(active_capture(context), context, place, int(self.width))
+        cursor = np.array(context.scene.cursor.location, np.float64) if self.place == "CURSOR" else None
+        light_by(active_capture(context), context, cursor, int(self.width))
         return f"The objects of {scene.name} are lit by frame {context.scene.frame_current}."
 
 

@@ -68,9 +68,11 @@ class FROG_OT_relink(UndoableOperator, ImportHelper, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> str:
         path = Path(bpy.path.abspath(self.filepath))
-        found = relink(named_or_active_capture(context, self.object_name), path, also_others=self.all_missing)
+        relinked = relink(named_or_active_capture(context, self.object_name), path, also_others=self.all_missing)
         for scene in bpy.data.scenes:
             playback.refresh(scene)
         missing = [other.name for other in playback.captures(bpy.data.objects) if not playback.file_of(other).is_file()]
-        text = f"Found the files of {len(found)} captures." if len(found) > 1 else f"Found the file of {found[0].name}."
-        return f"{text} Still missing: {', '.join(missing)}." if missing else text
+        said = f"Found the file of {relinked[0].name}."
+        if len(relinked) > 1:
+            said = f"Found the files of {len(relinked)} captures."
+        return f"{said} Still missing: {', '.join(missing)}." if missing else said

@@ -34,8 +34,8 @@ class FROG_OT_show_result(UndoableOperator, bpy.types.Operator):
         if obj is None:
             raise FrogError(f"{self.filepath}: found no capture of this scene that plays it. Import it first.")
         if root_of(obj).name not in context.view_layer.objects:
-            found = "found its collection excluded from this view layer, expected it to be included"
-            raise FrogError(f"{root_of(obj).name}: {found}.")
+            sentence = "found its collection excluded from this view layer, expected it to be included."
+            raise FrogError(f"{root_of(obj).name}: {sentence}")
         select_capture(context, obj)
         look_at(context, obj)
 

@@ -93,16 +93,16 @@ def timeline_take(visit: TimelineVisit, numbers: Sequence[float], *, placed: boo
     obj, scene = visit.found()
     playing = playback.scene_time(obj, numbers[0]).scene
     several = len(numbers) > 1
-    appears = len({is_shown(obj, stretched(scene, number)) for number in numbers}) > 1
+    appears = len({is_shown(obj, stretched(scene, frame)) for frame in numbers}) > 1
     all_change = needs_evaluation(obj) or appears  # edits that are animated, and where it is not there
 
     def frames() -> Iterator[TakeFrame]:
         """The scene is moved to each."""
-        for number in numbers:
-            obj, scene, evaluated = visit.evaluated_at(number)
+        for frame in numbers:
+            obj, scene, evaluated = visit.evaluated_at(frame)
             time = playback.shown_frame(obj, scene.frame_current_final, evaluated)
             gaussians = playback.gaussians_at(obj, scene.frame_current_final, evaluated)
-            yield TakeFrame(number, time, gaussians, np.array(evaluated.matrix_world) if placed else None)
+            yield TakeFrame(frame, time, gaussians, np.array(evaluated.matrix_world) if placed else None)
 
     return Take(
         name=obj.parent.name if obj.parent is not None else obj.name,
@@ -112,6 +112,6 @@ def timeline_take(visit: TimelineVisit, numbers: Sequence[float], *, placed: boo
         keeps_identity=playing.keeps_identity,
         rate=frame_rate(scene),
         numbers=numbers,
-        shown=frames_shown(obj, scene, [int(number) for number in numbers]),
+        shown=frames_shown(obj, scene, [int(frame) for frame in numbers]),
         frames=frames,
     )

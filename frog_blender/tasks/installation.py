@@ -77,15 +77,15 @@ class Installation(PipTask):
 
     def start(self) -> Self:
         """Starts the worker; FrogError without pip or with too little disk space."""
-        place = self.folder.parent
+        parent = self.folder.parent
         try:
-            place.mkdir(parents=True, exist_ok=True)
-            free = shutil.disk_usage(place).free
+            parent.mkdir(parents=True, exist_ok=True)
+            free = shutil.disk_usage(parent).free
         except OSError as error:
-            raise FrogError(f"{place}: the folder could not be created ({error.strerror}).") from error
+            raise FrogError(f"{parent}: the folder could not be created ({error.strerror}).") from error
         if free < self._bytes_needed:
             needs = f"{self._package} needs {self._bytes_needed / 1e9:.1f} GB"
-            raise FrogError(f"{place}: found {free / 1e9:.1f} GB free, {needs}.")
+            raise FrogError(f"{parent}: found {free / 1e9:.1f} GB free, {needs}.")
         return super().start()
 
     def work(self) -> Path:
@@ -125,6 +125,6 @@ def folder(name: str = TORCH) -> Path:
 
 
 def register() -> None:
-    for place in (folder(), folder(CALIBRATION)):
-        if remains(place):  # removing gigabytes takes a while
-            threading.Thread(target=clear_remains, args=(place,), name="FRoG tidying", daemon=True).start()
+    for packages in (folder(), folder(CALIBRATION)):
+        if remains(packages):  # removing gigabytes takes a while
+            threading.Thread(target=clear_remains, args=(packages,), name="FRoG tidying", daemon=True).start()

@@ -87,8 +87,8 @@ def _versions(folder: Path) -> list[Path]:
 
 
 def _number(path: Path) -> int:
-    number = path.name.rpartition("-")[2]
-    return int(number) if number.isdigit() else 1
+    version = path.name.rpartition("-")[2]
+    return int(version) if version.isdigit() else 1
 
 
 def package_of(folder: Path) -> str:

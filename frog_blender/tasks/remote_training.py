@@ -130,7 +130,7 @@ def _words(text: str) -> list[str]:
 
 def _replaced(word: str, values: Mapping[str, str]) -> str:
     """All at once: a path with the name of a placeholder in it stays as it is."""
-    return _ANY.sub(lambda found: values[found[0]], word)
+    return _ANY.sub(lambda match: values[match[0]], word)
 
 
 def _slashes(path: str) -> str:
@@ -150,6 +150,8 @@ class RemoteTraining:
         self._command, self._request, self._patience = command, request, patience
         self._arguments = command.arguments(request)
         self._process: ChildProcess | None = None
+        self._told = {"pause": "resume", "preview": "preview "}
+        self._cancelled_at: float | None = None
         self._step = self._sentences = 0
         self._was_killed = False
 
@@ -173,38 +175,51 @@ class RemoteTraining:
         """Yields events until the command has ended; returns the training's last, which waits for that: what the
         command does after a training, such as copying the scene here, belongs to it.
         """
-        wishes = _Wishes(process, control, self._request.options.preview_camera)
 
         def is_over() -> bool:
-            wishes.pass_on()
-            return wishes.seconds_cancelled > self._patience
+            self._pass_on(process, control)
+            return self._cancelled_at is not None and time.monotonic() - self._cancelled_at > self._patience
 
         last: Event | None = None
         try:
             for line in process.lines(is_over):
-                event = event_of(line)
-                if isinstance(event, events.Finished | events.Cancelled):
-                    last = event
-                elif event is not None and self._is_taken(event):
-                    yield self._translated(event)
+                match event_of(line):
+                    case None:
+                        pass
+                    case events.Finished() | events.Cancelled() as event:
+                        last = event
+                    case events.Saved() | events.CompressionPreview() as event:
+                        yield replace(event, path=str(self._here(event.path)))
+                    case events.Reduced() | events.WarningEvent() as event:  # only so many, as the panel keeps them
+                        self._sentences += 1
+                        if self._sentences <= MOST_SENTENCES:
+                            yield event
+                    case event:
+                        self._step = event.step if isinstance(event, events.Progress) else self._step
+                        yield event
                 time.sleep(_PACE)
         except Stopped:
             self._was_killed = True
         return last
 
-    def _is_taken(self, event: Event) -> bool:
-        """Whether the panel is given an event. Only so many sentences are, as it keeps them."""
-        if isinstance(event, events.Progress):
-            self._step = event.step
-        if isinstance(event, events.Reduced | events.WarningEvent):
-            self._sentences += 1
-            return self._sentences <= MOST_SENTENCES
-        return True
-
-    def _translated(self, event: Event) -> Event:
-        if isinstance(event, events.Saved | events.CompressionPreview):
-            return replace(event, path=str(self._here(event.path)))
-        return event
+    def _pass_on(self, process: ChildProcess, control: CancelToken) -> None:
+        """Tells the command what is asked of it and was not before: a pause, another preview, its end."""
+        if self._cancelled_at is not None:
+            return
+        if control.ended:
+            self._cancelled_at = time.monotonic()
+            process.end_input()
+            return
+        asked = control.preview_camera
+        preview = (self._request.options.preview_camera or "") if asked is None else asked
+        wishes = {
+            "pause": "pause" if control.paused else "resume",
+            "preview": f"preview {' '.join(preview.split())}",
+        }
+        for kind, line in wishes.items():
+            if line != self._told[kind]:
+                process.send(line)
+        self._told = wishes
 
     def _here(self, told: str) -> Path:
         """A path that the command told, on this computer."""
@@ -238,37 +253,3 @@ class RemoteTraining:
                 f"The remote command did not tell how the training ended ({process.last_words}). It has to run "
                 "frog train with --events."
             )
-
-
-class _Wishes:
-    """Passes on to a command what is asked of a training: pauses, another preview, its end."""
-
-    def __init__(self, process: ChildProcess, control: CancelToken, preview_camera: str | None) -> None:
-        self._process, self._control = process, control
-        self._first_preview = preview_camera or ""
-        self._told = {"pause": "resume", "preview": "preview "}
-        self._cancelled_at: float | None = None
-
-    @property
-    def seconds_cancelled(self) -> float:
-        """Since the command was asked to end; 0 where it was not."""
-        return time.monotonic() - self._cancelled_at if self._cancelled_at is not None else 0.0
-
-    def pass_on(self) -> None:
-        """Tells what has changed since the last time."""
-        control, process = self._control, self._process
-        if self._cancelled_at is not None:
-            return
-        if control.ended:
-            self._cancelled_at = time.monotonic()
-            process.end_input()
-            return
-        preview = self._first_preview if control.preview_camera is None else control.preview_camera
-        wishes = {
-            "pause": "pause" if control.paused else "resume",
-            "preview": f"preview {' '.join(preview.split())}",
-        }
-        for kind, line in wishes.items():
-            if line != self._told[kind]:
-                process.send(line)
-        self._told = wishes
