@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import bpy
 import numpy as np
 import pytest
 from support.blender_windows import event, in_window
+from support.layouts.lists import opencv_entry, rewrite, write_opencv
 from support.small_scenes import moving_camera, rig_of_three, write_scene
 
 from frog_blender.engine.source_media.undistorted_clips import clips_folder
@@ -33,11 +33,9 @@ def mono(empty, tmp_path):
     """One moving camera, its images numbered from 5 in steps of 2, and transforms.json."""
     folder = tmp_path / "film"
     cameras = [replace(camera, name=f"frame_{5 + 2 * i:03d}") for i, camera in enumerate(moving_camera(COUNT))]
-    listed = []
     for camera in cameras:
         image(folder / "images" / f"{camera.name}.png")
-        listed.append(f'{{"file_path": "images/{camera.name}.png"}}')
-    (folder / "transforms.json").write_text(f'{{"frames": [{", ".join(listed)}]}}')
+    rewrite(folder, {"frames": [{"file_path": f"images/{camera.name}.png"} for camera in cameras]})
     shots = [(frame,) for frame in range(COUNT)]
     trained = {"capture_path": str(folder), "capture_format": "transforms"}
     return write_scene(tmp_path / "film.frog", cameras, shots=shots, frame_count=COUNT, **trained)
@@ -173,12 +171,9 @@ def bent(empty, tmp_path):
     cameras = rig_of_three()
     listed = []
     for camera in cameras:
-        size = (camera.width, camera.height)
-        films.write_video(folder / f"{camera.name}.mp4", COUNT, *size)
-        pose = {"R": camera.rotation.tolist(), "t": camera.world_to_camera[:3, 3].tolist()}
-        lens = {"K": camera.intrinsics.tolist(), "dist": [-0.2, 0.0, 0.0, 0.0]}
-        listed.append({"name": camera.name, "width": size[0], "height": size[1], **lens, **pose})
-    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": listed}))
+        films.write_video(folder / f"{camera.name}.mp4", COUNT, camera.width, camera.height)
+        listed.append(opencv_entry(camera, dist=[-0.2, 0.0, 0.0, 0.0]))
+    write_opencv(folder, listed)
     trained = {"capture_path": str(folder), "capture_format": "calibrated_videos"}
     return write_scene(tmp_path / "bent.frog", cameras, frame_count=COUNT, **trained)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.layouts.lists import write_opencv
 from support.layouts.rigs import opencv_frames
 
 from frog_blender.engine.capture.readers import open_capture
@@ -46,7 +47,7 @@ def opencv(name: str = "a", **changes: Any) -> dict[str, Any]:
 
 
 def write(folder: Path, *cameras: dict[str, Any]) -> Path:
-    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": list(cameras)}))
+    write_opencv(folder, cameras)
     for camera in cameras:
         if not (folder / f"{camera['name']}.mp4").exists():
             write_video(folder / f"{camera['name']}.mp4", 3)
@@ -110,7 +111,7 @@ def test_a_camera_without_video_and_a_video_without_camera_are_named(tmp_path: P
 )
 def test_values_that_cannot_be_used_are_refused(tmp_path: Path, changes: dict[str, Any], found: str) -> None:
     write(tmp_path, opencv("a"))
-    (tmp_path / "cameras_opencv.json").write_text(json.dumps({"cameras": [opencv(**changes)]}))
+    write_opencv(tmp_path, [opencv(**changes)])
     with pytest.raises(FrogError, match=found):
         open_capture(tmp_path)
 
@@ -158,8 +159,7 @@ def test_the_same_proportions_are_the_same_image(tmp_path: Path, calibrated: tup
 
 def with_points(folder: Path, points: object) -> Path:
     write(folder, opencv())
-    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": [opencv()], "points": points}))
-    return folder
+    return write_opencv(folder, [opencv()], points=points)
 
 
 def test_points_are_seeds(tmp_path: Path) -> None:
@@ -198,7 +198,7 @@ def test_accents_are_the_same_however_they_are_composed(tmp_path: Path, written:
     name = "caméra"
     write_video(tmp_path / f"{unicodedata.normalize(named, name)}.mp4", 3)
     camera = opencv(unicodedata.normalize(written, name))
-    (tmp_path / "cameras_opencv.json").write_text(json.dumps({"cameras": [camera]}))
+    write_opencv(tmp_path, [camera])
     assert [camera.name for camera in open_capture(tmp_path).cameras] == [name]
 
 

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from support.films import photograph
+from support.layouts.lists import posed, write_listed
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.readers.frame_times import frame_times, times_by_name
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
-
-from .posed_images import OPENGL_AHEAD
 
 
 def frames_of(times: list[float], lists: list[int] | None = None) -> tuple[list[int], list[float]]:
@@ -74,23 +70,13 @@ def test_one_moving_camera_follows_its_names(names: list[str], times: list[int])
 # From files -------------------------------------------------------------------------------------------------------
 
 
-def write(folder: Path, files: list[str], listed: list[dict[str, Any]], **top: Any) -> Path:
-    """Images 40 x 30 whose grey is their place among ``files``, times 5."""
-    for index, name in enumerate(files):
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(folder / name), np.full((30, 40, 3), 5 * index, np.uint8))
-    (folder / "transforms.json").write_text(json.dumps({"fl_x": 50.0, "w": 40, "h": 30, "frames": listed, **top}))
-    return folder
-
-
-def posed(name: str, x: float, **own: Any) -> dict[str, Any]:
-    pose = OPENGL_AHEAD.copy()
-    pose[0, 3] = x
-    return {"file_path": name, "transform_matrix": pose.tolist(), **own}
-
-
 NAMES = [f"images/frame_{number:05d}.png" for number in range(1, 25)]
 SOLVED = [index for index in range(24) if not 8 <= index <= 15]
+
+
+def opened(folder: Path, files: list[str], listed: list[dict[str, object]]) -> Capture:
+    write_listed(folder, files, listed)
+    return open_capture(folder)
 
 
 def by_frame(capture: Capture) -> dict[int, str]:
@@ -102,7 +88,7 @@ def test_what_was_not_solved_stays_a_gap(tmp_path: Path, case: str) -> None:
     files = [NAMES[index] for index in SOLVED] if case == "missing" else NAMES
     listed = range(24) if case == "missing" else SOLVED
     frames = [posed(NAMES[index], index, **({"time": index / 23} if case == "time" else {})) for index in listed]
-    capture = open_capture(write(tmp_path, files, frames))
+    capture = opened(tmp_path, files, frames)
     assert capture.frame_count == 24 and capture.is_moving
     assert by_frame(capture) == {index: Path(NAMES[index]).name for index in SOLVED}
     assert capture.test_frames == {4, 12, 20}
@@ -112,7 +98,7 @@ def test_what_was_not_solved_stays_a_gap(tmp_path: Path, case: str) -> None:
 def test_standing_cameras_film_at_once(tmp_path: Path, with_time: bool) -> None:
     files = [f"cam{camera:02d}/frame_{frame:05d}.png" for camera in range(3) for frame in range(1, 6)]
     listed = [posed(n, i // 5, **({"time": i % 5 / 4} if with_time else {})) for i, n in enumerate(files)]
-    capture = open_capture(write(tmp_path, files, listed))
+    capture = opened(tmp_path, files, listed)
     assert (len(capture.cameras), capture.frame_count, capture.warnings) == (3, 5, ())
     seen = {(shot.camera, shot.frame): f"{shot.path.parent.name}/{shot.path.name}" for shot in capture.shots}
     assert seen == {(i // 5, i % 5): name for i, name in enumerate(files)}
@@ -120,7 +106,7 @@ def test_standing_cameras_film_at_once(tmp_path: Path, with_time: bool) -> None:
 
 def test_moving_cameras_in_folders_without_times_are_said(tmp_path: Path) -> None:
     files = ["a/1.png", "b/1.png", "a/2.png"]
-    capture = open_capture(write(tmp_path, files, [posed(name, index) for index, name in enumerate(files)]))
+    capture = opened(tmp_path, files, [posed(name, index) for index, name in enumerate(files)])
     assert [str(shot.path.relative_to(tmp_path)) for shot in capture.shots] == files
     assert 'no "time" says when they were taken' in capture.warnings[0]
 
@@ -130,18 +116,18 @@ def test_moving_cameras_in_folders_without_times_are_said(tmp_path: Path) -> Non
 
 def test_the_rational_model_has_eight_coefficients(tmp_path: Path) -> None:
     lens = dict(zip(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), np.arange(1, 9) / 100, strict=True))
-    write(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], camera_model="FULL_OPENCV", **lens)
+    write_listed(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], camera_model="FULL_OPENCV", **lens)
     capture = open_capture(tmp_path)
     assert capture.distortions[0] is not None
     np.testing.assert_allclose(capture.distortions[0].coefficients, np.arange(1, 9) / 100)
     assert not capture.warnings
-    write(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], k4=0.3)
+    write_listed(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], k4=0.3)
     assert "taken for those of OpenCV's rational model" in open_capture(tmp_path).warnings[0]
 
 
 @pytest.mark.parametrize("model", ["FOV", "THIN_PRISM_FISHEYE", "VR180_L", "nonsense"])
 def test_lens_models_that_nobody_here_knows_are_refused(tmp_path: Path, model: str) -> None:
-    write(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], camera_model=model, omega=0.9)
+    write_listed(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], camera_model=model, omega=0.9)
     with pytest.raises(FrogError, match=f"found the camera model {model.upper()}, expected a perspective camera"):
         open_capture(tmp_path)
 
@@ -154,18 +140,18 @@ def test_lens_models_that_nobody_here_knows_are_refused(tmp_path: Path, model: s
     ],
 )
 def test_terms_of_a_lens_that_are_not_used_are_said(tmp_path: Path, lens: dict[str, object], unused: str) -> None:
-    write(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], **lens)
+    write_listed(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], **lens)
     (warning,) = open_capture(tmp_path).warnings
     assert warning.endswith(f"the lens has {unused}, which are not used.")
 
 
 def test_listed_masks_that_are_missing_are_said(tmp_path: Path) -> None:
-    write(tmp_path, NAMES[:2], [posed(NAMES[0], 0, mask_path="m.png"), posed(NAMES[1], 1)])
+    write_listed(tmp_path, NAMES[:2], [posed(NAMES[0], 0, mask_path="m.png"), posed(NAMES[1], 1)])
     assert "1 of 1 masks (mask_path) are missing" in open_capture(tmp_path).warnings[0]
 
 
 def test_photographs_upside_down_are_said(tmp_path: Path) -> None:
-    write(tmp_path, [], [posed("a.png", 0)])
+    write_listed(tmp_path, [], [posed("a.png", 0)])
     photograph(tmp_path / "a.png", np.zeros((30, 40, 3), np.uint8), turned=3)
     assert "a.png (of 1 such) is turned by 180 degrees" in open_capture(tmp_path).warnings[0]
 
@@ -179,7 +165,7 @@ def test_photographs_turned_by_exif_fit_their_calibration(
     stored = np.zeros((30, 40, 3), np.uint8)
     stored[4:8, 28:32] = 255
     size = {"w": 40, "h": 30} if is_calibrated_as_stored else {"w": 30, "h": 40}
-    write(tmp_path, [], [posed("a.png", 0)], **size, k1=0.0)
+    write_listed(tmp_path, [], [posed("a.png", 0)], **size, k1=0.0)
     photograph(tmp_path / "a.png", stored, turned=orientation)
     capture = open_capture(tmp_path)
     camera = capture.cameras[0]

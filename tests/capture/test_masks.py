@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 import pytest
 from support import synthetic_capture as film
+from support.filmed_scene import image, moving
+from support.layouts.lists import posed_as, write_listed
 from support.masked_capture import ball_alpha, write_masks
 
 from frog_blender.engine.capture.capture import Capture
@@ -83,12 +85,8 @@ def test_without_masks_everything_is_as_before(folder: Path, tmp_path: Path) -> 
     assert open_capture(folder).segment(1, 2).without_cameras(["cam01"]).shots[0].mask is not None
 
 
-def posed_images(folder: Path, alpha: Callable[[int], np.ndarray] | None = None) -> Path:
-    """Images with ``transforms.json``, of a camera that moves."""
-    import json
-
-    from support.filmed_scene import image, moving
-
+def posed_images(folder: Path, alpha: Callable[[int], np.ndarray] | None = None, **first: object) -> Path:
+    """Images with ``transforms.json``, of a camera that moves; ``first`` is said of the first one."""
     (folder / "images").mkdir(parents=True)
     frames = []
     for number, camera in enumerate(moving()):
@@ -96,10 +94,8 @@ def posed_images(folder: Path, alpha: Callable[[int], np.ndarray] | None = None)
         if alpha is not None:
             pixels = np.dstack([pixels, alpha(number)])
         cv2.imwrite(str(folder / "images" / f"view_{number}.png"), pixels)
-        pose = np.linalg.inv(camera.world_to_camera) @ np.diag([1.0, -1, -1, 1])
-        frames.append({"file_path": f"images/view_{number}.png", "transform_matrix": pose.tolist(), "time": number})
-    lens = {"fl_x": 52.0, "fl_y": 54.0, "cx": 33.5, "cy": 22.25, "w": 64, "h": 48}
-    (folder / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))
+        frames.append(posed_as(camera, f"images/view_{number}.png", time=number, **first if number == 0 else {}))
+    write_listed(folder, [], frames, fl_x=52.0, fl_y=54.0, cx=33.5, cy=22.25, w=64, h=48)
     return folder
 
 
@@ -122,12 +118,7 @@ def test_images_with_alpha_are_masks_by_themselves(tmp_path: Path) -> None:
 
 def listed_masks(folder: Path, name: str) -> Path:
     """``posed_images``, the first of which has a mask whose left part is black."""
-    import json
-
-    posed_images(folder)
-    found = json.loads((folder / "transforms.json").read_text())
-    found["frames"][0]["mask_path"] = name
-    (folder / "transforms.json").write_text(json.dumps(found))
+    posed_images(folder, mask_path=name)
     cv2.imwrite(str(folder / "black.png"), np.where(half(0) > 127, np.uint8(255), np.uint8(0)))
     return folder
 

@@ -71,17 +71,3 @@ def test_videos_of_different_lengths_share_their_first_frames(tmp_path: Path) ->
     capture = open_capture(folder)
     assert capture.frame_count == 3
     assert any("cam01.mp4 3 frames" in warning for warning in capture.warnings)
-
-
-@pytest.mark.parametrize("name", ["empty", "strange", "missing", "file"])
-def test_a_folder_of_no_known_layout_says_what_it_holds(tmp_path: Path, name: str) -> None:
-    path = tmp_path / name
-    if name in ("empty", "strange"):
-        path.mkdir()
-    if name == "strange":
-        (path / "a.txt").write_text("x")
-    if name == "file":
-        path.write_text("x")
-    found = {"empty": "an empty folder", "strange": "1 .txt file", "missing": "no such folder", "file": "found a file"}
-    with pytest.raises(FrogError, match=rf"{found[name]}, expected [^;]*\.$"):
-        open_capture(path)

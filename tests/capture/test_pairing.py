@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from support.films import INTERLACED, copied, encode, number_of, numbered
+from support.layouts.lists import write_opencv
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
@@ -146,11 +146,6 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return encode(tmp_path_factory.mktemp("film") / "film.mp4", numbered(60), key_every=15)
 
 
-def calibrated(folder: Path, *cameras: dict[str, Any]) -> Path:
-    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": list(cameras)}))
-    return folder
-
-
 def shows(capture: Capture, cache: Path, camera: int) -> dict[int, int]:
     """By frame the number of the image that a camera shows."""
     store = FrameStore.open(capture, cache_folder=cache)
@@ -166,7 +161,7 @@ def test_two_cameras_of_which_one_dropped_frames_show_the_same_times(film: Path,
     there = [frame for frame in range(60) if frame not in (7, 8, 31)]
     (tmp_path / "a.mp4").write_bytes(film.read_bytes())
     encode(tmp_path / "b.mp4", [numbered(60)[frame] for frame in there], times=[frame / 30 for frame in there])
-    capture = open_capture(calibrated(tmp_path, plain("a"), plain("b")))
+    capture = open_capture(write_opencv(tmp_path, [plain("a"), plain("b")]))
     assert shows(capture, tmp_path / "cache", 0) == {frame: frame for frame in range(60)}
     assert shows(capture, tmp_path / "cache", 1) == {frame: frame for frame in there}
     assert "3 frames of b.mp4 are missing" in capture.warnings[0]
@@ -181,7 +176,7 @@ def test_a_calibration_may_name_films_and_their_clocks(film: Path, tmp_path: Pat
         plain("a", video="../films/one.mp4"),
         plain("b", video=str(tmp_path / "films" / "two.mp4"), offset=0.2 + 1 / 120),
     ]
-    capture = open_capture(calibrated(tmp_path / "found", *cameras))
+    capture = open_capture(write_opencv(tmp_path / "found", [*cameras]))
     assert [camera.name for camera in capture.cameras] == ["a", "b"]
     found = [shows(capture, tmp_path / "cache", camera) for camera in range(2)]
     assert {found[0][frame] - found[1][frame] for frame in found[0] if frame in found[1]} == {6}
@@ -203,7 +198,7 @@ def test_clocks_and_films_that_make_no_sense_are_refused(
 ) -> None:
     (tmp_path / "a.mp4").write_bytes(film.read_bytes())
     with pytest.raises(FrogError, match=found):
-        open_capture(calibrated(tmp_path, plain("a", **changes)))
+        open_capture(write_opencv(tmp_path, [plain("a", **changes)]))
 
 
 @pytest.mark.parametrize("turn", [90, 270])
@@ -213,8 +208,8 @@ def test_a_film_turned_after_its_calibration_turns_its_camera(film: Path, tmp_pa
     lens = [-0.1, 0.01, 0.02, -0.03, 0.005]
     (tmp_path / "plain").mkdir()
     (tmp_path / "plain" / "a.mp4").write_bytes(film.read_bytes())
-    straight = open_capture(calibrated(tmp_path / "plain", opencv("a", dist=lens)))
-    capture = open_capture(calibrated(tmp_path, opencv("a", dist=lens)))
+    straight = open_capture(write_opencv(tmp_path / "plain", [opencv("a", dist=lens)]))
+    capture = open_capture(write_opencv(tmp_path, [opencv("a", dist=lens)]))
     camera, before = capture.cameras[0], straight.cameras[0]
     assert (camera.width, camera.height) == (48, 64)
     assert "before its rotation flag turned it by" in capture.warnings[0]
@@ -241,7 +236,7 @@ def test_a_film_larger_than_its_calibration_is_no_crop(
 ) -> None:
     (tmp_path / "a.mp4").write_bytes(film.read_bytes())
     with pytest.raises(FrogError, match=sentence):
-        open_capture(calibrated(tmp_path, plain("a", width=size[0], height=size[1])))
+        open_capture(write_opencv(tmp_path, [plain("a", width=size[0], height=size[1])]))
 
 
 @pytest.mark.parametrize(
@@ -256,12 +251,12 @@ def test_what_is_unusual_about_a_film_is_said(tmp_path: Path, options: dict[str,
     (tmp_path / "made").mkdir()
     made = encode(tmp_path / "made" / "film.mp4", numbered(3), **options)
     copied(made, tmp_path / "a.mp4", turn=0 if options else 180)
-    assert said in open_capture(calibrated(tmp_path, plain("a"))).warnings[0]
+    assert said in open_capture(write_opencv(tmp_path, [plain("a")])).warnings[0]
 
 
 def test_skew_is_removed_like_distortion(film: Path, tmp_path: Path) -> None:
     (tmp_path / "a.mp4").write_bytes(film.read_bytes())
-    capture = open_capture(calibrated(tmp_path, plain("a", K=[[50, 2.5, 30], [0, 51, 25], [0, 0, 1]])))
+    capture = open_capture(write_opencv(tmp_path, [plain("a", K=[[50, 2.5, 30], [0, 51, 25], [0, 0, 1]])]))
     assert capture.distortions[0] is not None
     assert capture.distortions[0].skew == pytest.approx(0.05)
     assert capture.cameras[0].intrinsics[0, 1] == 0

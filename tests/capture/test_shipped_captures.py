@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "captures"
@@ -23,24 +24,15 @@ SHIPPED = {
 }
 
 
-@cache
-def camera_rows(capture: str) -> np.ndarray:
-    return np.load(FOLDER / capture / "poses_bounds.npy", allow_pickle=False)
-
-
-def opencv_axes(capture: str) -> tuple[np.ndarray, np.ndarray]:
-    """(12, 3, 3) camera-to-world rotations (right, down, forwards) and (12, 3) centres."""
-    matrices = camera_rows(capture)[:, :15].reshape(-1, 3, 5)
-    down, right, backwards = matrices[:, :, 0], matrices[:, :, 1], matrices[:, :, 2]
-    return np.stack([right, down, -backwards], axis=2), matrices[:, :, 3]
-
-
 def project(capture: str, camera: int, points: np.ndarray) -> np.ndarray:
     """World points (..., 3) in metres -> (..., 2) pixels, whole numbers at the corners of pixels."""
-    axes, centers = opencv_axes(capture)
-    local = (points - centers[camera]) @ axes[camera]
-    (width, height), focal, _ = SHIPPED[capture]
-    return focal * local[..., :2] / local[..., 2:] + np.array([width / 2, height / 2])
+    pixels, _ = opened(capture).cameras[camera].project(points.reshape(-1, 3))
+    return pixels.reshape(*points.shape[:-1], 2)
+
+
+@cache
+def opened(capture: str) -> Capture:
+    return open_capture(FOLDER / capture)
 
 
 @cache
@@ -56,7 +48,7 @@ def film(capture: str, camera: int) -> np.ndarray:
 @pytest.mark.parametrize("capture", SHIPPED)
 def test_the_reader_takes_it_and_it_is_small(capture: str) -> None:
     folder, (size, focal, bytes_at_most) = FOLDER / capture, SHIPPED[capture]
-    found = open_capture(folder)
+    found = opened(capture)
     assert [camera.name for camera in found.cameras] == NAMES and len(found.shots) == 12 * FRAMES
     assert {(camera.width, camera.height, camera.intrinsics[0, 0]) for camera in found.cameras} == {(*size, focal)}
     assert (folder / "README.md").is_file()

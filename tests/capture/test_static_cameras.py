@@ -8,25 +8,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.layouts.lists import posed, rewrite, write_listed
 
 from frog_blender.engine.capture.readers import open_capture, transforms_json
 from frog_blender.engine.frames.store import FrameStore
 
-from .posed_images import OPENGL_AHEAD, rewrite, write
 
-
-def write_standing(folder: Path, name: str = "transforms.json", cameras: str = "ab", shift: float = 0.0) -> None:
+def write_standing(folder: Path, name: str = "transforms.json", cameras: str = "ab") -> None:
     """Three frames of static cameras, camera after camera, as converters of videos write them."""
-    data = write(folder, 3 * len(cameras), name)
-    stem = name[:-5]
-    for index, frame in enumerate(data["frames"]):
-        camera, number = divmod(index, 3)
-        file = f"{stem}_{cameras[camera]}_{number:04d}"
-        (folder / f"{stem}_{index:03d}.png").rename(folder / f"{file}.png")
-        pose = OPENGL_AHEAD.copy()
-        pose[0, 3] = camera + shift
-        frame.update(file_path=file, time=number / 2, transform_matrix=pose.tolist())
-    (folder / name).write_text(json.dumps(data))
+    files = [f"{name[:-5]}_{camera}_{number:04d}" for camera in cameras for number in range(3)]
+    frames = [posed(file, index // 3, time=index % 3 / 2) for index, file in enumerate(files)]
+    write_listed(folder, [f"{file}.png" for file in files], frames, name)
 
 
 def test_images_with_the_same_pose_are_one_standing_cameras(tmp_path: Path) -> None:

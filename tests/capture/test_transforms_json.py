@@ -6,12 +6,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from support.layouts.lists import rewrite
+from support.layouts.lists import write_moving as write
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
-
-from .posed_images import rewrite, write
 
 
 def test_an_images_own_values_win(tmp_path: Path) -> None:

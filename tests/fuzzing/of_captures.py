@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from support.filmed_scene import moving, rig, still
-from support.layouts import phones, rigs
+from support.layouts import phones
 from support.layouts.colmap import write_model
 from support.layouts.files import write_film, write_frames, write_image
+from support.layouts.lists import opencv_entry, write_opencv
+from support.layouts.written import FISHEYES, PHONES, STANDING
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.readers import open_capture
@@ -62,11 +63,9 @@ def timed_films(folder: Path) -> list[Camera]:
     entries = []
     for index, camera in enumerate(rig()):
         write_film(folder / "films" / f"{camera.name}.avi", [still(camera.name, frame) for frame in range(2)])
-        lens = {"K": camera.intrinsics.tolist(), "dist": [-0.1, 0.01, 0, 0, 0], "width": 64, "height": 48}
-        pose = {"R": camera.rotation.tolist(), "t": camera.world_to_camera[:3, 3].tolist()}
         clock = {"offset": 0.01 * index, "rate": 1.0, "video": f"films/{camera.name}.avi"}
-        entries.append({"name": camera.name, **lens, **pose, **clock})
-    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": entries, "points": [[0.0, 1.0, 4.0]]}))
+        entries.append(opencv_entry(camera, dist=[-0.1, 0.01, 0, 0, 0], **clock))
+    write_opencv(folder, entries, points=[[0.0, 1.0, 4.0]])
     return rig()
 
 
@@ -82,25 +81,11 @@ LAYOUTS: dict[str, tuple[Callable[[Path], list[Camera]], tuple[str, ...]]] = {
     "colmap_binary": (colmap(False), tuple(f"sparse/0/{n}.bin" for n in ("cameras", "images", "points3D", "frames"))),
     "colmap_text": (colmap(True), tuple(f"sparse/0/{name}.txt" for name in ("cameras", "images", "points3D"))),
     "colmap_moving": (one_moving, ("sparse/0/images.txt", "sparse/0/cameras.txt")),
-    "multipleview": (rigs.multipleview, ("sparse_/images.bin", "sparse_/cameras.bin")),
-    "multipleview_rows": (rigs.multipleview_rows, ("poses_bounds_multipleview.npy",)),
-    "n3dv_frames": (rigs.n3dv_frames, ("poses_bounds.npy",)),
-    "panoptic_sports": (rigs.panoptic_sports, ("train_meta.json", "test_meta.json", "init_pt_cld.npz")),
-    "easyvolcap": (rigs.easyvolcap, ("intri.yml", "extri.yml")),
-    "easymocap": (rigs.easymocap, ("intri.yml", "extri.yml")),
-    "caliscope": (rigs.caliscope, ("camera_array.toml",)),
-    "fisheye_toml": (rigs.fisheye_toml, ("calibration.toml",)),
-    "immersive": (rigs.immersive, ("models.json",)),
-    "opencv_frames": (rigs.opencv_frames, ("cameras_opencv.json",)),
-    "record3d": (phones.record3d, ("metadata.json",)),
-    "polycam": (phones.polycam, ("keyframes/corrected_cameras/65482573842.json",)),
     "timed_films": (timed_films, ("cameras_opencv.json",)),
     "qualisys": (qualisys, ("Calib.qca.txt",)),
-    "anipose": (rigs.anipose, ("rec_camera_calibration.toml",)),
-    "pose2sim": (rigs.pose2sim, ("calibration/Calib_scene.toml",)),
-    "technicolor": (rigs.technicolor, ("cameras_parameters.txt",)),
     "hypernerf": (phones.hypernerf, ("dataset.json", "metadata.json", "scene.json", "camera/000002_left.json")),
     "nerfstudio_fisheye": (phones.nerfstudio_fisheye, ("transforms.json",)),
+    **{name: (write, files) for name, (_, write, files) in {**STANDING, **FISHEYES, **PHONES}.items()},
 }
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from support.builders import plain_camera
 from support.films import copied, encode, number_of, numbered
+from support.layouts.lists import opencv_entry, write_opencv
+from support.small_captures import llff_row
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import decode
@@ -24,19 +27,13 @@ def film(tmp_path: Path) -> Path:
 
 
 def calibrated(folder: Path, **changes: dict[str, Any]) -> Path:
-    lens = {"K": [[50.0, 0, 32], [0, 50.0, 24], [0, 0, 1]], "R": np.eye(3).tolist(), "t": [0.0, 0.0, 0.0]}
-    cameras = [{"name": name, "width": 64, "height": 48, **lens, **changes.get(name, {})} for name in ("a", "b")]
-    folder.mkdir(exist_ok=True)
-    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": cameras}))
-    return folder
+    cameras = [replace(plain_camera(64, 48, 50.0), name=name) for name in ("a", "b")]
+    return write_opencv(folder, [opencv_entry(camera, **changes.get(camera.name, {})) for camera in cameras])
 
 
 def n3dv(folder: Path) -> Path:
     folder.mkdir(exist_ok=True)
-    row = np.concatenate(
-        [np.stack([[0, 1, 0], [1, 0, 0], [0, 0, -1], [0, 0, 0], [48, 64, 50]], axis=1).ravel(), [1, 9]]
-    )
-    np.save(folder / "poses_bounds.npy", np.stack([row, row]).astype(float))
+    np.save(folder / "poses_bounds.npy", [llff_row(48, 64, 50.0)] * 2)
     return folder
 
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from support.builders import scene_file
+from support.builders import plain_camera
 from support.clicks import clicks, film_of_clicks, times_of_clicks
 from support.films import copied
+from support.layouts.lists import opencv_entry, write_opencv
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.source_media.sound import find_sound, read_sound, wav_of
+
+from .test_undistorted_clips import header_of
 
 RATE, SECONDS, LATER = 10, 3.0, 0.5
 
@@ -24,26 +25,8 @@ def header(tmp_path: Path) -> SceneHeader:
     """Of two films, one of them silent, the other one, which has sound, begun half a second after it."""
     film_of_clicks(tmp_path / "b.mp4", [0.5], SECONDS, RATE)
     copied(tmp_path / "b.mp4", tmp_path / "a.mp4", has_sound=False)
-    matrix = [[40, 0, 16], [0, 40, 16], [0, 0, 1]]
-    of_each = {"width": 32, "height": 32, "K": matrix, "R": np.eye(3).tolist(), "dist": []}
-    cameras = [{"name": "a", "t": [0, 0, 1]}, {"name": "b", "t": [0.1, 0, 1], "offset": LATER}]
-    content = {"cameras": [of_each | camera for camera in cameras]}
-    (tmp_path / "cameras_opencv.json").write_text(json.dumps(content))
-    capture = open_capture(tmp_path)
-    header = scene_file().header
-    shots = tuple(
-        tuple(shot.frame for shot in capture.shots if shot.camera == index) for index in range(len(capture.cameras))
-    )
-    return replace(
-        header,
-        capture_path=str(tmp_path),
-        capture_format="calibrated_videos",
-        cameras=tuple(capture.cameras),
-        camera_shots=shots,
-        test_cameras=(),
-        frame_count=capture.frame_count,
-        frames_per_second=capture.frames_per_second,
-    )
+    entries = [opencv_entry(replace(plain_camera(), name=name)) for name in ("a", "b")]
+    return header_of(open_capture(write_opencv(tmp_path, [entries[0], entries[1] | {"offset": LATER}])))
 
 
 def test_a_film_is_heard_from_the_captures_first_frame_on(header, tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from dataclasses import replace
@@ -12,8 +11,10 @@ import cv2
 import numpy as np
 import pytest
 from support.filmed_scene import image
+from support.layouts.lists import opencv_entry, posed, write_listed, write_opencv
 from support.layouts.rigs import technicolor
 
+from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.decoding import decode_shots
 from frog_blender.engine.capture.readers import open_capture
@@ -45,21 +46,16 @@ def film(path: Path, seed: int) -> None:
     video.release()
 
 
-def calibrated(name: str, seed: int, distortion: list[float]) -> dict[str, object]:
-    pose = {"R": np.eye(3).tolist(), "t": [0.1 * seed, 0.0, 4.0]}
-    lens = {"K": [[80.0, 0, 46], [0, 80.0, 38], [0, 0, 1]], "dist": distortion}
-    return {"name": name, "width": WIDTH, "height": HEIGHT, **lens, **pose}
-
-
 @pytest.fixture
 def bent(tmp_path: Path) -> Path:
     """Two cameras, one of whose lenses distorts much."""
-    folder = tmp_path / "bent"
-    folder.mkdir()
-    cameras = [calibrated("left", 0, [-0.3, 0.05, 0.0, 0.0]), calibrated("right", 1, [0.0] * 4)]
+    lens = np.array([[80.0, 0, 46], [0, 80.0, 38], [0, 0, 1]])
+    cameras = [Camera(name, WIDTH, HEIGHT, lens, np.eye(4)) for name in ("left", "right")]
+    bends = ([-0.3, 0.05, 0.0, 0.0], [0.0] * 4)
+    entries = [opencv_entry(camera, dist=dist) for camera, dist in zip(cameras, bends, strict=True)]
+    folder = write_opencv(tmp_path / "bent", entries)
     for seed, camera in enumerate(cameras):
-        film(folder / f"{camera['name']}.mp4", seed)
-    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": cameras}))
+        film(folder / f"{camera.name}.mp4", seed)
     return folder
 
 
@@ -182,40 +178,30 @@ def test_images_no_program_takes_for_a_film(tmp_path: Path) -> None:
             assert min(range(5), key=wrong.__getitem__) == frame and wrong[frame] < 6
 
 
-def moving_capture(folder: Path, **lens: float) -> Path:
-    (folder / "images").mkdir(parents=True)
-    frames = []
-    for index in range(6):
-        cv2.imwrite(str(folder / f"images/view {index}.png"), np.full((48, 64, 3), 30 * index + 20, np.uint8))
-        matrix = np.eye(4)
-        matrix[0, 3] = index
-        frames.append({"file_path": f"images/view {index}.png", "transform_matrix": matrix.tolist()})
-    top = {"fl_x": 50.0, "fl_y": 50.0, "cx": 32.0, "cy": 24.0, "w": 64, "h": 48, **lens}
-    (folder / "transforms.json").write_text(json.dumps({**top, "frames": frames}))
+def moving_capture(folder: Path, **own: float) -> Path:
+    names = [f"images/view {index}.png" for index in range(6)]
+    write_listed(folder, names, [posed(name, index, **own) for index, name in enumerate(names)], k1=0.1)
     return folder
 
 
 def test_one_moving_camera_has_one_film(tmp_path: Path) -> None:
-    folder = moving_capture(tmp_path / "mono", k1=0.1)
+    folder = moving_capture(tmp_path / "mono")
     header = header_of(open_capture(folder))
     write_films(header, tmp_path / "m.frog", folder)
     ((_, clip),) = undistorted_clips(header, tmp_path / "m.frog").items()
     found = [image.mean() for image in decode(clip.path, range(6))]
-    np.testing.assert_allclose(found, [20, 50, 80, 110, 140, 170], atol=4)
+    np.testing.assert_allclose(found, [0, 10, 20, 30, 40, 50], atol=4)
 
 
 def test_a_single_frame_is_an_image_and_any_name_a_file(tmp_path: Path) -> None:
-    folder = moving_capture(tmp_path / "still", k1=0.1)
-    data = json.loads((folder / "transforms.json").read_text())
-    data["frames"] = [{**frame, "time": 0.0} for frame in data["frames"]]
-    (folder / "transforms.json").write_text(json.dumps(data))
+    folder = moving_capture(tmp_path / "still", time=0.0)
     capture = open_capture(folder)
     header = replace(header_of(capture), cameras=capture.cameras)
     write_films(header, tmp_path / "s.frog", folder)
     clips = undistorted_clips(header, tmp_path / "s.frog")
     assert [clip.kind for clip in clips.values()] == ["IMAGE"] * 6
     assert {clip.path.parent for clip in clips.values()} == {clips_folder(tmp_path / "s.frog")}
-    assert [read_image(clip.path).mean() for clip in clips.values()] == [20, 50, 80, 110, 140, 170]
+    assert [read_image(clip.path).mean() for clip in clips.values()] == [0, 10, 20, 30, 40, 50]
 
 
 def test_stopped_or_failed_nothing_is_left(bent: Path, tmp_path: Path) -> None:

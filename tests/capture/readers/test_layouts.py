@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,36 +9,13 @@ import pytest
 from support.filmed_scene import FRAMES, image
 from support.layouts import phones, rigs
 from support.layouts.colmap import POINTS
+from support.layouts.written import FISHEYES, PHONES, STANDING, Writer
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.lenses import WIDEST
 from frog_blender.engine.capture.readers import open_capture
 
 from .reading import assert_same_cameras, assert_same_images, opened
-
-Writer = Callable[[Path], list[Camera]]
-STANDING: dict[str, tuple[str, Writer]] = {
-    "N3DV's frames": ("n3dv", rigs.n3dv_frames),
-    "N3DV, one folder deeper": ("n3dv", rigs.n3dv_nested),
-    "multipleview": ("multipleview", rigs.multipleview),
-    "multipleview by rows": ("multipleview", rigs.multipleview_rows),
-    "PanopticSports": ("panoptic_sports", rigs.panoptic_sports),
-    "EasyVolcap": ("easyvolcap", rigs.easyvolcap),
-    "EasyMocap": ("easyvolcap", rigs.easymocap),
-    "caliscope": ("calibration_toml", rigs.caliscope),
-    "anipose, freemocap": ("calibration_toml", rigs.anipose),
-    "Pose2Sim": ("calibration_toml", rigs.pose2sim),
-    "frames of cameras_opencv.json": ("calibrated_videos", rigs.opencv_frames),
-    "Technicolor": ("technicolor", rigs.technicolor),
-}
-FISHEYES: dict[str, tuple[str, Writer]] = {
-    "anipose's fisheyes": ("calibration_toml", rigs.fisheye_toml),
-    "Immersive": ("immersive", rigs.immersive),
-}
-PHONES: dict[str, tuple[str, Writer]] = {
-    "Record3D": ("record3d", phones.record3d),
-    "Polycam": ("polycam", phones.polycam),
-}
 
 
 def written(folder: Path, writer: Writer) -> list[Camera]:
@@ -49,7 +25,7 @@ def written(folder: Path, writer: Writer) -> list[Camera]:
 
 @pytest.mark.parametrize("name", STANDING)
 def test_standing_cameras(name: str, tmp_path: Path) -> None:
-    layout, writer = STANDING[name]
+    layout, writer, _ = STANDING[name]
     cameras = written(tmp_path / "capture", writer)
     capture = opened(tmp_path / "capture", layout)
     assert capture.frame_count == FRAMES and len(capture.shots) == FRAMES * len(cameras)
@@ -60,7 +36,7 @@ def test_standing_cameras(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", FISHEYES)
 def test_fisheyes_are_undistorted(name: str, tmp_path: Path) -> None:
-    layout, writer = FISHEYES[name]
+    layout, writer, _ = FISHEYES[name]
     cameras = written(tmp_path / "capture", writer)
     capture = opened(tmp_path / "capture", layout)
     assert capture.frame_count == FRAMES and all(capture.distortions)
@@ -73,7 +49,7 @@ def test_fisheyes_are_undistorted(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", PHONES)
 def test_one_moving_camera(name: str, tmp_path: Path) -> None:
-    layout, writer = PHONES[name]
+    layout, writer, _ = PHONES[name]
     cameras = written(tmp_path / "capture", writer)
     capture = opened(tmp_path / "capture", layout)
     assert capture.is_moving and capture.frame_count == phones.COUNT and capture.test_frames == {4}

@@ -56,6 +56,8 @@ def text(name: str, content: str = "x") -> Callable[[Path], None]:
 
 
 NEAR: dict[str, tuple[Callable[[Path], object], str]] = {
+    "nothing": (lambda folder: None, "an empty folder"),
+    "something": (text("a.txt"), "1 .txt file"),
     "raw videos": (lambda folder: write_films(folder, rig()), r"4 videos without calibration, .*`frog calibrate"),
     "frames": (lambda folder: write_frames(folder, rig()), r"4 folders of images without calibration, .*calibrate"),
     "images": (lambda folder: write_frames(folder, rig(), "images/{name}_{frame}.png"), r"20 images without poses"),
@@ -86,8 +88,11 @@ def test_one_sentence_that_fits(name: str, tmp_path: Path) -> None:
 
 def test_a_file_names_the_folder_to_choose(tmp_path: Path) -> None:
     write_films(tmp_path, rig()[:1])
-    with pytest.raises(FrogError, match="found a video, expected the folder that it lies in"):
-        detect(tmp_path / "cam00.avi")
+    (tmp_path / "a.txt").write_text("x")
+    said = {"cam00.avi": "found a video, expected the folder that it lies in", "a.txt": "found a file, expected"}
+    for name, sentence in (said | {"missing": "no such folder, expected"}).items():
+        with pytest.raises(FrogError, match=sentence):
+            detect(tmp_path / name)
 
 
 def test_a_capture_one_folder_deeper_has_its_own_path(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from support.filmed_scene import HEIGHT, WIDTH, bent_rays, image, moving
 from support.layouts.colmap import quaternion
 from support.layouts.files import write_image
+from support.layouts.lists import posed_as
 from support.layouts.rigs import FISHEYE, fisheye_rays
 
 from frog_blender.engine.capture.camera import Camera
@@ -84,10 +85,7 @@ def nerfstudio_fisheye(folder: Path) -> list[Camera]:
     for frame, camera in enumerate(moving(COUNT)):
         filmed = replace(camera, name=f"frame_{frame:05d}", intrinsics=matrix)
         write_image(folder / "images" / f"{filmed.name}.png", image(filmed, frame, fisheye_rays(filmed)))
-        pose = np.eye(4)
-        pose[:3] = np.concatenate([filmed.rotation.T @ _OPENGL, filmed.center[:, None]], axis=1)
-        file = f"images/{filmed.name}.png"
-        frames.append({"file_path": file, "transform_matrix": pose.tolist(), "time": frame / (COUNT - 1)})
+        frames.append(posed_as(filmed, f"images/{filmed.name}.png", time=frame / (COUNT - 1)))
         cameras.append(filmed)
     lens = {"fl_x": FISHEYE[0], "fl_y": FISHEYE[0], "cx": 32.5, "cy": 23.25, "w": WIDTH, "h": HEIGHT}
     lens |= dict(zip(("k1", "k2", "k3", "k4"), FISHEYE[1], strict=True))

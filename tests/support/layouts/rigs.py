@@ -12,6 +12,7 @@ import numpy as np
 from support.filmed_scene import FRAMES, HEIGHT, WIDTH, bent_rays, image, rig, still
 from support.layouts.colmap import POINTS, quaternion, write_model
 from support.layouts.files import write_film, write_films, write_frames, write_image
+from support.layouts.lists import opencv_entry, write_opencv
 
 from frog_blender.engine.capture.camera import Camera
 
@@ -245,18 +246,7 @@ def immersive(folder: Path) -> list[Camera]:
 def opencv_frames(folder: Path) -> list[Camera]:
     """``cameras_opencv.json`` beside folders of frames."""
     cameras = rig()
-    entries = [
-        {
-            "name": camera.name,
-            "width": camera.width,
-            "height": camera.height,
-            "K": camera.intrinsics.tolist(),
-            "R": camera.rotation.tolist(),
-            "t": camera.world_to_camera[:3, 3].tolist(),
-        }
-        for camera in cameras
-    ]
-    (folder / "cameras_opencv.json").write_text(json.dumps({"cameras": entries}))
+    write_opencv(folder, map(opencv_entry, cameras))
     write_frames(folder, cameras, "{name}/{name}_{frame:08d}.png")
     return cameras
 

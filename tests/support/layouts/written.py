@@ -1,0 +1,38 @@
+"""What other programs write, by a name for it: the layout that is recognised, the writer, and the files to damage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from support.layouts import phones, rigs
+
+from frog_blender.engine.capture.camera import Camera
+
+Writer = Callable[[Path], list[Camera]]
+STANDING: dict[str, tuple[str, Writer, tuple[str, ...]]] = {
+    "n3dv_frames": ("n3dv", rigs.n3dv_frames, ("poses_bounds.npy",)),
+    "n3dv_nested": ("n3dv", rigs.n3dv_nested, ("coffee_martini/poses_bounds.npy",)),
+    "multipleview": ("multipleview", rigs.multipleview, ("sparse_/images.bin", "sparse_/cameras.bin")),
+    "multipleview_rows": ("multipleview", rigs.multipleview_rows, ("poses_bounds_multipleview.npy",)),
+    "panoptic_sports": (
+        "panoptic_sports",
+        rigs.panoptic_sports,
+        ("train_meta.json", "test_meta.json", "init_pt_cld.npz"),
+    ),
+    "easyvolcap": ("easyvolcap", rigs.easyvolcap, ("intri.yml", "extri.yml")),
+    "easymocap": ("easyvolcap", rigs.easymocap, ("intri.yml", "extri.yml")),
+    "caliscope": ("calibration_toml", rigs.caliscope, ("camera_array.toml",)),
+    "anipose": ("calibration_toml", rigs.anipose, ("rec_camera_calibration.toml",)),
+    "pose2sim": ("calibration_toml", rigs.pose2sim, ("calibration/Calib_scene.toml",)),
+    "opencv_frames": ("calibrated_videos", rigs.opencv_frames, ("cameras_opencv.json",)),
+    "technicolor": ("technicolor", rigs.technicolor, ("cameras_parameters.txt",)),
+}
+FISHEYES = {
+    "fisheye_toml": ("calibration_toml", rigs.fisheye_toml, ("calibration.toml",)),
+    "immersive": ("immersive", rigs.immersive, ("models.json",)),
+}
+PHONES = {
+    "record3d": ("record3d", phones.record3d, ("metadata.json",)),
+    "polycam": ("polycam", phones.polycam, ("keyframes/corrected_cameras/65482573842.json",)),
+}
