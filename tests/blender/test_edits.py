@@ -21,17 +21,17 @@ def path(tmp_path):
     return write_scene(tmp_path / "scene.frog", rig_of_three(), count=200)
 
 
-def shown(obj):
-    """What the object's points are."""
-    return {name: values.copy() for name, values in point_cloud.read(obj).items()}
-
-
 def assert_points_are_what_is_rendered(obj, frame):
-    gaussians, points = playback.gaussians_at(obj, frame), shown(obj)
+    gaussians, points = playback.gaussians_at(obj, frame), point_cloud.read(obj)
     np.testing.assert_array_equal(points["position"], gaussians.means)
     np.testing.assert_array_equal(points["radiance:base"][:, 3], gaussians.opacities)
     np.testing.assert_array_equal(points["radiance:base"][:, :3], gaussians.sh[:, 0])
     np.testing.assert_array_equal(points["scale"], gaussians.scales)
+
+
+def assert_same(gaussians, expected, atol=0.0):
+    for name, values in vars(expected).items():
+        np.testing.assert_allclose(getattr(gaussians, name), values, rtol=0, atol=atol, err_msg=name)
 
 
 def edit_everything(obj):
@@ -54,7 +54,7 @@ def test_points_follow_every_edit_at_every_frame(empty, capture):
         assert_points_are_what_is_rendered(capture, frame)
     capture.frog_edits.use = False
     empty.frame_set(1)
-    np.testing.assert_array_equal(shown(capture)["position"], plain.means)
+    np.testing.assert_array_equal(point_cloud.read(capture)["position"], plain.means)
     np.testing.assert_array_equal(playback.gaussians_at(capture, 1).sh, plain.sh)
 
 
@@ -64,7 +64,7 @@ def test_a_crop_that_is_moved_or_animated_is_followed(empty, capture):
     before = np.count_nonzero(playback.gaussians_at(capture, 1).opacities)
     crop.scale *= 0.5
     bpy.context.view_layer.update()
-    smaller = np.count_nonzero(shown(capture)["radiance:base"][:, 3])
+    smaller = np.count_nonzero(point_cloud.read(capture)["radiance:base"][:, 3])
     assert 0 < smaller < before
     assert not edits.needs_evaluation(capture)
     crop.keyframe_insert("location", frame=1)
@@ -96,11 +96,11 @@ def test_crops_beside_the_capture_crop_where_they_stand(empty, capture):
     bpy.context.view_layer.update()
     assert np.count_nonzero(playback.gaussians_at(capture, 3).opacities) > 10
     assert_points_are_what_is_rendered(capture, 3)
-    before = shown(capture)["radiance:base"]
+    before = point_cloud.read(capture)["radiance:base"]
     capture.parent.location.x += 0.3
     bpy.context.view_layer.update()
     assert_points_are_what_is_rendered(capture, 3)
-    assert not np.array_equal(before, shown(capture)["radiance:base"])
+    assert not np.array_equal(before, point_cloud.read(capture)["radiance:base"])
 
 
 def test_each_duplicate_of_a_capture_has_its_own_edits(empty, tmp_path):
@@ -116,11 +116,11 @@ def test_each_duplicate_of_a_capture_has_its_own_edits(empty, tmp_path):
     depsgraph = bpy.context.evaluated_depsgraph_get()
     found = visible_captures(depsgraph)
     assert len(found) == 4
-    wanted = []
+    shown = []
     for obj, evaluated, _ in found:
         assert evaluated.original == obj and evaluated.frog_edits.grade.exposure == obj.frog_edits.grade.exposure
-        wanted.append(playback.gaussians_at(obj, 1).sh)
-    np.testing.assert_array_equal(gather(depsgraph)[0].sh, np.concatenate(wanted))
+        shown.append(playback.gaussians_at(obj, 1).sh)
+    np.testing.assert_array_equal(gather(depsgraph)[0].sh, np.concatenate(shown))
 
 
 def test_an_object_that_cannot_crop_is_said_and_stops_a_render(capture):
@@ -133,29 +133,21 @@ def test_an_object_that_cannot_crop_is_said_and_stops_a_render(capture):
 
 def test_edits_are_saved_loaded_copied_and_appended(empty, capture, tmp_path):
     edit_everything(capture)
-    wanted = playback.gaussians_at(capture, 4)
-
-    def same(obj):
-        return all(
-            np.array_equal(ours, theirs)
-            for ours, theirs in zip(vars(wanted).values(), vars(playback.gaussians_at(obj, 4)).values(), strict=True)
-        )
-
+    expected = playback.gaussians_at(capture, 4)
     copy = capture.copy()
     empty.collection.objects.link(copy)
     copy.location.x += 5.0
     bpy.context.view_layer.update()
-    assert same(copy)
+    assert_same(playback.gaussians_at(copy, 4), expected)
     bpy.data.objects.remove(copy)
     blend = tmp_path / "edited.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     bpy.ops.wm.open_mainfile(filepath=str(blend))
-    loaded = active_capture(bpy.context)
-    assert same(loaded)
+    assert_same(playback.gaussians_at(active_capture(bpy.context), 4), expected)
     bpy.ops.wm.read_homefile(use_empty=True)
     with bpy.data.libraries.load(str(blend)) as (there, here):
         here.objects = [name for name in there.objects if name.endswith("Gaussians")]
-    assert same(here.objects[0])
+    assert_same(playback.gaussians_at(here.objects[0], 4), expected)
 
 
 def test_a_file_of_edits_gives_them_back_and_exports_have_them(empty, capture, tmp_path):
@@ -171,9 +163,7 @@ def test_a_file_of_edits_gives_them_back_and_exports_have_them(empty, capture, t
     for name in ("grade", "hidden"):
         capture.frog_edits.property_unset(name)
     assert bpy.ops.frog.load_edits(filepath=str(saved)) == {"FINISHED"}
-    again = playback.gaussians_at(capture, 5)
-    for ours, theirs in zip(vars(plain).values(), vars(again).values(), strict=True):
-        np.testing.assert_allclose(ours, theirs, atol=1e-5)
+    assert_same(playback.gaussians_at(capture, 5), plain, atol=1e-5)
 
 
 def test_a_file_that_cannot_be_loaded_changes_nothing(capture, tmp_path):
@@ -211,8 +201,7 @@ def test_a_bake_serves_edited_captures(empty, capture, path):
     assert bpy.ops.frog.bake() == {"FINISHED"}
     found = playback.scene_time(capture, 3)
     assert found.bake is not None and found._baked() is not None
-    for ours, theirs in zip(vars(plain).values(), vars(found.gaussians()).values(), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
+    assert_same(found.gaussians(), plain)
 
 
 def test_marks_of_an_earlier_training_are_said_and_dropped(empty, capture, path, capsys):

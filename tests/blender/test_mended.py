@@ -5,12 +5,10 @@ from __future__ import annotations
 import os
 
 import bpy
-import numpy as np
 import pytest
+from support.small_scenes import shows
 from support.training_panel import panel_says
 
-from frog_blender import point_cloud
-from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.timeline import playback
 from frog_blender.ui import capture_panel, capture_summary, captures_panel, refreshing, render_panel
 
@@ -38,8 +36,7 @@ def test_a_scene_file_that_is_there_again(empty, capture, static_rig, said, tmp_
         static_rig.write_bytes(content)
         said(captures_panel.FROG_PT_captures)  # which sees that the file is another one
         assert "60 Gaussians" in said(captures_panel.FROG_PT_captures)
-        expected = ScenePlayer.load(static_rig).at_frame(empty.frame_current - 1.0).means
-        np.testing.assert_array_equal(point_cloud.read(capture)["position"], expected)
+        shows(capture, static_rig, empty.frame_current - 1.0)
 
 
 def test_a_bake_that_comes_and_goes(empty, capture, static_rig, said):

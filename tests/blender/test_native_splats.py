@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import rig_of_three, shows, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
@@ -26,12 +26,7 @@ def test_attributes_are_those_of_blenders_own_splats(empty, capture, static_rig)
         **{f"radiance:sh_{k}": ("FLOAT_VECTOR", "POINT") for k in range(3)},
     }
     empty.frame_set(6)
-    shown, gaussians = point_cloud.read(capture), ScenePlayer.load(static_rig).at_frame(5)
-    np.testing.assert_allclose(shown["position"], gaussians.means, atol=1e-5)
-    np.testing.assert_allclose(shown["rotation"], gaussians.quaternions, atol=1e-5)
-    np.testing.assert_allclose(shown["radiance:base"][:, :3], gaussians.sh[:, 0], atol=1e-5)
-    np.testing.assert_allclose(shown["radiance:base"][:, 3], gaussians.opacities, atol=1e-5)
-    np.testing.assert_allclose(shown["radiance:sh_1"], gaussians.sh[:, 2], atol=1e-5)
+    shows(capture, static_rig, 5.0)
 
 
 @draws_them

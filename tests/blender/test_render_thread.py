@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
+from support.small_scenes import shows
 
 from frog_blender import addon_state, point_cloud, reported_once
 from frog_blender.engine.playback.player import ScenePlayer
@@ -55,9 +56,9 @@ def test_points_are_written_from_a_renders_thread_only_while_windows_are_locked(
     in_another_thread(lambda: handlers.on_frame(empty))
     frame = 4.0 if locked else 0.0
     assert ("do not move" in capfd.readouterr().err) != locked
-    np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(frame).means)
+    shows(capture, static_rig, frame)
     handlers.on_frame(empty)
-    np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(4.0).means)
+    shows(capture, static_rig, 4.0)
 
 
 def test_never_for_the_frog_engine(empty, capture, in_window):
@@ -93,8 +94,7 @@ def test_an_animation_by_frog_writes_no_points_and_leaves_the_right_ones(empty, 
     empty.render.filepath = str(tmp_path / "film_")
     bpy.ops.render.render(animation=True)
     assert len(list(tmp_path.glob("film_*"))) == 3 and not any(written)
-    shown = empty.frame_current - 1.0
-    np.testing.assert_array_equal(points(capture), ScenePlayer.load(static_rig).at_frame(shown).means)
+    shows(capture, static_rig, empty.frame_current - 1.0)
 
 
 def test_threads_share_what_is_kept_of_files(empty, capture, tmp_path, monkeypatch):

@@ -24,6 +24,7 @@ from frog_blender.ui import selection_tools
 from frog_blender.ui.gesture_overlay import GestureOverlay
 
 COUNT = 300
+EVERYTHING = [(-5000.0, -5000.0), (9000.0, 9000.0)]
 LASSO = [(300.0, 200.0), (1200.0, 300.0), (900.0, 800.0), (700.0, 350.0), (400.0, 700.0)]
 
 
@@ -101,18 +102,16 @@ def test_what_is_edited_away_or_hidden_is_not_selected(capture):
     bpy.context.view_layer.update()
     opacities = playback.gaussians_at(capture, 4).opacities
     assert (opacities == 0).any() and len(opacities) < COUNT
-    everything = [(-5000.0, -5000.0), (9000.0, 9000.0)]
-    assert_selected(capture, stroke(everything, shape="BOX"), opacities > 1 / 255)
+    assert_selected(capture, stroke(EVERYTHING, shape="BOX"), opacities > 1 / 255)
     capture.frog_edits.use = False
-    assert stroke(everything, shape="BOX").sum() > np.count_nonzero(opacities)
+    assert stroke(EVERYTHING, shape="BOX").sum() > np.count_nonzero(opacities)
 
 
 def test_a_lower_density_selects_what_it_does_not_show_as_well(capture):
-    everything = [(-5000.0, -5000.0), (9000.0, 9000.0)]
-    before = stroke(everything, shape="BOX")
+    before = stroke(EVERYTHING, shape="BOX")
     capture.frog.density = 30
     assert point_cloud.count(capture) < COUNT / 2
-    np.testing.assert_array_equal(stroke(everything, shape="BOX"), before)
+    np.testing.assert_array_equal(stroke(EVERYTHING, shape="BOX"), before)
 
 
 def test_modes_and_one_mark_for_every_frame(empty, capture):
@@ -130,9 +129,8 @@ def test_modes_and_one_mark_for_every_frame(empty, capture):
 
 
 def test_only_the_visible_are_fewer(capture):
-    everything = [(-5000.0, -5000.0), (9000.0, 9000.0)]
-    all_of_them = stroke(everything, shape="BOX")
-    visible = stroke(everything, shape="BOX", only_visible=True)
+    all_of_them = stroke(EVERYTHING, shape="BOX")
+    visible = stroke(EVERYTHING, shape="BOX", only_visible=True)
     assert 0 < visible.sum() < all_of_them.sum() and not (visible & ~all_of_them).any()
 
 

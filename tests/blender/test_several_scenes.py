@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
+from support.composed_scene import the_capture
 from support.small_scenes import rig_of_three, shows, write_scene
 from support.training_panel import switched_off
 
 from frog_blender import point_cloud
-from frog_blender.timeline import handlers, playback
-
-
-def the_capture():
-    return next(playback.captures(bpy.data.objects))
+from frog_blender.timeline import handlers
 
 
 def test_it_plays_the_frame_of_the_scene_that_is_looked_at(empty, capture, static_rig, tmp_path):

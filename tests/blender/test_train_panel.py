@@ -115,29 +115,7 @@ def pixels():
     return values.view(np.uint8).reshape(height, width, 4)[::-1]
 
 
-@pytest.fixture
-def others(addon):
-    """The names of the icons that other panels have shown before."""
-    preview_image.show(None)
-    return set(preview_image.icons())
-
-
-def test_many_images_leave_nothing_behind(others):
-    resource = pytest.importorskip("resource")
-    images = [np.full((400, side, 3), 7, np.uint8) for side in (512, 300)]
-    data_blocks = len(bpy.data.images)
-    for image in images:
-        preview_image.show(image)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for turn in range(300):
-        preview_image.show(images[turn % 2].copy())  # 250 MB in all
-    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    assert grown < (50e6 if bpy.app.build_platform == b"Darwin" else 50e3)
-    assert set(preview_image.icons()) == others | {preview_image.NAME} and len(bpy.data.images) == data_blocks
-    preview_image.show(None)
-
-
-def test_a_preview_reaches_the_panel_by_the_timer_and_goes_with_the_add_on(others):
+def test_a_preview_reaches_the_panel_by_the_timer_and_goes_with_the_add_on(addon):
     image = np.random.default_rng(0).integers(0, 255, (30, 40, 3), np.uint8)
     task = TrainingTask(lambda control: iter([events.Preview(1, image)])).begin()
     assert task.join(20.0)

@@ -16,7 +16,6 @@ from frog_blender.cameras import view_camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.render import viewport
 from frog_blender.render.collect_instances import gather, visible_captures
-from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import edits, playback
 
 SIZE = (120, 70)
@@ -39,27 +38,18 @@ def drawn_in(memory, region, size=SIZE, space=None):
     return viewport.image_of(memory, bpy.context.evaluated_depsgraph_get(), region, size, space)
 
 
-def seen_through(path):
-    """The Gaussians, background and engine camera of a view through an imported camera."""
-    assert bpy.ops.import_scene.frog(filepath=str(path)) == {"FINISHED"}
-    bpy.context.scene.frame_set(4)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    gaussians, background = gather(depsgraph)
-    return gaussians, background, lambda w, h: rig_of_three()[0].resized(w, h)
-
-
 def sharp_viewport():
     """Sharp at once, however slow the machine is."""
     return viewport.Viewport(moving_seconds=1e6)
 
 
-def test_coarse_while_things_move_and_sharp_when_still(empty, static_rig):
-    gaussians, background, camera_of = seen_through(static_rig)
+def test_coarse_while_things_move_and_sharp_when_still(empty, capture):
+    gaussians, background = gather(bpy.context.evaluated_depsgraph_get())
     # 1,600 pixels fit the time, and a machine that stalls does not make a second pass.
     memory, size = viewport.Viewport(seconds_per_pixel=1e-5, still_after=1e6), (96, 64)
 
     def drawn(key):
-        return viewport.draw_view(memory, key, gaussians, camera_of, size, background)
+        return viewport.draw_view(memory, key, gaussians, rig_of_three()[0].resized, size, background)
 
     first = drawn("a")
     assert first.step == 2 and first.pixels.shape == (32, 48, 4) and memory.wants_more
@@ -104,10 +94,8 @@ def test_another_background_is_another_image(empty, capture):
     np.testing.assert_array_equal(drawn().pixels, red.pixels)
 
 
-def test_it_follows_edits_and_shows_what_is_selected(empty, static_rig, monkeypatch):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
-    capture, memory = active_capture(bpy.context), sharp_viewport()
-    space = blender_windows.viewport()["space_data"]
+def test_it_follows_edits_and_shows_what_is_selected(empty, capture, monkeypatch):
+    memory, space = sharp_viewport(), blender_windows.viewport()["space_data"]
     region = region_of(empty.camera)
 
     def drawn():
@@ -134,11 +122,10 @@ def test_it_follows_edits_and_shows_what_is_selected(empty, static_rig, monkeypa
     np.testing.assert_array_equal(drawn().pixels, plain.pixels)
 
 
-def test_without_memory_it_is_a_sentence_in_the_header(empty, static_rig, capfd):
+def test_without_memory_it_is_a_sentence_in_the_header(empty, capture, capfd):
     def exhausted(player, time):
         raise MemoryError("60 Gaussians ran out of memory")
 
-    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
     reported_once.forget()
     header = []
     engine = SimpleNamespace(viewport=None, update_stats=lambda *texts: header.append(texts[1]))
@@ -195,12 +182,10 @@ def test_pixels_that_are_not_square_through_the_camera(empty, capture, static_ri
     np.testing.assert_allclose(255 * display[..., :3], expected_png(static_rig, rig_of_three()[2], 3.0), atol=1.5)
 
 
-def test_local_view(empty, static_rig):
-    bpy.ops.import_scene.frog(filepath=str(static_rig))
+def test_local_view(empty, capture):
     there = blender_windows.viewport()
     space = there["space_data"]
     bpy.ops.mesh.primitive_cube_add()
-    (capture,) = playback.captures(empty.objects)
     assert [obj for obj, *_ in visible_captures(bpy.context.evaluated_depsgraph_get(), space)] == [capture]
     with bpy.context.temp_override(**there):
         bpy.ops.view3d.localview()

@@ -5,12 +5,14 @@ Drawing is tested where Blender has graphics without a window: 5.2 and later, wi
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
 from support.blender_windows import viewport
 from support.builders import scene_file
-from support.small_scenes import rig_of_three, write_scene
+from support.small_scenes import lens, looking_at, rig_of_three, write_scene
 
 from frog_blender import point_cloud, reported_once
 from frog_blender.cameras import pose_of, view_camera
@@ -57,19 +59,14 @@ def matrices(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 def ring(count: int, middle: np.ndarray, distance: float) -> list[Camera]:
     """Cameras around a point that look at it."""
-    found = []
-    for k in range(count):
-        angle = 2 * np.pi * k / count
-        away = np.array([np.sin(angle), 0.4 * np.cos(3 * angle), -np.cos(angle)])
-        forward = -away / np.linalg.norm(away)
-        right = np.cross([0.0, 1.0, 0.0], forward)
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-        pose[:3, 3] = -pose[:3, :3] @ (middle - distance * forward)
-        intrinsics = np.array([[150.0, 0, 90.0], [0, 140.0, 50.0], [0, 0, 1]])
-        found.append(Camera(f"eye {k}", 160, 110, intrinsics, pose))
-    return found
+    cameras, moved = [], np.eye(4)
+    moved[:3, 3] = -middle
+    for k, angle in enumerate(2 * np.pi * np.arange(count) / count):
+        eye = np.array([np.sin(angle), -np.cos(angle), 0.4 * np.cos(3 * angle)])
+        eye *= distance / np.linalg.norm(eye)
+        camera = looking_at(f"eye {k}", tuple(eye), (160, 110), lens(150.0, 140.0, 90.0, 50.0))
+        cameras.append(replace(camera, world_to_camera=camera.world_to_camera @ moved))
+    return cameras
 
 
 def drawn(card, captures, camera, depth=None, through=0.0):

@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.builders import rotation_of
 
 from frog_blender.cameras import view_camera
 from frog_blender.viewport.projection import view_of
 
 SIZE = (160, 90)
 NEAR, FAR = 0.1, 500.0
-
-
-def turned(x: float, y: float, z: float) -> np.ndarray:
-    cosine, sine = np.cos([x, y, z]), np.sin([x, y, z])
-    rx = np.array([[1, 0, 0], [0, cosine[0], -sine[0]], [0, sine[0], cosine[0]]])
-    ry = np.array([[cosine[1], 0, sine[1]], [0, 1, 0], [-sine[1], 0, cosine[1]]])
-    rz = np.array([[cosine[2], -sine[2], 0], [sine[2], cosine[2], 0], [0, 0, 1]])
-    return rz @ ry @ rx
 
 
 def placed(rotation: np.ndarray, place: tuple[float, float, float], scale: float = 1.0) -> np.ndarray:
@@ -41,8 +34,8 @@ def window(kind: str) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["perspective", "orthographic"])
 @pytest.mark.parametrize("scale", [1.0, 0.02, 7.0])
 def test_a_point_is_where_blender_draws_it(kind: str, scale: float) -> None:
-    eye = placed(turned(1.2, 0.1, 0.4), (1.0, -6.0, 2.0))
-    world = placed(turned(0.3, -0.2, 1.0), (0.5, 0.3, 0.1), scale)
+    eye = placed(rotation_of((1.2, 0.1, 0.4), 1.3), (1.0, -6.0, 2.0))
+    world = placed(rotation_of((0.3, -0.2, 1.0), 1.1), (0.5, 0.3, 0.1), scale)
     view_matrix, window_matrix = np.linalg.inv(eye), window(kind)
     view = view_of(view_camera(view_matrix, window_matrix, *SIZE), world, view_matrix, window_matrix)
     points = np.c_[np.random.default_rng(1).uniform(-1, 1, (100, 3)) / scale, np.ones(100)]
@@ -61,8 +54,8 @@ def test_a_point_is_where_blender_draws_it(kind: str, scale: float) -> None:
 
 def test_colours_are_seen_from_the_same_side() -> None:
     """The direction in the capture's own space, turned into the world, is the direction in the world."""
-    eye = placed(turned(1.2, 0.1, 0.4), (1.0, -6.0, 2.0))
-    world = placed(turned(0.3, -0.2, 1.0), (0.5, 0.3, 0.1), 2.5)
+    eye = placed(rotation_of((1.2, 0.1, 0.4), 1.3), (1.0, -6.0, 2.0))
+    world = placed(rotation_of((0.3, -0.2, 1.0), 1.1), (0.5, 0.3, 0.1), 2.5)
     view_matrix, window_matrix = np.linalg.inv(eye), window("perspective")
     view = view_of(view_camera(view_matrix, window_matrix, *SIZE), world, view_matrix, window_matrix)
     np.testing.assert_allclose((world @ np.append(view.eye, 1.0))[:3], eye[:3, 3], atol=1e-9)
