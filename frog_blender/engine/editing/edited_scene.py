@@ -19,43 +19,24 @@ from ..arrays import Array
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..playback.frame_delta import FrameDelta, column_of
 from ..playback.player import ScenePlayer
-from ..scene.header import SceneHeader
 from .crops import Crop, kept_of_all
 from .edits import Edits, Timing
 from .grades import NOTHING, Grade, of_coefficients
 from .marks import Marks
 
 
-@dataclass(frozen=True)
 class RetimedScene:
-    """A scene as a retiming shows it; its frames are those of the retiming, counted from 0.
+    """A scene as a retiming shows it; its frames are those of the retiming, counted from 0."""
 
-    Attributes:
-        scene: what is shown.
-        timing: the retiming.
-    """
-
-    scene: ScenePlayer
-    timing: Timing
-
-    @property
-    def header(self) -> SceneHeader:
-        """The scene file's header."""
-        return self.scene.header
-
-    @property
-    def keeps_identity(self) -> bool:
-        """See ``ScenePlayer``."""
-        return self.scene.keeps_identity
+    def __init__(self, scene: ScenePlayer, timing: Timing) -> None:
+        self.header, self.keeps_identity = scene.header, scene.keeps_identity
+        self._scene, self._timing = scene, timing
+        self._nothing = EditedScene(scene, Edits(grades=(NOTHING,)))
 
     def at_frame(self, frame: int) -> NumpyGaussians:
         """As many Gaussians in each frame, all of them transparent where nothing is shown."""
-        shown = self.timing.frames[frame]
-        return self._nothing.at_frame(0) if shown is None else self.scene.at_frame(shown)
-
-    @cached_property
-    def _nothing(self) -> ScenePlayer:
-        return EditedScene(self.scene, Edits(grades=(NOTHING,)))
+        shown = self._timing.frames[frame]
+        return self._nothing.at_frame(0) if shown is None else self._scene.at_frame(shown)
 
 
 @dataclass(frozen=True)
@@ -208,14 +189,10 @@ class EditedScene(ScenePlayer):
         opacities = base[:, 3] * self._kept
         return GaussianArrays(plain.means, plain.quaternions, scales, opacities, colors).checked()
 
-    @property
-    def _crops(self) -> tuple[Crop, ...]:
-        return self.edits.crops
-
     @cached_property
     def _kept_by_crop(self) -> list[Array]:
         """(N,) of each crop: what it keeps at its chosen time; for those without, of Gaussians that stay, at any."""
-        return [crop.kept(_places(self.source, crop)) for crop in self._crops]
+        return [crop.kept(_places(self.source, crop)) for crop in self.edits.crops]
 
     @cached_property
     def _fades(self) -> bool:
@@ -225,7 +202,7 @@ class EditedScene(ScenePlayer):
     @cached_property
     def _kept(self) -> Array:
         """(N,) what all crops keep; of Gaussians that move, at the beginning."""
-        return self._without_marked(kept_of_all(self._crops, self._kept_by_crop, self.count))
+        return self._without_marked(kept_of_all(self.edits.crops, self._kept_by_crop, self.count))
 
     @cached_property
     def _marked(self) -> Array | None:
@@ -247,9 +224,9 @@ class EditedScene(ScenePlayer):
         means = part["means"]
         kept = [
             crop.kept(means) if crop.time is None else known[:count]
-            for crop, known in zip(self._crops, self._kept_by_crop, strict=True)
+            for crop, known in zip(self.edits.crops, self._kept_by_crop, strict=True)
         ]
-        return self._without_marked(kept_of_all(self._crops, kept, count))
+        return self._without_marked(kept_of_all(self.edits.crops, kept, count))
 
 
 def _further_graded(colors: Array, grade: _Graded) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ..camera import Camera
 from ..capture import Capture, Images
 from ..video import load_opencv
 
+T = TypeVar("T")
 SMALL = 320
 """Pixels of the longest side of images in which points are drawn."""
 NUM_BACKGROUND_FRAMES = 9
@@ -136,7 +138,7 @@ def mean_colors(
     return color, np.maximum(square / total - color**2, 0).sum(axis=1)
 
 
-def spread(items: Sequence[int], count: int) -> list[int]:
+def spread(items: Sequence[T], count: int) -> list[T]:
     """At most ``count`` of the items, evenly spread, the first and the last among them."""
     if len(items) <= count:
         return list(items)
@@ -145,17 +147,26 @@ def spread(items: Sequence[int], count: int) -> list[int]:
     return [items[round(i * (len(items) - 1) / (count - 1))] for i in range(count)]
 
 
-def scene_depth(cameras: Sequence[Camera]) -> float:
-    """Distance from a typical camera to where the optical axes come closest to each other, world units."""
+def nearest_to_axes(cameras: Sequence[Camera]) -> Float64s | None:
+    """(3,) the point nearest to all cameras' optical axes; None where these are parallel."""
     centers = np.array([camera.center for camera in cameras])
     forwards = np.array([camera.forward for camera in cameras])
     across = np.eye(3)[None] - forwards[:, :, None] * forwards[:, None, :]  # projections off each axis
     matrix = across.sum(axis=0)
+    if not np.linalg.eigvalsh(matrix)[0] > 1e-3 * len(cameras):
+        return None
+    return np.linalg.solve(matrix, np.einsum("nij,nj->i", across, centers))
+
+
+def scene_depth(cameras: Sequence[Camera]) -> float:
+    """Distance from a typical camera to where the optical axes come closest to each other, world units."""
+    centers = np.array([camera.center for camera in cameras])
+    forwards = np.array([camera.forward for camera in cameras])
     # Where all stand in one place their mean may be off by a rounding, which is no extent.
     stands = not np.ptp(centers, axis=0).any()
     extent = 1.0 if stands else float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
-    if np.linalg.eigvalsh(matrix)[0] > 1e-3 * len(cameras):
-        meeting = np.linalg.solve(matrix, np.einsum("nij,nj->i", across, centers))
+    meeting = nearest_to_axes(cameras)
+    if meeting is not None:
         depth = float(np.median(np.einsum("nj,nj->n", meeting - centers, forwards)))
         if np.isfinite(depth) and depth > 0.1 * extent:
             return depth

@@ -22,6 +22,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...capture.camera import Camera
+from ...capture.seeding.views import nearest_to_axes, spread
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
@@ -62,27 +63,20 @@ class Quantizer:
 
     def quantize(self, column: Array) -> Array:
         """Unsigned integers in the shape of ``column`` (..., width)."""
-        extent = np.maximum(self.high - self.low, 1e-12)
-        values = (self._straight(column.astype(np.float64)) - self.low) / extent
+        values = column.astype(np.float64)
+        if self.curve == "exp":
+            values = np.log(np.maximum(values, _SMALLEST_SCALE))
+        elif self.center is not None and self.spread is not None:
+            values = np.arcsinh((values - self.center) / self.spread)
+        values = (values - self.low) / np.maximum(self.high - self.low, 1e-12)
         result: Array = np.rint(values.clip(0, 1) * self.steps).astype(np.uint8 if self.steps < 256 else np.uint16)
         return result
 
-    def _straight(self, column: Array) -> Array:
-        straight = column
-        if self.curve == "exp":
-            straight = np.log(np.maximum(column, _SMALLEST_SCALE))
-        elif self.curve == "sinh":
-            straight = np.arcsinh((column - self.center) / self.spread)
-        return straight
-
     def to_json(self) -> JsonObject:
         """As ``scene.js`` reads it."""
-        values: JsonObject = {"curve": self.curve, "steps": self.steps}
-        for name in ("low", "high", "center", "spread"):
-            array = getattr(self, name)
-            if array is not None:
-                values[name] = [float(value) for value in array]
-        return values
+        bounds = {name: getattr(self, name) for name in ("low", "high", "center", "spread")}
+        bounds = {name: array.tolist() for name, array in bounds.items() if array is not None}
+        return {"curve": self.curve, "steps": self.steps, **bounds}
 
 
 def packed(take: Take) -> Generator[int, None, tuple[JsonObject, bytes, Array]]:
@@ -243,7 +237,7 @@ def write_page(path: Path, take: Take) -> Generator[int, None, None]:
     if path.suffix.lower() not in (".html", ".htm"):
         raise FrogError(f"{path}: found the ending {path.suffix!r}, expected .html.")
     content, data, means = yield from packed(take)
-    cameras = _offered(take.header.cameras)
+    cameras = spread(take.header.cameras, MOST_CAMERAS)
     numbers = take.numbers
     step = numbers[1] - numbers[0] if len(numbers) > 1 else 1.0
     description: JsonObject = {
@@ -281,13 +275,6 @@ def _filled(title: str, description: JsonObject, data: bytes, sound: str) -> str
     return "".join(filled)
 
 
-def _offered(cameras: Sequence[Camera]) -> Sequence[Camera]:
-    """At most MOST_CAMERAS of them, evenly spread."""
-    if len(cameras) <= MOST_CAMERAS:
-        return cameras
-    return [cameras[int(place)] for place in np.linspace(0, len(cameras) - 1, MOST_CAMERAS)]
-
-
 def _first_view(cameras: Sequence[Camera], means: Array) -> JsonObject:
     """What the view turns about, which way is up, and where a scene without cameras is seen from."""
     middle = np.median(means, axis=0)
@@ -298,8 +285,8 @@ def _first_view(cameras: Sequence[Camera], means: Array) -> JsonObject:
         up = up / norm if (norm := float(np.linalg.norm(up))) > 1e-6 else np.array([0.0, 0.0, 1.0])
         middle = _looked_at(cameras, middle)
     return {
-        "target": [float(value) for value in middle],
-        "up": [float(value) for value in up],
+        "target": middle.tolist(),
+        "up": up.tolist(),
         "distance": 2.5 * reach,
         "field_of_view": _FIELD_OF_VIEW,
     }
@@ -307,13 +294,8 @@ def _first_view(cameras: Sequence[Camera], means: Array) -> JsonObject:
 
 def _looked_at(cameras: Sequence[Camera], middle: Array) -> Array:
     """The point nearest to all cameras' optical axes, or ``middle`` where it is behind most of them."""
-    total, right = np.zeros((3, 3)), np.zeros(3)
-    for camera in cameras:
-        across = np.eye(3) - np.outer(camera.rotation[2], camera.rotation[2])
-        total += across
-        right += across @ camera.center
-    if np.linalg.cond(total) > 1e4:  # parallel axes
+    point = nearest_to_axes(cameras)
+    if point is None:
         return middle
-    point: Array = np.linalg.solve(total, right)
     ahead = [float(camera.rotation[2] @ (point - camera.center)) > 0 for camera in cameras]
     return point if sum(ahead) > len(ahead) / 2 else middle
