@@ -1,13 +1,18 @@
-"""Export of frames and scenes, import of 3DGS splats: there and back is the same, in numbers and in images."""
+"""Export of frames, scenes and web pages, import of 3DGS splats: there and back is the same. In a window an export
+writes one frame at a time, is stopped by Esc, and is at an end whatever happens meanwhile."""
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import mathutils
 import numpy as np
 import pytest
+from support.blender_windows import event, in_window
 from support.small_scenes import rig_of_three, write_scene
 
 from frog_blender import point_cloud
@@ -16,6 +21,7 @@ from frog_blender.engine.interchange.ply import read_splats
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.playback.transform import transform
 from frog_blender.operators import export_scene
+from frog_blender.operators.export_scene import FROG_OT_export_frames
 from frog_blender.scene_import.capture_objects import active_capture
 from frog_blender.timeline import open_scenes, playback
 
@@ -170,3 +176,153 @@ def test_a_blender_without_a_usd_library_says_so(empty, capture, tmp_path, monke
     with pytest.raises(RuntimeError, match="This Blender's Python has no USD library"):
         bpy.ops.export_scene.frog_usd(filepath=str(tmp_path / "x.usdc"))
     assert not list(tmp_path.glob("x.*"))
+
+
+def described(path):
+    (found,) = re.findall(r'id="description">(.*?)</script>', path.read_text(encoding="utf-8"))
+    return json.loads(found)
+
+
+def test_the_timelines_frames_at_its_rate(empty, capture, tmp_path):
+    empty.frame_set(3)
+    out = tmp_path / "out.html"
+    options = {"frames": "CUSTOM", "first": 2, "last": 6}
+    assert bpy.ops.export_scene.frog_web_page(filepath=str(out), **options) == {"FINISHED"}
+    assert empty.frame_current == 3 and [path.name for path in tmp_path.glob("*.html")] == ["out.html"]
+    description = described(out)
+    assert description["frames"] == 5 and description["dynamic"] > 0
+    assert description["frames_per_second"] == empty.render.fps / empty.render.fps_base
+
+
+def test_edits_are_exported_and_animated_ones_at_every_frame(empty, capture, tmp_path):
+    out, options = tmp_path / "out.html", {"frames": "CUSTOM", "first": 1, "last": 3}
+    bpy.ops.export_scene.frog_web_page(filepath=str(out), **options)
+    whole = described(out)
+    bpy.ops.frog.select_gaussians(by="OPACITY", opacity=0.6)
+    bpy.ops.frog.hide_gaussians()
+    bpy.ops.export_scene.frog_web_page(filepath=str(out), **options)
+    left = described(out)
+    assert 0 < left["count"] < whole["count"] and left["dynamic"] <= whole["dynamic"]
+    grade = capture.frog_edits.grade
+    for frame, exposure in ((1, 0.0), (3, 1.0)):
+        grade.exposure = exposure
+        grade.keyframe_insert("exposure", frame=frame)
+    bpy.ops.export_scene.frog_web_page(filepath=str(out), **options)
+    graded = described(out)
+    assert graded["dynamic"] == graded["count"] == left["count"]  # light changes what rests as well
+
+
+def test_a_still(empty, capture, tmp_path):
+    assert bpy.ops.export_scene.frog_web_page(filepath=str(tmp_path / "x.html"), frames="CURRENT") == {"FINISHED"}
+    assert '"frames": 1' in (tmp_path / "x.html").read_text(encoding="utf-8")
+
+
+def test_another_ending_is_refused(empty, capture, tmp_path):
+    with pytest.raises(RuntimeError, match=r"found the ending '\.txt', expected \.html"):
+        bpy.ops.export_scene.frog_web_page(filepath=str(tmp_path / "x.txt"))
+    assert not list(tmp_path.glob("*.txt"))
+
+
+@pytest.fixture
+def export(empty, static_rig, tmp_path):
+    """A function that begins an export of frames 1 to 10 as the file browser does, and gives the running operator."""
+    bpy.ops.import_scene.frog(filepath=str(static_rig))
+    empty.frame_set(4)
+
+    def begin(**options):
+        window.said.clear()
+        assert bpy.ops.export_scene.frog_frames(
+            filepath=str(tmp_path / "out" / "x.ply"), frames="SCENE", **options
+        ) == {"RUNNING_MODAL"}
+        operator, steps = window.started[-1]
+        return SimpleNamespace(operator=operator, steps=steps, said=window.said, folder=tmp_path / "out")
+
+    with in_window(FROG_OT_export_frames) as window:
+        yield begin
+
+
+def send(running, kind="TIMER", times=1, value="NOTHING"):
+    for _ in range(times):
+        result = running.operator.modal(bpy.context, event(kind, value))
+    return result
+
+
+def written(running):
+    """Names of the files, each of which can be read."""
+    found = sorted(path for path in running.folder.glob("*")) if running.folder.is_dir() else []
+    assert all(len(read_splats(path).arrays["means"]) == 60 for path in found)
+    return [path.name for path in found]
+
+
+def is_over(running):
+    return running.operator.timer is None and running.steps.gi_frame is None
+
+
+def test_a_frame_each_time_until_all_are_there(empty, export, static_rig):
+    running = export(apply_transform=False)
+    assert written(running) == []
+    for done in range(1, 11):
+        assert send(running) == {"PASS_THROUGH"} and len(written(running)) == done
+        assert send(running, "MOUSEMOVE") == {"PASS_THROUGH"} and len(written(running)) == done
+    assert send(running) == {"FINISHED"} and is_over(running)
+    assert running.said == [("INFO", f"10 files written to {running.folder}.")]
+    means = read_splats(running.folder / "x_0007.ply").arrays["means"]
+    np.testing.assert_array_equal(means, ScenePlayer.load(static_rig).at_frame(6).means)
+    assert empty.frame_current == 4
+
+
+def test_it_is_stopped_and_files_stay(empty, export):
+    running = export(apply_transform=True)
+    send(running, times=3)
+    assert empty.frame_current == 3
+    assert send(running, "RIGHTMOUSE", value="RELEASE") == {"PASS_THROUGH"}, "of a key that was pressed before"
+    assert send(running, "RIGHTMOUSE", value="PRESS") == {"CANCELLED"} and is_over(running)
+    assert written(running) == ["x_0001.ply", "x_0002.ply", "x_0003.ply"] and empty.frame_current == 4
+    assert running.said == [("INFO", f"The export was stopped. 3 of 10 files were written to {running.folder}.")]
+    assert send(running) == {"CANCELLED"} and len(written(running)) == 3, "a late event does nothing"
+
+
+def test_an_error_in_the_middle_ends_it_in_a_sentence(empty, export):
+    running = export()
+    send(running, times=2)
+    (running.folder / "x_0003.ply").mkdir()  # where the next file goes
+    assert send(running) == {"CANCELLED"} and is_over(running)
+    (running.folder / "x_0003.ply").rmdir()
+    assert len(written(running)) == 2
+    ((kind, text),) = running.said
+    assert kind == "ERROR" and "x_0003.ply" in text and text.count(". ") == 0
+    assert text.endswith(f"2 of 10 files were written to {running.folder}.")
+
+
+def test_the_capture_is_deleted_meanwhile(empty, export):
+    running = export(apply_transform=True)
+    send(running, times=2)
+    name = active_capture(bpy.context).name
+    bpy.data.objects.remove(next(playback.captures(empty.objects)))
+    assert send(running) == {"CANCELLED"} and is_over(running) and len(written(running)) == 2
+    ((kind, text),) = running.said
+    assert kind == "ERROR" and text.startswith(f"{name}: this capture is no longer in the file; 2 of 10 files")
+    assert empty.frame_current == 4
+
+
+def test_another_scene_is_shown_then_the_first_is_deleted(empty, export, static_rig):
+    running = export(apply_transform=True, y_down=False)
+    send(running, times=2)
+    bpy.context.window.scene = bpy.data.scenes.new("Other")
+    assert send(running) == {"PASS_THROUGH"}
+    means = read_splats(running.folder / "x_0003.ply").arrays["means"]
+    np.testing.assert_allclose(means, ScenePlayer.load(static_rig).at_frame(2).means, atol=1e-6)
+    capture = next(playback.captures(empty.objects))
+    bpy.context.scene.collection.objects.link(capture)  # or it would go with its scene
+    bpy.data.scenes.remove(empty)
+    assert send(running) == {"CANCELLED"} and is_over(running) and len(written(running)) == 3
+    assert "its scene was deleted during the export" in running.said[0][1]
+
+
+def test_one_frame_and_a_repetition_are_written_at_once(empty, export, tmp_path, monkeypatch):
+    assert bpy.ops.export_scene.frog_frames(filepath=str(tmp_path / "now.ply"), frames="CURRENT") == {"FINISHED"}
+    running = export()
+    assert running.operator.execute(bpy.context) == {"FINISHED"}, "Repeat Last comes to the same operator again"
+    assert len(written(running)) == 10
+    bpy.data.objects.remove(next(playback.captures(bpy.context.scene.objects)))
+    assert running.operator.execute(bpy.context) == {"CANCELLED"}, "it was deleted while the file browser was open"

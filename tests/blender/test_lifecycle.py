@@ -1,5 +1,5 @@
 """What people do to a file: import twice, duplicate, rename, delete, undo, reload scripts or quit while training.
-Nothing crashes, no thread stays, no trained scene is lost."""
+Nothing crashes, no thread stays, no trained scene is lost. And the example that needs no window."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pytest
 from support.blender_windows import another_blender
 from support.small_scenes import shows
 
+from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.scene_import.capture_objects import active_capture, cameras_of
 from frog_blender.timeline import playback
 
@@ -126,32 +127,74 @@ addon_utils.disable(name, default_set=True)
 )
 
 
-def in_another_blender(code, tmp_path, *arguments, resources=None):
-    """Run a script in a Blender of its own, which ends as Blender ends, and return what it said."""
-    if not bpy.app.binary_path and bpy.app.version < (5, 0):
-        pytest.skip("the bpy 4.5 module never leaves while any script's handler is registered")
-    script = tmp_path / "script.py"
-    script.write_text(code)
-    command = another_blender(script, *arguments)
-    environment = os.environ | ({"BLENDER_USER_RESOURCES": str(resources)} if resources else {})
-    result = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
-    assert result.returncode == 0, result.stdout + result.stderr
-    assert "Traceback" not in result.stderr, result.stderr
-    return result.stdout
+leaves = pytest.mark.skipif(
+    not bpy.app.binary_path and bpy.app.version < (5, 0),
+    reason="the bpy 4.5 module never leaves while any script's handler is registered",
+)
+NAME = "bl_ext.user_default.frog_blender"
 
 
+def said_by(command, tmp_path, **environment):
+    """What another Blender says, which ends as Blender ends. Its user's files are in a folder ``user``."""
+    own = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user")} | environment
+    result = subprocess.run(command, capture_output=True, text=True, timeout=400, env=own, cwd=tmp_path)
+    said = result.stdout + result.stderr
+    assert result.returncode == 0 and "Traceback" not in said, said
+    return said
+
+
+def script(tmp_path, code):
+    (tmp_path / "script.py").write_text(code)
+    return tmp_path / "script.py"
+
+
+@pytest.fixture
+def extension(tmp_path):
+    """The add-on as an extension in a folder of the user's."""
+    folder = tmp_path / "user" / "extensions" / "user_default" / "frog_blender"
+    shutil.copytree(ROOT / "frog_blender", folder, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "blender_manifest.toml", folder)
+
+
+@leaves
 def test_quitting_while_a_training_is_paused_waits_for_what_was_learned(tmp_path):
-    in_another_blender(QUIT, tmp_path, "frog_blender", "none", tmp_path / "marker")
+    said_by(another_blender(script(tmp_path, QUIT), "frog_blender", "none", tmp_path / "marker"), tmp_path)
     assert (tmp_path / "marker").read_text() == "saved"
 
 
-def test_scripts_reloaded_while_training(static_rig, tmp_path):
-    """The add-on as an extension in a folder of its own, which is what Reload Scripts finds."""
-    resources = tmp_path / "user"
-    extension = resources / "extensions" / "user_default" / "frog_blender"
-    shutil.copytree(ROOT / "frog_blender", extension, ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(ROOT / "blender_manifest.toml", extension)
-    name = "bl_ext.user_default.frog_blender"
-    said = in_another_blender(RELOAD, tmp_path, name, static_rig, tmp_path / "marker", resources=resources)
+@leaves
+def test_scripts_reloaded_while_training(static_rig, extension, tmp_path):
+    """Reload Scripts finds extensions."""
+    command = another_blender(script(tmp_path, RELOAD), NAME, static_rig, tmp_path / "marker")
+    said = said_by(command, tmp_path)
     for line in ("ended True", "handlers True", "plays True", "trains True"):
         assert line in said, said
+
+
+ENABLE = f"""
+import bpy, addon_utils
+addon_utils.enable("{NAME}", default_set=True)
+bpy.ops.wm.save_userpref()
+"""
+
+
+@leaves
+@pytest.mark.parametrize("has", [pytest.param("nothing", marks=pytest.mark.slow), "extension that is on"])
+def test_the_example_without_a_window_trains_and_renders(request, tmp_path, has):
+    """With the add-on beside it, and with the extension that a Blender has."""
+    pytest.importorskip("torch")
+    pytest.importorskip("cv2")
+    capture = pytest.importorskip("support.synthetic_capture").write_capture(tmp_path / "capture")
+    commands = [another_blender(ROOT / "examples" / "headless.py", capture, tmp_path / "out", "--steps", 4)]
+    if not bpy.app.binary_path:
+        commands[0][1:1] = ["-P"]  # or the folder beside the script could stand in for the extension
+    if has != "nothing":
+        request.getfixturevalue("extension")
+        commands.insert(0, another_blender(script(tmp_path, ENABLE)))
+    for command in commands:
+        own = [word for word in command if word != "--factory-startup"]
+        said = said_by(own, tmp_path, FROG_CACHE=str(tmp_path / "cache"))
+        assert "has been registered before" not in said, said
+    scene = read_scene(tmp_path / "out" / "scene.frog").header
+    assert len(list((tmp_path / "out" / "frames").iterdir())) == scene.frame_count
+    assert scene.recipe["capacity"] == "auto"
