@@ -13,6 +13,7 @@ import bpy
 
 from .. import point_cloud
 from ..engine.errors import FrogError
+from ..engine.playback.bake import write_bake
 from ..properties import text
 from ..scene_import.capture_objects import named_or_active_capture
 from ..timeline import playback, playback_cache
@@ -28,8 +29,6 @@ def begin_bake(obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Path, Ste
 
     Other objects of the scene that play the same file from the same bake are in it as well.
     """
-    from ..engine.playback.bake import write_bake
-
     file, path = playback.file_of(obj), playback.bake_path(obj)
     playable = playback.open_scene(file)
     if not playable.changing:

@@ -6,21 +6,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import bpy
 import numpy as np
 from bpy.props import StringProperty
 
 from ..capture_files import named_file
+from ..engine.editing.marks import Marks
 from ..engine.errors import FrogError
+from ..engine.playback.player import ScenePlayer
 from ..scene_import.capture_objects import active_capture
 from ..tasks.background_task import BackgroundTask
 from ..timeline import edited_scenes, playback
 from ..timeline.edits import marks_of, store_marks
-
-if TYPE_CHECKING:
-    from ..engine.playback.player import ScenePlayer
 
 UNDOABLE = {"REGISTER", "UNDO"}
 MISSING = {"selection": "Select Gaussians of the capture first.", "hidden": "No Gaussian of the capture is hidden."}
@@ -182,8 +181,6 @@ def chosen_in(settings: Any, scene: ScenePlayer) -> np.ndarray:
 
 def mark(settings: Any, scene: ScenePlayer, chosen: np.ndarray) -> None:
     """Marks Gaussians of a scene in a group of properties."""
-    from ..engine.editing.marks import Marks
-
     store_marks(settings, Marks.of(scene, chosen) if chosen.any() else None)
 
 

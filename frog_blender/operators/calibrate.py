@@ -4,11 +4,11 @@ image, if nothing else helps.
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
+from ..engine.capture.calibration.pipeline import Outcome
 from ..engine.capture.synchronization.films import Film, find_films
 from ..engine.capture.video import decode
 from ..engine.errors import FrogError
@@ -16,9 +16,6 @@ from ..tasks.calibration import CalibrationTask
 from ..ui import capture_summary, points_overlay, report_images, torch_environment
 from ..ui.clicked_points import ENDING, FILE, ClickedPoints, points_of
 from .bases import CancelOperator, FrogOperator
-
-if TYPE_CHECKING:
-    from ..engine.capture.calibration.pipeline import Outcome
 
 
 class FROG_OT_calibrate(FrogOperator, bpy.types.Operator):

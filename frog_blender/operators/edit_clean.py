@@ -10,6 +10,9 @@ import bpy
 import numpy as np
 
 from .. import addon_state, point_cloud
+from ..engine.editing import selections
+from ..engine.editing.clean_up import clean_up
+from ..engine.editing.selections import combined, grown, shrunk
 from ..engine.errors import FrogError
 from ..properties import choice, number, switch, whole
 from ..timeline import playback
@@ -59,14 +62,10 @@ class FROG_OT_select_gaussians(EditOperator, bpy.types.Operator):
             layout.prop(self, _LIMITS[self.by])
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        from ..engine.editing.selections import combined
-
         before = chosen_in(obj.frog_edits.selection, scene_of(obj))
         return select(obj, combined(before, self._matching(context, obj), self.mode))
 
     def _matching(self, context: bpy.types.Context, obj: bpy.types.Object) -> np.ndarray:
-        from ..engine.editing import selections
-
         scene, center = scene_of(obj), np.array(obj.matrix_world.inverted_safe() @ context.scene.cursor.location)
         criteria: dict[str, Callable[[], np.ndarray]] = {
             "OPACITY": lambda: selections.by_opacity(scene, self.opacity),
@@ -116,8 +115,6 @@ class FROG_OT_grow_selection(EditOperator, bpy.types.Operator):
     distance: number("Distance", "How near, in the capture's units", 0.05, min=0.0, soft_max=1.0)
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        from ..engine.editing.selections import grown, shrunk
-
         scene = scene_of(obj)
         chosen = chosen_in(obj.frog_edits.selection, scene)
         return select(obj, (shrunk if self.shrink else grown)(scene, chosen, self.distance, _time(context, obj)))
@@ -167,8 +164,6 @@ class FROG_OT_clean_up(EditOperator, bpy.types.Operator):
     )
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        from ..engine.editing.clean_up import clean_up
-
         scene, settings = scene_of(obj), obj.frog_edits
         context.window_manager.progress_begin(0, 1)  # a busy cursor
         try:

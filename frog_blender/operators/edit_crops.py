@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
@@ -14,6 +14,11 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from mathutils import Matrix
 
 from .. import addon_state
+from ..engine.editing.crops import Crop
+from ..engine.editing.edits import Edits
+from ..engine.editing.edits_file import load_edits, save_edits
+from ..engine.editing.grades import Grade
+from ..engine.editing.selections import common_view
 from ..engine.errors import FrogError
 from ..properties import choice, whole
 from ..timeline.edited_scenes import EditedScenes
@@ -22,11 +27,6 @@ from ..timeline.frame_timing import timing_of, write_timing
 from ..timeline.retiming import is_plain, needs_evaluated_time
 from ..timeline.timing_curve import check_editable
 from .bases import CaptureFileOperator, EditOperator, chosen_in, mark, scene_of
-
-if TYPE_CHECKING:
-    from ..engine.editing.crops import Crop
-    from ..engine.editing.edits import Edits
-    from ..engine.editing.grades import Grade
 
 _MARGIN = 1.05  # of a first crop around what the cameras see together
 
@@ -53,8 +53,6 @@ class FROG_OT_add_crop(EditOperator, bpy.types.Operator):
             self._add(obj, context.scene)
 
     def _add(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
-        from ..engine.editing.selections import common_view
-
         playing = scene_of(obj)
         low, high = common_view(playing, addon_state.get(EditedScenes).weights(playing))
         sides = np.maximum((high - low) / 2 * _MARGIN, 1e-6)
@@ -152,9 +150,6 @@ class FROG_OT_save_edits(_OfFile, ExportHelper, bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        from ..engine.editing.edits import Edits
-        from ..engine.editing.edits_file import save_edits
-
         is_animated = needs_evaluation(obj, even_unused=True)
         evaluated = obj.evaluated_get(context.evaluated_depsgraph_get()) if is_animated else None
         edits = edits_of(obj, evaluated, even_unused=True) or Edits()
@@ -171,8 +166,6 @@ class FROG_OT_load_edits(_OfFile, ImportHelper, bpy.types.Operator):
     bl_label = "Load Edits"
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        from ..engine.editing.edits_file import load_edits
-
         edits = load_edits(self.path)
         _, dropped = edits.fitted(scene_of(obj))
         if edits.timing is not None:

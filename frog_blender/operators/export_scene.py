@@ -8,7 +8,6 @@ Each frame becomes a file of its own (.ply, .spz, .glb), or all become one that 
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -17,7 +16,13 @@ from bpy_extras.io_utils import ExportHelper
 
 from ..capture_files import file_of
 from ..engine.errors import FrogError
-from ..engine.playback.transform import Y_DOWN
+from ..engine.gaussians import GaussianArrays
+from ..engine.interchange.frame_files import numbered, write_frame
+from ..engine.interchange.take import Take, with_sound
+from ..engine.interchange.usd_export import write_usd
+from ..engine.interchange.web_page.page import write_page
+from ..engine.io.atomic_files import write_atomically
+from ..engine.playback.transform import Y_DOWN, transform
 from ..properties import choice, switch, whole
 from ..scene_import.capture_objects import active_capture, stored_path
 from ..scene_import.capture_sound import has_sound
@@ -27,10 +32,6 @@ from ..ui.sidebar_panel import split
 from .bases import UNDOABLE, CaptureFileOperator
 from .modal_operator import Steps
 from .timeline_visit import TimelineVisit, VisitsTimeline, timeline_take
-
-if TYPE_CHECKING:
-    from ..engine.gaussians import GaussianArrays
-    from ..engine.interchange.take import Take
 
 FORMATS = (
     (".ply", "3DGS (.ply)", "What every splat program opens"),
@@ -129,8 +130,6 @@ Esc or the right mouse button to stop"""
         row.prop(self, "y_down")
 
     def written(self, visit: TimelineVisit, frames: list[float]) -> Steps:
-        from ..engine.interchange.frame_files import numbered, write_frame
-
         path = self.path if self.file_format == ".ply" else self.path.with_suffix(self.file_format)
         to_y_down = self.y_down and self.file_format == ".ply"  # the others say themselves which way is up
         turn = (Y_DOWN if to_y_down else np.eye(4)) if self.apply_transform else None
@@ -158,8 +157,6 @@ def _gaussians(visit: TimelineVisit, frame: float, turn: np.ndarray | None) -> G
     """Of a frame, placed and turned to the axes of the files; in the capture's own space, which mostly needs no other
     frame to be shown, if nothing turns them.
     """
-    from ..engine.playback.transform import transform
-
     obj, scene = visit.found()
     if turn is None and not playback.needs_evaluation(obj):
         return playback.gaussians_at(obj, stretched(scene, frame))
@@ -187,8 +184,6 @@ class FROG_OT_export_scene(CaptureFileOperator, ExportHelper, bpy.types.Operator
     use_copy: switch("Play the Copy", "Make the capture play the copy instead of its current file")
 
     def act(self, context: bpy.types.Context) -> str:
-        from ..engine.io.atomic_files import write_atomically
-
         obj, path = active_capture(context), self.path
         source = playback.file_of(obj)
         playback.open_scene(source)  # a damaged file is not copied
@@ -216,8 +211,6 @@ class _ExportsTake(_ExportsTimeline):
         self.layout.prop(self, "use_sound")
 
     def written(self, visit: TimelineVisit, frames: list[float]) -> Steps:
-        from ..engine.interchange.take import with_sound
-
         take = timeline_take(visit, frames, placed=self.is_placed and self.apply_transform)
         return self.take_written(with_sound(take, file_of(visit.found()[0]), has_sound) if self.use_sound else take)
 
@@ -252,8 +245,6 @@ the right mouse button to stop"""
         self.layout.prop(self, "full_precision")
 
     def take_written(self, take: Take) -> Steps:
-        from ..engine.interchange.usd_export import write_usd
-
         bpy.utils.expose_bundled_modules()  # Blender's own USD library, which the builds of Linux distributions lack
         if find_spec("pxr") is None:
             raise FrogError("This Blender's Python has no USD library (pxr); Blender from blender.org has one.")
@@ -273,6 +264,4 @@ the right mouse button to stop"""
     filter_glob: StringProperty(default="*.html", options={"HIDDEN"})
 
     def take_written(self, take: Take) -> Steps:
-        from ..engine.interchange.web_page.page import write_page
-
         return write_page(self.path, take)

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import StringProperty
@@ -15,7 +14,8 @@ from mathutils import Matrix
 
 from .. import addon_state, unsaved_changes
 from ..engine.errors import FrogError
-from ..engine.interchange.imports import SUFFIXES, says_what_is_up
+from ..engine.interchange import imports
+from ..engine.interchange.imports import SUFFIXES, Imported, says_what_is_up
 from ..engine.playback.transform import Y_DOWN
 from ..properties import switch, text
 from ..scene_import.capture_objects import finder, root_of, select_capture
@@ -24,9 +24,6 @@ from ..tasks.foreign_import import ForeignImport, Importing
 from ..timeline.retiming import frame_rate
 from .import_frog import DropsIntoViews, ImportsFiles
 from .modal_operator import ModalOperator, Steps
-
-if TYPE_CHECKING:
-    from ..engine.interchange.imports import Imported
 
 _PARTS = 1000  # steps of the progress of one file
 _WAIT = 0.01  # seconds that the main thread waits for the worker, where nobody works meanwhile
@@ -152,8 +149,6 @@ to a .frog file"""
 
     def _converter(self, path: Path, rate: float, *, is_alone: bool) -> Callable[..., Imported]:
         """What the worker calls, with the properties as they are now."""
-        from ..engine.interchange import imports
-
         source = path.parent if self._is_frame(path) else path
         named = Path(bpy.path.abspath(self.scene_file)) if self.scene_file and is_alone else None
         target = named or imports.free_scene_path(source)

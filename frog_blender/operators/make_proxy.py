@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import bpy
 
 from ..engine.errors import FrogError
+from ..engine.gaussians import NumpyGaussians
+from ..engine.surfaces.proxy import make_proxy, steps_of
 from ..lighting import proxy
 from ..properties import choice, whole
 from ..render.compositing import scenes
@@ -18,9 +19,6 @@ from ..timeline import playback, retiming
 from .bases import no_own_capture
 from .modal_operator import Steps
 from .timeline_visit import TimelineVisit, VisitsTimeline
-
-if TYPE_CHECKING:
-    from ..engine.gaussians import NumpyGaussians
 
 
 class FROG_OT_make_proxy(VisitsTimeline, bpy.types.Operator):
@@ -74,8 +72,6 @@ other edits count; after another edit or another timing, make it again. Press Es
         return context.window_manager.invoke_props_dialog(self, title="Make Proxy Mesh")
 
     def begin(self, context: bpy.types.Context) -> tuple[Steps, int]:
-        from ..engine.surfaces.proxy import steps_of
-
         obj, scene = active_capture(context), context.scene
         frames = list(range(scene.frame_start, scene.frame_end + 1))
         if self.frames == "CURRENT":
@@ -90,8 +86,6 @@ other edits count; after another edit or another timing, make it again. Press Es
         return self._made(visit, frames, playing.keeps_identity), steps_of(len(frames))
 
     def _made(self, visit: TimelineVisit, frames: list[int], keeps_identity: bool) -> Steps:
-        from ..engine.surfaces.proxy import make_proxy
-
         obj, _ = visit.found()
         cameras = playback.open_scene(playback.file_of(obj)).header.cameras
         gaussians = [partial(_gaussians_at, visit, frame) for frame in frames]

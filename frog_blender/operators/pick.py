@@ -14,6 +14,7 @@ from ..cameras import view_camera
 from ..capture_files import is_capture
 from ..engine.errors import FrogError
 from ..engine.native.options import RasterizeOptions
+from ..engine.playback.render import draw
 from ..render.collect_instances import placed, visible_captures
 from ..render.viewport import focal_ratio
 from ..scene_import.capture_objects import select_capture, select_only
@@ -37,8 +38,6 @@ class Hit:
 
 def splats_at(context: bpy.types.Context, x: int, y: int) -> Hit | None:
     """The nearest capture that is seen at a pixel of the context's region, from its lower left corner."""
-    from ..engine.playback.render import draw
-
     region, view, space = context.region, context.region_data, context.space_data
     if not (0 <= x < region.width and 0 <= y < region.height):
         return None

@@ -5,13 +5,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 from bpy.props import CollectionProperty
 
 from ..cameras import view_camera
+from ..engine.editing.gestures import OnScreen, drawn, gesture
+from ..engine.editing.selections import combined
 from ..engine.errors import FrogError
 from ..properties import choice, number, switch, whole
 from ..render.collect_instances import check_placement
@@ -23,9 +25,6 @@ from ..ui.selection_tools import HAND, LARGEST_BRUSH, brush_in
 from ..ui.sidebar_panel import split
 from .bases import EditOperator, FrogOperator, chosen_in, scene_of, select
 from .edit_clean import MODES
-
-if TYPE_CHECKING:
-    from ..engine.editing.gestures import OnScreen
 
 SHAPES = (
     ("BRUSH", "Brush", "What the mouse is drawn over"),
@@ -61,8 +60,6 @@ class Seen:
 
 def seen_in(context: bpy.types.Context, obj: bpy.types.Object, only_visible: bool) -> Seen:
     """What the context's viewport shows of a capture now; FrogError if it shows nothing of it."""
-    from ..engine.editing.gestures import OnScreen
-
     region, view, space = context.region, context.region_data, context.space_data
     if not obj.visible_get(view_layer=context.view_layer, viewport=space):
         raise FrogError(f"{obj.name}: found it hidden in this viewport, expected a visible capture.")
@@ -112,8 +109,6 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
             layout.prop(self, "radius")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        from ..engine.editing.gestures import gesture
-
         try:
             self._seen = seen_in(context, active_capture(context), self.only_visible)
         except FrogError as error:
@@ -152,8 +147,6 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
             context.area.tag_redraw()
 
     def edit(self, context: bpy.types.Context, obj: bpy.types.Object) -> str:
-        from ..engine.editing.selections import combined
-
         scene = scene_of(obj)
         if self._gesture is None:
             self._replay(context, obj)
@@ -165,8 +158,6 @@ class FROG_OT_select_by_hand(EditOperator, bpy.types.Operator):
 
     def _replay(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         """A gesture made again with other settings, or by a script."""
-        from ..engine.editing.gestures import drawn
-
         if not len(self.path):
             raise FrogError("Found no path of the mouse, expected the places it went through.")
         self._seen = seen_in(context, obj, self.only_visible)

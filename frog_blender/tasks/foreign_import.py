@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from .. import addon_state
 from ..engine.errors import FrogError
+from ..engine.interchange.imports import Imported
 from ..engine.io.child_process import Stopped
 from ..timeline import open_scenes
 from .background_task import BackgroundTask
-
-if TYPE_CHECKING:
-    from ..engine.interchange.imports import Imported
 
 
 class Importing:

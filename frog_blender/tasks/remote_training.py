@@ -9,7 +9,6 @@ import time
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING
 
 from ..engine.errors import FrogError, printable
 from ..engine.io.child_process import ChildProcess, Stopped
@@ -18,9 +17,7 @@ from ..engine.setting import text_of
 from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
 from ..engine.training.session.events import Event, event_of
-
-if TYPE_CHECKING:
-    from .training_request import TrainingRequest
+from .training_request import TrainingRequest
 
 PLACEHOLDERS = ("{capture}", "{output}", "{options}")
 _ANY = re.compile("|".join(map(re.escape, PLACEHOLDERS)))
