@@ -31,6 +31,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from capture.calibration import sightings
 
+from frog_blender.engine.capture.calibration.model import Lens
 from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused
@@ -139,7 +140,7 @@ POINTS = {"attic": 1500, "hall": 1500, "studio": 500, "dark": 300, "empty wall":
 def measure_points(case: Case) -> dict[str, Any]:
     """What becomes of the points that the rig would see."""
     surfaces = (sightings.wall if "wall" in case.room else sightings.room)(POINTS[case.room], len(case.name))
-    cameras = [sightings.camera_of(eye.name, (eye.width, eye.height), eye.focal, eye.pose) for eye in case.eyes]
+    cameras = [Lens(eye.width, eye.height, eye.focal).camera(eye.name, eye.pose) for eye in case.eyes]
     sizes = sorted({(eye.width, eye.height) for eye in case.eyes})
     groups = [sizes.index((eye.width, eye.height)) for eye in case.eyes]
     record: dict[str, Any] = {"rig": case.name, "room": case.room, "cameras": len(cameras), "points": POINTS[case.room]}

@@ -108,26 +108,21 @@ def rig_errors(found: Calibration | Sequence[Camera], truth: Sequence[Camera]) -
     """The worst centre in % of the rig's diameter, the worst rotation in degrees and focal length in %, all after the
     similarity that fits the centres best, and that similarity's scale."""
     cameras = [each.camera for each in found.cameras] if isinstance(found, Calibration) else found
-    ours = np.stack([camera.center for camera in cameras])
-    theirs = np.stack([camera.center for camera in truth])
-    scale, turn, shift = similarity(ours, theirs)
-    diameter = max(float(np.linalg.norm(one - other)) for one in theirs for other in theirs)
-    centers = np.linalg.norm(scale * ours @ turn.T + shift - theirs, axis=1) / diameter * 100
+    ours, theirs = (np.stack([camera.center for camera in rig]) for rig in (cameras, truth))
+    from_middle, to_middle = ours - ours.mean(0), theirs - theirs.mean(0)
+    turn, values = _nearest_turn(to_middle.T @ from_middle)
+    scale = float(values.sum() / (from_middle**2).sum())
+    diameter = np.linalg.norm(theirs[:, None] - theirs, axis=2).max()
+    centers = np.linalg.norm(scale * from_middle @ turn.T - to_middle, axis=1) / diameter * 100
     pairs = list(zip(cameras, truth, strict=True))
-    summed = sum(camera.rotation.T @ true.rotation for camera, true in pairs)
-    left, _, right = np.linalg.svd(summed)
-    common = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    common, _ = _nearest_turn(sum(camera.rotation.T @ true.rotation for camera, true in pairs))
     cosines = [(np.trace(camera.rotation @ common @ true.rotation.T) - 1) / 2 for camera, true in pairs]
     focals = [abs(camera.intrinsics[0, 0] / true.intrinsics[0, 0] - 1) * 100 for camera, true in pairs]
     return float(centers.max()), float(np.degrees(np.arccos(np.clip(cosines, -1, 1))).max()), max(focals), scale
 
 
-def similarity(source: Float64s, target: Float64s) -> tuple[float, Float64s, Float64s]:
-    """Scale, rotation and shift that take points (N, 3) to others best (Umeyama)."""
-    from_middle, to_middle = source.mean(0), target.mean(0)
-    spread = (target - to_middle).T @ (source - from_middle)
-    left, values, right = np.linalg.svd(spread)
-    flip = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
-    turn = left @ flip @ right
-    scale = float((values * flip.diagonal()).sum() / ((source - from_middle) ** 2).sum())
-    return scale, turn, to_middle - scale * turn @ from_middle
+def _nearest_turn(matrix: Float64s) -> tuple[Float64s, Float64s]:
+    """The rotation nearest to a matrix (3, 3), and the matrix's singular values along it."""
+    left, values, right = np.linalg.svd(matrix)
+    signs = np.array([1.0, 1.0, np.linalg.det(left @ right)])
+    return left * signs @ right, values * signs

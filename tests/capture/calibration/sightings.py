@@ -132,14 +132,6 @@ def _matches(random: np.random.Generator, one: Seen, other: Seen, false: float) 
 
 def as_cameras(solved: Solved) -> list[Camera]:
     """The cameras of a solution that places all."""
-    return [
-        camera_of(f"cam{number}", (lens.width, lens.height), lens.focal, pose)
-        for number, (lens, pose) in enumerate(zip(solved.model.lenses, solved.model.poses, strict=True))
-    ]
-
-
-def camera_of(name: str, size: tuple[int, int], focal: float, pose: Array) -> Camera:
-    """The camera of a pose (3, 4), its principal point in the middle."""
-    assert np.isfinite(pose).all()
-    intrinsics = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
-    return Camera(name, *size, intrinsics, np.vstack([pose, [[0.0, 0.0, 0.0, 1.0]]]))
+    assert np.isfinite(solved.model.poses).all()
+    placed = zip(solved.model.lenses, solved.model.poses, strict=True)
+    return [lens.camera(f"cam{number}", pose) for number, (lens, pose) in enumerate(placed)]

@@ -31,34 +31,28 @@ def clicks(cameras: list[Camera], points: Float64s, noise: float, seed: int) -> 
 @pytest.mark.parametrize("seed", range(2))
 def test_sixteen_points_two_pixels_off_place_cameras_far_apart(seed: int) -> None:
     cameras = around(FAR_APART, TALL, 1680.0)
-    seen = clicks(cameras, room_points(MANY_CLICKS, seed), 2.0, seed)
 
-    found = calibrate_clicks(facts_of(cameras), seen)
+    found = calibrate_clicks(facts_of(cameras), clicks(cameras, room_points(MANY_CLICKS, seed), 2.0, seed))
 
     centers, rotation, focal, _ = rig_errors(found, cameras)
-    assert centers < 0.6
-    assert rotation < 0.6
-    assert focal < 2.0
+    assert centers < 0.6 and rotation < 0.6 and focal < 2.0
     assert not found.is_metric
     assert [each.camera.name for each in found.cameras] == [camera.name for camera in cameras]
 
 
-def test_exact_clicks_give_the_exact_rig() -> None:
+def test_a_few_exact_clicks_give_the_exact_rig_and_a_warning() -> None:
     cameras = around([0.0, 40.0, 80.0], WIDE, 1000.0)
 
-    found = calibrate_clicks(facts_of(cameras), clicks(cameras, room_points(20, 3), 0.0, 0))
+    found = calibrate_clicks(facts_of(cameras), clicks(cameras, room_points(12, 3), 0.0, 0))
 
-    centers, rotation, focal, _ = rig_errors(found, cameras)
-    assert centers < 1e-3
-    assert rotation < 1e-3
-    assert focal < 1e-3
+    assert max(rig_errors(found, cameras)[:3]) < 1e-3
     assert max(each.support.residual for each in found.cameras) < 1e-3
+    assert "are few" in found.warnings[0]
 
 
 def test_cameras_of_different_kinds_have_focal_lengths_of_their_own() -> None:
     wide, tall = around([0.0, 60.0], WIDE, 900.0), around([120.0, 200.0], TALL, 1900.0)
-    cameras = [*wide, *(camera.resized(*TALL) for camera in tall)]
-    cameras = [Camera(f"c{i}", c.width, c.height, c.intrinsics, c.world_to_camera) for i, c in enumerate(cameras)]
+    cameras = [replace(camera, name=f"c{index}") for index, camera in enumerate((*wide, *tall))]
     facts = [replace(facts, group=index // 2) for index, facts in enumerate(facts_of(cameras))]
 
     found = calibrate_clicks(facts, clicks(cameras, room_points(30, 4), 0.5, 4))
@@ -101,11 +95,3 @@ def test_a_camera_that_was_clicked_at_random_is_refused() -> None:
 
     with pytest.raises(CalibrationRefused):
         calibrate_clicks(facts_of(cameras), seen)
-
-
-def test_few_points_come_with_a_warning() -> None:
-    cameras = around([0.0, 40.0, 80.0, 120.0], WIDE, 1000.0)
-
-    found = calibrate_clicks(facts_of(cameras), clicks(cameras, room_points(12, 9), 0.3, 9))
-
-    assert any("are few" in warning for warning in found.warnings)

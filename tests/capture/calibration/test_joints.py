@@ -65,14 +65,11 @@ def test_the_person_is_sought_where_something_moves_and_followed() -> None:
 
     found = find_joints(watcher, images, plate, changing)  # type: ignore[arg-type]
 
-    middles = [(x + 9.5, y + 19.5) if place else (np.nan, np.nan) for place in places for x, y in [place or (0, 0)]]
+    middles = np.add([place or (np.nan, np.nan) for place in places], (9.5, 19.5))
     assert np.allclose(found[:, 0], middles, equal_nan=True)
-    first = watcher.boxes[0]
-    assert abs(first.x - 50) < 4  # what moves now, in the image's pixels
-    assert abs(first.y - 80) < 4
-    assert 40 < first.side < 80
-    nothing = np.zeros_like(changing)
-    assert np.isnan(find_joints(watcher, images, plate, nothing)).all()  # type: ignore[arg-type]
+    first = watcher.boxes[0]  # what moves now, in the image's pixels
+    assert abs(first.x - 50) < 4 and abs(first.y - 80) < 4 and 40 < first.side < 80
+    assert np.isnan(find_joints(watcher, images, plate, np.zeros_like(changing))).all()  # type: ignore[arg-type]
 
 
 def test_films_are_read_at_the_times_that_are_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,10 +131,8 @@ def test_joints_that_the_mirror_image_contradicts_are_not_seen() -> None:
     agreed = Fixed(places_in_crop()).find_surely(image, box)
     contradicted = Fixed(places_in_crop(), mirrors=False).find_surely(image, box)
 
-    assert agreed is not None
-    assert (agreed.visibility > 0.9).all()
-    assert contradicted is not None
-    assert (contradicted.visibility == 0).sum() > 10
+    assert agreed is not None and (agreed.visibility > 0.9).all()
+    assert contradicted is not None and (contradicted.visibility == 0).sum() > 10
 
 
 def test_a_landmark_moves_to_the_middle_of_its_heat() -> None:
@@ -179,29 +174,20 @@ def test_the_file_is_taken_out_of_the_wheel_and_kept(tmp_path: Path, monkeypatch
     assert len(downloads) == 1 and not downloads[0].exists()
 
 
-@pytest.mark.parametrize(
-    "download",
-    [
+def test_any_other_file_is_refused_and_nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(landmark_file, "_BYTES", 1000)
+    downloads: list[Callable[[Path], object]] = [
         lambda folder: wheel_with(b"\0" * 10_000_000, folder),  # more than the file has, of another content
         lambda folder: wheel_with(b"x", folder, "mediapipe/readme"),
         lambda folder: (folder / "mediapipe-0.10.21.whl").write_bytes(b"no zip"),
         lambda folder: None,
-    ],
-)
-def test_any_other_file_is_refused_and_nothing_kept(
-    tmp_path: Path, download: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(landmark_file, "_BYTES", 1000)
-    monkeypatch.setattr(landmark_file, "run_pip", lambda _arguments, folder, *_, **__: download(folder))
-    with pytest.raises(FrogError, match="mediapipe"):
-        landmark_file.fetch_landmark_file(lambda: False, cache=tmp_path)
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
-
-
-def test_a_damaged_file_does_not_reach_opencv(tmp_path: Path) -> None:
-    path = tmp_path / landmark_file.NAME
-    path.write_bytes(b"\x1c\0\0\0TFL3" + b"\xff" * 500)
-    with pytest.raises(FrogError, match="damaged"):
-        LandmarkNetwork(path)
-    with pytest.raises(FrogError, match="cannot be read"):
-        LandmarkNetwork(tmp_path / "missing")
+    ]
+    monkeypatch.setattr(landmark_file, "run_pip", lambda _arguments, folder, *_, **__: downloads.pop()(folder))
+    while downloads:
+        with pytest.raises(FrogError, match="mediapipe"):
+            landmark_file.fetch_landmark_file(lambda: False, cache=tmp_path)
+        assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+    (tmp_path / "damaged.tflite").write_bytes(b"\x1c\0\0\0TFL3" + b"\xff" * 500)
+    for name, why in {"damaged.tflite": "damaged", "missing": "cannot be read"}.items():
+        with pytest.raises(FrogError, match=why):  # it does not reach OpenCV
+            LandmarkNetwork(tmp_path / name)

@@ -61,13 +61,9 @@ def share(features: list[Features], model: Model) -> float:
     return moving_share(images, model, matches)
 
 
-def test_nothing_is_said_of_a_room_at_rest() -> None:
-    features, model, _ = filmed(130, 0.0)
-    assert share(features, model) <= MOST_MOVING
-
-
-def test_nothing_is_said_of_a_small_subject() -> None:
-    features, model, _ = filmed(10, 1.0)
+@pytest.mark.parametrize(("subject", "motion"), [(130, 0.0), (10, 1.0)], ids=["at rest", "small"])
+def test_nothing_is_said_of_a_subject_at_rest_or_a_small_one(subject: int, motion: float) -> None:
+    features, model, _ = filmed(subject, motion)
     assert share(features, model) <= MOST_MOVING
 
 
@@ -75,10 +71,6 @@ def test_a_large_subject_is_told_of() -> None:
     features, model, before = filmed(170, 1.0)
     assert 0.25 < share(features, model) < 0.6
     assert 0.25 < share(features, before) < 0.6  # poses before the subject: the room contradicts them
-
-
-def test_images_without_a_pose_are_left_out() -> None:
-    features, model, _ = filmed(170, 1.0)
     poses = model.poses.copy()
     poses[1:] = np.nan
-    assert share(features, Model(poses, model.lenses)) == 0.0
+    assert share(features, Model(poses, model.lenses)) == 0.0  # images without a pose are left out

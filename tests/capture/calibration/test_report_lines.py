@@ -42,40 +42,33 @@ def capture(tmp_path: Path) -> Capture:
 
 
 def test_the_report_is_said_again(capture: Capture) -> None:
-    name = capture.cameras[0].name
-    focal = capture.cameras[0].intrinsics[0, 0]
+    camera = capture.cameras[0]
     first, *cameras, clocks, warning = report_lines(capture)
     assert first == (
         "3 standing cameras from features, 2 points, two halves of what was seen put the cameras 0.12 % of their "
         "extent apart"
     )
-    assert len(cameras) == 3
-    assert cameras[0] == f"{name}: median residual 0.20 px, focal length {focal:.1f} px within 0.1 %"
+    focal = f"focal length {camera.intrinsics[0, 0]:.1f} px within 0.1 %"
+    assert len(cameras) == 3 and cameras[0] == f"{camera.name}: median residual 0.20 px, {focal}"
     assert clocks == "synchronisation: residual 0.0020 s (0.05 frames)" and warning == WARNING
-
-
-def test_the_command_prints_it_before_its_own_look(capture: Capture) -> None:
-    told = _checked(capture)
+    told = _checked(capture)  # the command prints it before its own look
     assert next(iter(told)) == "calibration" and told["calibration"] == report_lines(capture) and told["found"]
 
 
-def test_no_report_is_nothing_to_say(capture: Capture) -> None:
-    (capture.path / REPORT).unlink()
-    assert report_lines(capture) == [] and "calibration" not in _checked(capture)
-
-
-def test_a_report_of_other_cameras_says_so(capture: Capture) -> None:
+def test_a_report_of_other_cameras_says_so_and_none_says_nothing(capture: Capture) -> None:
     path = capture.path / REPORT
     facts = json.loads(path.read_text())
     facts["cameras"][1]["focal"] *= 1.1
     path.write_text(json.dumps(facts))
     assert report_lines(capture)[0] == "This report is of another calibration than the one in use."
+    path.unlink()
+    assert report_lines(capture) == [] and "calibration" not in _checked(capture)
 
 
 def test_a_moving_cameras_report(capture: Capture) -> None:
-    pose = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
-    lens, told = Lens(640, 480, 500.0), ("One image could not be placed.",)
-    found = MovingCamera(lens, tuple(range(86)), np.array([pose] * 86), np.empty((0, 3)), 0.41, 0.001, 0.002, told)
+    poses, told = np.tile(np.eye(4)[:3], (86, 1, 1)), ("One image could not be placed.",)
+    lens, nothing = Lens(640, 480, 500.0), np.empty((0, 3))
+    found = MovingCamera(lens, tuple(range(86)), poses, nothing, 0.41, 0.001, 0.002, told)
     write_moving_report(capture.path, found)
     assert report_lines(capture) == [
         "one moving camera, 86 images, median residual 0.41 px, two halves of what was seen put the cameras 0.2 % of "
@@ -85,16 +78,7 @@ def test_a_moving_cameras_report(capture: Capture) -> None:
 
 
 @pytest.mark.parametrize(
-    "content",
-    [
-        "",
-        "[]",
-        "{}",
-        '{"lines": 3}',
-        '{"lines": [4]}',
-        '{"lines": [], "cameras": [1]}',
-        '{"lines": [], "cameras": [{"name": "a", "focal": "b"}]}',
-    ],
+    "content", ["", "[]", '{"lines": [4]}', '{"lines": [], "cameras": [{"name": "a", "focal": "b"}]}']
 )
 def test_a_damaged_report_is_one_sentence(capture: Capture, content: str) -> None:
     (capture.path / REPORT).write_text(content)

@@ -48,6 +48,7 @@ def test_the_result_is_a_capture(tmp_path: Path) -> None:
     for camera, true in zip(capture.cameras, rig(), strict=False):
         assert np.allclose(camera.world_to_camera, true.world_to_camera, atol=1e-9)
         assert np.allclose(camera.intrinsics, true.intrinsics)
+    assert write_cameras(tmp_path, calibration, films).name == "cameras_opencv.json"
     assert capture.distortions[0] is not None and capture.distortions[0].coefficients[0] == -0.1
 
 
@@ -57,23 +58,10 @@ def test_a_given_calibration_is_left_as_it_is(tmp_path: Path) -> None:
     given.write_text('{"mine": 1}')
     found = write_cameras(tmp_path, calibration, films)
     assert found.name == "cameras_found.json" and given.read_text() == '{"mine": 1}'
+    assert write_cameras(tmp_path, calibration, films) == found, "the same is not written twice"
     found.write_text("corrected by hand")
     assert write_cameras(tmp_path, calibration, films).name == "cameras_found_2.json"
     assert found.read_text() == "corrected by hand"
-
-
-def test_a_calibration_of_another_kind_counts_as_given(tmp_path: Path) -> None:
-    calibration, films = calibrated(tmp_path)
-    np.save(tmp_path / "poses_bounds.npy", np.zeros((3, 17)))
-    assert write_cameras(tmp_path, calibration, films).name == "cameras_found.json"
-    assert not (tmp_path / "cameras_opencv.json").exists()
-
-
-def test_the_same_result_is_not_written_twice(tmp_path: Path) -> None:
-    calibration, films = calibrated(tmp_path)
-    first = write_cameras(tmp_path, calibration, films)
-    assert write_cameras(tmp_path, calibration, films) == first
-    assert [path.name for path in tmp_path.glob("*.json")] == [first.name]
 
 
 def test_elsewhere_it_names_its_videos_and_their_clocks(tmp_path: Path) -> None:
@@ -158,7 +146,7 @@ def test_a_calibration_of_another_kind_is_set_aside(tmp_path: Path) -> None:
     np.save(tmp_path / "poses_bounds.npy", np.zeros((3, 17)))
     given = (tmp_path / "poses_bounds.npy").read_bytes()
     write_cameras(tmp_path, calibration, films)
-    assert layout_of(tmp_path) == "n3dv"
+    assert layout_of(tmp_path) == "n3dv" and files(tmp_path) == {"cameras_found.json", "poses_bounds.npy"}
     used, kept = use_found(tmp_path)
     assert layout_of(tmp_path) == "calibrated_videos" and used.name == "cameras_opencv.json"
     assert kept == [tmp_path / "poses_bounds_given.npy"] and kept[0].read_bytes() == given
@@ -198,18 +186,14 @@ def test_what_ends_it_early_leaves_one_in_use(tmp_path: Path, broken: int, monke
     assert (tmp_path / "cameras_opencv.json").read_bytes() in (b'{"mine": 1}', found.read_bytes())
 
 
-def test_nothing_to_choose_is_said(tmp_path: Path) -> None:
-    with pytest.raises(FrogError, match=r"no cameras_found\.json that is not in use"):
-        use_found(tmp_path)
-    with pytest.raises(FrogError, match="no calibration that was set aside"):
-        use_given(tmp_path)
-
-
 def test_the_command_line_chooses(both: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", str(both), "--use-found"]) == 0
     said = capsys.readouterr().out
     assert "cameras_opencv.json: in use now" in said and "cameras_given.json: what was in use before" in said
+    assert main(["calibrate", str(both), "--use-found"]) == 1
+    assert "no cameras_found.json that is not in use" in capsys.readouterr().err
     assert main(["calibrate", str(both), "--use-given"]) == 0
     assert "in use again" in capsys.readouterr().out
     assert (both / "cameras_opencv.json").read_text() == '{"mine": 1}'
-    assert main(["calibrate", str(both), "--use-given"]) != 0
+    assert main(["calibrate", str(both), "--use-given"]) == 1
+    assert "no calibration that was set aside" in capsys.readouterr().err

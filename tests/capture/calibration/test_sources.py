@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from frog_blender.cli.main import main
-from frog_blender.engine.arrays import ImageArray
 from frog_blender.engine.capture.calibration import pipeline
 from frog_blender.engine.capture.calibration.board_detection import Board
 from frog_blender.engine.capture.calibration.calibration import Calibration
@@ -23,27 +22,16 @@ from frog_blender.engine.capture.calibration.views import facts_of
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.films import Film, find_films
 from frog_blender.engine.capture.synchronization.run import NAME, CalibrationRefused
-from frog_blender.engine.capture.video import load_opencv
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
 
-from .rigs import around, board_poses, pixels_of
+from .rigs import around, board_poses, pixels_of, rig_errors
 from .test_board import photographed
-from .walls import center_errors, film, image, rig, texture
+from .walls import film, image, rig, texture
 
 BOARD = Board(5, 4, square=0.12, marker=0.75, dictionary="DICT_4X4_50")
 BOARD_FILE = "squares = [5, 4]\nsquare_size = 0.12\nmarker_size = 0.09\ndictionary = 'DICT_4X4_50'\n"
 WALL = 110  # of what ``photographed`` shows beside the board
-
-
-def written(path: Path, images: Sequence[ImageArray]) -> None:
-    """A film of ten images a second, hardly compressed."""
-    cv2 = load_opencv()
-    height, width = images[0].shape
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, (width, height))
-    for shot in images:
-        writer.write(cv2.cvtColor(shot, cv2.COLOR_GRAY2BGR))
-    writer.release()
 
 
 @pytest.fixture(autouse=True)
@@ -63,7 +51,7 @@ def board_footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number, camera in enumerate(cameras):
         paper = texture(7 + number)[:480]
         shots = [photographed(BOARD, camera, pose) for pose in poses]
-        written(folder / f"{camera.name}.avi", [np.where(shot == WALL, paper, shot) for shot in shots])
+        film(folder / f"{camera.name}.avi", [np.where(shot == WALL, paper, shot) for shot in shots])
     return folder
 
 
@@ -150,7 +138,7 @@ def test_films_without_a_board_are_refused_where_one_was_asked_for(room_footage:
 
 def test_clicked_points_find_the_cameras(room_footage: Path, tmp_path: Path) -> None:
     outcome = run(room_footage, Options(out=tmp_path, points=clicks_file(tmp_path / "clicks.json")))
-    assert center_errors(list(open_capture(tmp_path).cameras), rig()).max() < 0.001
+    assert rig_errors(open_capture(tmp_path).cameras, rig())[0] < 0.1
     assert report_of(outcome)["source"] == "clicked points"
 
 

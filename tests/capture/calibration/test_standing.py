@@ -13,7 +13,8 @@ from frog_blender.engine.capture.calibration.views import View
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run, WorkFolder
 
-from .walls import FOCAL, center_errors, distorted_view, kept, rig, view
+from .rigs import rig_errors
+from .walls import FOCAL, distorted_view, kept, rig, view
 
 pytest.importorskip("pycolmap")
 
@@ -38,27 +39,18 @@ def found(work: Path) -> Calibration:
 
 def test_the_rig_is_found(found: Calibration) -> None:
     cameras = [each.camera for each in found.cameras]
-    assert center_errors(cameras, rig()).max() < 0.005
+    assert rig_errors(cameras, rig())[0] < 0.5
     assert abs(cameras[0].intrinsics[0, 0] / FOCAL - 1) < 0.01
     assert [camera.name for camera in cameras] == ["cam0", "cam1", "cam2", "cam3", "cam4"]
 
 
-def test_the_world_stands_upright(found: Calibration) -> None:
+def test_the_world_stands_upright_with_points_before_the_cameras(found: Calibration) -> None:
     up = np.mean([-each.camera.rotation[1] for each in found.cameras], axis=0)
     ahead = np.mean([each.camera.forward for each in found.cameras], axis=0)
-    assert up[2] > 0.98
-    assert ahead[1] > 0.9 and abs(ahead[0]) < 0.01
-
-
-def test_points_lie_before_the_cameras(found: Calibration) -> None:
+    assert up[2] > 0.98 and ahead[1] > 0.9 and abs(ahead[0]) < 0.01
     assert len(found.points) > 100
-    for each in found.cameras:
-        _, depths = each.camera.project(found.points)
-        assert (depths > 0).mean() > 0.95
-
-
-def test_no_distortion_is_believed_where_there_is_none(found: Calibration) -> None:
-    assert all(abs(k) < 0.02 for each in found.cameras for k in each.distortion)
+    assert all((each.camera.project(found.points)[1] > 0).mean() > 0.95 for each in found.cameras)
+    assert all(abs(k) < 0.02 for each in found.cameras for k in each.distortion), "none is believed where there is none"
 
 
 def test_a_second_run_continues_and_makes_damaged_stages_again(found: Calibration, work: Path) -> None:
@@ -91,5 +83,5 @@ def test_distortion_is_found_where_there_is_some(tmp_path: Path) -> None:
     cameras = rig()[:4]
     found = place(run_in(tmp_path), cameras, [distorted_view(each, -0.2) for each in cameras])
     assert all(abs(each.distortion[0] + 0.2) < 0.02 for each in found.cameras)
-    assert center_errors([each.camera for each in found.cameras], cameras).max() < 0.005
+    assert rig_errors([each.camera for each in found.cameras], cameras)[0] < 0.5
     assert abs(found.cameras[0].camera.intrinsics[0, 0] / FOCAL - 1) < 0.01

@@ -13,8 +13,6 @@ from frog_blender.engine.capture.calibration.views import CameraFacts, View
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.synchronization.run import Run, key_of
 
-from .rigs import similarity
-
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 _TEXELS = 640
 
@@ -83,8 +81,7 @@ def at_rest(plate: np.ndarray, changing: int = 0) -> View:
 
 def view(seen_by: Camera, seed: int = 1) -> View:
     """What calibration looks at, in which nothing moves."""
-    plate = image(seen_by, seed)
-    return at_rest(plate)
+    return at_rest(image(seen_by, seed))
 
 
 def distorted_view(seen_by: Camera, k1: float) -> View:
@@ -96,25 +93,17 @@ def distorted_view(seen_by: Camera, k1: float) -> View:
     pixels = np.stack(np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5), axis=-1).reshape(-1, 1, 2)
     straight = cv2.undistortPoints(pixels, seen_by.intrinsics, np.array([k1, 0, 0, 0]), P=wide.intrinsics)
     columns, rows = np.float32(straight.reshape(HEIGHT, WIDTH, 2) - 0.5).transpose(2, 0, 1)
-    plate = cv2.remap(image(wide), columns, rows, cv2.INTER_LINEAR)
-    return at_rest(plate)
+    return at_rest(cv2.remap(image(wide), columns, rows, cv2.INTER_LINEAR))
 
 
 def film(path: Path, images: list[np.ndarray]) -> None:
-    """Writes images (H, W) as a video of 10 frames a second."""
+    """Writes images (H, W) as a video of 10 frames a second, hardly compressed where it is an AVI."""
     height, width = images[0].shape
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 10.0, (width, height))
+    codec = cv2.VideoWriter_fourcc(*("MJPG" if path.suffix == ".avi" else "mp4v"))
+    writer = cv2.VideoWriter(str(path), codec, 10.0, (width, height))
     for each in images:
         writer.write(cv2.cvtColor(each, cv2.COLOR_GRAY2BGR))
     writer.release()
-
-
-def center_errors(found: list[Camera], true: list[Camera]) -> np.ndarray:
-    """Distances of the centres after similarity alignment, over the rig's diameter."""
-    ours, theirs = (np.array([each.center for each in cameras]) for cameras in (found, true))
-    scale, turn, shift = similarity(ours, theirs)
-    diameter = np.linalg.norm(theirs[:, None] - theirs, axis=2).max()
-    return np.linalg.norm(scale * ours @ turn.T + shift - theirs, axis=1) / diameter
 
 
 def kept(run: Run, cameras: list[Camera], views: list[View]) -> list[CameraFacts]:

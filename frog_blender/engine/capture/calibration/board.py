@@ -19,7 +19,7 @@ from ..video import load_opencv
 from . import limits
 from .board_detection import Board, Corners, find_board, find_corners
 from .calibration import Calibration
-from .checks import calibration_of, camera_support
+from .checks import calibration_of
 from .colmap import MODELS, Adjusted, adjustment_options, colmap_camera, load_pycolmap
 from .model import Lens, Model
 from .tracks import Tracks, residuals
@@ -112,11 +112,11 @@ def calibrate_board(
         CalibrationRefused: if a camera saw the board too seldom, never together with the others, or not tilted enough
             for its focal length.
     """
-    for camera, found in zip(facts, corners, strict=True):
-        count = sum(shown is not None for shown in found)
+    for camera, of_camera in zip(facts, corners, strict=True):
+        count = sum(shown is not None for shown in of_camera)
         if count < limits.BOARD_IMAGES:
             raise CalibrationRefused(
-                f"Camera {camera.name} shows the board in {count} of {len(found)} images, expected "
+                f"Camera {camera.name} shows the board in {count} of {len(of_camera)} images, expected "
                 f"{limits.BOARD_IMAGES} or more: move the board through what each camera sees, tilted, slowly, and "
                 "near enough to fill a quarter of its image."
             )
@@ -142,12 +142,12 @@ def calibrate_board(
 
 def _seen(board: Board, corners: Sequence[Sequence[Corners | None]]) -> Corners3D:
     """All corners; a frame in which nobody saw the board is left out."""
-    frames = [time for time in range(len(corners[0])) if any(found[time] is not None for found in corners)]
+    frames = [time for time in range(len(corners[0])) if any(of_camera[time] is not None for of_camera in corners)]
     shown = [
         (camera, frame, image)
-        for camera, found in enumerate(corners)
+        for camera, of_camera in enumerate(corners)
         for frame, time in enumerate(frames)
-        if (image := found[time]) is not None
+        if (image := of_camera[time]) is not None
     ]
     counts = [len(image.numbers) for _, _, image in shown]
     return Corners3D(
@@ -320,8 +320,8 @@ def _calibration(
     _, first, point_of = np.unique(corners, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(point_of.reshape(-1), kind="stable")
     tracks = Tracks(point_of.reshape(-1)[order], seen.cameras[order], order, seen.pixels[order], len(first))
-    adjusted = Adjusted(rig.model, rig.world(seen)[first], rig.distances(seen)[order], sigmas)
-    return calibration_of(names, adjusted, tracks, camera_support(adjusted, tracks, len(names)), is_metric=is_metric)
+    adjusted = Adjusted(rig.model, tracks, rig.world(seen)[first], rig.distances(seen)[order], sigmas)
+    return calibration_of(names, adjusted, is_metric=is_metric)
 
 
 def adjust_rig(
@@ -373,14 +373,16 @@ def _reconstruction(rig: BoardRig, seen: Corners3D, coefficients: tuple[int, ...
         images = []
         for index in np.unique(seen.cameras[seen.frames == frame]).tolist():
             rows = np.flatnonzero((seen.frames == frame) & (seen.cameras == index))
-            number = 1 + frame * len(rig.model.lenses) + index
-            image = pycolmap.Image(f"{number:08d}", keypoints=seen.pixels[rows], camera_id=index + 1, image_id=number)
+            image_id = 1 + frame * len(rig.model.lenses) + index
+            image = pycolmap.Image(
+                f"{image_id:08d}", keypoints=seen.pixels[rows], camera_id=index + 1, image_id=image_id
+            )
             image.frame_id = frame + 1
             posed.add_data_id(image.data_id)
             images.append(image)
-            config.add_image(number)
+            config.add_image(image_id)
             for row, corner in enumerate(corner_of.reshape(-1)[rows].tolist()):
-                tracks[corner].add_element(number, row)
+                tracks[corner].add_element(image_id, row)
         reconstruction.add_frame(posed)
         for image in images:
             reconstruction.add_image(image)

@@ -138,32 +138,32 @@ def _charuco_finder(board: Board) -> Any:  # a function of a gray image
         pixels, numbers, _, _ = detector.detectBoard(gray)
         if numbers is None or len(numbers) < _LEAST_CORNERS:
             return None
-        found = Corners(numbers.ravel().astype(np.int64), pixels.reshape(-1, 2).astype(np.float64))
-        return _refined(board, gray, found)
+        corners = Corners(numbers.ravel().astype(np.int64), pixels.reshape(-1, 2).astype(np.float64))
+        return _refined(board, gray, corners)
 
     return find
 
 
-def _refined(board: Board, gray: ImageArray, found: Corners) -> Corners | None:
+def _refined(board: Board, gray: ImageArray, corners: Corners) -> Corners | None:
     """ChArUco corners found once more, each within what its nearest markers leave free.
 
     OpenCV's detector counts from a pixel's corner in some versions and from its centre in others.
     """
     cv2 = load_opencv()
     places = replace(board, square=1.0).places[:, :2]
-    homography, _ = cv2.findHomography(places[found.numbers], found.pixels, cv2.RANSAC, 5.0)
+    homography, _ = cv2.findHomography(places[corners.numbers], corners.pixels, cv2.RANSAC, 5.0)
     if homography is None:
         return None
-    corners = np.stack([places[found.numbers] + step for step in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))])
-    seen = cv2.perspectiveTransform(corners.reshape(1, -1, 2), homography).reshape(3, -1, 2)
+    steps = np.stack([places[corners.numbers] + step for step in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))])
+    seen = cv2.perspectiveTransform(steps.reshape(1, -1, 2), homography).reshape(3, -1, 2)
     side = np.linalg.norm(seen[1:] - seen[0], axis=2).min(axis=0)
     reach = np.clip(0.45 * (1.0 - board.marker) * side, *_REACH).astype(int)
-    refined = found.pixels.copy()
+    refined = corners.pixels.copy()
     for distance in np.unique(reach).tolist():
         rows = reach == distance
-        refined[rows] = _nearest_corners(gray, found.pixels[rows], distance)
-    stays = np.abs(refined - found.pixels).max(axis=1) < reach
-    return Corners(found.numbers[stays], refined[stays] + 0.5)
+        refined[rows] = _nearest_corners(gray, corners.pixels[rows], distance)
+    stays = np.abs(refined - corners.pixels).max(axis=1) < reach
+    return Corners(corners.numbers[stays], refined[stays] + 0.5)
 
 
 def _nearest_corners(gray: ImageArray, pixels: Float64s, reach: int) -> Float64s:
@@ -240,11 +240,11 @@ def _find_markers(name: str, grays: list[ImageArray], inverted: bool) -> Iterato
             yield _Markers(numbers.ravel().astype(np.int64), np.array(pixels, np.float64).reshape(-1, 4, 2))
 
 
-def _layout(found: list[_Markers], name: str) -> Board | None:
+def _layout(images: list[_Markers], name: str) -> Board | None:
     """The board on which the markers lie as they were seen, in at least three images and three in four."""
-    if len(found) < _LEAST_AGREEING:
+    if len(images) < _LEAST_AGREEING:
         return None
-    seen, times = np.unique(np.concatenate([each.numbers for each in found]), return_counts=True)
+    seen, times = np.unique(np.concatenate([markers.numbers for markers in images]), return_counts=True)
     repeated = seen[times >= min(_LEAST_AGREEING, max(times.max() // 4, 1))]
     best: tuple[int, Board] | None = None
     for columns in range(2, MOST_SQUARES + 1):
@@ -253,7 +253,7 @@ def _layout(found: list[_Markers], name: str) -> Board | None:
             continue
         for legacy in (False, True) if rows % 2 == 0 else (False,):
             board = Board(columns, rows, dictionary=name, legacy=legacy)
-            sides = _marker_sides(board, found)
+            sides = _marker_sides(board, images)
             if len(sides) >= _LEAST_AGREEING and len(sides) > (best or (0,))[0]:
                 best = len(sides), replace(board, marker=round(float(np.median(sides)), 3))
     if best is None:
@@ -266,23 +266,23 @@ def _layout(found: list[_Markers], name: str) -> Board | None:
     return board
 
 
-def _marker_sides(board: Board, found: list[_Markers]) -> list[float]:
+def _marker_sides(board: Board, images: list[_Markers]) -> list[float]:
     """The markers' side in squares in each image in which they lie as the board has them; none if a quarter do not."""
     sides: list[float] = []
-    for index, each in enumerate(found):
-        side = _marker_side(board, each)
+    for index, markers in enumerate(images):
+        side = _marker_side(board, markers)
         if side is not None:
             sides.append(side)
-        elif 4 * (index + 1 - len(sides)) > len(found):
+        elif 4 * (index + 1 - len(sides)) > len(images):
             return []
     return sides
 
 
-def _marker_side(board: Board, found: _Markers) -> float | None:
+def _marker_side(board: Board, markers: _Markers) -> float | None:
     """Side of the markers in squares, if they lie as the board has them in this image."""
     places = np.array(_charuco(board).getObjPoints(), np.float64).reshape(-1, 4, 3)[:, :, :2].mean(1)
-    is_known: Bools = found.numbers < len(places)
-    numbers, pixels = found.numbers[is_known], found.pixels[is_known]
+    is_known: Bools = markers.numbers < len(places)
+    numbers, pixels = markers.numbers[is_known], markers.pixels[is_known]
     if len(numbers) < _LEAST_MARKERS or len(set(numbers.tolist())) < len(numbers):
         return None
     cv2 = load_opencv()

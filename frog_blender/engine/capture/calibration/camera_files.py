@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...arrays import Float64s
 from ...errors import FrogError
 from ...io.atomic_files import write_atomically
 from ...io.plain_values import JsonObject
@@ -48,7 +47,7 @@ def write_cameras(folder: Path, calibration: Calibration, films: Sequence[Film])
 
 
 def write_transforms(
-    folder: Path, sequence: ImageSequence, times: Sequence[float], found: MovingCamera, *, timed: bool
+    folder: Path, sequence: ImageSequence, times: Sequence[float], camera: MovingCamera, *, timed: bool
 ) -> Path:
     """Writes the list of posed images that every reader of captures knows, and returns the file.
 
@@ -62,12 +61,11 @@ def write_transforms(
         FrogError: if it cannot be written.
     """
     frames = []
-    for image, pose in zip(found.placed, found.poses, strict=True):
-        matrix: Float64s = np.vstack([pose, [[0.0, 0.0, 0.0, 1.0]]])
+    for image, pose in zip(camera.placed, camera.poses, strict=True):
+        matrix = np.linalg.inv(camera.lens.camera("", pose).world_to_camera) @ _FLIP
         path = sequence.images[image].resolve().relative_to(folder.resolve())
-        pose_in_world = (np.linalg.inv(matrix) @ _FLIP).tolist()
-        frames.append({"file_path": path.as_posix(), "transform_matrix": pose_in_world, "time": times[image]})
-    lens, span = found.lens, max(times) - min(times)
+        frames.append({"file_path": path.as_posix(), "transform_matrix": matrix.tolist(), "time": times[image]})
+    lens, span = camera.lens, max(times) - min(times)
     rate = (len(times) - 1) / span if timed and span > 0 else _FRAMES_PER_SECOND
     size = {"camera_model": "OPENCV", "w": lens.width, "h": lens.height, "fl_x": lens.focal, "fl_y": lens.focal}
     middle = {"cx": lens.width / 2, "cy": lens.height / 2, "k1": lens.k1, "k2": lens.k2, "p1": 0.0, "p2": 0.0}
@@ -188,14 +186,14 @@ def _content(path: Path) -> bytes:
 
 def _plain(folder: Path, calibration: Calibration, films: Sequence[Film]) -> JsonObject:
     cameras = []
-    for found, film in zip(calibration.cameras, films, strict=True):
-        camera = found.camera
+    for calibrated, film in zip(calibration.cameras, films, strict=True):
+        camera = calibrated.camera
         entry: JsonObject = {
             "name": camera.name,
             "width": camera.width,
             "height": camera.height,
             "K": camera.intrinsics.tolist(),
-            "dist": [*found.distortion, 0.0, 0.0] if any(found.distortion) else [],
+            "dist": [*calibrated.distortion, 0.0, 0.0] if any(calibrated.distortion) else [],
             "R": camera.rotation.tolist(),
             "t": camera.world_to_camera[:3, 3].tolist(),
         }

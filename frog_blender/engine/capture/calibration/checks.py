@@ -12,18 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Bools, Float64s
 from ..epipolar import fundamental, sampson_distances
 from . import limits
 from .calibration import CalibratedCamera, Calibration, CameraSupport, PairSupport
 from .colmap import Adjusted, undistorted_pixels, verified
 from .model import Model, oriented
-from .structure import Images, Solution, agreeing
-from .tracks import Pairs, Tracks
+from .structure import Images, Solution
+from .tracks import Pairs
 
 _CELLS = np.array([8, 6])  # of an image, in which observations are counted
 _SHOWN = 400  # observations of a camera, for the report
-_MOST_POINTS = 8000
 _NAMED = 6  # pairs in a sentence
 _GAPS = (1, 2)  # images between two that are compared: farther ones share too little to tell motion from false matches
 _MOST_PAIRS = 120
@@ -63,25 +61,25 @@ class Support:
 
 def support_of(solution: Solution, images: Images, matches: Pairs, names: Sequence[str]) -> Support:
     """The support of the standing cameras, the first of the images, by name; ``matches`` are those of all images."""
-    standing, adjusted, tracks = images.standing, solution.adjusted, solution.tracks
+    standing, adjusted = images.standing, solution.adjusted
     cameras, together = [], np.zeros((standing, standing), np.int64)  # how many points two of them agree about
     if adjusted is not None:
-        cameras = camera_support(adjusted, tracks, standing)
-        agree = agreeing(adjusted, tracks) & (tracks.cameras < standing)
+        cameras, tracks = camera_support(adjusted, standing), adjusted.tracks
+        agree = adjusted.agree & (tracks.cameras < standing)
         sees = np.zeros((tracks.count, standing), np.int64)
         sees[tracks.points[agree], tracks.cameras[agree]] = 1
         together = sees.T @ sees
     pairs = [
-        PairSupport(one, other, len(found), len(solution.verified.get((one, other), ())), int(together[one, other]))
-        for (one, other), found in sorted(matches.items())
+        PairSupport(one, other, len(rows), len(solution.verified.get((one, other), ())), int(together[one, other]))
+        for (one, other), rows in sorted(matches.items())
         if other < standing
     ]
     return Support(names, cameras, pairs, len(images.lenses) > standing)
 
 
-def camera_support(adjusted: Adjusted, tracks: Tracks, count: int) -> list[CameraSupport]:
+def camera_support(adjusted: Adjusted, count: int) -> list[CameraSupport]:
     """What supports each of the first ``count`` cameras."""
-    agree = agreeing(adjusted, tracks)
+    agree, tracks = adjusted.agree, adjusted.tracks
     lengths = np.bincount(tracks.points[agree], minlength=tracks.count)
     supports = []
     for camera, lens in enumerate(adjusted.model.lenses[:count]):
@@ -101,45 +99,24 @@ def camera_support(adjusted: Adjusted, tracks: Tracks, count: int) -> list[Camer
     return supports
 
 
-def calibration_of(
-    names: Sequence[str],
-    adjusted: Adjusted,
-    tracks: Tracks,
-    supports: Sequence[CameraSupport],
-    *,
-    least: int = 2,
-    is_metric: bool = False,
-) -> Calibration:
+def calibration_of(names: Sequence[str], adjusted: Adjusted, *, least: int = 2, is_metric: bool = False) -> Calibration:
     """The first cameras of a model and its points, in the world that they suggest.
 
     Args:
-        names, supports: of those cameras.
+        names: of those cameras.
         least: observations that must agree about a point; the best seen ones come first.
         is_metric: lengths are metres, and stay so; otherwise the world's scale is chosen.
     """
-    count = len(names)
+    count, agree, tracks = len(names), adjusted.agree, adjusted.tracks
     model = Model(adjusted.model.poses[:count], adjusted.model.lenses[:count])
     model, points = oriented(model, adjusted.points, keep_scale=is_metric)
-    agree = agreeing(adjusted, tracks)
-    cameras = []
+    supports, cameras = camera_support(adjusted, count), []
     for index, (name, lens, pose) in enumerate(zip(names, model.lenses, model.poses, strict=True)):
         own = np.flatnonzero(tracks.cameras == index)
         own = own[:: max(1, len(own) // _SHOWN)]
         observations = np.column_stack([tracks.pixels[own].round(1), agree[own]]).astype(np.float64)
         cameras.append(CalibratedCamera(lens.camera(name, pose), (lens.k1, lens.k2), supports[index], observations))
-    return Calibration(tuple(cameras), sure_points(points, tracks, agree, least), is_metric=is_metric)
-
-
-def sure_points(points: Float64s, tracks: Tracks, agree: Bools, least: int) -> Float64s:
-    """Those of the points (N, 3) that at least so many observations agree about, the best seen ones first.
-
-    Args:
-        agree: (observations,) whether an observation agrees with the model.
-    """
-    lengths = np.bincount(tracks.points[agree], minlength=tracks.count)
-    sure = np.flatnonzero((lengths >= least) & np.isfinite(points).all(axis=1))
-    best: Float64s = points[sure[np.argsort(-lengths[sure], kind="stable")][:_MOST_POINTS]]
-    return best.round(4)
+    return Calibration(tuple(cameras), points[adjusted.sure_points(least)].round(4), is_metric=is_metric)
 
 
 # --- whether it is to be used
@@ -174,31 +151,31 @@ def moving_refusal(solution: Solution, count: int) -> str | None:
 
 def warnings(solution: Solution, support: Support) -> list[str]:
     """Sentences about what is in doubt though nothing speaks against it."""
-    names, cameras, found = support.names, support.cameras, []
+    names, cameras, sentences = support.names, support.cameras, []
     if weak := [
         name for name, camera in zip(names, cameras, strict=True) if camera.shared_by_three < limits.FEW_SHARED
     ]:
         others = "the walk-through" if support.connected else "two other cameras at once"
-        found.append(f"Few points are seen by {listed(weak)} and {others}: look at the result.")
-    found += _doubts(solution, max(camera.focal_uncertainty for camera in cameras), "the rig's size")
+        sentences.append(f"Few points are seen by {listed(weak)} and {others}: look at the result.")
+    sentences += _doubts(solution, max(camera.focal_uncertainty for camera in cameras), "the rig's size")
     if doubted := [name for name, camera in zip(names, cameras, strict=True) if camera.share < limits.LEAST_AGREEING]:
-        found.append(f"Most matches of {listed(doubted)} disagree with the solution: look at the result.")
-    return found
+        sentences.append(f"Most matches of {listed(doubted)} disagree with the solution: look at the result.")
+    return sentences
 
 
 def moving_warnings(solution: Solution, count: int, moving: float) -> list[str]:
     """The same for a moving camera; ``moving`` is the share of matches that ``moving_share`` tells."""
     assert solution.adjusted is not None
     lost = count - len(solution.adjusted.model.placed)
-    found = [f"{lost} of {count} images could not be placed."] if lost else []
-    found += _doubts(solution, _path_uncertainty(solution), "the path's size")
+    sentences = [f"{lost} of {count} images could not be placed."] if lost else []
+    sentences += _doubts(solution, _path_uncertainty(solution), "the path's size")
     if moving > limits.MOST_MOVING:
-        found.append(
+        sentences.append(
             f"{100 * moving:.0f} % of the matches between neighbouring images move otherwise than the rest: something "
             "large moves, and the camera's path may be wrong, or relative to it. Look at the result; next time let "
             "more of what rests be seen around it."
         )
-    return found
+    return sentences
 
 
 def listed(names: Sequence[str], most: int = _NAMED) -> str:
@@ -222,12 +199,12 @@ def _open(solution: Solution, unsure: float, what: str, size: str, remedy: str) 
 
 
 def _doubts(solution: Solution, unsure: float, size: str) -> list[str]:
-    found = []
+    sentences = []
     if unsure > limits.DOUBTFUL_UNSURE:
-        found.append(f"The focal length is known within {_percent(unsure)} only.")
+        sentences.append(f"The focal length is known within {_percent(unsure)} only.")
     if solution.halves_apart > limits.DOUBTFUL_APART:
-        found.append(f"Camera positions are known within about {_percent(solution.halves_apart)} of {size} only.")
-    return found
+        sentences.append(f"Camera positions are known within about {_percent(solution.halves_apart)} of {size} only.")
+    return sentences
 
 
 def _fixing(solution: Solution, remedy: str) -> str:
@@ -258,7 +235,7 @@ def _unseen(solution: Solution, support: Support, lost: Sequence[str]) -> str:
     """The refusal for standing cameras that the walk-through does not connect."""
     indices = [support.names.index(name) for name in lost]
     most = [
-        max((len(found) for pair, found in solution.verified.items() if index in pair), default=0) for index in indices
+        max((len(rows) for pair, rows in solution.verified.items() if index in pair), default=0) for index in indices
     ]
     matches = ", ".join(f"{name} (at most {count})" for name, count in zip(lost, most, strict=True))
     return (
@@ -286,15 +263,15 @@ def moving_share(images: Images, model: Model, matches: Pairs) -> float:
     near = [pair for pair in sorted(matches) if pair[1] - pair[0] in _GAPS and placed.issuperset(pair)]
     shares = []
     for pair in near[:: max(1, -(-len(near) // _MOST_PAIRS))]:
-        found = matches[pair]
-        if len(found) < limits.LEAST_MATCHES:
+        rows = matches[pair]
+        if len(rows) < limits.LEAST_MATCHES:
             continue
         lenses = [model.lenses[index] for index in pair]
         matrix = fundamental(*(lens.camera("", model.poses[index]) for lens, index in zip(lenses, pair, strict=True)))
         pixels = [undistorted_pixels(lens, images.pixels[index]) for lens, index in zip(lenses, pair, strict=True)]
-        missed = np.abs(sampson_distances(matrix, pixels[0][found[:, 0]], pixels[1][found[:, 1]]))
-        rest = found[missed > max(lens.limit for lens in lenses)]
+        missed = np.abs(sampson_distances(matrix, pixels[0][rows[:, 0]], pixels[1][rows[:, 1]]))
+        rest = rows[missed > max(lens.limit for lens in lenses)]
         together = verified(lenses[0], pixels[0], lenses[1], pixels[1], rest)
         is_motion = len(together) >= _COHERENT * len(rest)
-        shares.append(len(together) / len(found) if is_motion else 0.0)
+        shares.append(len(together) / len(rows) if is_motion else 0.0)
     return float(np.median(shares)) if shares else 0.0

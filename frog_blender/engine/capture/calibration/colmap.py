@@ -25,6 +25,7 @@ MODELS = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _TOLERANCES = (1e-5, 1e-7)
 """Of the cost, in each round: the first only tells which observations are false."""
 _ITERATIONS = 60
+_MOST_POINTS = 8000  # of a result
 SOFT = 0.5
 """Of a false observation's residual: from there on the loss grows slowly."""
 
@@ -69,9 +70,9 @@ def verified(one: Lens, pixels: Float64s, other: Lens, other_pixels: Float64s, m
     return inliers if len(inliers) >= LEAST_MATCHES else np.empty((0, 2), np.int64)
 
 
-def colmap_camera(lens: Lens, number: int, model: str) -> Any:  # pycolmap.Camera
+def colmap_camera(lens: Lens, camera_id: int, model: str) -> Any:  # pycolmap.Camera
     """The lens as pycolmap's camera; a model without distortion leaves k1 and k2 out."""
-    camera = load_pycolmap().Camera.create_from_model_name(number, model, lens.focal, lens.width, lens.height)
+    camera = load_pycolmap().Camera.create_from_model_name(camera_id, model, lens.focal, lens.width, lens.height)
     parameters = [lens.focal, lens.width / 2, lens.height / 2, lens.k1, lens.k2]
     camera.params = np.array(parameters[: 3 + MODELS.index(model)])
     return camera
@@ -129,10 +130,10 @@ def _largest(models: Any, lenses: Sequence[Lens]) -> Model | None:  # pycolmap.R
         return None
     best = max(models.values(), key=lambda model: (model.num_reg_images(), model.compute_num_observations()))
     poses, lenses = np.full((len(lenses), 3, 4), np.nan), list(lenses)
-    for number in best.reg_image_ids():
-        image = best.image(number)
-        poses[number - 1] = image.cam_from_world().matrix()
-        lenses[number - 1] = replace(lenses[number - 1], focal=float(image.camera.params[0]))
+    for image_id in best.reg_image_ids():
+        image = best.image(image_id)
+        poses[image_id - 1] = image.cam_from_world().matrix()
+        lenses[image_id - 1] = replace(lenses[image_id - 1], focal=float(image.camera.params[0]))
     return Model(poses, tuple(lenses))
 
 
@@ -166,9 +167,9 @@ def _write_database(
         for group in sorted(set(groups)):
             lens = lenses[list(groups).index(group)]
             database.write_camera(colmap_camera(lens, group + 1, "SIMPLE_PINHOLE"), True)
-        for number, group in enumerate(groups, 1):
-            database.write_image(pycolmap.Image(f"{number:06d}", camera_id=group + 1, image_id=number), True)
-            database.write_keypoints(number, pixels[number - 1].astype(np.float32))
+        for image_id, group in enumerate(groups, 1):
+            database.write_image(pycolmap.Image(f"{image_id:06d}", camera_id=group + 1, image_id=image_id), True)
+            database.write_keypoints(image_id, pixels[image_id - 1].astype(np.float32))
         for (one, other), matches in pairs.items():
             kind = pycolmap.TwoViewGeometryConfiguration.UNCALIBRATED
             geometry = pycolmap.TwoViewGeometry(config=kind, inlier_matches=matches.astype(np.uint32))
@@ -181,6 +182,7 @@ class Adjusted:
 
     Attributes:
         model: with the adjusted poses and lenses.
+        tracks: that it was adjusted to.
         points: (count, 3) of the tracks' points, NaN for those that were not located.
         distances: (N,) residuals in pixels of all observations.
         uncertainty: standard deviation of the focal length over the focal length, for each camera; infinite where the
@@ -188,9 +190,27 @@ class Adjusted:
     """
 
     model: Model
+    tracks: Tracks
     points: Float64s
     distances: Float64s
     uncertainty: Float64s
+
+    @property
+    def agree(self) -> Bools:
+        """(N,) which observations lie within the limit of a point that is located."""
+        return np.asarray(self.distances <= self.model.limits[self.tracks.cameras])
+
+    @property
+    def cost(self) -> float:
+        """Mean squared residual in units of the limit, each at most 1."""
+        shares = np.minimum(self.distances / self.model.limits[self.tracks.cameras], 1.0)
+        return float(np.mean(shares**2)) if len(shares) else 1.0
+
+    def sure_points(self, least: int) -> Ints:
+        """Points that at least so many observations agree about, the best seen ones first."""
+        lengths = np.bincount(self.tracks.points[self.agree], minlength=self.tracks.count)
+        sure = np.flatnonzero((lengths >= least) & np.isfinite(self.points).all(axis=1))
+        return np.asarray(sure[np.argsort(-lengths[sure], kind="stable")][:_MOST_POINTS])
 
 
 def adjust(model: Model, tracks: Tracks, groups: Sequence[int], coefficients: Sequence[int]) -> Adjusted:
@@ -211,7 +231,7 @@ def adjust(model: Model, tracks: Tracks, groups: Sequence[int], coefficients: Se
             break
         model, uncertainty = _solve(model, (tracks, used, points, distances), groups, coefficients, tolerance)
     points, distances = located(tracks, model)
-    return Adjusted(model, points, distances, uncertainty)
+    return Adjusted(model, tracks, points, distances, uncertainty)
 
 
 def _solve(
@@ -241,9 +261,9 @@ def _solve(
         parameters = np.asarray(image.camera.params, np.float64)
         k1, k2 = (*parameters[3:].tolist(), 0.0, 0.0)[:2]
         lenses[index] = replace(lenses[index], focal=float(parameters[0]), k1=k1, k2=k2)
-        found = covariance.get_other_params_cov(image.camera.params) if covariance is not None else None
-        if found is not None and parameters[0] > 0:
-            uncertainty[index] = noise * np.sqrt(max(float(found[0, 0]), 0.0)) / parameters[0]
+        variances = covariance.get_other_params_cov(image.camera.params) if covariance is not None else None
+        if variances is not None and parameters[0] > 0:
+            uncertainty[index] = noise * np.sqrt(max(float(variances[0, 0]), 0.0)) / parameters[0]
     return Model(poses, tuple(lenses)), uncertainty
 
 
@@ -269,7 +289,7 @@ def _reconstruction(
     tracks, used, points, _ = seen
     reconstruction, config = pycolmap.Reconstruction(), pycolmap.BundleAdjustmentConfig()
     known: set[int] = set()
-    places = np.zeros(len(tracks.points), np.int64)
+    rows = np.zeros(len(tracks.points), np.int64)
     for index in model.placed:
         group = groups[index]
         if group not in known:
@@ -279,7 +299,7 @@ def _reconstruction(
             camera = colmap_camera(lens, group + 1, MODELS[free])
             reconstruction.add_camera_with_trivial_rig(camera)
         own = np.flatnonzero(used & (tracks.cameras == index))
-        places[own] = np.arange(len(own))
+        rows[own] = np.arange(len(own))
         image = pycolmap.Image(
             f"{index + 1:06d}", keypoints=tracks.pixels[own], camera_id=group + 1, image_id=index + 1
         )
@@ -288,8 +308,8 @@ def _reconstruction(
     order = np.flatnonzero(used)
     for own in np.split(order, np.flatnonzero(np.diff(tracks.points[order])) + 1):
         track = pycolmap.Track()
-        for camera, place in zip(tracks.cameras[own].tolist(), places[own].tolist(), strict=True):
-            track.add_element(camera + 1, place)
+        for camera, row in zip(tracks.cameras[own].tolist(), rows[own].tolist(), strict=True):
+            track.add_element(camera + 1, row)
         reconstruction.add_point3D(points[tracks.points[own[0]]], track)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     return reconstruction, config

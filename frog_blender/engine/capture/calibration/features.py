@@ -85,10 +85,10 @@ def image_features(work: WorkFolder, path: Path, size: tuple[int, int]) -> Featu
     def found() -> dict[str, Array]:
         gray = resized(read_gray(path), LONGEST_SIDE)
         pixels, descriptors = _sift(gray)
-        return {"pixels": pixels * (np.array(size) / gray.shape[::-1]), "descriptors": descriptors}
+        pixels = pixels * (np.array(size) / gray.shape[::-1])
+        return {"pixels": pixels, "descriptors": descriptors, "moments": np.full(len(pixels), BACKGROUND)}
 
-    kept = work.kept("image", key_of(state_of(path)), found)
-    return Features(kept["pixels"], kept["descriptors"], np.full(len(kept["pixels"]), BACKGROUND, np.int64))
+    return Features(**work.kept("image", key_of(state_of(path)), found))
 
 
 def _at_rest(view: View) -> tuple[Float64s, ImageArray]:
@@ -162,14 +162,14 @@ def match_pairs(
 
     def of_pair(pair: tuple[int, int]) -> tuple[Ints, Ints]:
         one, other = pair
-        found = match(features[one], features[other])
-        return found, verified(lenses[one], features[one].pixels, lenses[other], features[other].pixels, found)
+        rows = match(features[one], features[other])
+        return rows, verified(lenses[one], features[one].pixels, lenses[other], features[other].pixels, rows)
 
     matches, checked = {}, {}
     with ThreadPoolExecutor(os.cpu_count()) as threads:  # numpy and pycolmap compute outside Python's lock
-        for index, (pair, (found, good)) in enumerate(zip(pairs, threads.map(of_pair, pairs), strict=True)):
+        for index, (pair, (rows, good)) in enumerate(zip(pairs, threads.map(of_pair, pairs), strict=True)):
             tell("matches", index, len(pairs))
-            matches[pair], checked[pair] = found, good
+            matches[pair], checked[pair] = rows, good
     return matches, checked
 
 
@@ -177,8 +177,8 @@ def verified_again(matches: Pairs, pixels: Sequence[Float64s], lenses: Sequence[
     """The matches that pass the two-view check once distortion is known: before, those far off the middle fail it."""
     straight = [undistorted_pixels(lens, own) for lens, own in zip(lenses, pixels, strict=True)]
     return {
-        (one, other): verified(lenses[one], straight[one], lenses[other], straight[other], found)
-        for (one, other), found in matches.items()
+        (one, other): verified(lenses[one], straight[one], lenses[other], straight[other], rows)
+        for (one, other), rows in matches.items()
     }
 
 

@@ -90,8 +90,7 @@ def calibrate_unsynchronised_films(
     for film in films:
         after = np.searchsorted(film.stamps, film.stamps[0] + spread - 1e-6)
         times.append(film.stamps[np.unique(np.minimum(after, len(film.stamps) - 1))])
-    unplaced = [replace(film, offset=0.0, rate=1.0) for film in films]
-    joints = _joints_of_films(run, unplaced, views, [stamps.tolist() for stamps in times], network)
+    joints = _joints_of_films(run, films, views, [stamps.tolist() for stamps in times], network)
     seen = [NamedTracks(*film) for film in zip(times, joints, strict=True)]
     tracks = moving_tracks(views, seen)
     frame = 1 / min(film.facts.frames_per_second for film in films)
@@ -107,8 +106,8 @@ def calibrate_unsynchronised_films(
     calibration, offsets = run.in_child(calibrate_unsynchronised, views, tracks, start, frame)
     if is_open and offsets.any():
         raise CalibrationRefused(f"In one of the films nothing tells left from right, nor when it began: {REMEDY}.")
-    found = {film.name: (offset, 1.0) for film, offset in zip(films, offsets.tolist(), strict=True)}
-    return calibration, replace(clocks.with_clocks(found), warnings=())
+    own_clocks = {film.name: (offset, 1.0) for film, offset in zip(films, offsets.tolist(), strict=True)}
+    return calibration, replace(clocks.with_clocks(own_clocks), warnings=())
 
 
 def _joints_of_films(
@@ -179,7 +178,8 @@ def _rig_of(
 
 def _judged(facts: Sequence[CameraFacts], rig: PointRig) -> Calibration:
     """A rig's calibration, with a warning where two halves of the times disagree a little, refused where by a lot."""
-    for camera, share in zip(facts, rig.shares.tolist(), strict=True):
+    for camera, calibrated in zip(facts, rig.calibration.cameras, strict=True):
+        share = calibrated.support.share
         if share < limits.JOINTS_AGREEING:
             raise CalibrationRefused(
                 f"Only {100 * share:.0f} % of the joints that camera {camera.name} sees fit the other cameras: the "

@@ -11,6 +11,7 @@ show which of two names is right.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
@@ -101,12 +102,12 @@ class LandmarkNetwork:
         colored = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
         to_image = _from_crop(box)
         sharp = cv2.INTER_AREA if box.side > _SIDE else cv2.INTER_LINEAR
-        crop = cv2.warpAffine(colored, to_image[:2], (_SIDE, _SIDE), flags=sharp | cv2.WARP_INVERSE_MAP)
+        crop = cv2.warpAffine(colored, to_image, (_SIDE, _SIDE), flags=sharp | cv2.WARP_INVERSE_MAP)
         landmarks, score, heatmaps = self._run(crop)
         if score < _LEAST_PERSON:
             return None
         places = _refined(landmarks[:, :2] / _SIDE, heatmaps) * _SIDE
-        pixels = places @ to_image[:2, :2].T + to_image[:2, 2] + 0.5
+        pixels = places @ to_image[:, :2].T + to_image[:, 2] + 0.5
         visibility = 1.0 / (1.0 + np.exp(-landmarks[list(JOINTS), 3]))
         return Person(pixels[list(JOINTS)], visibility, _box_about(pixels[_CENTER], pixels[_REACH]))
 
@@ -134,25 +135,18 @@ class LandmarkNetwork:
 
 
 def _from_crop(box: Box) -> Float64s:
-    """(3, 3) from positions in the network's image to those in the whole one."""
-    scale = box.side / _SIDE
-    cosine, sine = np.cos(box.turn) * scale, np.sin(box.turn) * scale
-    turned = np.array([[cosine, -sine], [sine, cosine]])
-    matrix = np.eye(3)
-    matrix[:2, :2] = turned
-    matrix[:2, 2] = np.array([box.x, box.y]) - turned @ np.full(2, _SIDE / 2)
+    """(2, 3) from positions in the network's image to those in the whole one."""
+    middle = (_SIDE / 2, _SIDE / 2)
+    matrix: Float64s = load_opencv().getRotationMatrix2D(middle, -np.degrees(box.turn), box.side / _SIDE)
+    matrix[:, 2] += (box.x - middle[0], box.y - middle[1])
     return matrix
 
 
 def _box_about(center: Float64s, reach: Float64s) -> Box:
     """The square about a person, upright in it."""
-    along = reach - center
-    return Box(
-        float(center[0]),
-        float(center[1]),
-        float(2.0 * _MARGIN * np.hypot(*along)),
-        float(np.pi / 2 + np.arctan2(along[1], along[0])),
-    )
+    x, y = center.tolist()
+    across, down = (reach - center).tolist()
+    return Box(x, y, 2.0 * _MARGIN * math.hypot(across, down), math.pi / 2 + math.atan2(down, across))
 
 
 def _refined(places: Float64s, heatmaps: Float64s) -> Float64s:
@@ -204,8 +198,8 @@ def find_joints(
 def heights(pixels: Float64s) -> Float64s:
     """(K,) pixels from the highest joint to the lowest, of the images (T, 16, 2) that show any."""
     rows = pixels[np.isfinite(pixels[:, :, 0]).any(1), :, 1]
-    found: Float64s = np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1) if len(rows) else np.zeros(0)
-    return found
+    tall: Float64s = np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1) if len(rows) else np.zeros(0)
+    return tall
 
 
 def without_strays(pixels: Float64s) -> Float64s:

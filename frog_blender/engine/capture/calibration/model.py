@@ -95,14 +95,14 @@ class Model:
     @property
     def placed(self) -> list[int]:
         """The cameras that have a pose."""
-        found: list[int] = np.flatnonzero(np.isfinite(self.poses).all(axis=(1, 2))).tolist()
-        return found
+        indices: list[int] = np.flatnonzero(np.isfinite(self.poses).all(axis=(1, 2))).tolist()
+        return indices
 
 
 def centers(model: Model) -> Float64s:
     """(images, 3) centres in the world."""
-    found: Float64s = -np.einsum("nji,nj->ni", model.poses[:, :, :3], model.poses[:, :, 3])
-    return found
+    positions: Float64s = -np.einsum("nji,nj->ni", model.poses[:, :, :3], model.poses[:, :, 3])
+    return positions
 
 
 def disagreement(one: Model, other: Model, judged: int | None = None) -> float:
@@ -118,7 +118,8 @@ def disagreement(one: Model, other: Model, judged: int | None = None) -> float:
     is_judged = placed < (len(one.poses) if judged is None else judged)
     if not is_judged.any():
         return float("inf")
-    size = _diameter(second[is_judged] if is_judged.sum() > 1 else second)
+    places = second[is_judged] if is_judged.sum() > 1 else second
+    size = float(np.linalg.norm(places[:, None] - places, axis=2).max())
     return float(_aligned_distances(first, second)[is_judged].max() / max(size, 1e-300))
 
 
@@ -130,11 +131,6 @@ def _aligned_distances(first: Float64s, second: Float64s) -> Float64s:
     scale = float((values * signs).sum() / max(float((a**2).sum()), 1e-300))
     distances: Float64s = np.linalg.norm(scale * a @ (left * signs @ right).T - b, axis=1)
     return distances
-
-
-def _diameter(points: Float64s) -> float:
-    """The largest distance between two of (N, 3) points."""
-    return float(np.linalg.norm(points[:, None] - points[None], axis=2).max())
 
 
 def oriented(model: Model, points: Float64s, *, keep_scale: bool = False) -> tuple[Model, Float64s]:

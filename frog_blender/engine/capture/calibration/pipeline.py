@@ -230,8 +230,8 @@ def calibrate_by(
     if options.in_step or options.clocks:
         return source.solve(films, TIMES), films, Synchronization()
     if source.timed is not None:
-        calibration, found = source.timed(films)
-        return calibration, with_clocks(films, found.clocks), found
+        calibration, clocks = source.timed(films)
+        return calibration, with_clocks(films, clocks.clocks), clocks
     return alternated(source, films, partial(find_clocks, run))
 
 
@@ -248,20 +248,20 @@ def alternated(source: Source, films: list[Film], find: Find) -> tuple[Calibrati
     first, first_clocks, refused = _first(source, films, find)
     calibration, before = first, first_clocks
     for _ in range(_ROUNDS):
-        found = find(films, calibration.known)
-        if found.refusal is not None:
+        answer = find(films, calibration.known)
+        if answer.refusal is not None:
             if refused is not None:
-                raise CalibrationRefused(f"{refused} What moves does not help either. {found.refusal}")
-            kept = replace(found, warnings=(found.refusal, *found.warnings))
+                raise CalibrationRefused(f"{refused} What moves does not help either. {answer.refusal}")
+            kept = replace(answer, warnings=(answer.refusal, *answer.warnings))
             return first, with_clocks(first_films, first_clocks), kept
-        films = with_clocks(films, found.clocks)
-        if before and not differ(before, found.clocks, films):
+        films = with_clocks(films, answer.clocks)
+        if before and not differ(before, answer.clocks, films):
             break
-        before = found.clocks
+        before = answer.clocks
         calibration = source.solve(films, TIMES)
-        if all(clock == (0.0, 1.0) for clock in found.clocks.values()):
+        if all(clock == (0.0, 1.0) for clock in answer.clocks.values()):
             break  # in step: nothing that a second look could correct
-    return calibration, films, found
+    return calibration, films, answer
 
 
 def _first(source: Source, films: list[Film], find: Find) -> tuple[Calibration, Clocks, CalibrationRefused | None]:
@@ -283,7 +283,7 @@ def _first(source: Source, films: list[Film], find: Find) -> tuple[Calibration, 
         if not source.needs_step:
             raise refused or error from None
         refused = error
-    found = find(films, {})
-    if found.refusal is not None or not differ(together, found.clocks, films):
+    answer = find(films, {})
+    if answer.refusal is not None or not differ(together, answer.clocks, films):
         raise refused
-    return source.solve(with_clocks(films, found.clocks), TIMES), found.clocks, None
+    return source.solve(with_clocks(films, answer.clocks), TIMES), answer.clocks, None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from .calibration import Calibration, MovingCamera
 from .features import find_features, image_features, match_pairs, pairs_to_match, view_features
 from .model import Lens, oriented
 from .sequences import ImageSequence
-from .structure import Images, Solution, agreeing, solve
+from .structure import Images, Solution, solve
 from .tracks import Pairs
 from .views import CameraFacts, views_of
 
@@ -58,9 +59,9 @@ def place_standing(
         raise CalibrationRefused(why)
     assert solution.adjusted is not None
     least = 3 if support.connected else 2
-    found = checks.calibration_of(support.names, solution.adjusted, solution.tracks, support.cameras, least=least)
+    calibration = checks.calibration_of(support.names, solution.adjusted, least=least)
     told = tuple(checks.warnings(solution, support))
-    return replace(found, pairs=tuple(support.pairs), halves_apart=solution.halves_apart, warnings=told)
+    return replace(calibration, pairs=tuple(support.pairs), halves_apart=solution.halves_apart, warnings=told)
 
 
 def place_moving(sequence: ImageSequence, work: WorkFolder, tell: Progress) -> MovingCamera:
@@ -77,13 +78,12 @@ def place_moving(sequence: ImageSequence, work: WorkFolder, tell: Progress) -> M
     assert adjusted is not None
     share = checks.moving_share(images, adjusted.model, matches)
     model, points = oriented(adjusted.model, adjusted.points)
-    agree = agreeing(adjusted, solution.tracks)
     return MovingCamera(
         model.lenses[model.placed[0]],
         tuple(model.placed),
         model.poses[model.placed],
-        checks.sure_points(points, solution.tracks, agree, 3),
-        float(np.median(adjusted.distances[agree])),
+        points[adjusted.sure_points(3)].round(4),
+        float(np.median(adjusted.distances[adjusted.agree])),
         float(adjusted.uncertainty[model.placed].max()),
         solution.halves_apart,
         tuple(checks.moving_warnings(solution, len(images.lenses), share)),
@@ -95,19 +95,18 @@ def _solved(
 ) -> tuple[Solution, Images, Pairs]:
     """Structure from motion of standing views, of image sequences, or of both in one world; and the matches."""
     files = [(path, sequence) for sequence in sequences for path in sequence.images]
-    features, total = [], len(views) + len(files)
-    for index, view in enumerate(views):
-        tell("features", index, total)
-        features.append(view_features(work, view))
-    for index, (path, sequence) in enumerate(files):
-        tell("features", len(views) + index, total)
-        features.append(image_features(work, path, sequence.size))
+    asked = [partial(view_features, work, view) for view in views]
+    asked += [partial(image_features, work, path, sequence.size) for path, sequence in files]
+    features = []
+    for index, ask in enumerate(asked):
+        tell("features", index, len(asked))
+        features.append(ask())
     first = 1 + max((view.group for view in views), default=-1)  # a camera that moves may stabilise its images
     sizes = [view.size for view in views] + [sequence.size for _, sequence in files]
     images = Images(
         tuple(Lens(*size, 1.2 * size[0]) for size in sizes),
         (*(view.group for view in views), *(first + sequence.group for _, sequence in files)),
-        tuple(found.pixels for found in features),
+        tuple(own.pixels for own in features),
         len(views),
     )
     lengths = [1] * len(views) + [len(sequence.images) for sequence in sequences]
@@ -128,6 +127,6 @@ def _solved(
 
 def _flat(pairs: Pairs, name: str) -> dict[str, Array]:
     """Matches in two arrays: all of them, and where each pair's end."""
-    found = list(pairs.values())
-    ends = np.cumsum([len(matches) for matches in found])[:-1]
-    return {name: np.concatenate([np.empty((0, 2), np.int64), *found]), f"{name}_ends": np.array(ends, np.int64)}
+    rows = list(pairs.values())
+    ends = np.cumsum([len(matches) for matches in rows])[:-1]
+    return {name: np.concatenate([np.empty((0, 2), np.int64), *rows]), f"{name}_ends": np.array(ends, np.int64)}

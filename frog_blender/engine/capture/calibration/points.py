@@ -21,10 +21,10 @@ from ..synchronization.films import Film
 from ..synchronization.run import CalibrationRefused, Run
 from . import limits
 from .calibration import Calibration
-from .checks import calibration_of, camera_support
+from .checks import calibration_of
 from .colmap import SOFT, Adjusted, adjust, verified
 from .model import Lens, Model, disagreement
-from .structure import Images, agreeing, propose
+from .structure import Images, propose
 from .tracks import Tracks, join, summed
 from .views import ALMOST, CameraFacts, facts_of
 
@@ -66,8 +66,8 @@ class PointViews:
             Lens(*camera.size, 1.2 * camera.side, tolerance=self.limit * camera.side / camera.width)
             for camera in self.facts
         )
-        groups = np.unique([camera.group for camera in self.facts], return_inverse=True)[1].reshape(-1).tolist()
-        return Images(lenses, tuple(groups), tuple(np.nan_to_num(self.pixels)), 0)
+        groups = tuple(camera.group for camera in self.facts)
+        return Images(lenses, groups, tuple(np.nan_to_num(self.pixels)), 0)
 
     @property
     def pairs(self) -> dict[tuple[int, int], Ints]:
@@ -86,15 +86,13 @@ class PointRig:
     Attributes:
         calibration: the cameras.
         model: the same, to start from.
-        shares: (C,) what part of each camera's sightings lies within the limit.
-        cost: mean over all sightings of the squared residual over the limit's, each at most 1.
+        cost: mean over all shared sightings of the squared residual over the limit's, each at most 1.
         delays, delay_sigmas: (C,) seconds by which each film should be read later than it was, the first one's 0, and
             their standard deviations; zeros where clocks are known.
     """
 
     calibration: Calibration
     model: Model
-    shares: Float64s
     cost: float
     delays: Float64s
     delay_sigmas: Float64s
@@ -125,18 +123,13 @@ def solve_points(views: PointViews, *, halves: Bools | None = None, start: Model
         )
     delays = sigmas = np.zeros(len(straight))
     if views.velocities is not None:
-        delays, sigmas = clock_steps(adjusted, tracks, views.velocities[tracks.cameras, tracks.features], images.groups)
-    agree, most = agreeing(adjusted, tracks), adjusted.model.limits
-    shares = np.bincount(tracks.cameras[agree], minlength=len(most)) / np.maximum(views.seen.sum(1), 1)
-    squares = np.minimum(adjusted.distances / most[tracks.cameras], 1.0) ** 2
-    cost = float(squares.sum() + views.seen.sum() - len(squares)) / max(int(views.seen.sum()), 1)
-    supports = camera_support(adjusted, tracks, len(most))
-    found = calibration_of([camera.name for camera in views.facts], adjusted, tracks, supports)
+        delays, sigmas = clock_steps(adjusted, views.velocities[tracks.cameras, tracks.features], images.groups)
+    calibration = calibration_of([camera.name for camera in views.facts], adjusted)
     if halves is not None:
         parts = [tracks.chosen(half[tracks.features]) for half in (halves, ~halves)]
         one, other = (adjust(adjusted.model, part, images.groups, straight).model for part in parts)
-        found = replace(found, halves_apart=disagreement(one, other))
-    return PointRig(found, adjusted.model, shares, cost, delays, sigmas)
+        calibration = replace(calibration, halves_apart=disagreement(one, other))
+    return PointRig(calibration, adjusted.model, adjusted.cost, delays, sigmas)
 
 
 def calibrate_clicks(facts: Sequence[CameraFacts], clicks: Mapping[str, Float64s]) -> Calibration:
@@ -160,17 +153,18 @@ def calibrate_clicks(facts: Sequence[CameraFacts], clicks: Mapping[str, Float64s
                 f"Camera {camera.name} has {count} points that another camera has as well, expected {limits.CLICKS} or "
                 f"more ({limits.MANY_CLICKS} are good): click corners that lie near and far, not all on one plane."
             )
-    found = solve_points(views)
-    for camera, share, count in zip(facts, found.shares.tolist(), useful.tolist(), strict=True):
+    calibration = solve_points(views).calibration
+    for camera, calibrated, count in zip(facts, calibration.cameras, useful.tolist(), strict=True):
+        share = calibrated.support.share
         if share < limits.CLICKS_AGREEING:
             raise CalibrationRefused(
                 f"{round((1 - share) * count)} of the {count} points of camera {camera.name} do not fit the others: "
                 "look at whether each is the same point in every image."
             )
     if useful.min() >= limits.MANY_CLICKS:
-        return found.calibration
+        return calibration
     few = f"{useful.min()} points in a camera are few: with {limits.MANY_CLICKS} the rig is more certain."
-    return replace(found.calibration, warnings=(few,))
+    return replace(calibration, warnings=(few,))
 
 
 def calibrate_click_films(run: Run, clicks: Mapping[str, Float64s], films: Sequence[Film], _count: int) -> Calibration:
@@ -206,14 +200,14 @@ def read_points(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, A
 
 
 def _clicked(points: object, name: str, size: tuple[int, int]) -> Array:
-    found = []
+    pixels = []
     for row, pair in enumerate(items(points, f"points of {name}", _MOST_POINTS), 1):
         what = f"point {row} of {name}"
         if pair is not None and (type(pair) is not list or len(pair) != 2):
             raise UnfitValue(f"{what} = {brief(pair)}", "[x, y] or null")
         known = zip(pair or [], size, strict=False)
-        found.append([number(value, what, 0, most) for value, most in known] or [np.nan, np.nan])
-    return np.array(found, np.float64).reshape(-1, 2)
+        pixels.append([number(value, what, 0, most) for value, most in known] or [np.nan, np.nan])
+    return np.array(pixels, np.float64).reshape(-1, 2)
 
 
 def _found(views: PointViews, images: Images, pairs: Mapping[tuple[int, int], Ints], tracks: Tracks) -> Adjusted:
@@ -225,7 +219,7 @@ def _found(views: PointViews, images: Images, pairs: Mapping[tuple[int, int], In
             enough[one, other] = verified(*first, *second, points)
     hypotheses = propose(images, tracks, enough, lambda *_: None)
     whole = [hypothesis for hypothesis in hypotheses if hypothesis.placed == len(views.facts)]
-    best = min(whole, key=lambda hypothesis: hypothesis.cost, default=None)
+    best = min(whole, key=lambda hypothesis: hypothesis.adjusted.cost, default=None)
     if best is not None:
         return best.adjusted
     fewest = sorted(pairs, key=lambda pair: len(pairs[pair]))[:6]
@@ -240,9 +234,7 @@ def _found(views: PointViews, images: Images, pairs: Mapping[tuple[int, int], In
 # --- clocks
 
 
-def clock_steps(
-    adjusted: Adjusted, tracks: Tracks, velocities: Float64s, groups: Sequence[int]
-) -> tuple[Float64s, Float64s]:
+def clock_steps(adjusted: Adjusted, velocities: Float64s, groups: Sequence[int]) -> tuple[Float64s, Float64s]:
     """By how many seconds each film should be read later, (C,), the first one 0, and their standard deviations.
 
     Poses, focal lengths and points may follow the clocks.
@@ -253,7 +245,8 @@ def clock_steps(
         groups: cameras of one number, counted from 0, share their focal length.
     """
     known = np.isfinite(adjusted.points).all(axis=1)
-    moving, used = velocities[known[tracks.points]], tracks.chosen(known[tracks.points])
+    is_known = known[adjusted.tracks.points]
+    moving, used = velocities[is_known], adjusted.tracks.chosen(is_known)
     off, by_shared, by_point = _jacobians(adjusted.model, adjusted.points[known], used, moving, groups)
     squares = (off**2).sum(axis=1)
     weights = 1.0 / (1.0 + squares / (SOFT * adjusted.model.limits.min()) ** 2)  # Cauchy's

@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Bools, Float64s
+from ...arrays import Float64s
 from ...io.child_process import Progress
 from . import limits
 from .colmap import Adjusted, adjust, incremental
 from .features import verified_again
 from .model import Lens, Model, disagreement
-from .tracks import Pairs, Tracks, cost, join, located, summed
+from .tracks import Pairs, Tracks, join, located, summed
 
 STARTS = (0.7, 0.9, 1.2, 1.7)
 """Focal lengths to start from, over the width of the image."""
@@ -60,12 +60,10 @@ class Hypothesis:
     Attributes:
         own: every standing camera has a focal length of its own.
         adjusted: the model.
-        cost: of the observations of all images, 1 for those of an image without a pose.
     """
 
     own: bool
     adjusted: Adjusted
-    cost: float
 
     @property
     def placed(self) -> int:
@@ -79,18 +77,12 @@ class Solution:
 
     Attributes:
         adjusted: the model; None where there is none.
-        tracks: its observations.
-        verified: the matches that they join.
-        own: every standing camera has a focal length of its own.
-        coefficients: for each image how many of k1 and k2 were freed.
+        verified: the matches that its tracks join.
         halves_apart: how far images lie apart when half of the tracks are used each, over the rig's or path's size.
     """
 
     adjusted: Adjusted | None
-    tracks: Tracks
     verified: Pairs
-    own: bool = False
-    coefficients: tuple[int, ...] = ()
     halves_apart: float = np.inf
 
 
@@ -120,7 +112,7 @@ def solve(images: Images, matches: Pairs, verified: Pairs, tell: Progress) -> So
     hypotheses = propose(images, tracks, few, tell)
     starts = _candidates(hypotheses)
     if not starts:
-        return Solution(None, tracks, verified)
+        return Solution(None, verified)
     tell("bundle adjustment", 0, 2)
     fitted = [(start, _with_distortion(start, tracks, images)) for start in starts]
     chosen, best = fitted[0]
@@ -132,9 +124,8 @@ def solve(images: Images, matches: Pairs, verified: Pairs, tell: Progress) -> So
     apart = disagreement(model, best.fits[1].model, images.standing or None)
     if any(best.coefficients):
         verified = verified_again(matches, images.pixels, model.lenses)
-    everything = join(verified, images.pixels)
-    adjusted = adjust(model, everything, images.sharing(own=chosen.own), best.coefficients)
-    return Solution(adjusted, everything, verified, chosen.own, tuple(best.coefficients), apart)
+    adjusted = adjust(model, join(verified, images.pixels), images.sharing(own=chosen.own), best.coefficients)
+    return Solution(adjusted, verified, apart)
 
 
 def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> list[Hypothesis]:
@@ -162,7 +153,7 @@ def propose(images: Images, tracks: Tracks, pairs: Pairs, tell: Progress) -> lis
             hypotheses += _weighed(own, model, tracks, images, hypotheses)
     for own in kinds if len(kinds) > 1 else []:
         others = [hypothesis for hypothesis in hypotheses if hypothesis.own != own]
-        best = min(others, key=lambda hypothesis: (-hypothesis.placed, hypothesis.cost), default=None)
+        best = min(others, key=lambda hypothesis: (-hypothesis.placed, hypothesis.adjusted.cost), default=None)
         if best is not None:
             model = _sharing(best.adjusted.model, images.sharing(own=own))
             hypotheses += _weighed(own, model, tracks, images, hypotheses)
@@ -228,7 +219,7 @@ def _weighed(
     adjusted = adjust(model, tracks, images.sharing(own=own), [0] * len(images.lenses))
     if not _is_possible(adjusted.model):
         return []
-    return [Hypothesis(own, adjusted, cost(adjusted.distances, adjusted.model.limits[tracks.cameras]))]
+    return [Hypothesis(own, adjusted)]
 
 
 def _is_possible(model: Model) -> bool:
@@ -255,10 +246,10 @@ def _candidates(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     most = max((hypothesis.placed for hypothesis in hypotheses), default=0)
     models = [hypothesis for hypothesis in hypotheses if hypothesis.placed == most]
     shared, own = (
-        min((model for model in models if model.own == kind), key=lambda model: model.cost, default=None)
+        min((model for model in models if model.own == kind), key=lambda model: model.adjusted.cost, default=None)
         for kind in (False, True)
     )
-    if shared is not None and own is not None and own.cost * (1 + limits.OWN_GAINS) > shared.cost:
+    if shared is not None and own is not None and own.adjusted.cost * (1 + limits.OWN_GAINS) > shared.adjusted.cost:
         own = None
     return [model for model in (shared, own) if model is not None]
 
@@ -294,8 +285,3 @@ def _held_out(adjusted: Adjusted, tracks: Tracks) -> Float64s:
     _, distances = located(tracks, model)
     squares = np.minimum(distances / model.limits[tracks.cameras], 1.0) ** 2
     return summed(np.asarray(squares, np.float64), tracks)
-
-
-def agreeing(adjusted: Adjusted, tracks: Tracks) -> Bools:
-    """(N,) which observations lie within the limit of a point that is located."""
-    return np.asarray(adjusted.distances <= adjusted.model.limits[tracks.cameras])

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Array, Bools, Float64s, Ints
+from ...arrays import Bools, Float64s, Ints
 from .model import Lens, Model
 
 Pairs = Mapping[tuple[int, int], Ints]
@@ -155,8 +155,3 @@ def located(tracks: Tracks, model: Model) -> tuple[Float64s, Float64s]:
         false = (distances > limit) & ((distances >= worst[tracks.points]) | (lengths[tracks.points] >= 2))
         points = triangulate(tracks, model, ~false)
     return points, residuals(tracks, points, model)
-
-
-def cost(distances: Array, limits: Array) -> float:
-    """Mean squared residual in units of the limit, each at most 1."""
-    return float(np.mean(np.minimum(distances / limits, 1.0) ** 2)) if len(distances) else 1.0

@@ -118,8 +118,8 @@ def _rests(film: Film) -> bool:
         return True
     still = max(_STILL, _STILL * first.shape[1] / 500)
     for other in others:
-        ends, found, _ = cv2.calcOpticalFlowPyrLK(first, other, corners, None)
-        rests = (np.linalg.norm(ends - corners, axis=-1)[:, 0] < still) & (found[:, 0] > 0)
+        ends, is_tracked, _ = cv2.calcOpticalFlowPyrLK(first, other, corners, None)
+        rests = (np.linalg.norm(ends - corners, axis=-1)[:, 0] < still) & (is_tracked[:, 0] > 0)
         if np.mean(rests) < _STILL_SHARE:
             return False
     return True
