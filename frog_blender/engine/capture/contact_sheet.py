@@ -12,6 +12,7 @@ from ..errors import found_instead
 from ..io.atomic_files import write_atomically
 from .capture import Capture, Shot
 from .decoding import decode_masked
+from .seeding.views import spread
 from .video import load_opencv
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -45,8 +46,8 @@ def marked_image(capture: Capture, shot: int, longest_side: int) -> ImageArray:
     image = next(decode_masked(small.without_masks(), [shot])).image
     if not small.has_masks:
         return image
-    found = next(decode_masked(small, [shot]))
-    return marked(image, found.alpha, found.ignored)
+    masked = next(decode_masked(small, [shot]))
+    return marked(image, masked.alpha, masked.ignored)
 
 
 def first_shots(capture: Capture, most: int = _MOST) -> list[int]:
@@ -54,9 +55,7 @@ def first_shots(capture: Capture, most: int = _MOST) -> list[int]:
     first: dict[int, int] = {}
     for index, shot in enumerate(capture.shots):
         first.setdefault(shot.camera, index)
-    found = [index for _, index in sorted(first.items())]
-    chosen = np.unique(np.linspace(0, len(found) - 1, min(most, len(found))).round().astype(int))
-    return [found[index] for index in chosen]
+    return spread([index for _, index in sorted(first.items())], most)
 
 
 def contact_sheet(capture: Capture) -> ImageArray:

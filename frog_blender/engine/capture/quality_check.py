@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import isnan, nan
 
 import numpy as np
 
@@ -32,33 +33,36 @@ _SHARE = 0.3  # of the matches, that a fundamental matrix must explain
 
 @dataclass(frozen=True)
 class PairCheck:
-    """Two views of the same frame, or of a moving camera.
+    """Two cameras over the frames that were looked at; of a moving camera two images.
 
     Attributes:
+        first, second: their names.
         matches: points on which a fundamental matrix of their own agrees, whatever the calibration says.
         distance: their median distance in pixels of the capture's images from the epipolar lines of the calibration;
-            None for too few of them.
-        offset: frames by which the second camera shows what moves later than the first does; None where too little
+            NaN for too few of them.
+        offset: frames by which the second camera shows what moves later than the first does; NaN where too little
             moves.
-        gain: brightness of the second over the first; None for too few matches.
+        gain: brightness of the second over the first; NaN for too few matches.
     """
 
+    first: str
+    second: str
     matches: int
-    distance: float | None
-    offset: float | None
-    gain: float | None
+    distance: float = nan
+    offset: float = nan
+    gain: float = nan
 
 
 def check_pair(first: Sample, second: Sample) -> PairCheck:
-    """What matching features say about two views."""
-    a, b = np.zeros(0, np.int64), np.zeros(0, np.int64)
-    if min(len(first.positions), len(second.positions)) >= 2:
-        a, b = mutual(first.descriptors @ second.descriptors.T, RATIO)
+    """What matching features say about two images."""
+    names = first.camera.name, second.camera.name
+    if min(len(first.positions), len(second.positions)) < 2:
+        return PairCheck(*names, 0)
+    a, b = matched = mutual(first.descriptors @ second.descriptors.T, RATIO)
     matrix = fundamental(first.camera, second.camera)
     agreeing = _agreeing(first.positions[a], second.positions[b])
     if agreeing.sum() < _ENOUGH or agreeing.mean() < _SHARE:
-        return PairCheck(int(agreeing.sum()), None, None, None)
-    matched = a, b
+        return PairCheck(*names, int(agreeing.sum()))
     a, b = a[agreeing], b[agreeing]
     still = ~(_is_moving(first, first.positions[a]) | _is_moving(second, second.positions[b]))
     if still.sum() >= _ENOUGH:
@@ -66,7 +70,7 @@ def check_pair(first: Sample, second: Sample) -> PairCheck:
     to_b, to_a = line_distances(matrix, first.positions[a], second.positions[b])
     apart = float(np.median((np.abs(to_b) * second.scale + np.abs(to_a) * first.scale) / 2))
     offset = _offset(first, second, matched, matrix, apart / second.scale)
-    return PairCheck(len(a), apart, offset, _gain(first.colors[a], second.colors[b]))
+    return PairCheck(*names, len(a), apart, offset, _gain(first.colors[a], second.colors[b]))
 
 
 def _agreeing(a: Float64s, b: Float64s) -> Bools:
@@ -91,38 +95,38 @@ def _is_moving(sample: Sample, positions: Float64s) -> Bools:
     return moving
 
 
-def _offset(first: Sample, second: Sample, matched: tuple[Ints, Ints], matrix: Float64s, wrong: float) -> float | None:
+def _offset(first: Sample, second: Sample, matched: tuple[Ints, Ints], matrix: Float64s, wrong: float) -> float:
     """By how many frames the second camera is late, from how moving points cross their epipolar lines.
 
     Args:
         wrong: pixels by which points that stand still are off: what the calibration may feign.
     """
     if second.following is None:
-        return None
+        return nan
     a, b = matched
     at_a, at_b = first.positions[a], second.positions[b]
     moving = _is_moving(first, at_a) & _is_moving(second, at_b)
     apart = np.abs(line_distances(matrix, at_a, at_b)[0])
     near = moving & (apart < _NEAR * max(second.gray.shape))
     if near.sum() < _ENOUGH_MOVING:
-        return None
+        return nan
     at_a, at_b = at_a[near], at_b[near]
     cv2 = load_opencv()
     start = (at_b - 0.5).astype(np.float32)[:, None]
-    tracked, found, _ = cv2.calcOpticalFlowPyrLK(second.gray, second.following, start, None)
-    back, found_back, _ = cv2.calcOpticalFlowPyrLK(second.following, second.gray, tracked, None)
-    sure = (found.ravel() > 0) & (found_back.ravel() > 0) & (np.linalg.norm(back - start, axis=2).ravel() < 0.5)
+    tracked, gone, _ = cv2.calcOpticalFlowPyrLK(second.gray, second.following, start, None)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(second.following, second.gray, tracked, None)
+    sure = (gone.ravel() > 0) & (returned.ravel() > 0) & (np.linalg.norm(back - start, axis=2).ravel() < 0.5)
     now = line_distances(matrix, at_a, at_b)[0]
     then = line_distances(matrix, at_a, tracked[:, 0].astype(np.float64) + 0.5)[0]
     crossing = then - now
     sure &= np.abs(crossing) > _CROSSING
     if sure.sum() < _ENOUGH_MOVING:
-        return None
+        return nan
     late, weights = -now[sure] / crossing[sure], np.abs(crossing[sure])
     middle = _weighted_median(late, weights)
     doubt = 1.5 * _weighted_median(np.abs(late - middle), weights) / np.sqrt(sure.sum())
     doubt = max(doubt, 0.5 * wrong / float(np.median(weights)))
-    return middle if doubt < _CERTAIN else None
+    return middle if doubt < _CERTAIN else nan
 
 
 def _weighted_median(values: Float64s, weights: Float64s) -> float:
@@ -131,12 +135,12 @@ def _weighted_median(values: Float64s, weights: Float64s) -> float:
     return float(values[order][np.searchsorted(summed, summed[-1] / 2)])
 
 
-def _gain(first: Float64s, second: Float64s) -> float | None:
+def _gain(first: Float64s, second: Float64s) -> float:
     """Median ratio of the brightness around the matches, of those that are neither dark nor clipped."""
     light_a, light_b = first.mean(axis=1), second.mean(axis=1)
     usable = (np.minimum(light_a, light_b) > 12) & (np.maximum(first, second).max(axis=1) < 240)
     if usable.sum() < _ENOUGH:
-        return None
+        return nan
     return float(np.exp(np.median(np.log(light_b[usable] / light_a[usable]))))
 
 
@@ -151,20 +155,6 @@ _SHOWN = 16  # cameras, a line each
 
 
 @dataclass(frozen=True)
-class Between:
-    """Two cameras, over the frames that were looked at; of a moving camera two images.
-
-    Attributes:
-        first, second: names.
-        check: medians over the frames.
-    """
-
-    first: str
-    second: str
-    check: PairCheck
-
-
-@dataclass(frozen=True)
 class Quality:
     """What was measured.
 
@@ -176,7 +166,7 @@ class Quality:
         untold: what could not be measured, a sentence each.
     """
 
-    pairs: tuple[Between, ...]
+    pairs: tuple[PairCheck, ...]
     blur: dict[str, float]
     gain: dict[str, float]
     findings: tuple[str, ...]
@@ -186,10 +176,9 @@ class Quality:
         """For a terminal, a pair or camera a line."""
         shown = []
         for pair in self.pairs:
-            check = pair.check
-            far = "too few to tell" if check.distance is None else f"{check.distance:.2f} px from their lines"
-            late = "" if check.offset is None else f", {check.offset:+.2f} frames apart"
-            shown.append(f"{pair.first} - {pair.second}: {check.matches} matches, {far}{late}")
+            far = "too few to tell" if isnan(pair.distance) else f"{pair.distance:.2f} px from their lines"
+            late = "" if isnan(pair.offset) else f", {pair.offset:+.2f} frames apart"
+            shown.append(f"{pair.first} - {pair.second}: {pair.matches} matches, {far}{late}")
         if len(self.blur) > _SHOWN:
             worst = max(self.blur, key=self.blur.__getitem__)
             usual = float(np.median(list(self.blur.values())))
@@ -200,7 +189,7 @@ class Quality:
         return shown
 
 
-def check_capture(capture: Capture, progress: Callable[[int, int], None] | None = None) -> Quality:
+def check_capture(capture: Capture, progress: Callable[[int, int], None] = lambda done, total: None) -> Quality:
     """Looks at a few images of every camera, or of a moving camera at some pairs of images.
 
     Args:
@@ -222,31 +211,24 @@ def check_capture(capture: Capture, progress: Callable[[int, int], None] | None 
     return Quality(tuple(between), blur, gain, tuple(findings), tuple(_untold(capture, between)))
 
 
-def _between(capture: Capture, pairs: list[tuple[int, int]], samples: dict[int, Sample]) -> list[Between]:
+def _between(capture: Capture, pairs: list[tuple[int, int]], samples: dict[int, Sample]) -> list[PairCheck]:
     """The checks of all pairs, those of two cameras at several frames taken together."""
     checks: dict[tuple[str, str], list[PairCheck]] = defaultdict(list)
     depth = scene_depth(capture.cameras)
     for first, second in pairs:
-        cameras = [capture.cameras[capture.shots[shot].camera] for shot in (first, second)]
+        one, other = (capture.cameras[capture.shots[shot].camera] for shot in (first, second))
         check = check_pair(samples[first], samples[second])
-        absurd = _ABSURD * max(cameras[0].width, cameras[0].height)
-        if check.distance is not None and check.distance > absurd and parallax(cameras[0], cameras[1], depth) > _WIDE:
-            check = replace(check, distance=None, offset=None, gain=None)  # which proves nothing
-        if check.offset is not None:  # but for what the capture knows of the images' times
-            late = capture.shots[first].offset - capture.shots[second].offset
-            check = replace(check, offset=check.offset - late)
-        checks[cameras[0].name, cameras[1].name].append(check)
-    return [Between(*names, _median(of_pair)) for names, of_pair in checks.items()]
+        if check.distance > _ABSURD * max(one.width, one.height) and parallax(one, other, depth) > _WIDE:
+            check = replace(check, distance=nan, offset=nan, gain=nan)  # which proves nothing
+        late = capture.shots[first].offset - capture.shots[second].offset  # which the capture knows
+        checks[check.first, check.second].append(replace(check, offset=check.offset - late))
+    return [_median(of_pair) for of_pair in checks.values()]
 
 
 def _median(checks: list[PairCheck]) -> PairCheck:
-    middles = (_middle([getattr(check, name) for check in checks]) for name in ("distance", "offset", "gain"))
-    return PairCheck(sum(check.matches for check in checks), *middles)
-
-
-def _middle(values: list[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None
+    figures = np.array([(check.distance, check.offset, check.gain) for check in checks])
+    middles = (float(np.median(known)) if len(known := row[~np.isnan(row)]) else nan for row in figures.T)
+    return PairCheck(checks[0].first, checks[0].second, sum(check.matches for check in checks), *middles)
 
 
 def _blur(capture: Capture, samples: dict[int, Sample]) -> dict[str, float]:
@@ -257,56 +239,56 @@ def _blur(capture: Capture, samples: dict[int, Sample]) -> dict[str, float]:
     return {name: float(np.median(values)) for name, values in blurs.items()}
 
 
-def _gains(between: list[Between]) -> dict[str, float]:
+def _gains(between: list[PairCheck]) -> dict[str, float]:
     """Brightness of each camera over the mean of all, by least squares over the pairs, if these join all."""
-    known = [(pair, pair.check.gain) for pair in between if pair.check.gain is not None]
-    names = sorted({name for pair, _ in known for name in (pair.first, pair.second)})
+    known = [pair for pair in between if not isnan(pair.gain)]
+    names = sorted({name for pair in known for name in (pair.first, pair.second)})
     if len(names) < 2:
         return {}
-    rows = [[(name == pair.second) - float(name == pair.first) for name in names] for pair, _ in known]
-    values = [np.log(gain) for _, gain in known]
+    rows = [[(name == pair.second) - float(name == pair.first) for name in names] for pair in known]
+    values = [np.log(pair.gain) for pair in known]
     solved, _, rank, _ = np.linalg.lstsq([*rows, [1.0] * len(names)], [*values, 0.0], rcond=None)  # their mean is 1
     return dict(zip(names, np.exp(solved).tolist(), strict=True)) if rank == len(names) else {}
 
 
-def _poses(between: list[Between], limit: float) -> list[str]:
-    far = [pair for pair in between if pair.check.distance is not None and pair.check.distance > limit]
+def _poses(between: list[PairCheck], limit: float) -> list[str]:
+    far = [pair for pair in between if pair.distance > limit]
     if not far:
         return []
-    worst = max(far, key=lambda pair: pair.check.distance or 0)
+    worst = max(far, key=lambda pair: pair.distance)
     names = [name for pair in far for name in (pair.first, pair.second)]
     often = max(set(names), key=names.count)
     blamed = f"; {often} is in {names.count(often)} of them" if len(far) > 1 and names.count(often) > 1 else ""
     return [
         f"Poses, lenses or image sizes may be wrong: matches of {len(far)} of {len(between)} pairs lie more than "
         f"{limit:.1f} px from where the calibration puts them ({worst.first} - {worst.second}: "
-        f"{worst.check.distance:.1f}){blamed}."
+        f"{worst.distance:.1f}){blamed}."
     ]
 
 
-def _times(between: list[Between]) -> list[str]:
-    late = [pair for pair in between if pair.check.offset is not None and abs(pair.check.offset) > _LATE]
+def _times(between: list[PairCheck]) -> list[str]:
+    late = [pair for pair in between if abs(pair.offset) > _LATE]
     if not late:
         return []
-    worst = max(late, key=lambda pair: abs(pair.check.offset or 0))
+    worst = max(late, key=lambda pair: abs(pair.offset))
     return [
-        f"Cameras may be out of step: {worst.second} shows what moves {worst.check.offset:+.2f} frames later than "
+        f"Cameras may be out of step: {worst.second} shows what moves {worst.offset:+.2f} frames later than "
         f"{worst.first} ({len(late)} of {len(between)} pairs)."
     ]
 
 
-def _brightness(between: list[Between], gain: dict[str, float]) -> list[str]:
+def _brightness(between: list[PairCheck], gain: dict[str, float]) -> list[str]:
     """Of all cameras where matches join them, else of the pair that differs most."""
     if gain:
         dark, bright = min(gain, key=gain.__getitem__), max(gain, key=gain.__getitem__)
         ratio = gain[bright] / gain[dark]
     else:
-        known = [(pair, pair.check.gain) for pair in between if pair.check.gain is not None]
+        known = [pair for pair in between if not isnan(pair.gain)]
         if not known:
             return []
-        pair, ratio = max(known, key=lambda each: abs(np.log(each[1])))
-        dark, bright = (pair.first, pair.second) if ratio > 1 else (pair.second, pair.first)
-        ratio = max(ratio, 1 / ratio)
+        pair = max(known, key=lambda pair: abs(np.log(pair.gain)))
+        dark, bright = (pair.first, pair.second) if pair.gain > 1 else (pair.second, pair.first)
+        ratio = max(pair.gain, 1 / pair.gain)
     if ratio < _BRIGHTER:
         return []
     return [
@@ -328,14 +310,14 @@ def _sharpness(blur: dict[str, float]) -> list[str]:
     return [f"More blurred than the others: {shown}."]
 
 
-def _untold(capture: Capture, between: list[Between]) -> list[str]:
+def _untold(capture: Capture, between: list[PairCheck]) -> list[str]:
     told = []
-    few = [pair for pair in between if pair.check.distance is None]
+    few = [pair for pair in between if isnan(pair.distance)]
     if few:
         told.append(
             f"{len(few)} of {len(between)} pairs of neighbouring views have too few matches to check the poses: "
             "cameras more than about 30 degrees apart, little texture, or poses of other cameras."
         )
-    if not capture.has_moving_cameras and all(pair.check.offset is None for pair in between):
+    if not capture.has_moving_cameras and all(isnan(pair.offset) for pair in between):
         told.append("Too little moves across the epipolar lines to check whether the cameras are in step.")
     return told

@@ -58,14 +58,13 @@ def choose_pairs(capture: Capture) -> list[Pair]:
     """Pairs of shots of neighbouring cameras, at some frames; of a moving camera pairs of near frames."""
     if not capture.shots:
         return []
-    depth = scene_depth(capture.cameras)
+    depth, pairs = scene_depth(capture.cameras), list[Pair]()
     if capture.has_moving_cameras:
-        found = []
-        for shot in spread(range(len(capture.shots)), _REFERENCES):
-            near = neighbours(capture, shot, range(len(capture.shots)), depth, 1, best_angle=4.0)
-            found += [(shot, other) for other in near]
-        return list(dict.fromkeys((min(pair), max(pair)) for pair in found))
-    pairs = []
+        shots = range(len(capture.shots))
+        for shot in spread(shots, _REFERENCES):
+            near = neighbours(capture, shot, shots, depth, 1, best_angle=4.0)
+            pairs += [(min(shot, other), max(shot, other)) for other in near]
+        return list(dict.fromkeys(pairs))
     for frame in _frames(capture):
         at_frame = [index for index, shot in enumerate(capture.shots) if shot.frame == frame]
         for shot in at_frame:
@@ -73,14 +72,11 @@ def choose_pairs(capture: Capture) -> list[Pair]:
             pairs += [(min(shot, other), max(shot, other)) for other in others]
     pairs = list(dict.fromkeys(pairs))
     cameras = [tuple(capture.shots[shot].camera for shot in pair) for pair in pairs]
-    distinct = list(dict.fromkeys(cameras))
-    kept = {distinct[index] for index in spread(range(len(distinct)), _MOST_PAIRS)}
+    kept = spread(list(dict.fromkeys(cameras)), _MOST_PAIRS)
     return [pair for pair, of in zip(pairs, cameras, strict=True) if of in kept]
 
 
-def take_samples(
-    capture: Capture, pairs: Sequence[Pair], progress: Callable[[int, int], None] | None = None
-) -> dict[int, Sample]:
+def take_samples(capture: Capture, pairs: Sequence[Pair], progress: Callable[[int, int], None]) -> dict[int, Sample]:
     """The samples of all shots in the pairs, by shot.
 
     Raises:
@@ -101,8 +97,7 @@ def take_samples(
         for shot, image in zip(shots, decode_shots(small, shots), strict=True):
             images[shot] = image
             done += 1
-            if progress is not None:
-                progress(done, len(order))
+            progress(done, len(order))
         scale = capture.cameras[camera].width / small.cameras[camera].width
         for shot in following.keys() & images.keys():
             after = following[shot]
@@ -125,10 +120,13 @@ def _frames(capture: Capture) -> list[int]:
 
 def _nearest(capture: Capture, shot: int, candidates: Sequence[int]) -> list[int]:
     """The shot of the nearest other camera."""
-    place = capture.cameras[capture.shots[shot].camera].center
+    center = capture.cameras[capture.shots[shot].camera].center
     others = [index for index in candidates if capture.shots[index].camera != capture.shots[shot].camera]
-    distance = [float(np.linalg.norm(capture.cameras[capture.shots[i].camera].center - place)) for i in others]
-    return [others[int(np.argmin(distance))]] if others else []
+
+    def distance(index: int) -> float:
+        return float(np.linalg.norm(capture.cameras[capture.shots[index].camera].center - center))
+
+    return sorted(others, key=distance)[:1]
 
 
 def _sample(camera: Camera, scale: float, image: ImageArray, following: ImageArray | None) -> Sample:
