@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from .errors import FrogError, brief
@@ -23,6 +25,16 @@ def not_loaded(error: ImportError, package: str = "") -> str:
     which = f"The Python package {known!r}" if (known := package or _package(error)) else "A Python package"
     said = brief(error).rstrip(".")
     return f"{which} is installed but could not be loaded ({said}); the usual reason is too little free memory"
+
+
+@contextmanager
+def importing(package: str, otherwise: str) -> Iterator[None]:
+    """A block that imports a package: FrogError with the sentence ``otherwise`` where it is missing, or another one
+    where it cannot be loaded."""
+    try:
+        yield
+    except ImportError as error:
+        raise FrogError(otherwise if is_missing(error) else f"{not_loaded(error, package)}.") from error
 
 
 def needed_package(path: Path, error: ImportError) -> FrogError:

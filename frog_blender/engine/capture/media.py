@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..arrays import Float64s
 from ..errors import FrogError, found_instead, printable, reason
 from ..io.regular_file import regular_file
-from ..optional_imports import is_missing, not_loaded
+from ..optional_imports import importing
 from .capture import MAX_FRAMES
 
 _LATEST = 1e8  # seconds: no film starts three years late
@@ -77,13 +77,9 @@ class Photograph:
 
 def _load_av() -> Any:  # its types need numpy's and FFmpeg's own
     """PyAV with its log turned off; FrogError where it is not installed or cannot be loaded."""
-    try:
+    with importing("av", "Films and sound need PyAV: pip install av."):
         import av
         import av.logging
-    except ImportError as error:
-        if not is_missing(error):
-            raise FrogError(f"{not_loaded(error, 'av')}.") from error
-        raise FrogError("Films and sound need PyAV: pip install av.") from error
     av.logging.set_level(None)
     return av
 
@@ -303,12 +299,8 @@ def read_photograph(path: Path, content: bytes | None = None) -> Photograph | No
     Raises:
         FrogError: if Pillow is missing, the file is or cannot be read, or it claims more pixels than Pillow opens.
     """
-    try:
+    with importing("PIL", "Photographs need Pillow: pip install pillow."):
         from PIL import Image
-    except ImportError as error:
-        if not is_missing(error):
-            raise FrogError(f"{not_loaded(error, 'PIL')}.") from error
-        raise FrogError("Photographs need Pillow: pip install pillow.") from error
     warnings.filterwarnings("ignore", module=r"PIL\.")  # for all threads, as catch_warnings is not
     try:
         file: BinaryIO = regular_file(path, "an image").open("rb") if content is None else BytesIO(content)

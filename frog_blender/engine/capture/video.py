@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Float32s, Float64s, ImageArray
-from ..errors import FrogError, found_instead
+from ..errors import found_instead
 from ..io.regular_file import regular_file
-from ..optional_imports import is_missing, not_loaded
+from ..optional_imports import importing
 from ..preloading import open_extension
 from .camera import MAX_SIDE
 from .media import film_path, may_miss, read_film_header, read_photograph, truncated
@@ -63,12 +63,8 @@ def load_opencv() -> Any:  # cv2 has no types that mypy follows
     """
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # before the first video: FFmpeg reads it once
     open_extension("cv2")
-    try:
+    with importing("cv2", "Videos and images need OpenCV: pip install opencv-contrib-python-headless."):
         import cv2
-    except ImportError as error:
-        if not is_missing(error):
-            raise FrogError(f"{not_loaded(error, 'cv2')}.") from error
-        raise FrogError("Videos and images need OpenCV: pip install opencv-contrib-python-headless.") from error
     if hasattr(cv2, "setLogLevel"):
         cv2.setLogLevel(0)
     return cv2
@@ -186,11 +182,7 @@ def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0
     """
     cv2 = load_opencv()
     with _as_frog_error(path, "an image"):
-        image = _decoded(path, cv2.IMREAD_UNCHANGED)
-        if image.dtype != np.uint8:
-            if not np.issubdtype(image.dtype, np.unsignedinteger):
-                raise found_instead(path, f"an image of {image.dtype} values", "8 or 16 bits a channel")
-            image = (image >> (8 * (image.dtype.itemsize - 1))).astype(np.uint8)
+        image = _stored(path)
         if image.ndim == 2:
             return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2RGB))
         if image.shape[2] == 3:
@@ -217,12 +209,19 @@ def read_mask(path: Path) -> ImageArray:
 def read_alpha(path: Path) -> ImageArray:
     """The alpha channel of an image file as (H, W) uint8, 255 where it has none; errors as of ``read_image``."""
     with _as_frog_error(path, "an image"):
-        image = _decoded(path, load_opencv().IMREAD_UNCHANGED)
-        if image.dtype == np.uint16:
-            image = (image >> 8).astype(np.uint8)
-        if image.ndim == 2 or image.shape[2] < 4 or image.dtype != np.uint8:
+        image = _stored(path)
+        if image.ndim == 2 or image.shape[2] < 4:
             return np.full(image.shape[:2], 255, np.uint8)
         return np.ascontiguousarray(image[..., 3])
+
+
+def _stored(path: Path) -> ImageArray:
+    """The channels of an image file as OpenCV orders them, at 8 bits."""
+    image = _decoded(path, load_opencv().IMREAD_UNCHANGED)
+    if not np.issubdtype(image.dtype, np.unsignedinteger):
+        raise found_instead(path, f"an image of {image.dtype} values", "8 or 16 bits a channel")
+    shift = 8 * (image.dtype.itemsize - 1)
+    return (image >> shift).astype(np.uint8) if shift else image
 
 
 def image_size(path: Path) -> tuple[int, int]:

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Bools, Float64s, Ints
-from ...errors import FrogError
-from ...optional_imports import is_missing, not_loaded
+from ...optional_imports import importing
 from .limits import LEAST_MATCHES
 from .model import Lens, Model
 from .tracks import Pairs, Tracks, located
@@ -36,12 +35,8 @@ def load_pycolmap() -> Any:  # pycolmap's own types do not pass mypy's strict ch
     Raises:
         FrogError: if it is not installed, or cannot be loaded.
     """
-    try:
+    with importing("pycolmap", "Calibrating films needs pycolmap: pip install pycolmap."):
         import pycolmap
-    except ImportError as error:
-        if not is_missing(error):
-            raise FrogError(f"{not_loaded(error, 'pycolmap')}.") from error
-        raise FrogError("Calibrating films needs pycolmap: pip install pycolmap.") from error
     pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
     pycolmap.set_random_seed(0)
     return pycolmap
