@@ -13,7 +13,7 @@ import sys
 import tomllib
 import zipfile
 from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import bpy
 import pytest
@@ -110,11 +110,25 @@ def extension(edition, tmp_path_factory):
     return next(folder.glob("*.zip"))
 
 
-def test_wheels_are_shipped_as_they_are(extension):
+@pytest.fixture
+def archive(extension):
     with zipfile.ZipFile(extension) as archive:
-        manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
-        names = archive.namelist()
-        wheels = {Path(wheel).name: archive.read(wheel.removeprefix("./")) for wheel in manifest["wheels"]}
+        yield archive
+
+
+@pytest.fixture
+def sources(archive):
+    """The content of each module in the zip."""
+    return {name: archive.read(name).decode() for name in archive.namelist() if name.endswith(".py")}
+
+
+def manifest_of(archive):
+    return tomllib.loads(archive.read("blender_manifest.toml").decode())
+
+
+def test_wheels_are_shipped_as_they_are(archive):
+    manifest, names = manifest_of(archive), archive.namelist()
+    wheels = {Path(wheel).name: archive.read(wheel.removeprefix("./")) for wheel in manifest["wheels"]}
     assert [name.split("-")[0] for name in wheels] == ["frog_blender_native", "safetensors"]
     assert all(wheel.startswith("./wheels/") for wheel in manifest["wheels"]) and manifest["platforms"] == [OURS]
     assert not [name for name in names if Path(name).suffix in (".so", ".dll", ".dylib")], "libraries are in wheels"
@@ -152,7 +166,7 @@ def test_a_zip_for_another_platform_is_built_from_given_wheels(empty_wheels, tmp
     result = built("player", tmp_path / "out", "--platform", ANOTHER, "--wheels", empty_wheels)
     assert result.returncode == 0, result.stdout + result.stderr
     with zipfile.ZipFile(next((tmp_path / "out").glob(f"*-{ANOTHER}.zip"))) as archive:
-        manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
+        manifest = manifest_of(archive)
         tags = {archive.read(wheel.removeprefix("./")).decode() for wheel in manifest["wheels"]}
     assert manifest["platforms"] == [ANOTHER] and len(manifest["wheels"]) == 2
     assert tags == {"win_amd64" if ANOTHER == "windows-x64" else "manylinux_2_28_x86_64"}
@@ -176,10 +190,8 @@ def test_the_repository_lists_the_edition_that_trains(edition, extension):
     assert listed[0]["archive_url"].endswith(extension.name) and "network" in listed[0]["permissions"]
 
 
-def test_the_player_runs_no_code_from_elsewhere(edition, extension):
-    with zipfile.ZipFile(extension) as archive:
-        manifest = tomllib.loads(archive.read("blender_manifest.toml").decode())
-        sources = {name: archive.read(name).decode() for name in archive.namelist() if name.endswith(".py")}
+def test_the_player_runs_no_code_from_elsewhere(edition, archive, sources):
+    manifest = manifest_of(archive)
     changes_path, downloads = r"sys\.path(\.\w+\(|\[.*\] =)", r"urllib\.request|urlopen|http\.client|\"-m\", \"pip\""
     outside = re.compile(f"{changes_path}|{downloads}")
     found = {name for name, source in sources.items() if outside.search(source)}
@@ -190,8 +202,8 @@ def test_the_player_runs_no_code_from_elsewhere(edition, extension):
     assert not found
 
 
-def test_zip_holds_what_playing_needs_and_no_more(extension):
-    names = zipfile.ZipFile(extension).namelist()
+def test_zip_holds_what_playing_needs_and_no_more(archive):
+    names = archive.namelist()
     assert "blender_manifest.toml" in names and "__init__.py" in names and "LICENSE" in names
     assert not any("__pycache__" in name or name.startswith("tests") for name in names)
     assert not any(name.startswith(("cli/", "research/")) for name in names), "nothing in Blender uses these"
@@ -206,7 +218,7 @@ class Unguarded(ast.NodeTransformer):
         return self.generic_visit(node)
 
 
-def imported(path: PurePosixPath, source: str, edition: str) -> Iterator[str]:
+def imported(path: str, source: str, edition: str) -> Iterator[str]:
     """The files, without suffix, of what a module imports from the package, those for type checkers included in the
     edition that trains."""
     tree: ast.AST = ast.parse(source)
@@ -214,21 +226,17 @@ def imported(path: PurePosixPath, source: str, edition: str) -> Iterator[str]:
         tree = Unguarded().visit(tree)
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.level:
-            folder = path.parts[: -node.level]
+            folder = path.split("/")[: -node.level]
             module = [*folder, *(node.module.split(".") if node.module else [])]
             yield from ("/".join([*module, alias.name]) for alias in node.names)
 
 
-def test_zip_lacks_nothing_that_it_imports(edition, extension):
-    with zipfile.ZipFile(extension) as archive:
-        names = [PurePosixPath(name) for name in archive.namelist()]
-        modules = {str(name.with_suffix("")).removesuffix("/__init__") for name in names if name.suffix == ".py"}
-        sources = {name: archive.read(str(name)).decode() for name in names if name.suffix == ".py"}
-    found = [(name, file) for name, source in sources.items() for file in imported(name, source, edition)]
-    assert len(found) > 300
+def test_zip_lacks_nothing_that_it_imports(edition, sources):
+    modules = {name.removesuffix(".py").removesuffix("/__init__") for name in sources}
+    imports = [(name, file) for name, source in sources.items() for file in imported(name, source, edition)]
+    assert len(imports) > 300
     # A name is a module of its own, or something in the module before it.
-    lacking = [(str(name), file) for name, file in found if not {file, file.rpartition("/")[0] or "__init__"} & modules]
-    assert not lacking
+    assert not [pair for pair in imports if not {pair[1], pair[1].rpartition("/")[0] or "__init__"} & modules]
 
 
 def test_installed_zip_imports_scrubs_edits_renders_and_exports(edition, extension, tmp_path):

@@ -56,14 +56,6 @@ def test_whatever_fails_nothing_is_left(empty, static_rig, monkeypatch, step, er
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
 
 
-def test_a_scene_of_the_users_stays_as_it_is(empty, static_rig):
-    world, before, shading = users_scene(empty), values(empty), [view.shading.type for view in views()]
-    assert not is_untouched(empty)
-    assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    assert values(empty) == before and empty.world == world and world.users == 1
-    assert [view.shading.type for view in views()] == shading
-
-
 def test_a_world_that_is_replaced_stays_in_the_file(empty, static_rig, tmp_path):
     world = users_scene(empty)
     assert bpy.ops.import_scene.frog(filepath=str(static_rig), set_up_scene=True) == {"FINISHED"}
@@ -95,13 +87,15 @@ def an_object(scene):
     scene.collection.objects.link(bpy.data.objects.new("Mine", None))
 
 
-@pytest.mark.parametrize("change", [changed_cube, another_engine, an_object])
+@pytest.mark.parametrize("change", [changed_cube, another_engine, an_object, users_scene])
 def test_one_change_makes_it_the_users(addon, static_rig, change):
     bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
-    change(bpy.context.scene)
-    before = values(bpy.context.scene)
+    scene = bpy.context.scene
+    change(scene)
+    before, shading = values(scene), [view.shading.type for view in views()]
+    assert not is_untouched(scene)
     assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
-    assert values(bpy.context.scene) == before
+    assert values(scene) == before and [view.shading.type for view in views()] == shading
 
 
 def test_one_capture_after_another(empty, capture, tmp_path):
