@@ -19,21 +19,8 @@ pytest.importorskip("resource")
 
 Answer = dict[str, float]
 NEEDS = {**dict.fromkeys(("usdc", "usda", "usdz", "foreign usd"), "pxr"), "spz": "zstandard", "blender": "bpy"}
-IMPORTS = (
-    "usdc",
-    "usda",
-    "usdz",
-    "foreign usd",
-    "spz",
-    "sog",
-    "plys",
-    "glb",
-    "gltf",
-    "splat",
-    "ksplat",
-    "ply",
-    "edits",
-)
+IMPORTS = ("usdc", "usda", "usdz", "foreign usd", "spz", "sog", "plys", "glb", "gltf", "splat", "ksplat", "ply")
+IMPORTS += ("edits",)
 CASES = {"scenes": 50_000, **dict.fromkeys(IMPORTS, 5000), "blender": 2000}
 CASES |= {"boards": 2000, "plain boards": 1000, "clicked points": 2000, "reports": 2000, "clocks": 400}
 CASES |= {"stages": 3000, "films": 400, "stills": 1000}
@@ -67,8 +54,9 @@ def check(kind: str, folder: Path, count: int, seed: int, batch: int = BATCH) ->
     assert max(answer["peak"] for answer in answers) < (64e6 if kind in IMPORTS else 500e6)
 
 
-def test_hundreds_of_damaged_scenes(tmp_path: Path) -> None:
-    check("scenes", tmp_path, 300, 1, batch=150)
+@pytest.mark.parametrize("kind", ["scenes", "edits"])
+def test_hundreds_of_damaged_files(kind: str, tmp_path: Path) -> None:
+    check(kind, tmp_path, 300, 1, batch=150)
 
 
 @pytest.mark.slow

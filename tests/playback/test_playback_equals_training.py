@@ -120,12 +120,5 @@ def test_drawing_without_torch_is_drawing_with_it(tmp_path: Path) -> None:
 
 
 def test_bytes_are_rounded_and_clipped() -> None:
-    assert to_uint8(np.array([-1.0, 0.0, 0.4999 / 255, 0.5001 / 255, 0.5, 1.0, 7.0])).tolist() == [
-        0,
-        0,
-        0,
-        1,
-        128,
-        255,
-        255,
-    ]
+    values = np.array([-1.0, 0.4999 / 255, 0.5001 / 255, 0.5, 1.0, 7.0])
+    assert to_uint8(values).tolist() == [0, 0, 1, 128, 255, 255]

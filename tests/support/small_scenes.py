@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from support import builders
 
 from frog_blender import point_cloud
 from frog_blender.engine.capture.camera import Camera
@@ -16,19 +17,8 @@ from frog_blender.engine.scene.header import SceneHeader
 from frog_blender.engine.scene.scene_file import SceneFile
 from frog_blender.engine.scene.scene_file import write_scene as write_file
 
-HIDDEN, EMBEDDING = 16, 8
-MODEL = {
-    "temporal_rows": 6,
-    "coarse_rows": 3,
-    "temporal_size": 8,
-    "embedding_size": EMBEDDING,
-    "hidden_width": HIDDEN,
-    "head_width": 0,
-    "deformed_sh": 1,
-    "opacity_reduction": "unit",
-    "opacity_sharpness": 10.0,
-    "motion_unit": 1.0,
-}
+HIDDEN, EMBEDDING = 16, builders.MODEL["embedding_size"]
+MODEL = {**builders.MODEL, "hidden_width": HIDDEN, "motion_unit": 1.0}
 
 
 def looking_at(name: str, eye: tuple[float, float, float], size: tuple[int, int], intrinsics: np.ndarray) -> Camera:
