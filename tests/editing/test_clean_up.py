@@ -121,23 +121,15 @@ def test_selections_are_what_they_say():
     np.testing.assert_array_equal(far, np.linalg.norm(states[1].means, axis=1) >= 3.0)
 
 
-def test_a_selection_grows_by_what_is_near():
-    scene = ScenePlayer(scene_file(300))
-    chosen = np.zeros(300, bool)
-    chosen[[3, 60]] = True
-    means = scene.at(0.5).means.astype(np.float64)
-    distance = np.linalg.norm(means[:, None] - means[[3, 60]], axis=2).min(1)
-    for reach in (1e-9, 0.2, 0.7, 100.0):
-        np.testing.assert_array_equal(selections.grown(scene, chosen, reach, 0.5), distance <= reach)
-
-
-def test_a_selection_shrinks_by_what_is_near_others():
+def test_a_selection_grows_and_shrinks_by_what_is_near():
     scene = ScenePlayer(scene_file(300))
     means = scene.at(0.5).means.astype(np.float64)
-    chosen = means[:, 0] > np.median(means[:, 0])
-    distance = np.linalg.norm(means[:, None] - means[~chosen], axis=2).min(1)
-    for reach in (0.0, 0.2, 0.7, 100.0):
-        np.testing.assert_array_equal(selections.shrunk(scene, chosen, reach, 0.5), chosen & (distance > reach))
+    few, half = np.isin(np.arange(300), [3, 60]), means[:, 0] > np.median(means[:, 0])
+    for reach in (0.0, 1e-9, 0.2, 0.7, 100.0):
+        for chosen in (few, half):
+            near, far = (np.linalg.norm(means[:, None] - means[some], axis=2).min(1) for some in (chosen, ~chosen))
+            np.testing.assert_array_equal(selections.grown(scene, chosen, reach, 0.5), near <= reach)
+            np.testing.assert_array_equal(selections.shrunk(scene, chosen, reach, 0.5), far > reach)
     assert selections.shrunk(scene, np.ones(300, bool), 1.0).all(), "nothing else is near"
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from support.builders import ATTRIBUTES
 from support.foreign_takes import assert_plays_alike, partly_static
 from support.played_scenes import assert_same_bits
+from support.scene_files import rewrite_header
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.gaussians import GaussianArrays
@@ -146,18 +148,6 @@ def test_frames_without_room_are_refused(scene: ScenePlayer, tmp_path: Path, mon
     assert not (tmp_path / "y.frog").exists()
 
 
-def altered(path: Path, **model: object) -> None:
-    """The file, whose header says something else of its model."""
-    content = path.read_bytes()
-    length = int.from_bytes(content[:8], "little")
-    header = json.loads(content[8 : 8 + length])
-    own = json.loads(header["__metadata__"]["frog"])
-    own["model"] |= model
-    header["__metadata__"]["frog"] = json.dumps(own)
-    text = json.dumps(header).encode()
-    path.write_bytes(len(text).to_bytes(8, "little") + text + content[8 + length :])
-
-
 @pytest.mark.parametrize(
     ("model", "sentence"),
     [
@@ -174,7 +164,13 @@ def test_a_header_that_lies_is_one_sentence(
     scene: ScenePlayer, tmp_path: Path, model: dict[str, object], sentence: str
 ) -> None:
     write_source(Frames(scene), tmp_path / "x", tmp_path / "y.frog")
-    altered(tmp_path / "y.frog", **model)
+
+    def lie(header: dict[str, Any]) -> None:
+        own = json.loads(header["__metadata__"]["frog"])
+        own["model"] |= model
+        header["__metadata__"]["frog"] = json.dumps(own)
+
+    rewrite_header(tmp_path / "y.frog", lie)
     with pytest.raises(FrogError, match=sentence):
         ScenePlayer.load(tmp_path / "y.frog")
 

@@ -3,10 +3,8 @@ sentence."""
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
-import struct
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.builders import scene_file
+from support.scene_files import rewrite_header
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.bake import Bake, fingerprint, write_bake
@@ -33,16 +32,6 @@ def baked(tmp_path: Path) -> tuple[Path, Path, ScenePlayer]:
     scene, path = ScenePlayer.load(source), tmp_path / "x.frogbake"
     list(write_bake(path, source, scene, TIMES))
     return path, source, scene
-
-
-def rewrite(path: Path, change: Callable[[dict[str, Any], dict[str, Any]], None], cut: int | None = None) -> None:
-    """Changes what the header says: of its array, and of the scene."""
-    content = path.read_bytes()
-    length = struct.unpack("<Q", content[:8])[0]
-    header = json.loads(content[8 : 8 + length])
-    change(header["moments"], header["__metadata__"])
-    text = json.dumps(header).encode()
-    path.write_bytes(struct.pack("<Q", len(text)) + text + content[8 + length :][:cut])
 
 
 def test_what_was_baked_is_read_bit_for_bit(baked: tuple[Path, Path, ScenePlayer]) -> None:
@@ -84,7 +73,7 @@ HOSTILE: dict[str, Callable[[dict[str, Any], dict[str, Any]], None]] = {
 @pytest.mark.parametrize("what", HOSTILE)
 def test_a_header_that_lies_is_refused(baked: tuple[Path, Path, ScenePlayer], what: str) -> None:
     path, source, scene = baked
-    rewrite(path, HOSTILE[what])
+    rewrite_header(path, lambda header: HOSTILE[what](header["moments"], header["__metadata__"]))
     tracemalloc.start()
     with pytest.raises(FrogError) as caught:
         Bake(path, source, scene)
