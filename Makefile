@@ -92,7 +92,7 @@ test-sanitizers: setup
 		UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1; \
 		$(BIN)/python -m pytest -q --capture=sys -p no:cacheprovider --ignore=tests/rasterizer/cuda \
 		tests/rasterizer tests/native tests/model/test_fused.py tests/playback \
-		tests/training/optimize/test_adam.py tests/training/optimize/test_losses.py || exit 1; \
+		tests/training/optimize/test_optimizer.py tests/training/optimize/test_losses.py || exit 1; \
 		$(BIN)/python tests/fuzzing/worker.py scenes $(abspath $(SANITIZED))/fuzz 5000 4 || exit 1; done
 
 # The oldest Blender that the add-on supports, as a module in an environment of its own.

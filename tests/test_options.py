@@ -183,16 +183,18 @@ def test_a_job_has_every_option_and_a_checkpoint_those_that_are_kept(tmp_path: P
     }
 
 
-def test_the_table_needs_neither_torch_nor_blender() -> None:
+def test_the_table_and_estimates_need_neither_torch_nor_blender(tmp_path: Path) -> None:
     code = """
 import sys
 sys.modules["torch"] = sys.modules["bpy"] = None
 from frog_blender.engine.options import TrainingOptions
 from frog_blender.engine.training.session.job import TrainingJob
-print(TrainingJob.of_options("capture", "x.frog", TrainingOptions(steps=5)).steps)
+from frog_blender.engine.training.session.time_estimate import Workload, estimate, likely_device
+job = TrainingJob.of_options("capture", "x.frog", TrainingOptions(steps=5))
+print(job.steps, estimate(Workload(job.recipe, job.steps, 1e5, 9), likely_device("cpu")))
 """
-    run = run_python(code)
-    assert (run.returncode, run.stdout.strip()) == (0, "5"), run.stderr
+    run = run_python(code, FROG_CACHE=str(tmp_path))
+    assert run.stdout.startswith("5 Roughly"), run.stderr
 
 
 def test_the_page_has_the_table() -> None:

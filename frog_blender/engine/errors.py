@@ -27,9 +27,9 @@ def found_instead(path: str | Path, found: object, expected: str) -> FrogError:
     return FrogError(f"{path}: found {brief(found)}, expected {expected}.")
 
 
-def brief(found: object) -> str:
+def brief(value: object) -> str:
     """What was found, on one line, cut where it goes on and on."""
-    text = printable(" ".join(str(found).splitlines()))
+    text = printable(" ".join(str(value).splitlines()))
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
 
 
@@ -41,7 +41,7 @@ def how_it_ended(code: int) -> str:
 def printable(text: object) -> str:
     """Text in which control characters are written out, as ``\\x1b``: what a file says must not command a terminal."""
     shown = str(text)
-    return shown if shown.isprintable() else _CONTROLS.sub(lambda found: ascii(found[0])[1:-1], shown)
+    return shown if shown.isprintable() else _CONTROLS.sub(lambda match: ascii(match[0])[1:-1], shown)
 
 
 def reason(error: BaseException) -> str:

@@ -77,8 +77,8 @@ class GaussianArrays(Generic[ArrayT]):
             tensor = getattr(self, name)
             # By name: torch is not imported where Gaussians are played.
             if tensor.shape != shape or str(tensor.dtype) != "torch.float32" or tensor.device != device:
-                found = f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}"
-                raise ValueError(f"{name}: {found}, expected {shape} torch.float32 on {device}")
+                actual = f"{tuple(tensor.shape)} {tensor.dtype} on {tensor.device}"
+                raise ValueError(f"{name}: {actual}, expected {shape} torch.float32 on {device}")
 
 
 NumpyGaussians: TypeAlias = GaussianArrays[Array]

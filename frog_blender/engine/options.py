@@ -87,12 +87,8 @@ class Option(Meaning):
     @property
     def described(self) -> str:
         """What it is and what it is where it is not given, as part of a sentence."""
-        values = {name: meaning for name, (_, meaning) in self.items.items()}
-        help = (
-            f"{self.help} ({'; '.join(f'{name}: {meaning}' for name, meaning in values.items())})"
-            if values
-            else self.help
-        )
+        values = "; ".join(f"{name}: {meaning}" for name, (_, meaning) in self.items.items())
+        help = f"{self.help} ({values})" if values else self.help
         return help if self.is_switch else f"{help}; default: {self.unset or text_of(self.default)}"
 
     @property
@@ -143,7 +139,7 @@ class PixelOffsets(Kind):
     def parse_all(self, texts: Iterable[str]) -> dict[str, tuple[float, ...]]:
         """Of several CAMERA=DX,DY; ValueError for other texts."""
         pairs = [text.split("=") for text in texts]
-        return {camera: tuple(float(number) for number in pair.split(",")) for camera, pair in pairs}
+        return {camera: tuple(float(pixels) for pixels in pair.split(",")) for camera, pair in pairs}
 
 
 def _is_offset(value: object) -> bool:

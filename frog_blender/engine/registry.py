@@ -144,15 +144,15 @@ def _package(point: EntryPoint) -> str:
     return point.dist.name if point.dist is not None else point.module
 
 
-def _imported(place: str, what: str) -> Any:
+def _imported(reference: str, what: str) -> Any:
     """What lies at "module:name", relative to this package where it begins with a dot; FrogError about ``what``."""
-    module, _, name = place.partition(":")
-    if place.startswith("."):  # ours fails as it does anywhere, for want of torch for instance
-        found = import_module(module, __package__)
-        return getattr(found, name) if name else found
+    module, _, name = reference.partition(":")
+    if reference.startswith("."):  # ours fails as it does anywhere, for want of torch for instance
+        loaded = import_module(module, __package__)
+        return getattr(loaded, name) if name else loaded
     try:
-        found = import_module(module)
-        return getattr(found, name) if name else found
+        loaded = import_module(module)
+        return getattr(loaded, name) if name else loaded
     except Exception as error:  # of others' code, which may fail in any way
         raise FrogError(f"{what} cannot be loaded: {type(error).__name__} ({reason(error)}).") from error
 

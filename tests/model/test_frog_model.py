@@ -1,4 +1,4 @@
-"""The FRoG model: its network computes what the formula says, and starts where training can start."""
+"""The FRoG model: fresh Gaussians, a network that computes what the formula says, and where training can start."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from dataclasses import replace
 
 import pytest
 import torch
+from support.builders import plain_camera
 from torch.nn import functional
 
-from frog_blender.engine.field.names import FUSIONS, fused_size, network_count
+from frog_blender.engine.field.names import FORMS, FUSIONS, fused_size, network_count
 from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
-from frog_blender.engine.model.deformation import DeformationField, FrogSettings, fuse
+from frog_blender.engine.model.deformation import DeformationField, FrogSettings, fuse, reduction_factor
 from frog_blender.engine.model.frog import Frog, initial_table, total_deformation
 from frog_blender.engine.model.interface import FINISHED, ScheduleState, Static
+from frog_blender.engine.rasterizer import rasterize
 
 SETTINGS = FrogSettings(temporal_rows=6, coarse_rows=3, temporal_size=7, embedding_size=5, hidden_width=20)
 ATTRIBUTES = ("means", "quaternions", "scales", "opacities", "sh")
@@ -212,3 +214,55 @@ def test_the_static_baseline_is_the_canonical_field() -> None:
     assert changes == {}
     for name in ATTRIBUTES:
         assert torch.equal(getattr(gaussians, name), getattr(model.canonical.gaussians(), name))
+
+
+CHANGES = torch.linspace(-3, 3, 601)
+
+
+def test_the_formula_as_printed_halves_what_does_not_change() -> None:
+    assert float(reduction_factor(torch.zeros(1), "paper", 10.0)) == 0.5
+    found = reduction_factor(torch.tensor([0.1, -0.2]), "paper", 10.0)
+    torch.testing.assert_close(found, torch.tensor([1 / (1 + math.exp(-1)), 1 / (1 + math.exp(2))]))
+
+
+def test_the_unit_form_is_one_where_nothing_changes_and_off_everywhere() -> None:
+    assert float(reduction_factor(torch.zeros(1), "unit", 10.0)) == 1.0
+    assert (reduction_factor(CHANGES[CHANGES > 0], "unit", 10.0) == 1.0).all()
+    assert float(reduction_factor(torch.tensor([-0.5]), "unit", 10.0)) < 0.02
+    assert torch.equal(reduction_factor(CHANGES, "off", 10.0), torch.ones_like(CHANGES))
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+def test_factors_rise_with_the_change_and_stay_in_range(form: str, share: float) -> None:
+    factor = reduction_factor(CHANGES, form, 10.0, share)
+    assert (factor.diff() >= 0).all()
+    assert float(factor.min()) >= 0 and float(factor.max()) <= 1
+
+
+def test_fresh_gaussians_are_what_they_were_made_from() -> None:
+    points, colors = torch.randn(6, 3), torch.rand(6, 3)
+    spacing = torch.rand(6) + 0.1
+    field = CanonicalField(new_gaussians(points, colors, spacing, 9, 4))
+    gaussians = field.gaussians()
+    assert len(field) == 6 and gaussians.sh.shape == (6, 9, 3) and field.embeddings.shape == (6, 4)
+    torch.testing.assert_close(gaussians.means, points)
+    torch.testing.assert_close(gaussians.scales, spacing[:, None].expand(6, 3))
+    torch.testing.assert_close(gaussians.opacities, torch.full((6,), 0.1))
+    torch.testing.assert_close(gaussians.sh[:, 0] * 0.28209479177387814 + 0.5, colors)
+    assert not gaussians.sh[:, 1:].any() and not field.embeddings.any()
+    assert gaussians.quaternions.tolist() == [[1, 0, 0, 0]] * 6
+
+
+def test_a_spacing_of_zero_is_survived() -> None:
+    field = CanonicalField(new_gaussians(torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2), 1, 0))
+    assert torch.isfinite(field.log_scales).all()
+
+
+def test_black_seeds_learn_colours() -> None:
+    """A colour that is clipped at 0 gets no gradient; a seed's must not be."""
+    camera = plain_camera()
+    attributes = new_gaussians(torch.tensor([[0.0, 0, 2]]), torch.tensor([[0.9, 0.0, 1.0]]), torch.ones(1), 4, 8)
+    field = CanonicalField(attributes)
+    rasterize(field.gaussians(4), camera).rgb.sum().backward()
+    assert field.sh.grad is not None and (field.sh.grad[0, 0] > 0).all()

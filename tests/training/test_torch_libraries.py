@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 
 import pytest
+from support.builders import run_python
 
-SCRIPT = """
-import sys, threading, time
+FIRST = """
+import sys
 from frog_blender.engine.training import torch_libraries
 assert "torch" not in sys.modules
 loaded = torch_libraries.load()
@@ -18,24 +18,19 @@ assert float(torch.ones(8).sum()) == 8.0
 assert not torch_libraries.load(), "where torch is loaded there is nothing to do"
 print(loaded)
 """
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="torch does it itself there")
-def test_torch_is_imported_after_its_libraries() -> None:
-    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["True"]
-
-
-def test_without_torch_there_is_nothing_to_load() -> None:
-    script = """
+WITHOUT = """
 import sys
 sys.modules["torch"] = None
 from frog_blender.engine.training import torch_libraries
 assert not torch_libraries.load()
 del sys.modules["torch"]
 sys.path[:] = [each for each in sys.path if "site-packages" not in each]
-assert not torch_libraries.load()
+print(torch_libraries.load())
 """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="torch does it itself there")
+@pytest.mark.parametrize(("script", "loaded"), [(FIRST, "True"), (WITHOUT, "False")], ids=["there", "not there"])
+def test_torch_is_imported_after_its_libraries(script: str, loaded: str) -> None:
+    run = run_python(script)
+    assert (run.returncode, run.stdout.strip()) == (0, loaded), run.stderr

@@ -33,18 +33,11 @@ def perceptual_metrics(
     Args:
         installed: whether a package of this name can be imported.
     """
-    found: dict[str, Metric] = {}
-    missing: dict[str, str] = {}
-    if installed("flip_evaluator"):
-        found["flip"] = flip
-    else:
-        missing["flip"] = "not installed"
-    reason = _why_no_lpips(installed)
-    if reason:
-        missing["lpips"] = reason
-    else:
-        found["lpips"] = _lpips()
-    return found, missing
+    reasons = {"flip": "" if installed("flip_evaluator") else "not installed", "lpips": _why_no_lpips(installed)}
+    metrics: dict[str, Metric] = {} if reasons["flip"] else {"flip": flip}
+    if not reasons["lpips"]:
+        metrics["lpips"] = _lpips()
+    return metrics, {name: reason for name, reason in reasons.items() if reason}
 
 
 def _why_no_lpips(installed: Callable[[str], bool]) -> str:

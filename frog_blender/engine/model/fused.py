@@ -54,8 +54,8 @@ class FieldPass:
         deform_backward(self.shape, self.arrays, by_outputs, gradients)
         by_layer = [gradients.pop(name).numpy() for name in _LAYER_OUTPUTS]
         others = [self.inputs.get(name) for name in ("temporal", "temporal_weight", *_MODULATION)]
-        found = first_layer_gradients(*by_layer, *others)
-        return gradients | {name: torch.from_numpy(gradient) for name, gradient in found.items()}
+        of_inputs = first_layer_gradients(*by_layer, *others)
+        return gradients | {name: torch.from_numpy(gradient) for name, gradient in of_inputs.items()}
 
 
 def forward_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[FieldPass, TorchGaussians, torch.Tensor]:
@@ -100,8 +100,8 @@ class _Deform(torch.autograd.Function):
             name: some.new_zeros(size) if gradient is None else gradient.contiguous()
             for name, size, gradient in zip(_OUTPUTS, ctx.sizes, by, strict=False)
         }
-        found = ctx.field.backward(by_outputs)
-        return None, None, *(found[name] for name in ctx.names)
+        gradients = ctx.field.backward(by_outputs)
+        return None, None, *(gradients[name] for name in ctx.names)
 
 
 def field_arrays(

@@ -16,5 +16,5 @@ def load() -> bool:
     if package is None:
         return False
     folder, ending = package.parent / "lib", ".dylib" if sys.platform == "darwin" else ".so"
-    found = open_library(folder / f"libtorch_global_deps{ending}", visible=True)
-    return open_library(folder / f"libtorch_cpu{ending}") or found
+    opened = open_library(folder / f"libtorch_global_deps{ending}", visible=True)
+    return open_library(folder / f"libtorch_cpu{ending}") or opened

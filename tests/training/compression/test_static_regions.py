@@ -1,4 +1,4 @@
-"""A capture in which nothing moves is seen before the first step, and gets no network."""
+"""What does not move: seen before the first step, told from what does, and shown in the image of a scene's capacity."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 import torch
 from support import synthetic_capture as film
 from support.image_stores import ImageStore
-from support.training_steps import train
+from support.training_steps import compression, train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.frames.store import FrameStore
@@ -21,8 +21,10 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.training.compression.passes import is_static_capture, temporal_variance
 from frog_blender.engine.training.compression.schedule import CompressionSchedule
+from frog_blender.engine.training.optimize.gaussian_state import freeze_motion
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.session.job import TrainingJob
+from frog_blender.engine.training.session.pictures import draw_report_image
 from frog_blender.engine.training.session.run import run_training
 
 pytestmark = pytest.mark.usefixtures("quick_seeds")
@@ -167,3 +169,24 @@ def test_a_still_scene_has_no_network_and_plays(tmp_path: Path, filmed: Path, li
     scene = ScenePlayer.load(tmp_path / "x.frog")
     assert scene.num_dynamic == 0 and scene.header.model == {}
     np.testing.assert_array_equal(scene.at(0.2).means, scene.at(0.9).means)
+
+
+def test_the_image_tells_dynamic_from_static(make_trainer: Callable[..., Trainer]) -> None:
+    trainer = make_trainer(60, capacity="auto")
+    train(trainer, until=40)
+    canonical = trainer.model.canonical
+
+    def redness() -> float:
+        red, _, blue = draw_report_image(compression(trainer), 8).astype(float).mean((0, 1))
+        return red - blue
+
+    image = draw_report_image(compression(trainer), 8)
+    assert image.shape == (36, 48, 3) and image.dtype == np.uint8
+    moving = redness()
+    names = ("means", "quaternions", "log_scales", "opacity_logits", "sh")
+    state = {name: getattr(canonical, name).detach().clone() for name in names}
+    freeze_motion(trainer.gaussians, torch.arange(canonical.num_dynamic), state)
+    assert moving > 10 > -10 > redness()
+    resting = redness()
+    compression(trainer).removed = canonical.means.detach().numpy() + 0.0
+    assert redness() > resting + 1  # red dots

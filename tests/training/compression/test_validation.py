@@ -1,4 +1,4 @@
-"""The validation images that decide what may be left out, and the search for how much."""
+"""What is measured by looking, the validation images that decide what may be left out, and the search for how much."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,6 +14,15 @@ from support import synthetic_capture as film
 from support.training_steps import compression, train
 
 from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.rasterizer import GaussianArrays, rasterize
+from frog_blender.engine.training.compression.passes import change_of_pixels, temporal_variance
+from frog_blender.engine.training.compression.sensitivity import (
+    PIXELS_OF_A_CHANGE,
+    SampledView,
+    Sensitivity,
+    measure,
+    view_gradients,
+)
 from frog_blender.engine.training.compression.validation import largest_count_within, validation_shots
 from frog_blender.engine.training.optimize.schedule import ViewSampler
 from frog_blender.engine.training.optimize.trainer import Trainer
@@ -74,3 +84,133 @@ def test_validation_may_begin_within_a_burst(capture: Capture) -> None:
     picker.exclude((5,))
     assert {picker.pick_same_frame(5, generator) for _ in range(30)}.isdisjoint({5})
     assert picker.pick_same_frame(6, generator) == 6
+
+
+STATIC = len(film.gaussians_at(0)) - 12  # the wall; the ball's Gaussians come after it
+
+
+def true_gaussians(frame: int) -> GaussianArrays:
+    return GaussianArrays(
+        *(torch.tensor(value, dtype=torch.float32) for value in vars(film.gaussians_at(frame)).values())
+    )
+
+
+def at(time: float) -> GaussianArrays:
+    return true_gaussians(round(time * (film.FRAMES - 1)))
+
+
+def looks_of(capture: Capture, cameras: tuple[int, ...] = (1, 2, 3)) -> list[SampledView]:
+    return [SampledView(camera, frame / (film.FRAMES - 1)) for camera in cameras for frame in range(film.FRAMES)]
+
+
+def measured(capture: Capture, gaussians_at: Callable[[float], GaussianArrays]) -> Sensitivity:
+    count = len(gaussians_at(0.0))
+    return measure(gaussians_at, count, capture, looks_of(capture), torch.Generator().manual_seed(0))
+
+
+def test_what_moves_scores_and_what_stands_does_not(capture: Capture) -> None:
+    found = measured(capture, at)
+    motion = found.motion
+    assert float(motion.score[:STATIC].max()) == 0
+    seen = found.contribution[STATIC:] > 0.05
+    assert int(seen.sum()) > 4  # of the ball, those in front
+    assert float(motion.score[STATIC:][seen].min()) > 1
+    # It crosses 1.8 units at about 4.3 from the cameras, half of that to each side, and is nearly opaque.
+    assert float(motion.score.max()) == pytest.approx(0.9 * film.FOCAL / 4.3, rel=0.4)
+
+
+def test_the_state_is_the_mean_over_the_views(capture: Capture) -> None:
+    state = measured(capture, at).state
+    means = torch.stack([true_gaussians(frame).means for frame in range(film.FRAMES)]).mean(0)
+    torch.testing.assert_close(state["means"], means)
+    still = true_gaussians(0)
+    torch.testing.assert_close(state["log_scales"].exp(), still.scales)
+    torch.testing.assert_close(state["opacity_logits"].sigmoid(), still.opacities)
+    torch.testing.assert_close(state["sh"], still.sh)
+
+
+@pytest.mark.parametrize("kind", ["fades", "tints", "grows", "turns"])
+def test_every_kind_of_change_is_seen(capture: Capture, kind: str) -> None:
+    def changing(time: float) -> GaussianArrays:
+        g = true_gaussians(0)
+        if kind == "fades":
+            g.opacities[5] *= 1 - 0.5 * time
+        if kind == "tints":
+            g.sh[5, 0] += time
+        if kind == "grows":
+            g.scales[5] *= 1 + time
+        if kind == "turns":
+            g.scales[5] = torch.tensor([0.4, 0.05, 0.05])
+            g.quaternions[5] = torch.tensor([np.cos(time / 2), 0, 0, np.sin(time / 2)])
+        return g
+
+    motion = measured(capture, changing).motion
+    assert float(motion.score[5]) > 0.5
+    assert float(motion.score[:5].max()) == 0 == float(motion.score[6:].max())
+    if kind == "fades":  # half of the range between 1 and 0.5, of 1
+        weight = float(motion.score[5]) / PIXELS_OF_A_CHANGE / 0.25
+        assert 0.2 < weight <= 0.91
+
+
+def test_the_contribution_is_what_leaving_out_changes(capture: Capture) -> None:
+    camera, generator, count = capture.cameras[1], torch.Generator().manual_seed(0), 300
+    gaussians = true_gaussians(2)
+    slopes = [view_gradients(gaussians, camera, (0.1, 0.2, 0.3), generator)[1]["opacities"] for _ in range(count)]
+    squares = (torch.stack(slopes) * gaussians.opacities).square()
+    whole = rasterize(gaussians, camera, (0.1, 0.2, 0.3)).rgb
+    for index in (3, 40, 77, STATIC, STATIC + 5):
+        keep = torch.arange(len(gaussians)) != index
+        without = rasterize(
+            GaussianArrays(*(value[keep] for value in vars(gaussians).values())), camera, (0.1, 0.2, 0.3)
+        ).rgb
+        change = float((whole - without).detach().square().sum())
+        error = 4 * float(squares[:, index].std()) / count**0.5  # of the mean of random signs
+        assert float(squares[:, index].mean()) == pytest.approx(change, abs=error + 1e-3 * change)
+
+
+@pytest.mark.parametrize("name", ["means", "quaternions", "scales", "opacities", "sh"])
+def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: str) -> None:
+    """Of one Gaussian alone, whose change is small enough for the first order."""
+    index, looks, size = (
+        STATIC + 5,
+        2 * [SampledView(1, 0.0), SampledView(1, 1.0)],
+        0.05 if name == "quaternions" else 0.01,
+    )
+
+    def swinging(time: float, rests: bool = False) -> GaussianArrays:
+        g = true_gaussians(2)
+        g.scales[index] *= torch.tensor([1.0, 0.5, 0.7])
+        way = torch.linspace(0.4, 1.0, getattr(g, name)[index].numel()).reshape(getattr(g, name)[index].shape)
+        getattr(g, name)[index] += size * way * (0.0 if rests else 2 * time - 1)
+        return g
+
+    camera, draws = capture.cameras[1], torch.Generator().manual_seed(0)
+    found = [measure(swinging, len(swinging(0)), capture, looks, draws).motion.rest_energy for _ in range(50)]
+    energies = torch.stack(found)
+    moves, rests = (
+        [rasterize(swinging(time, still), camera, capture.background).rgb for time in (0.0, 1.0)]
+        for still in (False, True)
+    )
+    change = float(np.mean([float((a - b).detach().square().sum()) for a, b in zip(moves, rests, strict=True)]))
+    error = 4 * float(energies[:, index].std()) / len(found) ** 0.5  # of the mean of random signs
+    assert change > 0
+    assert float(energies[:, index].mean()) == pytest.approx(change, abs=error + 0.05 * change)
+    assert float(energies[:, :index].max()) == 0
+
+
+def test_pixels_that_change_show_what_is_dynamic(capture: Capture) -> None:
+    class Exact:
+        def image(self, index: int) -> np.ndarray:
+            shot = capture.shots[index]
+            return film.image(capture.cameras[shot.camera], shot.frame)
+
+    variance = temporal_variance(capture, Exact())
+    views = [SampledView(camera, time) for camera in variance for time in (0.0, 0.5, 1.0)]
+    change = change_of_pixels(at, capture, views, variance)
+    assert change.shape == (len(at(0.0)),) and not change.requires_grad
+    ball, wall = change[STATIC:], change[:STATIC]
+    height = torch.from_numpy(film.gaussians_at(0).means[:STATIC, 1])  # the ball's path is around 0
+    assert float(ball[ball.isfinite()].min()) > float(wall[(height > 1.2) & wall.isfinite()].max())
+    assert float(wall[height.abs() < 0.3].median()) > 10 * float(wall[height.abs() > 1.2].median())
+    nowhere = replace(at(0.0), opacities=torch.zeros(len(at(0.0))))
+    assert bool(change_of_pixels(lambda _: nowhere, capture, views, variance).isinf().all())

@@ -103,19 +103,6 @@ def test_the_invisible_are_pruned_and_memory_follows() -> None:
     torch.testing.assert_close(scene.canonical.sh.detach(), scene.before["sh"][[2, 1, 2, 3, 7, 5, 6, 7, 9]])
 
 
-def test_training_goes_on_afterwards() -> None:
-    scene = Scene()
-    scene.round({2: 1.0, 7: 2.0})
-    for name in ATTRIBUTES:
-        parameter = getattr(scene.canonical, name)
-        parameter.grad = torch.ones_like(parameter)
-    before = scene.canonical.sh.detach().clone()
-    scene.optimizer.step()
-    assert (scene.canonical.sh.detach() != before).all()
-    steps = {float(state["step"]) for state in scene.optimizer.adam.state.values()}
-    assert steps == {2.0}
-
-
 @pytest.mark.parametrize(("growth", "limit", "expected"), [(0.3, 20, 3), (1.0, 12, 2), (1.0, 10, 0), (1.0, 5, 0)])
 def test_the_strongest_come_first_until_the_budget_is_spent(growth: float, limit: int, expected: int) -> None:
     scene = Scene(replace(RECIPE, densify_growth=growth, max_gaussians=limit))

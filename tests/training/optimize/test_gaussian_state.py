@@ -1,17 +1,28 @@
-"""Whatever is kept by Gaussian follows every change of the rows, and whatever a training remembers is in its state."""
+"""Whatever is kept by Gaussian follows every change of the rows; where Gaussians stand, and how large they may be."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
+from support import synthetic_capture as film
+from support.builders import steps_between
 from support.training_steps import compression, train
 
+from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.model.canonical import CanonicalField, new_gaussians
 from frog_blender.engine.training.compression import passes
 from frog_blender.engine.training.compression.budget import keep_within
-from frog_blender.engine.training.optimize.gaussian_state import Reindexing, freeze_motion, sort_by_morton_code
+from frog_blender.engine.training.optimize.gaussian_state import (
+    Reindexing,
+    add_size_gradient,
+    freeze_motion,
+    limit_sizes,
+    sort_by_morton_code,
+)
 from frog_blender.engine.training.optimize.stateful import Tensors, Values
 from frog_blender.engine.training.optimize.trainer import Trainer
 from frog_blender.engine.training.optimize.training import Hook, Training
@@ -146,3 +157,71 @@ def test_a_hook_is_called_asked_and_saved(make_trainer: Make, watched: Callable,
     other.add_hook(again := Counting())
     load_checkpoint(path, other)
     assert again.steps == 20
+
+
+def test_rest_is_the_same_at_all_times_and_moves_no_one_else(make_trainer: Make) -> None:
+    trainer = train(make_trainer(100), until=50)
+    count, who = trainer.count, torch.tensor([3, 10, 11, 200])
+    before, state = trainer.deform(0.3, 1.0)[0], {n: v + 0.01 for n, v in state_of_dynamic(trainer).items()}
+    memory = trainer.optimizer.adam.state[trainer.model.canonical.means]["exp_avg"].clone()
+    freeze_motion(trainer.gaussians, who, state)
+    canonical = trainer.model.canonical
+    assert (trainer.count, canonical.num_dynamic) == (count, count - 4)
+    others = torch.tensor([i for i in range(count) if i not in who.tolist()])
+    for time in (0.3, 0.9):
+        after = trainer.deform(time, 1.0)[0]
+        torch.testing.assert_close(after.means[count - 4 :], state["means"][who])
+        torch.testing.assert_close(after.scales[count - 4 :], state["log_scales"][who].exp())
+    after = trainer.deform(0.3, 1.0)[0]
+    torch.testing.assert_close(after.means[: count - 4], before.means[others])
+    torch.testing.assert_close(after.opacities[: count - 4], before.opacities[others])
+    now = trainer.optimizer.adam.state[canonical.means]["exp_avg"]
+    torch.testing.assert_close(now, memory[torch.cat([others, who])])
+    assert trainer.smoothness.graph is None or int(trainer.smoothness.graph.neighbours.max()) < canonical.num_dynamic
+    train(trainer)
+    assert torch.isfinite(trainer.model.canonical.means).all()
+
+
+def test_a_training_leaves_neighbours_together(make_trainer: Make) -> None:
+    canonical = train(make_trainer(100, capacity="auto")).model.canonical
+    means = canonical.means.detach()[: canonical.num_dynamic].numpy()
+    order = torch.randperm(len(means), generator=torch.Generator().manual_seed(1)).numpy()
+    assert steps_between(means) < 0.7 * steps_between(means[order])
+
+
+def canonical_field() -> CanonicalField:
+    points, colors = (torch.from_numpy(array) for array in (film.seeds().points, film.seeds().colors))
+    spacings = torch.linspace(0.01, 0.3, len(points))
+    return CanonicalField(new_gaussians(points, colors, spacings, 1, 0))
+
+
+def test_the_gradient_is_that_of_the_mean_size() -> None:
+    canonical, unit, weight = canonical_field(), 2.5, 0.3
+    (wanted,) = torch.autograd.grad(weight * canonical.log_scales.exp().mean() / unit, canonical.log_scales)
+    before = torch.randn_like(canonical.log_scales)
+    canonical.log_scales.grad = before.clone()
+    add_size_gradient(canonical, weight, unit)
+    torch.testing.assert_close(canonical.log_scales.grad, before + wanted)
+
+
+def test_no_axis_is_longer_than_a_share_of_the_distance_to_the_nearest_training_camera(capture: Capture) -> None:
+    canonical = canonical_field()
+    trained = sorted({shot.camera for shot in capture.train_shots})
+    assert len(trained) < len(capture.cameras)  # one is held out, and says nothing
+    centers = np.array([capture.cameras[index].center for index in trained])
+    means = canonical.means.detach().numpy()
+    nearest = np.linalg.norm(means[:, None] - centers[None], axis=2).min(1)
+    before = canonical.log_scales.detach().exp().numpy().copy()
+    wanted = np.minimum(before, 0.02 * nearest[:, None])
+    assert (wanted < before).any() and (wanted == before).any()
+    limit_sizes(canonical, capture, 0.02, 1e-3)
+    np.testing.assert_allclose(canonical.log_scales.detach().exp().numpy(), wanted, rtol=1e-5)
+
+
+def test_what_lies_in_a_camera_keeps_a_size(capture: Capture) -> None:
+    canonical = canonical_field()
+    camera = capture.cameras[capture.train_shots[0].camera]
+    canonical.means.data[0] = torch.from_numpy(camera.center).float()
+    limit_sizes(canonical, capture, 0.1, 0.5)
+    sizes = canonical.log_scales.detach()[0].exp()
+    assert (sizes > 0).all() and (sizes <= 0.05 + 1e-6).all()

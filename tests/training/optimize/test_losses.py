@@ -82,17 +82,13 @@ def test_cells_hold_the_mean_square_of_their_pixels(size: tuple[int, int]) -> No
         np.testing.assert_allclose(found, cell.mean(), rtol=1e-5)
 
 
-def test_a_part_of_a_larger_image() -> None:
+def test_a_part_of_a_larger_image_and_a_drawing_that_is_not_contiguous() -> None:
     image, truth = images(60, 70)
     part = image[10:50, 20:60].contiguous()
     found = photometric_loss(part, truth[10:50, 20:60], {"dssim": 0.2})
     expected = photometric_loss(part, np.ascontiguousarray(truth[10:50, 20:60]), {"dssim": 0.2})
     assert float(found.loss) == float(expected.loss)
     assert torch.equal(found.cell_errors, expected.cell_errors)
-
-
-def test_a_drawing_that_is_not_contiguous() -> None:
-    image, truth = images(40, 30)
     turned = np.ascontiguousarray(truth.transpose(1, 0, 2))
     found = photometric_loss(image.transpose(0, 1), turned, {"dssim": 0.3}).loss
     assert float(found) == pytest.approx(float(photometric_loss(image, truth, {"dssim": 0.3}).loss), abs=1e-6)

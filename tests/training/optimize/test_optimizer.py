@@ -1,6 +1,12 @@
-"""Who stands where after Gaussians came and went, and that values and Adam's memory went with them."""
+"""Adam in native code, and rates and memory of parameters whose rows change."""
 
 from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -9,6 +15,7 @@ from support.training_steps import OnlyGaussians
 from frog_blender.engine.model.canonical import ATTRIBUTES, CanonicalField, new_gaussians
 from frog_blender.engine.recipes import RECIPES
 from frog_blender.engine.training.optimize.gaussian_state import GaussianState
+from frog_blender.engine.training.optimize.optimizer import NativeAdam, adam_on
 
 COUNT, MOVING = 12, 8
 
@@ -77,3 +84,127 @@ def test_new_gaussians_take_the_rows_that_become_free(
         squares = torch.tensor(remembered).square()
         torch.testing.assert_close(torch.tensor(told(1000 * state["exp_avg_sq"])), squares, rtol=1e-4, atol=0)
         assert state["step"] == 1 and len(optimizer.adam.state) == len(ATTRIBUTES)
+
+
+# One number, nothing at all, several pieces of a thread's work with a rest, several dimensions.
+SHAPES = [(1,), (0, 3), (20_001,), (300, 4, 3), (2, 2)]
+
+
+def parameters() -> list[torch.nn.Parameter]:
+    generator = torch.Generator().manual_seed(0)
+    return [torch.nn.Parameter(torch.randn(shape, generator=generator)) for shape in SHAPES]
+
+
+def gradients(step: int) -> list[torch.Tensor | None]:
+    """Of very different sizes; some rows never pulled at, one parameter not in every step."""
+    generator = torch.Generator().manual_seed(100 + step)
+    found: list[torch.Tensor | None] = [torch.randn(shape, generator=generator) for shape in SHAPES]
+    assert found[2] is not None and found[3] is not None
+    found[2] *= 10.0 ** torch.randint(-12, 6, (20_001,), generator=generator)
+    found[3][:100] = 0
+    if step % 3 == 0:
+        found[4] = None
+    return found
+
+
+def trained(kind: type[Any], steps: int = 40) -> tuple[list[torch.nn.Parameter], Any]:
+    found = parameters()
+    optimizer = kind([{"params": found[:2], "lr": 0.1}, {"params": found[2:]}], lr=1e-3, eps=1e-15)
+    for step in range(steps):
+        for parameter, gradient in zip(found, gradients(step), strict=True):
+            parameter.grad = gradient
+        optimizer.param_groups[1]["lr"] = 1e-3 * 0.95**step
+        optimizer.step()
+    return found, optimizer
+
+
+def largest_gradients(steps: int = 40) -> list[torch.Tensor]:
+    """By parameter, of each number the largest size that its gradient had."""
+    largest = [torch.zeros(shape) for shape in SHAPES]
+    for step in range(steps):
+        for size, gradient in zip(largest, gradients(step), strict=True):
+            if gradient is not None:
+                torch.maximum(size, gradient.abs(), out=size)
+    return largest
+
+
+def test_the_same_steps_and_memory_as_torch() -> None:
+    """A mean of changing gradients may be small beside them, and is as exact as they are large."""
+    (found, ours), (expected, theirs) = trained(NativeAdam), trained(torch.optim.Adam)
+    for one, other, largest in zip(found, expected, largest_gradients(), strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-6)
+        for name, size in (("exp_avg", largest), ("exp_avg_sq", largest.square())):
+            difference = (ours.state[one][name] - theirs.state[other][name]).abs()
+            assert bool((difference <= 2e-7 * size).all()), name
+        assert ours.state[one]["step"] == int(theirs.state[other]["step"])
+    assert torch.equal(found[3][:100], parameters()[3][:100])  # never pulled at: never moved
+
+
+def test_the_same_bits_on_any_number_of_threads(set_thread_count: Callable[[int], None]) -> None:
+    results = []
+    for count in (1, 2, 7):
+        set_thread_count(count)
+        results.append(trained(NativeAdam, 5)[0])
+    for result in results[1:]:
+        assert all(torch.equal(one, other) for one, other in zip(result, results[0], strict=True))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        torch.ones(3, dtype=torch.float64),
+        torch.ones(3, dtype=torch.float16),
+        torch.ones(2, 3).T,
+        torch.ones(3).to("meta"),
+    ],
+    ids=["double", "half", "strided", "elsewhere"],
+)
+def test_parameters_that_native_code_cannot_take_are_refused(values: torch.Tensor) -> None:
+    parameter = torch.nn.Parameter(values)
+    parameter.grad = torch.ones_like(parameter)
+    with pytest.raises(TypeError, match="expected contiguous float32 on the CPU"):
+        NativeAdam([{"params": [parameter]}], lr=0.1).step()
+
+
+def test_a_gradient_of_another_size_is_refused() -> None:
+    parameter = torch.nn.Parameter(torch.ones(5))
+    parameter.grad = torch.ones(5)
+    parameter.data = torch.ones(50_000)
+    with pytest.raises(TypeError, match="gradient of 50000 numbers, found 5"):
+        NativeAdam([{"params": [parameter]}], lr=0.1).step()
+
+
+def test_who_steps_where() -> None:
+    parameters = [{"params": [torch.nn.Parameter(torch.zeros(3))]}]
+    assert type(adam_on(torch.device("cpu"), parameters)) is NativeAdam
+    elsewhere = adam_on(torch.device("cuda"), parameters)
+    assert type(elsewhere) is torch.optim.Adam and elsewhere.defaults["fused"]
+
+
+def test_it_loads_no_compiler() -> None:
+    """Which takes seconds, and crashes some Blenders (with Triton's LLVM)."""
+    code = (
+        "import sys, torch\n"
+        "from frog_blender.engine.training.optimize.optimizer import adam_on\n"
+        "parameter = torch.nn.Parameter(torch.ones(3))\n"
+        "parameter.grad = torch.ones(3)\n"
+        "adam_on(torch.device('cpu'), [{'params': [parameter], 'lr': 0.1}]).step()\n"
+        "assert parameter.lt(1).all()\n"
+        "sys.exit(any(name in sys.modules for name in ('torch._dynamo', 'triton')))\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.slow
+def test_in_blender_the_compiler_goes_without_triton_and_others_do_not(tmp_path: Path) -> None:
+    (tmp_path / "triton.py").write_text("")
+    (tmp_path / "bpy.py").write_text("")
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "import bpy, torch\n"
+        "from frog_blender.engine.training.optimize.optimizer import adam_on\n"
+        "adam_on(torch.device('cuda'), [{'params': [torch.nn.Parameter(torch.ones(3))]}])\n"
+        "assert 'torch._dynamo' in sys.modules and 'triton' not in sys.modules\n"
+        "import triton\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,4 +1,4 @@
-"""A whole training in miniature: it learns, it repeats, and it never looks at what is held out."""
+"""A whole training in miniature: what it begins with, that it learns, repeats, and never looks at what is held out."""
 
 from __future__ import annotations
 
@@ -10,16 +10,25 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from support import synthetic_capture
 from support import synthetic_capture as film
+from support.builders import scene_file
 from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
+from frog_blender.engine.capture.seeds import Seeds
+from frog_blender.engine.evaluation.evaluate import TrueImages, evaluate_images
 from frog_blender.engine.frames.store import FrameStore
-from frog_blender.engine.model.interface import ScheduleState
+from frog_blender.engine.model.interface import SceneModel, ScheduleState
 from frog_blender.engine.options import JobOptions
+from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.rasterizer import RasterizeOptions
+from frog_blender.engine.recipes import RECIPES, Recipe, recipe
+from frog_blender.engine.registry import METHODS
+from frog_blender.engine.training.compression.sensitivity import sample_views
 from frog_blender.engine.training.optimize import losses, neighbours
 from frog_blender.engine.training.optimize.densification import DensificationStrategy
+from frog_blender.engine.training.optimize.initialization import first_model
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 STEPS = 600
@@ -243,3 +252,120 @@ def test_one_seed_is_enough(capture: Capture, store: FrameStore, lively: Any) ->
     trainer = Trainer(capture, store, film.seeds(1), lively(60), JobOptions(steps=60))
     train(trainer)
     assert np.isfinite(trainer.loss) and trainer.count >= 1
+
+
+LATE = 0.25  # frames
+
+
+@pytest.fixture
+def late(capture: Capture) -> Capture:
+    return replace(capture, shots=tuple(replace(shot, offset=LATE) for shot in capture.shots))
+
+
+def time_of(frame: float) -> float:
+    return min(frame, film.FRAMES - 1) / (film.FRAMES - 1)
+
+
+def test_training_draws_the_scene_as_it_was(
+    lively: Callable[..., Recipe], late: Capture, store: FrameStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trainer = Trainer(late, store, film.seeds(), lively(20), JobOptions(steps=20))
+    times: list[float] = []
+    draw = trainer.model.draw
+
+    def drawn(time: float, *arguments: Any, **options: Any) -> Any:
+        times.append(time)
+        return draw(time, *arguments, **options)
+
+    monkeypatch.setattr(trainer.model, "draw", drawn)
+    shots = late.train_indices[:5]
+    for shot in shots:
+        trainer.draw(shot, 1.0, RasterizeOptions())
+    assert times == [time_of(late.shots[shot].frame + LATE) for shot in shots]
+    played: list[float] = []
+
+    def still(time: float) -> Any:
+        played.append(time)
+        return trainer.model.canonical.gaussians(), {}
+
+    monkeypatch.setattr(trainer, "deform", still)
+    for shot in shots:
+        trainer.render_image(shot, 16)
+    assert played == times
+
+
+def test_what_is_seen_is_sampled_around_the_times_of_the_images(late: Capture) -> None:
+    shots = [index for index, shot in enumerate(late.shots) if shot.frame == 3]
+    views = sample_views(late, shots, 400, torch.Generator().manual_seed(0))
+    times = [view.time * (film.FRAMES - 1) for view in views]
+    assert 3.25 - 0.5 <= min(times) < 2.8 and 3.7 < max(times) <= 3.25 + 0.5
+
+
+def test_evaluation_draws_the_scene_as_it_was(
+    late: Capture, store: FrameStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times: list[float] = []
+    at = ScenePlayer.at
+
+    def recorded(scene: ScenePlayer, time: float, *arguments: Any) -> Any:
+        times.append(time)
+        return at(scene, time, *arguments)
+
+    scene = ScenePlayer(scene_file())
+    header = replace(scene.header, cameras=late.cameras, test_cameras=tuple(late.test_cameras), test_frames=())
+    scene.header = replace(header, camera_shots=((),) * len(late.cameras), frame_count=late.frame_count)
+    monkeypatch.setattr(ScenePlayer, "at", recorded)
+    evaluate_images(scene, TrueImages(late, store), split="held-out")
+    assert times == [time_of(shot.frame + LATE) for shot in late.test_shots]
+
+
+LAST = synthetic_capture.FRAMES - 1
+
+
+def timed_seeds() -> Seeds:
+    """Of 300 points, the last twenty are there at the last frame."""
+    frames = np.full(300, np.nan, np.float32)
+    frames[280:] = LAST
+    return replace(synthetic_capture.seeds(), frames=frames)
+
+
+def begun(capture: Capture, seeds: Seeds, method: str = "frog", **settings: bool) -> SceneModel:
+    torch.manual_seed(0)
+    chosen = METHODS[method].adapted(recipe("draft", **{"moment_seeds": True} | settings))
+    return first_model(capture, seeds, chosen, method, 4.0, torch.device("cpu"))
+
+
+def test_points_with_a_time_are_seen_at_that_time_alone(capture: Capture) -> None:
+    model, plain = begun(capture, timed_seeds()), begun(capture, synthetic_capture.seeds())
+    with torch.no_grad():
+        first, last = (model.deform(time)[0].opacities for time in (0.0, 1.0))
+        usual = plain.deform(1.0)[0].opacities
+    assert (last[280:] > 0.6).all() and (first[280:] < 0.2).all()
+    assert torch.equal(first[:280], usual[:280]) and torch.equal(last[:280], usual[:280])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_begins_with_them(capture: Capture, method: str) -> None:
+    model = begun(capture, timed_seeds(), method)
+    opened = bool((model.canonical.opacity_logits[280:] < model.canonical.opacity_logits[0] - 0.5).all())
+    assert opened == (method == "frog")
+
+
+def test_who_has_points_at_how_many_times() -> None:
+    chosen = recipe("draft", moment_seeds=True)
+    assert chosen.moments_for(30, 330) == 8  # of 15 coarse rows
+    assert chosen.moments_for(300, 6000) == 15
+    assert chosen.moments_for(2, 40) >= 2
+    none: list[dict[str, Any]] = [
+        {"moment_seeds": False},
+        {"modulation": False},
+        {"deformed_opacity": False},
+        {"fusion": "dual"},
+        {"head_width": 64},
+        {"temporal_size": 32},
+    ]
+    assert not any(replace(chosen, **change).moments_for(30, 330) for change in none)
+    for method in METHODS:
+        adapted = METHODS[method].adapted(Recipe(moment_seeds=True))
+        assert bool(adapted.moments_for(30, 330)) == (method == "frog")
+    assert {name for name, each in RECIPES.items() if each.moments_for(30, 330)} == {"draft", "standard"}

@@ -1,4 +1,4 @@
-"""Whatever ends a training, what it learned is there: closed terminals, schedulers, the one disk that fills up."""
+"""Whatever ends or kills a training, what it learned is there: closed terminals, schedulers, full disks, SIGKILL."""
 
 from __future__ import annotations
 
@@ -32,14 +32,7 @@ def ended(filmed: Path, folder: Path, how: str, moments: int) -> dict[str, int]:
 
 
 def test_who_asks_a_training_to_end_gets_its_scene(filmed: Path, tmp_path: Path) -> None:
-    assert ended(filmed, tmp_path, "TERM,HUP", 2)["ended"] == 2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("signal", ["TERM", "HUP", "INT"])
-def test_ended_at_twenty_times(filmed: Path, tmp_path: Path, signal: str) -> None:
-    found = ended(filmed, tmp_path, signal, 25)
-    assert found["ended"] - found["before the first step"] >= 20
+    assert ended(filmed, tmp_path, "TERM,HUP,INT", 3)["ended"] == 3
 
 
 @pytest.mark.skipif(not can_mount(), reason="this system does not let its users mount a small file system")
@@ -47,8 +40,23 @@ def test_the_one_disk_that_fills_up_costs_no_scene(filmed: Path, tmp_path: Path)
     assert ended(filmed, tmp_path, "full", 2) == {"cancelled": 1, "finished": 1, "elsewhere": 0}
 
 
+def killed(filmed: Path, folder: Path, kills: int, steps: int) -> dict[str, dict[str, int]]:
+    (folder / "capture").symlink_to(filmed)
+    script = Path(__file__).parents[2] / "support" / "killed_trainings.py"
+    command = [sys.executable, str(script), str(folder), str(kills), "1", str(steps)]
+    environment = {**os.environ, "FROG_CACHE": str(folder / "cache"), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=3000)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_a_few_kills(filmed: Path, tmp_path: Path) -> None:
+    answer = killed(filmed, tmp_path, 3, 100)
+    assert answer["training"]["kills"] >= 3 and answer["training"]["resumes"] > 0
+
+
 @pytest.mark.slow
-@pytest.mark.skipif(not can_mount(), reason="this system does not let its users mount a small file system")
-def test_twenty_full_disks(filmed: Path, tmp_path: Path) -> None:
-    found = ended(filmed, tmp_path, "full", 20)
-    assert found["cancelled"] == found["finished"] == 10
+def test_two_hundred_kills(filmed: Path, tmp_path: Path) -> None:
+    answer = killed(filmed, tmp_path, 200, 1500)
+    assert answer["training"]["kills"] >= 200 and answer["saving"]["kills"] == 50
+    assert answer["saving"]["in the middle of a file"] > 10, "kills came while files were being written"

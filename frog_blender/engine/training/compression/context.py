@@ -153,9 +153,9 @@ class Compression(Hook):
         """Dynamic Gaussians."""
         return self.training.gaussians.num_dynamic
 
-    def generator(self, number: int) -> torch.Generator:
+    def generator(self, milestone: int) -> torch.Generator:
         """A milestone's own, so that a resumed training draws what an undisturbed one does."""
-        return torch.Generator("cpu").manual_seed(1000 * self.seed + number)
+        return torch.Generator("cpu").manual_seed(1000 * self.seed + milestone)
 
     @torch.no_grad()
     def gaussians_at(self, time: float) -> TorchGaussians:
@@ -185,13 +185,13 @@ class Compression(Hook):
         """Takes as much of a proposal as the validation images allow, or as is forced, and logs it."""
         if proposal is None:
             return
-        number, loss = largest_count_within(proposal.loss, proposal.expected, proposal.allowed)
-        if proposal.forced > number:
-            number, loss = proposal.forced, proposal.loss(proposal.forced)
-        if not number:
+        taken, loss = largest_count_within(proposal.loss, proposal.expected, proposal.allowed)
+        if proposal.forced > taken:
+            taken, loss = proposal.forced, proposal.loss(proposal.forced)
+        if not taken:
             return
         before, size = self._count(proposal.kind), self._size()
-        proposal.apply(number)
+        proposal.apply(taken)
         self.add_step(proposal.kind, before, self._count(proposal.kind), loss, size - self._size())
         evaluator.accept(loss)
 

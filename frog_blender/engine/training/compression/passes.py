@@ -130,10 +130,10 @@ def _spread(capture: Capture, least: int, most: int) -> dict[int, list[int]]:
         by_camera.setdefault(capture.shots[index].camera, []).append(index)
     several = {camera: shots for camera, shots in sorted(by_camera.items()) if len(shots) > 1}
     spread = {}
-    for number, (camera, shots) in enumerate(several.items()):
-        count, shift = min(max(least, most // len(several)), len(shots)), number / len(several)
+    for rank, (camera, shots) in enumerate(several.items()):
+        count, shift = min(max(least, most // len(several)), len(shots)), rank / len(several)
         places = {min(int((k + shift) * len(shots) / count), len(shots) - 1) for k in range(count)}
-        spread[camera] = [shots[place] for place in sorted(places)]
+        spread[camera] = [shots[position] for position in sorted(places)]
     return spread
 
 
@@ -204,12 +204,12 @@ def _pruning(
     gaussians = context.training.gaussians
     count = gaussians.count
 
-    def loss(number: int) -> float:
-        there = mask_excluding(order[:number], count)
+    def loss(taken: int) -> float:
+        there = mask_excluding(order[:taken], count)
         return evaluator.loss(lambda drawn: replace(drawn, opacities=drawn.opacities * there))
 
-    def apply(number: int) -> None:
-        keep = mask_excluding(order[:number], count)
+    def apply(taken: int) -> None:
+        keep = mask_excluding(order[:taken], count)
         removed = gaussians.canonical.means.detach()[~keep].cpu().numpy()
         context.removed = np.concatenate([context.removed, removed])
         gaussians.keep(keep.nonzero().squeeze(1))
@@ -268,11 +268,11 @@ def _freezing(
         "sh": state["sh"][:, : gaussians.canonical.sh.shape[1]],
     }
 
-    def loss(number: int) -> float:
-        chosen = ~mask_excluding(order[:number], before)
+    def loss(taken: int) -> float:
+        chosen = ~mask_excluding(order[:taken], before)
         return evaluator.loss(lambda all_: in_state(all_, chosen, drawn))
 
-    def apply(number: int) -> None:
-        gaussian_state.freeze_motion(gaussians, order[:number].sort().values, state)
+    def apply(taken: int) -> None:
+        gaussian_state.freeze_motion(gaussians, order[:taken].sort().values, state)
 
     return apply, loss

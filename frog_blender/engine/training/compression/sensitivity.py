@@ -241,22 +241,17 @@ def view_gradients(
     """A camera's image, and gradients by attribute, of the pixels that are ``counted`` (H, W), or of all.
 
     Such a gradient times a change of one Gaussian's attributes, squared, is in the mean the sum of squares by which the
-    image changes (see backward_by_signs): to first order, and exactly for opacities, in each of which it is affine.
+    image changes, since the backward pass has random signs at the pixels (Hutchinson's estimator): to first order, and
+    exactly for opacities, in each of which it is affine.
     """
     drawn = GaussianArrays(*(value.detach().clone().requires_grad_() for value in vars(gaussians).values()))
     image = rasterize(drawn, camera, background, RasterizeOptions(weights=True))
-    backward_by_signs(image, generator, counted)
-    return image, {name: value.grad for name, value in vars(drawn).items()}
-
-
-def backward_by_signs(image: Image, generator: torch.Generator, counted: NDArray[np.bool_] | None = None) -> None:
-    """One backward pass with random signs at the pixels: the square of each gradient that it gives is, in the mean, the
-    squared norm of the image's derivative (Hutchinson's estimator)."""
     signs = torch.randint(2, image.rgb.shape, generator=generator, dtype=torch.float32, device="cpu")
     signs.mul_(2).sub_(1)
     if counted is not None:
         signs[torch.from_numpy(~counted)] = 0
     image.rgb.backward(signs.to(image.rgb.device))
+    return image, {name: value.grad for name, value in vars(drawn).items()}
 
 
 def _pixels_per_unit(gaussians: TorchGaussians, image: Image, camera: Camera) -> torch.Tensor:

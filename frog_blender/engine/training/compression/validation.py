@@ -125,13 +125,13 @@ def largest_count_within(
     least, most = max(allowed, 0.0) / _TOO_LITTLE, max(allowed, 0.0) * _TOO_MUCH
     for _ in range(tries):
         aim = math.sqrt(least * most)
-        number = max(1, int(np.searchsorted(expected, aim, side="right")))  # one is worth a look in any case
-        if low < number < high:
-            if (lost := loss(number)) <= allowed:
-                low, cost = number, lost
+        taken = max(1, int(np.searchsorted(expected, aim, side="right")))  # one is worth a look in any case
+        if low < taken < high:
+            if (lost := loss(taken)) <= allowed:
+                low, cost = taken, lost
             else:
-                high = number
+                high = taken
         if cost > _ENOUGH * allowed:
             break
-        least, most = (aim, most) if number <= low else (least, aim)
+        least, most = (aim, most) if taken <= low else (least, aim)
     return low, cost

@@ -57,8 +57,8 @@ def learnable_cameras(capture: Capture) -> list[int]:
     shots = capture.train_shots
     images = Counter(shot.camera for shot in shots)
     least = 1 if len({shot.frame for shot in shots}) == 1 else _LEAST_IMAGES
-    found = sorted(camera for camera, count in images.items() if count >= least)
-    return found if len(found) > 1 else []
+    learnable = sorted(camera for camera, count in images.items() if count >= least)
+    return learnable if len(learnable) > 1 else []
 
 
 _MOMENTUM, _MEMORY, _TINY = 0.9, 0.99, 1e-15  # Adam's; a camera is drawn in one step of many, so a short memory
@@ -178,13 +178,13 @@ class PoseRefinement:
             setattr(self, name, expect(name, tensors[f"poses.{name}"], shape, torch.float64, _BOUNDS).numpy())
         self._arriving = None
         count = len(self._rig.capture.cameras)
-        found = expect("poses", tensors["poses"], (count, 4, 4), torch.float64, _BOUNDS).numpy()
-        turns = found[:, :3, :3]
+        poses = expect("poses", tensors["poses"], (count, 4, 4), torch.float64, _BOUNDS).numpy()
+        turns = poses[:, :3, :3]
         if not (np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)) < _ROUNDED).all():
             raise ValueError("poses that do not only turn and shift")
         if (self.moments[1] < 0).any() or (self.moved < 0).any() or (self.gathered[:, 12] < 0).any():
             raise ValueError("squares or counts below zero")
-        pairs = zip(self._rig.capture.cameras, found, strict=True)
+        pairs = zip(self._rig.capture.cameras, poses, strict=True)
         self._rig.capture = self._rig.capture.with_cameras(camera.with_pose(pose) for camera, pose in pairs)
 
     def begin_at(self, progress: float) -> None:
@@ -242,10 +242,10 @@ class ExposureCompensation:
 
     def begin(self, store: Images) -> None:
         """Gives the rig's cameras the exposures that matched features show, where those differ for certain."""
-        found = matched_exposures(self._rig.capture, store)
-        if found is None:
+        matched = matched_exposures(self._rig.capture, store)
+        if matched is None:
             return
-        self._expose({index: np.log(factors) for index, factors in found.items()})
+        self._expose({index: np.log(factors) for index, factors in matched.items()})
 
     def _expose(self, logs: Mapping[int, NDArray[np.float64]]) -> None:
         """Cameras by index with logarithms (3,) of their exposures, which are limited."""
@@ -293,14 +293,14 @@ class ExposureCompensation:
     def state(self) -> tuple[Tensors, Values]:
         """See Stateful."""
         exposures = [camera.exposure for camera in self._rig.capture.cameras]
-        found = torch.tensor(exposures, dtype=torch.float64, device="cpu")
-        return {"exposures": found, "exposures.sums": self.sums}, {}
+        tensor = torch.tensor(exposures, dtype=torch.float64, device="cpu")
+        return {"exposures": tensor, "exposures.sums": self.sums}, {}
 
     def load_state(self, tensors: Tensors, values: Values) -> None:
         """See Stateful."""
         capture, sums = self._rig.capture, tensors["exposures.sums"]
         self.sums = expect("sums", sums, tuple(self.sums.shape), within=(0, 1e30)).to(self.sums.device)
-        shape, found = (len(capture.cameras), 3), (0.5 / _LARGEST, 2 * _LARGEST)
-        exposures = expect("exposures", tensors["exposures"], shape, torch.float64, found)
+        shape, within = (len(capture.cameras), 3), (0.5 / _LARGEST, 2 * _LARGEST)
+        exposures = expect("exposures", tensors["exposures"], shape, torch.float64, within)
         pairs = zip(capture.cameras, exposures.numpy(), strict=True)
         self._rig.capture = capture.with_cameras(camera.with_exposure(exposure) for camera, exposure in pairs)

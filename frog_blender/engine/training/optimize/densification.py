@@ -115,8 +115,8 @@ class DensityStrategy(Statistics):
     def load_state(self, tensors: Tensors, values: Values) -> None:
         """See Stateful."""
         for name in COLLECTED:
-            found = expect(name, tensors[f"density.{name}"], (len(self._canonical),), within=(0, math.inf))
-            setattr(self, name, found.to(self._canonical.means.device))
+            statistic = expect(name, tensors[f"density.{name}"], (len(self._canonical),), within=(0, math.inf))
+            setattr(self, name, statistic.to(self._canonical.means.device))
 
     def least_needed(self, count: int, among: torch.Tensor | None = None) -> torch.Tensor:
         """Indices of at most ``count`` Gaussians, of all or ``among`` (N,), that may be replaced: those of the least

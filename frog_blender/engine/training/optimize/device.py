@@ -41,9 +41,9 @@ def try_rasterizer(device: torch.device, draw: Callable[..., Image] = rasterize)
     rgb.mean().backward()
     by_opacity = leaves["opacities"].grad
     assert by_opacity is not None
-    found, slope = float(rgb.detach().mean()), float(by_opacity)
-    if not (abs(found - 0.3) < 1e-3 and abs(slope - 0.5) < 1e-3):
-        raise FrogError(f"The CUDA rasterizer found {found:.4f} and {slope:.4f}, expected 0.3 and 0.5.")
+    color, slope = float(rgb.detach().mean()), float(by_opacity)
+    if not (abs(color - 0.3) < 1e-3 and abs(slope - 0.5) < 1e-3):
+        raise FrogError(f"The CUDA rasterizer found {color:.4f} and {slope:.4f}, expected 0.3 and 0.5.")
 
 
 def first_gpu() -> torch.device | None:

@@ -149,8 +149,8 @@ class GaussianState:
 
     def _checked(self, tensors: Tensors) -> Tensors:
         """The canonical attributes on the device; ValueError unless there is a row for every Gaussian."""
-        found = {name: tensors[f"model.canonical.{name}"] for name in ATTRIBUTES}
-        count, num_dynamic = len(found["means"]), len(found["embeddings"])
+        attributes = {name: tensors[f"model.canonical.{name}"] for name in ATTRIBUTES}
+        count, num_dynamic = len(attributes["means"]), len(attributes["embeddings"])
         if not 0 <= num_dynamic <= count > 0:
             raise ValueError(f"{num_dynamic} dynamic Gaussians of {count}")
         shapes = {
@@ -158,7 +158,7 @@ class GaussianState:
             "embeddings": (num_dynamic, self.canonical.embeddings.shape[1]),
         }
         shapes |= {"means": (count, 3), "log_scales": (count, 3), "quaternions": (count, 4), "opacity_logits": (count,)}
-        return {name: expect(name, found[name], shapes[name]).to(self.device) for name in ATTRIBUTES}
+        return {name: expect(name, attributes[name], shapes[name]).to(self.device) for name in ATTRIBUTES}
 
 
 def _filled(places: torch.Tensor, arrivals: torch.Tensor) -> torch.Tensor:

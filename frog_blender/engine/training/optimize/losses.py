@@ -55,22 +55,22 @@ def matte_loss(
     if truth.ignored is not None and truth.ignored.any():
         ignored = torch.from_numpy(truth.ignored).to(rgb.device)
         rgb = rgb.masked_fill(ignored[..., None], 0)
-    found = photometric_loss(rgb, truth.pixels, terms, weight)
+    photometric = photometric_loss(rgb, truth.pixels, terms, weight)
     if ignored is not None:
-        found.gradient[ignored] = 0
+        photometric.gradient[ignored] = 0
     if truth.alpha is None:
-        return found
+        return photometric
     alpha = image_on(rgb.device, np.ascontiguousarray(truth.alpha)).to(rgb.dtype)
     weights = torch.where(alpha > 0, 1.0, truth.empty_weight).to(rgb.dtype)
-    found.gradient.mul_(weights[..., None])
+    photometric.gradient.mul_(weights[..., None])
     difference = image.alpha.detach() - alpha
     if ignored is not None:
         difference = difference.masked_fill(ignored, 0)
     share = weight * alpha_weight
     return PhotometricLoss(
-        found.loss + share * difference.abs().mean(),
-        found.cell_errors,
-        found.gradient,
+        photometric.loss + share * difference.abs().mean(),
+        photometric.cell_errors,
+        photometric.gradient,
         difference.sign() * weights * (share / difference.numel()),
     )
 
@@ -136,8 +136,8 @@ def term(name: str, image: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     """A term of the loss; FrogError where it is no number that depends on ``image``."""
     value: object = LOSSES[name](image, truth)
     if not isinstance(value, torch.Tensor) or value.numel() != 1 or not value.requires_grad:
-        found = f"a tensor of shape {tuple(value.shape)}" if isinstance(value, torch.Tensor) else type(value).__name__
-        raise FrogError(f"The loss {name!r} gave {found}, expected a tensor of one number, derived from the drawing.")
+        given = f"a tensor of shape {tuple(value.shape)}" if isinstance(value, torch.Tensor) else type(value).__name__
+        raise FrogError(f"The loss {name!r} gave {given}, expected a tensor of one number, derived from the drawing.")
     return value
 
 

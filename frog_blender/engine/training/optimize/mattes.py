@@ -147,12 +147,12 @@ class Mattes:
         red, green, blue = torch.rand(3, generator=generator).tolist()
         return red, green, blue
 
-    def background_of(self, number: int) -> Color:
+    def background_of(self, position: int) -> Color:
         """The colour of the view of a number in a row of views that are measured on: the capture's where images are
         whole; otherwise they differ, so that nothing of the subject has the colour of all."""
         if not self.has_alpha:
             return self._capture.background
-        red, green, blue = (math.fmod(0.5 + (number + 1) * step, 1.0) for step in _GOLDEN)
+        red, green, blue = (math.fmod(0.5 + (position + 1) * step, 1.0) for step in _GOLDEN)
         return red, green, blue
 
 

@@ -62,8 +62,8 @@ def by_distances(
         for own, other in zip(piece.T, columns, strict=True):
             difference = own[:, None] - other
             square.addcmul_(difference, difference)
-        found = squares[start : start + rows], indices[start : start + rows]
-        torch.topk(square, most, largest=False, out=found)
+        results = squares[start : start + rows], indices[start : start + rows]
+        torch.topk(square, most, largest=False, out=results)
     return squares, indices
 
 

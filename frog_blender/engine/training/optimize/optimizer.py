@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
@@ -193,18 +193,11 @@ class SceneOptimizer:
                 return
         parameter = nn.Parameter(_rows(old.detach(), fresh, kept))
         setattr(self._canonical, name, parameter)
-        self._exchange(old, parameter, lambda moment: _rows(moment, no_moments, kept))
-
-    def _exchange(
-        self, old: torch.Tensor, new: nn.Parameter, rearranged: Callable[[torch.Tensor], torch.Tensor]
-    ) -> None:
-        """Goes on with ``new`` in place of a parameter, whose moments are ``rearranged`` for it."""
         for group in self.adam.param_groups:
-            group["params"] = [new if parameter is old else parameter for parameter in group["params"]]
-        state = self.adam.state.pop(old, None)
-        if state:
-            moments = {key: rearranged(state[key]) for key in _MOMENTS}
-            self.adam.state[new] = {"step": state["step"], **moments}
+            group["params"] = [parameter if other is old else other for other in group["params"]]
+        if state := self.adam.state.pop(old, None):
+            moments = {key: _rows(state[key], no_moments, kept) for key in _MOMENTS}
+            self.adam.state[parameter] = {"step": state["step"], **moments}
 
     def state_arrays(self) -> Tensors:
         """Adam's moments and step counts by name, for a checkpoint."""

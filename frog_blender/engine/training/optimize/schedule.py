@@ -150,9 +150,9 @@ class CropSampler:
 
     def load_state(self, tensors: Tensors, values: Values) -> None:
         """See Stateful; what is on its way is forgotten."""
-        found = [expect("errors", tensors[f"regions.{i}"], own.shape) for i, own in enumerate(self.errors)]
-        self.errors = [errors.numpy() for errors in found]
-        if not all(((found >= 0) & ((found < _MOST) | np.isinf(found))).all() for found in self.errors):
+        restored = [expect("errors", tensors[f"regions.{i}"], own.shape) for i, own in enumerate(self.errors)]
+        self.errors = [errors.numpy() for errors in restored]
+        if not all(((restored >= 0) & ((restored < _MOST) | np.isinf(restored))).all() for restored in self.errors):
             raise ValueError("errors below zero, or larger than any")
         self._arriving = None
 

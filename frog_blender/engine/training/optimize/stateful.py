@@ -31,14 +31,14 @@ class Stateful(Protocol):
 
 def expect(
     name: str,
-    found: torch.Tensor,
+    tensor: torch.Tensor,
     shape: tuple[int, ...],
     dtype: torch.dtype = torch.float32,
     within: tuple[float, float] | None = None,
 ) -> torch.Tensor:
-    """``found`` itself; ValueError unless it has this shape and type, and numbers ``within`` these two where given."""
-    if found.shape != shape or found.dtype != dtype:
-        raise ValueError(f"{name} is {found.dtype} of {tuple(found.shape)} instead of {dtype} of {tuple(shape)}")
-    if within is not None and not bool(((found >= within[0]) & (found <= within[1])).all()):
+    """``tensor`` itself; ValueError unless it has this shape and type, and numbers ``within`` these two where given."""
+    if tensor.shape != shape or tensor.dtype != dtype:
+        raise ValueError(f"{name} is {tensor.dtype} of {tuple(tensor.shape)} instead of {dtype} of {tuple(shape)}")
+    if within is not None and not bool(((tensor >= within[0]) & (tensor <= within[1])).all()):
         raise ValueError(f"{name} has numbers that are not from {within[0]} to {within[1]}")
-    return found
+    return tensor

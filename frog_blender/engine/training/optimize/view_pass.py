@@ -170,11 +170,11 @@ class StepSum:
 
     def passes(self) -> list[ViewPass]:
         """Of all views, in their order."""
-        found, flags = self._found.float(), self._found[:, 1:3].cpu().tolist()
+        records, flags = self._found.float(), self._found[:, 1:3].cpu().tolist()
         passes = []
-        for view, row, (has_pose, has_brightness) in zip(self._views, found, flags, strict=True):
+        for view, row, (has_pose, has_brightness) in zip(self._views, records, flags, strict=True):
             rows, columns = view.cells
-            pose, brightness, cells = row[3:].split([_POSE, _BRIGHTNESS, found.shape[1] - 3 - _POSE - _BRIGHTNESS])
+            pose, brightness, cells = row[3:].split([_POSE, _BRIGHTNESS, records.shape[1] - 3 - _POSE - _BRIGHTNESS])
             passes.append(
                 ViewPass(
                     row[0],

@@ -186,12 +186,12 @@ def event_of(line: bytes) -> Event | None:
     Fields that are not known are skipped: the other computer may have another version.
     """
     try:
-        found = entries(plain_json(line.decode("utf-8"), "an event"), "an event")
-        kind = found.get("event")
+        values = entries(plain_json(line.decode("utf-8"), "an event"), "an event")
+        kind = values.get("event")
         if type(kind) is not str or kind not in _KINDS or len(line) > _longest(kind):
             return None
         create, checks = _KINDS[kind]
-        return create(**{name: check(found[name], name) for name, check in checks.items() if name in found})
+        return create(**{name: check(values[name], name) for name, check in checks.items() if name in values})
     except (ValueError, TypeError):  # a TypeError where fields are missing
         return None
 
@@ -219,9 +219,9 @@ def _packed(image: NDArray[np.uint8]) -> dict[str, object]:
 
 def _image(value: object, what: str) -> NDArray[np.uint8]:
     """(H, W, 3) uint8; no more is inflated than its size says."""
-    found = entries(value, what)
-    height, width = (whole(found.get(name), name, 1, _LARGEST_SIDE) for name in ("height", "width"))
-    size, packed = 3 * height * width, found.get("rgb")
+    values = entries(value, what)
+    height, width = (whole(values.get(name), name, 1, _LARGEST_SIDE) for name in ("height", "width"))
+    size, packed = 3 * height * width, values.get("rgb")
     if type(packed) is not str:
         raise UnfitValue(f"{what} without pixels", "some")
     try:
@@ -250,9 +250,9 @@ def _or_none(check: Check) -> Check:
 
 
 def _phases(value: object, what: str) -> dict[str, float]:
-    found = entries(value, what)
-    items(list(found), what, _MOST_PHASES)
-    return {_text(name, what): _number(seconds, what) for name, seconds in found.items()}
+    values = entries(value, what)
+    items(list(values), what, _MOST_PHASES)
+    return {_text(name, what): _number(seconds, what) for name, seconds in values.items()}
 
 
 def _report(value: object, what: str) -> dict[str, Any]:

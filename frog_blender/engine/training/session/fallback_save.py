@@ -101,17 +101,17 @@ def save_with_fallback(output: Path, content: bytes, store: FrameStore) -> Gener
         FrogError: when no folder accepts it.
     """
     first: FrogError | None = None
-    for place in [output, *_fallback_places(output)]:
+    for path in [output, *_fallback_places(output)]:
         try:
-            how = _write_for_frames(store, place, partial(write_atomically, place, content))
+            how = _write_for_frames(store, path, partial(write_atomically, path, content))
         except FrogError as error:
             first = first or error
             continue
         if first:
-            yield events.WarningEvent(f"{first} The scene was saved as {place} instead{how}.")
+            yield events.WarningEvent(f"{first} The scene was saved as {path} instead{how}.")
         elif how:
             yield events.WarningEvent(f"{output.parent}: the disk is full; the scene was saved{how}.")
-        return place
+        return path
     assert first is not None
     raise first
 
@@ -122,7 +122,7 @@ def _fallback_places(output: Path) -> Iterator[Path]:
     for name in dict.fromkeys([short, "rescued.frog"]):
         for folder in (default_cache_folder() / "rescued", Path(tempfile.gettempdir())):
             with suppress(OSError):  # a folder that cannot be looked into
-                yield next(place for place in numbered_names(folder / name, "-") if not place.exists())
+                yield next(path for path in numbered_names(folder / name, "-") if not path.exists())
 
 
 def _same_disk(one: Path, other: Path) -> bool:

@@ -51,7 +51,7 @@ class Rest:
         if not self._began:
             return True
         passed = [now() - began for now, began in zip(self._clocks, self._began, strict=True)]
-        enough = all(each * self._share >= took for each, took in zip(passed, self._took, strict=True))
+        enough = all(seconds * self._share >= took for seconds, took in zip(passed, self._took, strict=True))
         return enough and passed[0] >= self._shortest
 
     @contextmanager

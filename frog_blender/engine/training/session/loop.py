@@ -58,7 +58,7 @@ def train(session: Session) -> Iterator[Event]:
                 if trainer.step_count == began and not trainer.finished:  # there is nothing new to write
                     yield events.Cancelled(began, str(output) if output.is_file() and session.job.resume else None)
                     return
-                place, header = yield from _export(session, recovery)
+                written, header = yield from _export(session, recovery)
                 break
             except CompressionFailed as failed:
                 message = recovery.without_milestone(failed)
@@ -81,13 +81,13 @@ def train(session: Session) -> Iterator[Event]:
         raise
     finally:
         trainer.hooks.remove(recovery)
-    path = str(place)
+    path = str(written)
     yield events.Saved(path)
     if not trainer.finished:
         yield events.Cancelled(trainer.step_count, path)
         return
     if compression := compression_of(trainer):
-        yield from _report_image(session, compression, place)
+        yield from _report_image(session, compression, written)
     session.clock.end("finishing")
     figures = (trainer.step_count, trainer.seconds, header.metrics.get("psnr"), trainer.count, dict(header.capacity))
     yield events.Finished(path, *figures, session.clock.seconds)
@@ -184,8 +184,8 @@ def _export(session: Session, recovery: Recovery) -> Generator[Event, None, tupl
     built = build_scene(session, metrics)
     if built.warning:
         yield events.WarningEvent(built.warning)
-    place = yield from save_with_fallback(session.output, built.content, trainer.store)
-    return place, built.scene.header
+    written = yield from save_with_fallback(session.output, built.content, trainer.store)
+    return written, built.scene.header
 
 
 def _report_image(session: Session, compression: Compression, scene: Path) -> Iterator[Event]:

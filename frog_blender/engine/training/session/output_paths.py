@@ -41,11 +41,11 @@ def check_unused(output: Path, advice: str = "another name keeps it") -> None:
     Args:
         advice: what can be done, in the words of where the output was chosen.
     """
-    found = _found(output)
-    if found is None:
+    taken = _found(output)
+    if taken is None:
         return
-    kind = "a file" if found == output else "the checkpoint of a training"
-    raise FrogError(f"{found}: found {kind} there already; {advice}.")
+    kind = "a file" if taken == output else "the checkpoint of a training"
+    raise FrogError(f"{taken}: found {kind} there already; {advice}.")
 
 
 def _found(output: Path) -> Path | None:
@@ -66,16 +66,16 @@ def unused_output(output: Path) -> Path:
     """
     if _found(output) is None:
         return output
-    name, _, number = output.stem.rpartition("_")
-    base = output.with_name(f"{name}{output.suffix}") if name and number.isdecimal() else output
+    name, _, digits = output.stem.rpartition("_")
+    base = output.with_name(f"{name}{output.suffix}") if name and digits.isdecimal() else output
     return next(path for path in numbered_names(base if _found(base) else output, "_") if _found(path) is None)
 
 
 def numbered_names(path: Path, joint: str) -> Iterator[Path]:
     """``path``, then the same name with 2, 3 and so on behind ``joint``, for ever."""
     yield path
-    for number in count(2):
-        yield path.with_name(f"{path.stem}{joint}{number}{path.suffix}")
+    for index in count(2):
+        yield path.with_name(f"{path.stem}{joint}{index}{path.suffix}")
 
 
 def is_of_another(output: Path, capture: Path) -> bool:
@@ -84,14 +84,14 @@ def is_of_another(output: Path, capture: Path) -> bool:
     A folder of the same name that is gone is taken for this one, moved.
     """
     here = capture.resolve()
-    made = [found for path in (output, checkpoint_path(output)) if (found := trained_from(path))]
-    return any(_is_another(found, here) for found in made)
+    made = [folder for path in (output, checkpoint_path(output)) if (folder := trained_from(path))]
+    return any(_is_another(folder, here) for folder in made)
 
 
-def _is_another(found: str, here: Path) -> bool:
+def _is_another(folder: str, here: Path) -> bool:
     """What a file says is looked for only where that calls no other computer."""
-    there = Path(found)
-    return there != here and (there.name != here.name or is_network_path(found) or os.path.exists(there))
+    there = Path(folder)
+    return there != here and (there.name != here.name or is_network_path(folder) or os.path.exists(there))
 
 
 def trained_from(path: Path) -> str:
