@@ -65,12 +65,6 @@ def draw_before(limits: Limits | None, gaussians: GaussianArrays, camera: Camera
     return drawing
 
 
-def limits_of_objects(depsgraph: bpy.types.Depsgraph, camera: Camera, options: RasterizeOptions) -> Limits | None:
-    """Depth limits at the surfaces of objects that are not captures; None without such objects."""
-    mesh = mesh_of(depsgraph)
-    return None if mesh is None else limits_of_mesh(*mesh, camera, options)
-
-
 def limits_of_mesh(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, options: RasterizeOptions) -> Limits:
     """Depth limits at a mesh of (V, 3) world-space vertices and (T, 3) triangles."""
     vertices, triangles = np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(triangles, np.int32)

@@ -16,7 +16,7 @@ from ..engine.native.options import RasterizeOptions
 from ..engine.playback.environment import draw_panorama
 from ..engine.playback.render import Drawing
 from .compositing import renders
-from .holdout import draw_before, limits_of_objects
+from .holdout import draw_before, limits_of_mesh, mesh_of
 from .panoramic_camera import rays_of
 
 Through = Callable[["Camera"], "Camera"]
@@ -121,6 +121,6 @@ class RenderedView:
         return self.engine.camera_model_matrix(eye) if self.scene.render.use_multiview else eye.matrix_world
 
     def _before_objects(self, gaussians: GaussianArrays, camera: Camera, options: RasterizeOptions) -> Drawing:
-        holds_out = self.depsgraph.scene.frog.hold_out
-        limits = limits_of_objects(self.depsgraph, camera, options) if holds_out else None
+        mesh = mesh_of(self.depsgraph) if self.depsgraph.scene.frog.hold_out else None
+        limits = None if mesh is None else limits_of_mesh(*mesh, camera, options)
         return draw_before(limits, gaussians, camera, options)

@@ -41,8 +41,14 @@ class ThinnedScenes:
 
 
 def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
-    """The most important Gaussians of ``scene`` if the object shows fewer than all; None for all."""
-    count = shown_count(obj, scene.count)
+    """The most important Gaussians of ``scene`` if the object shows fewer than all; None for all. At least one, and at
+    most as many ellipsoids as Blender can handle.
+    """
+    settings = obj.frog
+    share = settings.render_density if rendering().has_render_density else settings.density
+    count = max(1, round(scene.count * share / 100))
+    if settings.display == "ELLIPSOIDS":
+        count = min(count, ellipsoid_nodes.MOST)
     if count >= scene.count:
         return None
 
@@ -59,13 +65,3 @@ def thinned(obj: bpy.types.Object, scene: ScenePlayer) -> Fewer | None:
         if len(scenes) > _KEPT:
             scenes.popitem(last=False)
         return fewer
-
-
-def shown_count(obj: bpy.types.Object, total: int) -> int:
-    """Number of ``total`` Gaussians that an object shows now: at least one, and at most as many ellipsoids as
-    Blender can handle.
-    """
-    settings = obj.frog
-    share = settings.render_density if rendering().has_render_density else settings.density
-    count = max(1, round(total * share / 100))
-    return min(count, ellipsoid_nodes.MOST) if settings.display == "ELLIPSOIDS" else count

@@ -24,11 +24,6 @@ def chosen_capture(context: bpy.types.Context) -> Any:  # Any: None without any
     return active_capture(context) or next(playback.captures(context.scene.objects), None)
 
 
-def problem_of(obj: bpy.types.Object, frame: float) -> str:
-    """Why a capture does not play at a frame, as a sentence; empty where it does."""
-    return retiming.problem(obj, frame) or open_scenes.problem(playback.file_of(obj)) or ""
-
-
 def _chosen_index(settings: Any) -> int:
     chosen = chosen_capture(bpy.context)
     objects = settings.id_data.objects
@@ -67,8 +62,9 @@ class FROG_UL_captures(bpy.types.UIList):
         _icon: int,
         _active: Any,
     ) -> None:
-        has_problem = bool(problem_of(item, context.scene.frame_current_final))
-        layout.label(text=root_of(item).name, icon="ERROR" if has_problem else "OUTLINER_OB_POINTCLOUD")
+        problem = retiming.problem(item, context.scene.frame_current_final)
+        problem = problem or open_scenes.problem(playback.file_of(item))
+        layout.label(text=root_of(item).name, icon="ERROR" if problem else "OUTLINER_OB_POINTCLOUD")
         row = layout.row(align=True)
         row.prop(item, "hide_viewport", text="", emboss=False)
         row.prop(item, "hide_render", text="", emboss=False)

@@ -51,7 +51,7 @@ class ViewportSplats:
         matched: the changes after which points were last compared with what viewports show, and the scene.
         pictures: by region.
         drawn: images that were drawn anew.
-        sources: of what is shown besides captures.
+        source: what is shown besides captures.
     """
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class ViewportSplats:
         self.changes, self.matched = 0, (-1, 0)
         self.pictures: dict[int, Picture] = {}
         self.drawn = 0
-        self.sources: list[Source] = []
+        self.source: Source = lambda _scene: None
 
 
 def state() -> ViewportSplats:
@@ -74,11 +74,11 @@ def state() -> ViewportSplats:
 def is_wanted(scene: bpy.types.Scene) -> bool:
     """Whether a scene's viewports show splats by the graphics card."""
     choice = scene.frog.viewport_drawing
-    return shows_sources() and choice != "POINTS" and (choice == "CARD" or not point_cloud.draws_splats())
+    return is_possible() and choice != "POINTS" and (choice == "CARD" or not point_cloud.draws_splats())
 
 
-def shows_sources() -> bool:
-    """Whether viewports show what they show besides captures, which the graphics card draws whatever draws these."""
+def is_possible() -> bool:
+    """Whether the graphics card draws here: what viewports show besides captures as well, whatever draws these."""
     return not (bpy.app.background or state().problem)
 
 
@@ -87,20 +87,15 @@ def problem(scene: bpy.types.Scene) -> str:
     return state().problem if scene.frog.viewport_drawing != "POINTS" else ""
 
 
-def add_source(source: Source) -> None:
-    """Shows what it gives, until the add-on is switched off."""
-    state().sources.append(source)
-
-
 def changed() -> None:
     """Draws viewports again: what a source gives is another."""
     _on_change()
     viewports()
 
 
-def _from_sources(scene: bpy.types.Scene) -> list[Shown]:
-    found = (source(scene) for source in state().sources) if shows_sources() else ()
-    return [shown for shown in found if shown is not None]
+def _besides(scene: bpy.types.Scene) -> list[Shown]:
+    shown = state().source(scene) if is_possible() else None
+    return [] if shown is None else [shown]
 
 
 def _draws(scene: bpy.types.Scene, space: bpy.types.SpaceView3D) -> bool:
@@ -117,7 +112,7 @@ def _draw() -> None:
             splats.matched = matched
             if _mismatched(scene):  # also where FROG's own image shows the splats
                 later(apply)
-        if not (_from_sources(scene) or (_draws(scene, context.space_data) and playback.captures_in(scene))):
+        if not (_besides(scene) or (_draws(scene, context.space_data) and playback.captures_in(scene))):
             return
         draw_in(context)
     except TooManySplats as error:
@@ -145,7 +140,7 @@ def draw_in(context: bpy.types.Context) -> None:
     picture = splats.pictures.setdefault(region.as_pointer(), Picture())
     if picture.looked_at != (looked_at := _looked_at(splats, context)):
         captures = _shown(depsgraph, context.space_data) if _draws(context.scene, context.space_data) else []
-        picture.shown = [*captures, *_from_sources(context.scene)]
+        picture.shown = [*captures, *_besides(context.scene)]
         picture.looked_at = looked_at
         open_now = {region.as_pointer() for region in open_regions()} | {region.as_pointer()}
         splats.pictures = {pointer: kept for pointer, kept in splats.pictures.items() if pointer in open_now}

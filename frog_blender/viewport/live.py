@@ -28,7 +28,7 @@ def shown_in(scene: bpy.types.Scene) -> Shown | None:
 def register() -> None:
     if bpy.app.background:  # nothing is drawn, and there may be no graphics
         return
-    drawing.add_source(shown_in)
+    drawing.state().source = shown_in
     watch_live(drawing.changed)
 
 

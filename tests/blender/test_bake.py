@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.blender_windows import event, in_window
 from support.observed_players import observed
-from support.small_scenes import rig_of_three, shows, write_scene
+from support.small_scenes import plays, rig_of_three, shows, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.errors import FrogError
@@ -52,11 +52,8 @@ def test_baked_frames_need_no_network(empty, capture, static_rig, computed):
         empty.frame_set(frame)
         np.testing.assert_array_equal(playback.gaussians_at(capture, frame).means, means)
     assert computed == []
-    for frame in (4, 9):
-        empty.frame_set(frame)
-        shows(capture, static_rig, frame - 1.0)
-    empty.frame_set(4, subframe=0.5)
-    shows(capture, static_rig, 3.5)  # not baked, computed
+    plays(capture, static_rig, 4, 9)
+    plays(capture, static_rig, 4.5)  # not baked, computed
 
 
 def test_every_object_of_the_file_and_its_own_time_is_baked(empty, capture, static_rig, tmp_path):
@@ -79,16 +76,13 @@ def test_clearing_deletes_it(empty, capture, static_rig):
     assert not static_rig.with_suffix(".frogbake").exists() and playback.baked(capture) is None
     with pytest.raises(RuntimeError, match="could not be deleted"):
         bpy.ops.frog.clear_bake()
-    empty.frame_set(5)
-    shows(capture, static_rig, 4.0)
+    plays(capture, static_rig, 5)
 
 
 def test_a_bake_of_another_version_is_not_used_and_said_once(empty, capture, static_rig, capfd):
     bpy.ops.frog.bake()
     write_scene(static_rig, rig_of_three(), seed=9)  # the same size and shapes
-    for frame in (3, 4):
-        empty.frame_set(frame)
-        shows(capture, static_rig, frame - 1.0)
+    plays(capture, static_rig, 3, 4)
     assert "another version of figure.frog" in playback.bake_problem(capture) and playback.baked(capture) is None
     assert capfd.readouterr().err.count("another version") == 1
     bpy.ops.frog.bake()
@@ -104,9 +98,7 @@ def test_a_damaged_bake_is_one_sentence_and_frames_are_computed(empty, capture, 
     content = path.read_bytes()
     playback_cache.clear()
     path.write_bytes(content[:length] if length else b"nonsense" * 40)
-    for frame in (3, 4):
-        empty.frame_set(frame)
-        shows(capture, static_rig, frame - 1.0)
+    plays(capture, static_rig, 3, 4)
     problem = playback.bake_problem(capture)
     assert problem.startswith(str(path)) and problem.endswith(".") and len(problem) < 600
     assert capfd.readouterr().err.count(str(path)) == 1
@@ -121,8 +113,7 @@ def test_a_bake_that_is_cut_while_it_is_open(empty, capture, static_rig):
     with path.open("r+b") as file:
         file.truncate(path.stat().st_size // 3)
     assert found.find(1.0) is None and "was changed" in found.problem
-    empty.frame_set(10)
-    shows(capture, static_rig, 9.0)
+    plays(capture, static_rig, 10)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from pathlib import Path
 import bpy
 import pytest
 from support.blender_windows import another_blender
-from support.small_scenes import shows
+from support.small_scenes import plays, shows
 
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.scene_import.capture_objects import active_capture, cameras_of
@@ -39,8 +39,7 @@ def test_two_captures_move_and_play_by_themselves(empty, capture, static_rig, ho
         second.frog.start_frame = 4.0
     assert second != capture and second.parent != capture.parent and len(cameras_of(second)) == 3
     second.parent.location.x += 3.0
-    empty.frame_set(6)
-    shows(capture, static_rig, 5.0)
+    plays(capture, static_rig, 6)
     shows(second, static_rig, 2.0)
     assert capture.matrix_world.translation.x == 0.0 and second.matrix_world.translation.x == pytest.approx(3.0)
 
@@ -48,8 +47,7 @@ def test_two_captures_move_and_play_by_themselves(empty, capture, static_rig, ho
 def test_without_its_root_a_capture_plays_on(empty, capture, static_rig):
     select_only(capture.parent)
     bpy.ops.object.delete()
-    empty.frame_set(5)
-    shows(capture, static_rig, 4.0)
+    plays(capture, static_rig, 5)
     assert capture.parent is None and bpy.ops.frog.align_to_floor() == {"FINISHED"}
 
 

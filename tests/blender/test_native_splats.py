@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import rig_of_three, shows, write_scene
+from support.small_scenes import plays, rig_of_three, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.playback.player import ScenePlayer
@@ -25,8 +25,7 @@ def test_attributes_are_those_of_blenders_own_splats(empty, capture, static_rig)
         "radiance:base": ("FLOAT4", "POINT"),
         **{f"radiance:sh_{k}": ("FLOAT_VECTOR", "POINT") for k in range(3)},
     }
-    empty.frame_set(6)
-    shows(capture, static_rig, 5.0)
+    plays(capture, static_rig, 6)
 
 
 @draws_them

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.small_scenes import rig_of_three, shows, write_scene
+from support.small_scenes import plays, rig_of_three, shows, write_scene
 from support.users_scene import views
 
 from frog_blender import point_cloud
@@ -80,10 +80,9 @@ def test_saved_file_is_small_and_plays_when_reopened(empty, tmp_path):
     name = active_capture(bpy.context).name
 
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
-    capture, scene = bpy.data.objects[name], bpy.context.scene
+    capture = bpy.data.objects[name]
     shows(capture, path, 3.0)
-    scene.frame_set(8)
-    shows(capture, path, 7.0)
+    plays(capture, path, 8)
 
 
 def test_what_nobody_plays_is_let_go(empty, tmp_path):
@@ -99,8 +98,7 @@ def test_what_nobody_plays_is_let_go(empty, tmp_path):
     kept = playback.open_scene(paths[1])
     assert bpy.ops.import_scene.frog(filepath=str(paths[2])) == {"FINISHED"}
     assert open_scenes.paths() == set(paths[1:]) and playback.open_scene(paths[1]) is kept
-    empty.frame_set(4)
-    shows(second, paths[1], 3.0)
+    plays(second, paths[1], 4)
 
 
 def test_time_can_be_remapped_by_a_curve(empty, capture, static_rig):

@@ -8,7 +8,7 @@ import bpy
 import pytest
 from support.builders import run_python
 from support.observed_players import observed
-from support.small_scenes import rig_of_three, shows, write_scene
+from support.small_scenes import plays, rig_of_three, shows, write_scene
 
 from frog_blender import point_cloud
 from frog_blender.engine.training.session import events
@@ -55,8 +55,7 @@ def test_frames_ahead_are_computed_in_another_thread_and_shown_as_they_are(empty
             empty.frame_set(frame)
             shows(capture, static_rig, frame - 1.0)
         assert not by_main_thread
-        empty.frame_set(4, subframe=0.25)  # nobody thought of it
-        shows(capture, static_rig, 3.25)
+        plays(capture, static_rig, 4.25)  # nobody thought of it
         assert len(by_main_thread) == 1
 
 
@@ -135,15 +134,13 @@ def test_memory_is_bounded_and_said(empty, capture, static_rig):
         assert playback_cache.frames().bytes <= 4 * size
     assert playback_cache.worker().wait(20.0) and len(playback_cache.frames()) == 4
     playback_cache.frames().limit = 0
-    empty.frame_set(6)
-    shows(capture, static_rig, 5.0)
+    plays(capture, static_rig, 6)
     playback_cache.frames().limit = 300 * playback_cache.MEGABYTE
     empty.frame_set(7)
     assert playback_cache.summary() == "Cache: 0 MB of 300 MB, 1 frames"
     bpy.ops.frog.clear_cache()
     assert len(playback_cache.frames()) == 0
-    empty.frame_set(7)
-    shows(capture, static_rig, 6.0)
+    plays(capture, static_rig, 7)
 
 
 @pytest.mark.parametrize("how", ["another file", "add-on off"])
@@ -228,9 +225,7 @@ def test_what_undo_brings_back_is_written_anew(empty, capture, static_rig, tmp_p
     for step, path in ((bpy.ops.ed.undo, static_rig), (bpy.ops.ed.redo, other), (bpy.ops.ed.undo, static_rig)):
         step()
         obj = next(playback.captures(bpy.context.scene.objects))
-        for frame in (2, 9):
-            bpy.context.scene.frame_set(frame)
-            shows(obj, path, frame - 1.0)
+        plays(obj, path, 2, 9)
 
 
 def disturb(capture, seed):
@@ -251,18 +246,14 @@ def test_geometry_that_somebody_changed_is_written_anew(empty, capture, static_r
     disturb(capture, 3)
     empty.frame_set(4)  # in edit mode there is nothing to write to
     bpy.ops.object.mode_set(mode="OBJECT")
-    for frame in (5, 6):
-        empty.frame_set(frame)
-        shows(capture, static_rig, frame - 1.0)
+    plays(capture, static_rig, 5, 6)
     bpy.ops.object.mode_set(mode="EDIT")
     disturb(capture, 4)
     bpy.ops.object.mode_set(mode="OBJECT")
     bpy.context.view_layer.update()
-    empty.frame_set(7)
-    shows(capture, static_rig, 6.0)
+    plays(capture, static_rig, 7)
     capture.data.attributes.remove(capture.data.attributes["scale"])
-    empty.frame_set(7)
-    shows(capture, static_rig, 6.0)
+    plays(capture, static_rig, 7)
 
 
 def test_saved_geometry_of_another_session_is_not_trusted(empty, capture, static_rig, tmp_path):
@@ -276,5 +267,4 @@ def test_saved_geometry_of_another_session_is_not_trusted(empty, capture, static
     write_scene(static_rig, rig_of_three(), seed=11)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
     shows(bpy.data.objects[name], static_rig, 1.0)
-    bpy.context.scene.frame_set(8)
-    shows(bpy.data.objects[name], static_rig, 7.0)
+    plays(bpy.data.objects[name], static_rig, 8)

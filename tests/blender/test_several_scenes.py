@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 from support.composed_scene import the_capture
-from support.small_scenes import rig_of_three, shows, write_scene
+from support.small_scenes import plays, rig_of_three, shows, write_scene
 from support.training_panel import switched_off
 
 from frog_blender import point_cloud
@@ -15,8 +15,7 @@ from frog_blender.timeline import handlers
 def test_it_plays_the_frame_of_the_scene_that_is_looked_at(empty, capture, static_rig, tmp_path):
     """Not that of the scene which composing made of the same objects, and which stands at its first frame."""
     bpy.ops.frog.compose()
-    empty.frame_set(6)
-    shows(capture, static_rig, 5.0)
+    plays(capture, static_rig, 6)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
     shows(capture, static_rig, 5.0)
     bpy.ops.ed.undo_push(message="one")
@@ -35,9 +34,7 @@ def test_an_instanced_collection_plays_and_is_saved(empty, capture, static_rig, 
         instance = bpy.data.objects.new("instance", None)
         instance.instance_type, instance.instance_collection = "COLLECTION", held
         holder.objects.link(instance)
-    for frame in (6, 3):
-        empty.frame_set(frame)
-        shows(capture, static_rig, frame - 1.0)
+    plays(capture, static_rig, 6, 3)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "x.blend"))
     shows(capture, static_rig, 2.0)
 

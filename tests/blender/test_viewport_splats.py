@@ -224,7 +224,7 @@ def test_too_many_splats_are_points_and_the_panel_says_so(empty, static_rig, mon
     for _ in range(3):
         assert bpy.ops.import_scene.frog(filepath=str(static_rig)) == {"FINISHED"}
     captures, splats = playback.captures_in(empty), drawing.state()
-    monkeypatch.setattr(drawing, "shows_sources", lambda: not splats.problem)
+    monkeypatch.setattr(drawing, "is_possible", lambda: not splats.problem)
     monkeypatch.setattr(drawing, "draw_in", lambda _context: starts_of([60, 60, 60]))
     empty.frog.viewport_drawing = "CARD"
     drawing.apply()

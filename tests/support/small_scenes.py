@@ -134,6 +134,13 @@ def shows(obj: bpy.types.Object, path: Path, frame: float) -> None:
         np.testing.assert_array_equal(shown[name], values, err_msg=name)
 
 
+def plays(obj: bpy.types.Object, path: Path, *frames: float) -> None:
+    """Asserts the same at frames of the open scene's timeline, whose first one is the capture's."""
+    for frame in frames:
+        bpy.context.scene.frame_set(int(frame), subframe=frame % 1)
+        shows(obj, path, frame - 1)
+
+
 def expected_png(path: Path, camera: Camera, frame: float) -> np.ndarray:
     """What the engine itself draws at a capture frame, as (H, W, 3) float in units of 1/255."""
     from frog_blender.engine.playback.player import ScenePlayer
