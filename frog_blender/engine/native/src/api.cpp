@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <new>
+#include <numeric>
 #include <vector>
 
 #include "api.h"
@@ -54,13 +55,13 @@ void end_weights(const FrogFrame &frame, float *max_weights) {
 // Splats over the whole image have thousands of instances each: 60,000 of them took 2.6 GB.
 constexpr uint64_t BAND_INSTANCES = 24ull << 20;  // of 8 bytes
 
-// Has `use` look at frame.tiles: all of them, or those of a band of tile rows after another.
+// Has `use` look at each tile, of all of them or of a band of tile rows after another.
 template <class Use>
-void each_band(FrogFrame &frame, Use use) {
+void each_tile(FrogFrame &frame, Use use) {
   const uint64_t most = frame.in_bands ? BAND_INSTANCES : UINT64_MAX;
   for (int row = 0; row < frame.view.tiles_y;) {
     row = frog::list_tiles(frame, row, most);
-    use();
+    frog::parallel_each(static_cast<int>(frame.tiles.size()), [&](int t) { use(frame.tiles[t]); });
   }
 }
 
@@ -76,11 +77,7 @@ void draw(FrogFrame &frame, const FrogGaussians &gaussians, const FrogImage &ima
     });
   // Whoever goes back, or asks for weights, needs all instances at once.
   frame.in_bands = !frame.view.transmittance && !image.max_weights && frame.row_instances.back() > BAND_INSTANCES;
-  each_band(frame, [&] {
-    frog::parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
-      for (int t = begin; t < end; ++t) kernels().blend(frame.view, frame.tiles[t], image);
-    });
-  });
+  each_tile(frame, [&](const Tile &tile) { kernels().blend(frame.view, tile, image); });
   if (image.max_weights) end_weights(frame, image.max_weights);
 }
 
@@ -137,11 +134,7 @@ int64_t frog_count_instances(const FrogFrame *frame) { return static_cast<int64_
 int32_t frog_count_work(FrogFrame *frame, int64_t work[3]) {
   return attempt([&] {
     std::atomic<int64_t> pairs{0};
-    each_band(*frame, [&] {
-      frog::parallel_for(static_cast<int>(frame->tiles.size()), 1, [&](int begin, int end) {
-        for (int t = begin; t < end; ++t) pairs += kernels().count_blended(frame->view, frame->tiles[t]);
-      });
-    });
+    each_tile(*frame, [&](const Tile &tile) { pairs += kernels().count_blended(frame->view, tile); });
     work[0] = frame->drawn;
     work[1] = frog_count_instances(frame);
     work[2] = pairs;
@@ -165,12 +158,10 @@ int32_t frog_adam(const FrogAdam *parameters, int32_t count) {
     std::vector<int> ends(count);    // of each parameter's pieces
     int pieces = 0;
     for (int p = 0; p < count; ++p) ends[p] = pieces += static_cast<int>((parameters[p].size + PIECE - 1) / PIECE);
-    frog::parallel_for(pieces, 1, [&](int begin, int end) {
-      for (int piece = begin; piece < end; ++piece) {
-        const auto p = std::upper_bound(ends.begin(), ends.end(), piece) - ends.begin();
-        const int64_t first = (piece - (p ? ends[p - 1] : 0)) * PIECE;
-        kernels().adam(parameters[p], first, std::min(parameters[p].size, first + PIECE));
-      }
+    frog::parallel_each(pieces, [&](int piece) {
+      const auto p = std::upper_bound(ends.begin(), ends.end(), piece) - ends.begin();
+      const int64_t first = (piece - (p ? ends[p - 1] : 0)) * PIECE;
+      kernels().adam(parameters[p], first, std::min(parameters[p].size, first + PIECE));
     });
   });
 }
@@ -180,11 +171,8 @@ int32_t frog_l1_loss(const FrogL1Loss *comparison, float *absolute) {
   return attempt([&] {
     const FrogL1Loss &c = *comparison;
     std::vector<double> sums((c.height + FROG_CELL - 1) / FROG_CELL);
-    frog::parallel_for(static_cast<int>(sums.size()), 1, [&](int begin, int end) {
-      for (int row = begin; row < end; ++row) sums[row] = kernels().l1_loss(c, row);
-    });
-    double total = 0;
-    for (double each : sums) total += each;
+    frog::parallel_each(static_cast<int>(sums.size()), [&](int row) { sums[row] = kernels().l1_loss(c, row); });
+    const double total = std::accumulate(sums.begin(), sums.end(), 0.0);
     *absolute = static_cast<float>(total / (3.0 * c.height * c.width));
   });
 }
@@ -217,8 +205,7 @@ int32_t frog_ssim(int32_t height, int32_t width, const float *image, const float
         sums[job] = kernels().ssim(height, width, image, truth, job / strips, first, last, gradient, scratch.data());
       }
     });
-    double total = 0;
-    for (double sum : sums) total += sum;
+    const double total = std::accumulate(sums.begin(), sums.end(), 0.0);
     const float share = 1 / (3.0f * height * width);
     *similarity = static_cast<float>(total) * share;
     for (long long i = 0; i < 3ll * height * width; ++i) gradient[i] *= share;

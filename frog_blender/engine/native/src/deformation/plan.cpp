@@ -36,18 +36,6 @@ Panels panels(Memory &memory, long long rows, long long columns) {
   return {memory.back().data(), static_cast<int>(rows)};
 }
 
-// A matrix (rows, columns) whose rows are `length` apart, and its transpose.
-const float *pack(Memory &memory, const float *from, int rows, int columns, long long length) {
-  const Panels to = panels(memory, rows, columns);
-  to.put(from, rows, columns, length, 1, 0, 0);
-  return to.data;
-}
-const float *pack_transposed(Memory &memory, const float *from, int rows, int columns, long long length) {
-  const Panels to = panels(memory, columns, rows);
-  to.put(from, columns, rows, 1, length, 0, 0);
-  return to.data;
-}
-
 // Playback's weights come as they are read; what of the first layer depends on time is put together here.
 void plan_groups(Packed &packed) {
   DeformationPlan &plan = packed.plan;
@@ -93,18 +81,14 @@ void plan_first(Packed &packed, bool backward) {
   const int row = static_cast<int>(padded(plan.hidden)), parts = plan.networks;
   plan.shared = pad(packed.memory, field.shared, parts, plan.hidden);
   const Panels forward = panels(packed.memory, plan.embedding, parts * row);
+  const Panels back = backward ? panels(packed.memory, parts * row, plan.embedding) : Panels{nullptr, 0};
+  plan.embedding_forward = forward.data;
+  plan.embedding_backward = back.data;
   for (int n = 0; n < parts; ++n) {
     const float *weight = field.embedding_weight + static_cast<long long>(n) * plan.hidden * plan.embedding;
     forward.put(weight, plan.embedding, plan.hidden, 1, plan.embedding, 0, n * row);
+    if (backward) back.put(weight, plan.hidden, plan.embedding, plan.embedding, 1, n * row, 0);
   }
-  plan.embedding_forward = forward.data;
-  if (!backward) return;
-  const Panels to = panels(packed.memory, parts * row, plan.embedding);
-  for (int n = 0; n < parts; ++n) {
-    const float *weight = field.embedding_weight + static_cast<long long>(n) * plan.hidden * plan.embedding;
-    to.put(weight, plan.hidden, plan.embedding, plan.embedding, 1, n * row, 0);
-  }
-  plan.embedding_backward = to.data;
 }
 
 void plan_heads(Packed &packed, const Heads &heads, bool backward) {
@@ -141,13 +125,15 @@ void plan_outputs(Packed &packed, const Heads &heads, bool backward) {
   for (int n = 0; n < plan.networks; ++n) {
     int output = 0;
     for (int head = 0; head < heads.count; ++head) {
-      Branch &branch = plan.branches[plan.branch_count++];
-      branch = {n, head * inputs, inputs, output, heads.sizes[head], nullptr, nullptr};
+      const int size = heads.sizes[head];
       const long long length = static_cast<long long>(plan.networks) * inputs;
       const float *weight = field.output_weight + output * length + n * inputs;
-      branch.forward = pack_transposed(packed.memory, weight, branch.size, inputs, length);
-      if (backward) branch.backward = pack(packed.memory, weight, branch.size, inputs, length);
-      output += branch.size;
+      const Panels forward = panels(packed.memory, inputs, size);
+      const Panels back = backward ? panels(packed.memory, size, inputs) : Panels{nullptr, 0};
+      forward.put(weight, inputs, size, 1, length, 0, 0);
+      if (backward) back.put(weight, size, inputs, length, 1, 0, 0);
+      plan.branches[plan.branch_count++] = {n, head * inputs, inputs, output, size, forward.data, back.data};
+      output += size;
     }
   }
 }

@@ -43,10 +43,9 @@ void backward(const Kernels &kernels, FrogFrame &frame, const FrogGaussians &gau
     uint32_t *moved = whole ? nullptr : frame.slots_moved.resize(count);
     const size_t slots = whole ? frame.row_instances.back() : place_slots(frame, first, last, counts, moved);
     const SlotView slot_view = {frame.slot_gradients.resize(slots * SPLAT_GRADIENTS), moved};
-    parallel_for(static_cast<int>(frame.tiles.size()), 1, [&](int begin, int end) {
-      for (int t = begin; t < end; ++t)
-        if (frame.tiles[t].y >= first && frame.tiles[t].y < last)
-          kernels.blend_backward(view, slot_view, frame.tiles[t], gradient);
+    parallel_each(static_cast<int>(frame.tiles.size()), [&](int t) {
+      const Tile &tile = frame.tiles[t];
+      if (tile.y >= first && tile.y < last) kernels.blend_backward(view, slot_view, tile, gradient);
     });
     parallel_for(count, CHUNK, [&](int begin, int end) {
       for (int i = begin; i < end; ++i) {

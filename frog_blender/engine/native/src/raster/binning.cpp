@@ -91,24 +91,22 @@ void bin_splats(FrogFrame &frame) {
   const int columns = view.tiles_x, rows = view.tiles_y;
   frame.tile_begin.assign(static_cast<size_t>(rows) * (columns + 1), 0);
   frame.row_instances.assign(rows + 1, 0);
-  parallel_for(rows, 1, [&](int begin, int end) {
-    for (int row = begin; row < end; ++row) {
-      uint32_t *changes = frame.tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
-      for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
-        const RowEntry &entry = frame.entries[e];
-        if (entry.last < entry.first) continue;
-        ++changes[entry.first];
-        --changes[entry.last + 1];
-      }
-      uint64_t total = 0;
-      uint32_t here = 0;
-      for (int x = 0; x <= columns; ++x) {
-        here += changes[x];
-        changes[x] = static_cast<uint32_t>(total);
-        total += here;
-      }
-      frame.row_instances[row + 1] = total;
+  parallel_each(rows, [&](int row) {
+    uint32_t *changes = frame.tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
+    for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
+      const RowEntry &entry = frame.entries[e];
+      if (entry.last < entry.first) continue;
+      ++changes[entry.first];
+      --changes[entry.last + 1];
     }
+    uint64_t total = 0;
+    uint32_t here = 0;
+    for (int x = 0; x <= columns; ++x) {
+      here += changes[x];
+      changes[x] = static_cast<uint32_t>(total);
+      total += here;
+    }
+    frame.row_instances[row + 1] = total;
   });
   std::partial_sum(frame.row_instances.begin(), frame.row_instances.end(), frame.row_instances.begin());
   uint32_t *slot_base = frame.slot_base.resize(view.count);
@@ -126,21 +124,20 @@ int list_tiles(FrogFrame &frame, int first, uint64_t most) {
   Instance *instances = frame.instances.resize(total);
   const uint32_t *slot_base = frame.slot_base.data();
   frame.tiles.resize(static_cast<size_t>(last - first) * columns);
-  parallel_for(last - first, 1, [&](int begin, int end) {
-    for (int row = first + begin; row < first + end; ++row) {
-      uint32_t *next = frame.tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
-      const uint32_t base = static_cast<uint32_t>(frame.row_instances[row] - before);
-      for (int x = 0; x < columns; ++x)
-        frame.tiles[static_cast<size_t>(row - first) * columns + x] = {x, row, base + next[x], base + next[x + 1]};
-      for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
-        const RowEntry &entry = frame.entries[e];
-        __builtin_prefetch(slot_base + frame.entries[std::min(e + AHEAD, frame.row_begin[row + 1] - 1)].splat);
-        uint32_t slot = slot_base[entry.splat] + entry.slot;
-        for (int x = entry.first; x <= entry.last; ++x) instances[base + next[x]++] = {entry.splat, slot++};
-      }
-      std::memmove(next + 1, next, columns * sizeof(uint32_t));  // each tile's next is where the one after it begins
-      next[0] = 0;
+  parallel_each(last - first, [&](int band_row) {
+    const int row = first + band_row;
+    uint32_t *next = frame.tile_begin.data() + static_cast<size_t>(row) * (columns + 1);
+    const uint32_t base = static_cast<uint32_t>(frame.row_instances[row] - before);
+    for (int x = 0; x < columns; ++x)
+      frame.tiles[static_cast<size_t>(band_row) * columns + x] = {x, row, base + next[x], base + next[x + 1]};
+    for (size_t e = frame.row_begin[row]; e < frame.row_begin[row + 1]; ++e) {
+      const RowEntry &entry = frame.entries[e];
+      __builtin_prefetch(slot_base + frame.entries[std::min(e + AHEAD, frame.row_begin[row + 1] - 1)].splat);
+      uint32_t slot = slot_base[entry.splat] + entry.slot;
+      for (int x = entry.first; x <= entry.last; ++x) instances[base + next[x]++] = {entry.splat, slot++};
     }
+    std::memmove(next + 1, next, columns * sizeof(uint32_t));  // each tile's next is where the one after it begins
+    next[0] = 0;
   });
   // Dearest first, so that no thread is left alone with a crowded tile at the end; but only roughly, since neighbours
   // share cache lines and pages.

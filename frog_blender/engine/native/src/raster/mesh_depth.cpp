@@ -137,9 +137,7 @@ void draw_mesh_depth(const float *vertices, int vertex_count, const int32_t *tri
   }
   const int count = (region[3] + BAND - 1) / BAND;
   const Bands bands = sort_into_bands(flats, count);
-  parallel_for(count, 1, [&](int begin, int end) {
-    for (int band = begin; band < end; ++band) draw_band(flats, bands, band, region, depth);
-  });
+  parallel_each(count, [&](int band) { draw_band(flats, bands, band, region, depth); });
 }
 
 }  // namespace frog

@@ -24,9 +24,7 @@ struct Blocks {
   int number() const { return static_cast<int>((count + size - 1) / size); }
   template <class Use>
   void each(Use use) const {  // use(block, begin, end)
-    parallel_for(number(), 1, [&](int first, int last) {
-      for (int block = first; block < last; ++block) use(block, block * size, std::min(count, (block + 1) * size));
-    });
+    parallel_each(number(), [&](int block) { use(block, block * size, std::min(count, (block + 1) * size)); });
   }
 };
 

@@ -186,6 +186,18 @@ const int fork_handlers = pthread_atfork([] { pool_mutex.lock(); }, [] { pool_mu
                                          });
 #endif
 
+// Null where the system gives no more threads.
+Pool *pool_of(int workers) {
+  if (pool && pool->workers() == workers) return pool;
+  delete pool;
+  pool = nullptr;
+  try {
+    return pool = new Pool(workers);
+  } catch (const std::system_error &) {
+    return nullptr;
+  }
+}
+
 }  // namespace
 
 int thread_count() {
@@ -198,24 +210,12 @@ void set_thread_count(int count) { wanted = std::max(0, count); }
 void parallel_for(int count, int grain, const std::function<void(int, int)> &work) {
   Job job{&work, count, std::max(1, grain)};
   std::unique_lock<std::mutex> lock(pool_mutex, std::try_to_lock);
-  int workers = thread_count() - 1;
-  if (!lock.owns_lock() || workers == 0 || count <= job.grain) {
+  const int workers = thread_count() - 1;
+  Pool *helpers = lock && workers > 0 && count > job.grain ? pool_of(workers) : nullptr;
+  if (helpers)
+    helpers->run(job);
+  else
     job.run();
-    if (job.out_of_memory) throw std::bad_alloc();
-    return;
-  }
-  if (!pool || pool->workers() != workers) {
-    delete pool;
-    pool = nullptr;
-    try {
-      pool = new Pool(workers);
-    } catch (const std::system_error &) {  // the system gives no more threads
-      job.run();
-      if (job.out_of_memory) throw std::bad_alloc();
-      return;
-    }
-  }
-  pool->run(job);
   if (job.out_of_memory) throw std::bad_alloc();
 }
 
