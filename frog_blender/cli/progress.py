@@ -6,7 +6,7 @@ import io
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
@@ -32,14 +32,15 @@ class _Bars:
         self._options = options
         self._line: tqdm | None = None
 
-    def at(self, name: str, done: int, total: int) -> tqdm:
-        """The bar of that name, at ``done`` of ``total``."""
+    def report(self, name: str, done: int, total: int, **figures: object) -> None:
+        """Shows the bar of that name, at ``done`` of ``total``, and figures behind it."""
         if self._line is None or self._line.desc != name:
             self.close()
             self._line = tqdm(desc=name, total=total, file=sys.stderr, **self._options)
         self._line.total = total
         self._line.update(done - self._line.n)
-        return self._line
+        if figures:
+            self._line.set_postfix(figures)
 
     def close(self) -> None:
         if self._line is not None:
@@ -49,15 +50,8 @@ class _Bars:
 @contextmanager
 def stage_bars() -> Iterator[Callable[[str, int, int], None]]:
     """Yields ``report(stage, done, total)``, which shows a bar for each stage in turn."""
-    bars = _Bars(leave=False)
-
-    def report(stage: str, done: int, total: int) -> None:
-        bars.at(stage, done, total)
-
-    try:
-        yield report
-    finally:
-        bars.close()
+    with closing(_Bars(leave=False)) as bars:
+        yield bars.report
 
 
 @contextmanager
@@ -70,17 +64,16 @@ def bar(name: str) -> Iterator[Callable[[int, int], None]]:
 def show(stream: Iterator[events.Event], output: Path, prefix: str = "") -> bool:
     """Follows a training to ``output`` to its end; True when it finished, False when it was cancelled. ``prefix`` is
     said before each stage's name."""
-    bars = _Bars(smoothing=0.1)
-    try:
+    with closing(_Bars(smoothing=0.1)) as bars:
         for event in stream:
             match event:
                 case events.Stage(name, done, total):
-                    bars.at(prefix + name, done, total)
+                    bars.report(prefix + name, done, total)
                 case events.Started(device="cuda"):
                     _note("training on the GPU")
                 case events.Progress(step, steps, _, left, loss, gaussians, num_dynamic):
                     figures = {"loss": f"{loss:.4f}", "gaussians": gaussians, "dynamic": num_dynamic}
-                    bars.at(f"{prefix}Training", step, steps).set_postfix({**figures, "left": about(left)})
+                    bars.report(f"{prefix}Training", step, steps, **figures, left=about(left))
                 case events.Reduced(_, message):
                     _note(message)
                 case events.Evaluated(step=step, psnr=psnr, split=split):
@@ -101,8 +94,6 @@ def show(stream: Iterator[events.Event], output: Path, prefix: str = "") -> bool
                     bars.close()
                     complain(f"cancelled at step {step}, {_kept(path, output)}.")
                     return False
-    finally:
-        bars.close()
     return False
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -128,9 +129,8 @@ def save_figure(figure: Any, path: Path) -> Path:
     """Writes a figure as SVG; the same bytes for the same figure."""
     import matplotlib
 
-    try:
-        with matplotlib.rc_context({"svg.hashsalt": "frog"}):
-            figure.savefig(path, metadata={"Date": None})
-    except OSError as error:
-        raise FrogError(f"{path}: could not be written ({error.strerror}).") from error
+    content = BytesIO()
+    with matplotlib.rc_context({"svg.hashsalt": "frog"}):
+        figure.savefig(content, format="svg", metadata={"Date": None})
+    write_atomically(path, content.getvalue())
     return path

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine import Ended, FrogError, lock_output
+from ..engine import Ended, FrogError, lock_output, write_atomically
 from .grid import Run
 from .results import Record, append, read
 from .runs import RunEnvironment, Stopped, clean_up, failure, frog_seconds, is_done, perform
@@ -53,13 +53,8 @@ def run_grid(
     Raises:
         Stopped: if it was cancelled; the runs in progress continue next time.
     """
-    scenes = environment.folder / "scenes"
-    try:
-        scenes.mkdir(parents=True, exist_ok=True)
-        # Git ignores scenes and checkpoints, which are large and can be made again, but not the results beside them.
-        (scenes / ".gitignore").write_text("*\n", encoding="utf-8")
-    except OSError as error:
-        raise FrogError(f"{scenes}: the folder could not be made ({error.strerror}).") from error
+    # Git ignores scenes and checkpoints, which are large and can be made again, but not the results beside them.
+    write_atomically(environment.folder / "scenes" / ".gitignore", b"*\n")
     if cluster is not None:
         environment = replace(environment, threads=cluster.threads(), dedicated=False)
     with lock_output(environment.results):

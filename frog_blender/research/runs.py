@@ -72,6 +72,22 @@ class RunEnvironment:
         """Where a run's ``.frog`` lies."""
         return self.folder / "scenes" / f"{run.key}.frog"
 
+    def job(self, run: Run) -> TrainingJob:
+        """The training of a run, without its limits."""
+        return TrainingJob(
+            Path(run.capture),
+            self.scene(run),
+            method=run.method,
+            recipe=run.plain_recipe(),
+            seed=run.seed,
+            scale=run.scale,
+            holdout_frames=run.holdout_frames,
+            device=self.device,
+            save_every=self.save_every,
+            overwrite=True,
+            opened=run.opened(),
+        )
+
 
 class Stopped(Exception):
     """The run was cancelled; its checkpoint is kept."""
@@ -156,23 +172,8 @@ def perform(
     """
     with limited_threads(environment.threads):
         started = time.monotonic()
-        scene = environment.scene(run)
-        opened = run.opened()
-        job = TrainingJob(
-            Path(run.capture),
-            scene,
-            method=run.method,
-            recipe=run.plain_recipe(),
-            steps=None if run.equal_time else run.steps,
-            seconds=seconds if run.equal_time else None,
-            seed=run.seed,
-            scale=run.scale,
-            holdout_frames=run.holdout_frames,
-            device=environment.device,
-            save_every=environment.save_every,
-            overwrite=True,
-            opened=opened,
-        )
+        limit = {"seconds": seconds} if run.equal_time else {"steps": run.steps}
+        job = replace(environment.job(run), **limit)
         trained = _train(job, settings_of(run), advanced, cancelled)
         measured = _measure(job, condition_named(run.condition).light if run.condition else 1.0)
         return {

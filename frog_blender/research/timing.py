@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -20,7 +21,6 @@ from ..engine import (
     Session,
     Trainer,
     TrainingDiverged,
-    TrainingJob,
     add_hooks,
     choose_device,
     draw,
@@ -125,27 +125,16 @@ def time_grid(
 
 
 def _time(run: Run, environment: RunEnvironment) -> Record:
-    recipe = run.plain_recipe()
-    job = TrainingJob(
-        Path(run.capture),
-        Path("short.frog"),
-        opened=run.opened(),
-        recipe=recipe,
-        method=run.method,
-        seed=run.seed,
-        steps=STEPS,
-        scale=run.scale,
-        holdout_frames=run.holdout_frames,
-    )
+    job = replace(environment.job(run), steps=STEPS)
     capture, scale = prepare_capture(job)
-    store, device = FrameStore.open(capture), choose_device(environment.device)[0]
+    store, device = FrameStore.open(capture), choose_device(job.device)[0]
     camera = next((camera for camera in capture.cameras if camera.name in capture.test_cameras), capture.cameras[0])
     with TemporaryDirectory() as folder:
         path = Path(folder) / "short.frog"
-        trainer = Trainer(capture, store, seeds_of(job, capture, store), recipe, job, device)
+        trainer = Trainer(capture, store, seeds_of(job, capture, store), job.recipe, job, device)
         add_hooks(trainer)
         session = Session(job, trainer, scale)
-        training = time_steps(session, run.steps or recipe.steps_for(capture.frame_count))
+        training = time_steps(session, run.steps or job.recipe.steps_for(capture.frame_count))
         finished = environment.scene(run)
         if finished.is_file():
             path = finished

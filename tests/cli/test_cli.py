@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 import pytest
 from support import synthetic_capture as film
-from support.builders import scene_file
 
 from frog_blender.cli import info_command
 from frog_blender.cli.arguments import frames_of
@@ -228,18 +227,6 @@ def test_render_writes_exactly_what_the_camera_saw(run: Run, trained: Path, tmp_
     for frame, path in zip((2, 3, 4), images, strict=True):
         expected = to_uint8(draw(scene.at_frame(frame), scene.header.cameras[1], scene.header.background).rgb)
         np.testing.assert_array_equal(cv2.imread(str(path))[:, :, ::-1], expected)
-
-
-def test_the_path_of_a_moving_camera_is_that_of_its_training_images(run: Run, tmp_path: Path) -> None:
-    """Of two cameras with an image of the same frame the other one is held out."""
-    scene = scene_file()
-    header = replace(scene.header, camera_shots=((0,), (1,), (0,)), frame_count=2)
-    header = replace(header, cameras=(*header.cameras[:2], replace(header.cameras[2], name="other")))
-    for held_out, shown in (("other", header.cameras[0]), ("odd", header.cameras[2])):
-        write_scene(tmp_path / "m.frog", replace(scene, header=replace(header, test_cameras=(held_out,))))
-        assert run("render", tmp_path / "m.frog", "--camera", "moving", "--out", tmp_path / held_out)[0] == 0
-        image = cv2.imread(str(tmp_path / held_out / "moving_0000.png"))
-        assert image.shape[:2] == (shown.height, shown.width)
 
 
 def test_frames() -> None:

@@ -8,32 +8,21 @@ import types
 
 import numpy as np
 import pytest
+from support.builders import looking_at
 
 from frog_blender.cli import demo
 from frog_blender.cli.demo import DemoCapture, flight, run_demo
 from frog_blender.cli.main import main
-from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.training.optimize.trainer import Trainer
 
 
-def looking_at_origin(name: str, center: tuple[float, float, float]) -> Camera:
-    """A camera at ``center`` that looks at the origin, y down as far as that goes."""
-    forward = -np.array(center) / np.linalg.norm(center)
-    right = np.cross([0.0, 1.0, 0.0], forward)
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, -rotation @ center
-    return Camera(name, 64, 48, [[60, 0, 32], [0, 60, 24], [0, 0, 1]], matrix)
-
-
 def rig() -> types.SimpleNamespace:
-    cameras = tuple(
-        looking_at_origin(f"cam{i}", center) for i, center in enumerate([(0, 0.2, -4), (-1, 0.3, -4), (1, -0.4, -4)])
-    )
-    return types.SimpleNamespace(cameras=cameras, test_cameras=("cam0",))
+    centers = [(0, -4, 0.2), (-1, -4, 0.3), (1, -4, -0.4)]
+    lens = np.array([[60, 0, 32], [0, 60, 24], [0, 0, 1]])
+    cameras = [looking_at(f"cam{index}", center, (64, 48), lens) for index, center in enumerate(centers)]
+    return types.SimpleNamespace(cameras=tuple(cameras), test_cameras=("cam0",))
 
 
 def test_the_flight_moves_among_the_cameras_and_keeps_its_subject_in_the_middle():

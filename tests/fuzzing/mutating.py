@@ -23,41 +23,14 @@ HOSTILE: list[Any] = [
     *([], {}, [[]], [2**40, 3], {"x": {"x": []}}, [0.0, 0.0, 0.0], ["frog"]),
 ]
 _NUMBERS = [
-    0.0,
-    -0.0,
-    np.nan,
-    np.inf,
-    -np.inf,
-    3e38,
-    -3e38,
-    1e-45,
-    1.0,
-    -1.0,
-    88.0,
-    1e9,
-    1e20,
-    2.0**31,
-    -(2.0**63),
-    1e300,
+    *(0.0, -0.0, np.nan, np.inf, -np.inf, 3e38, -3e38, 1e-45),
+    *(1.0, -1.0, 88.0, 1e9, 1e20, 2.0**31, -(2.0**63), 1e300),
 ]
 _COUNTS = [0, 1, 0xFF, 0xFFFF, 2**31, 0x7FFFFFFF, 0xFFFFFFFF, 2**40, 2**63 - 1, 2**63, 2**64 - 1]
 _WORDS = [
-    *(
-        b"0",
-        b"-1",
-        b"1",
-        b"3",
-        b"255",
-        b"65536",
-        b"2147483648",
-        b"99999999999",
-        b"1" * 400,
-        b"1e308",
-        b"1e999",
-        b"1e-320",
-    ),
-    *(b"nan", b"inf", b"-inf", b"null", b"true", b"[]", b"{}", b"[[]]", b'"', b'""', b"", b"\0", b"\n", b"\xff\xfe"),
-    *(b"../../x", b"/etc/passwd", b"data:,", b"http://127.0.0.1:9/x", b"[" * 3000, b"double", b"list", b"half", b"x"),
+    *b"0 -1 1 3 255 65536 2147483648 99999999999 1e308 1e999 1e-320 nan inf -inf null true [] {} [[]]".split(),
+    *b'" "" ../../x /etc/passwd data:, http://127.0.0.1:9/x double list half x'.split(),
+    *(b"", b"\0", b"\n", b"\xff\xfe", b"1" * 400, b"[" * 3000),
 ]
 _NPY_HEADERS = [
     *("(4, -3)", "(2**80, 3)", "()", "(3,)", "(10**9, 17)", "(1000000000, 17)", "(0, 17)", "'", "\n", "[", "(" * 50),
@@ -103,19 +76,19 @@ def counts(content: bytes, chance: random.Random) -> bytes:
         if size > 2 and chance.random() < 0.5:
             with np.errstate(all="ignore"):
                 new = np.array(chance.choice(_NUMBERS)).astype(f"<f{size}").tobytes()
-        place = chance.randrange(end)
-        changed[place : place + size] = new
+        start = chance.randrange(end)
+        changed[start : start + size] = new
     return bytes(changed[: len(content)])
 
 
 def words(content: bytes, chance: random.Random) -> bytes:
     """Some words and numbers of a text, or of a text before numbers, are hostile ones or others of the text."""
     for _ in range(chance.choice([1, 1, 2, 5])):
-        found = list(_WORD.finditer(content, 0, min(len(content), chance.choice([1000, 10_000, 10**9]))))
-        if not found:
+        matches = list(_WORD.finditer(content, 0, min(len(content), chance.choice([1000, 10_000, 10**9]))))
+        if not matches:
             return content
-        word = chance.choice(found)
-        other = chance.choice(_WORDS) if chance.random() < 0.7 else chance.choice(found).group()
+        word = chance.choice(matches)
+        other = chance.choice(_WORDS) if chance.random() < 0.7 else chance.choice(matches).group()
         content = content[: word.start()] + other + content[word.end() :]
     return content
 
@@ -123,18 +96,18 @@ def words(content: bytes, chance: random.Random) -> bytes:
 def lines(content: bytes, chance: random.Random) -> bytes:
     """Lines change places, are doubled, taken out or very long."""
     parts = content.split(b"\n")
-    place, other = chance.randrange(len(parts)), chance.randrange(len(parts))
+    index, other = chance.randrange(len(parts)), chance.randrange(len(parts))
     match chance.randrange(5):
         case 0:
-            parts[place], parts[other] = parts[other], parts[place]
+            parts[index], parts[other] = parts[other], parts[index]
         case 1:
-            parts.insert(other, parts[place])
+            parts.insert(other, parts[index])
         case 2:
-            del parts[place]
+            del parts[index]
         case 3:
-            parts[place] = parts[place] + chance.choice([b"[", b"{", b"a.", b"-", b" ", b"\t", b"9"]) * 20_000
+            parts[index] = parts[index] + chance.choice([b"[", b"{", b"a.", b"-", b" ", b"\t", b"9"]) * 20_000
         case 4:
-            parts = parts[:place] + parts[other:]
+            parts = parts[:index] + parts[other:]
     return b"\n".join(parts)
 
 

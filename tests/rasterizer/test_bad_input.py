@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from support.builders import ATTRIBUTES, join, odd_camera, plain_camera, random_gaussians
-from support.strange_gaussians import INVISIBLE, STRANGE
+from support.strange_gaussians import STRANGE, scattered
 from support.torch_drawing import draw_with_gradients, tensors
 
 from frog_blender.engine.rasterizer import GaussianArrays, rasterize
@@ -22,17 +22,19 @@ def neighbours() -> GaussianArrays:
 
 @pytest.mark.parametrize("backend", ["cpu", "reference"])
 def test_what_cannot_be_drawn_changes_no_neighbour(backend: str) -> None:
-    """The bad one comes first in the list and stands in front, so that a shifted index would show."""
+    """Scattered through the list, so that a shifted index would show, and in front."""
     expected, expected_gradients = draw_with_gradients(neighbours(), CAMERA, backend)
-    for name, bad in INVISIBLE.items():
-        image, gradients = draw_with_gradients(join(bad, neighbours()), CAMERA, backend)
-        for output in ("rgb", "alpha", "median_depth", "mean_depth"):
-            values, unchanged = (getattr(each, output).nan_to_num(-1) for each in (image, expected))
-            assert torch.equal(values, unchanged), (name, output)
-        assert image.radii[0] == 0 and image.max_weights[0] == 0, name
-        for attribute in (*ATTRIBUTES, "screen"):
-            assert not gradients[attribute][0].any(), (name, attribute)
-            np.testing.assert_array_equal(gradients[attribute][1:], expected_gradients[attribute], err_msg=name)
+    gaussians, kept = scattered(neighbours())
+    image, gradients = draw_with_gradients(gaussians, CAMERA, backend)
+    for output in ("rgb", "alpha", "median_depth", "mean_depth"):
+        values, unchanged = (getattr(drawn, output).nan_to_num(-1) for drawn in (image, expected))
+        assert torch.equal(values, unchanged), output
+    invisible = np.setdiff1d(np.arange(len(gaussians)), kept)
+    assert not image.radii[invisible].any() and not image.max_weights[invisible].any()
+    assert torch.equal(image.radii[kept], expected.radii) and torch.equal(image.max_weights[kept], expected.max_weights)
+    for attribute in (*ATTRIBUTES, "screen"):
+        assert not gradients[attribute][invisible].any(), attribute
+        np.testing.assert_array_equal(gradients[attribute][kept], expected_gradients[attribute], err_msg=attribute)
 
 
 @pytest.mark.parametrize("name", STRANGE)
@@ -42,29 +44,6 @@ def test_what_is_strange_leaves_a_finite_image(name: str) -> None:
     assert float(image.alpha.detach().min()) >= 0 and float(image.alpha.detach().max()) <= 1
     for attribute in (*ATTRIBUTES, "screen"):
         assert np.isfinite(gradients[attribute]).all(), attribute
-
-
-def test_culled_gaussians_anywhere_shift_nothing() -> None:
-    """Bad ones scattered through the list, whichever way an index between compact and full arrays goes wrong."""
-    good = neighbours()
-    expected, expected_gradients = draw_with_gradients(good, CAMERA, "cpu")
-    bad = [INVISIBLE[name] for name in ("NaN mean", "behind the camera", "opacity below 1/255", "off the screen")]
-    parts, kept, count = [], [], 0
-    for i in range(len(good)):
-        if i % 3 == 0:
-            parts.append(bad[i // 3 % 4])
-            count += 1
-        parts.append(GaussianArrays(*[getattr(good, name)[i : i + 1] for name in ATTRIBUTES]))
-        kept.append(count)
-        count += 1
-    image, gradients = draw_with_gradients(join(*parts), CAMERA, "cpu")
-    assert torch.equal(image.rgb, expected.rgb)
-    assert torch.equal(image.radii[kept], expected.radii)
-    assert torch.equal(image.max_weights[kept], expected.max_weights)
-    culled = np.setdiff1d(np.arange(count), kept)
-    for attribute in (*ATTRIBUTES, "screen"):
-        np.testing.assert_array_equal(gradients[attribute][kept], expected_gradients[attribute])
-        assert not gradients[attribute][culled].any()
 
 
 def test_wrong_shapes_are_named() -> None:

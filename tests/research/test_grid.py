@@ -6,18 +6,8 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
-
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.recipes import recipe
-from frog_blender.research.grid import (
-    ABLATIONS,
-    MAIN_METHODS,
-    Run,
-    ablation_variants,
-    chart_grid,
-    named_captures,
-)
+from frog_blender.research.grid import ABLATIONS, Run, ablation_variants, chart_grid
 
 CAPTURES = {"room": Path("/somewhere/room"), "dim": Path("/somewhere/dim")}
 RUN = Run("room", "/somewhere/room", "frog", "FRoG", overrides=(("fusion", "add"),))
@@ -99,18 +89,3 @@ def test_more_rows() -> None:
     assert len(runs) == 4 and {run.group for run in runs} == {"methods"}
     assert runs[0].plain_recipe().network_rate == 1e-4 and runs[0].plain_recipe().sh_degree == 2
     assert runs[0].settings().fusion == "dual"
-
-
-def test_mistakes_are_said_before_anything_runs() -> None:
-    for common, options, word in (
-        (Run(), {"rows": ["nerf"]}, "nerf"),
-        (Run(), {"rows": ["frog"], "ablation": ["color"]}, "color"),
-        (Run(recipe="fast"), {"rows": ["frog"]}, "fast"),
-        (Run(overrides=(("speed", 1),)), {"rows": ["frog"]}, "speed"),
-    ):
-        with pytest.raises(FrogError, match=word):
-            chart_grid(CAPTURES, common, **options)
-    with pytest.raises(FrogError, match="another capture"):
-        named_captures([Path("a/room"), Path("b/room")])
-    assert list(named_captures([Path("a/room"), Path("b/dim")])) == ["room", "dim"]
-    assert set(MAIN_METHODS) == {"frog", "frog-auto", "ed3dgs"}

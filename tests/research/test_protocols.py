@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from support.small_captures import llff_row, write_video
 
 from frog_blender.engine.errors import FrogError
 from frog_blender.research.protocols import PROTOCOLS, averages, captures, protocol_named, published_table
@@ -19,30 +20,24 @@ N3DV = PROTOCOLS["n3dv"]
 MARTINI = tuple(f"cam{number:02d}" for number in range(21) if number not in (3, 15, 17))
 
 
-def video(path: Path, frames: int) -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 30.0, (32, 24))
-    for frame in range(frames):
-        writer.write(np.full((24, 32, 3), frame % 200, np.uint8))
-    writer.release()
-    return path
-
-
 def n3dv_scene(folder: Path, names: tuple[str, ...], source: Path) -> None:
     """Camera i stands at x = i; all show the same video."""
     folder.mkdir(parents=True)
-    rows = []
-    for index, name in enumerate(names):
+    for name in names:
         os.link(source, folder / f"{name}.mp4")
-        matrix = np.stack([[0.0, 1, 0], [1.0, 0, 0], [0.0, 0, -1], [index, 0, 0], [2028, 2704, 1500.0]], axis=1)
-        rows.append([*matrix.ravel(), 0.5, 20.0])
-    np.save(folder / "poses_bounds.npy", np.array(rows))
+    rows = [llff_row(2028, 2704, 1500.0, (index, 0, 0)) for index in range(len(names))]
+    np.save(folder / "poses_bounds.npy", np.stack(rows))
 
 
 @pytest.fixture(scope="module")
 def n3dv(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The six scenes; flame_salmon_1 has 1200 frames, sear_steak's videos lack their last."""
+
+    def dark(_: int) -> np.ndarray:
+        return np.zeros((24, 32, 3), np.uint8)
+
     root = tmp_path_factory.mktemp("data")
-    short, usual, long = (video(root / f"{n}.mp4", n) for n in (299, 300, 1200))
+    short, usual, long = (write_video(root / f"{n}.mp4", n, 32, 24, dark) for n in (299, 300, 1200))
     folder = root / "N3DV"
     n3dv_scene(folder / "coffee_martini", MARTINI, usual)
     for name in ("cook_spinach", "cut_roasted_beef", "flame_steak"):

@@ -63,6 +63,17 @@ def odd_camera(width: int = 45, height: int = 27) -> Camera:
     return Camera("odd", width, height, intrinsics, world_to_camera)
 
 
+def looking_at(name: str, eye: tuple[float, float, float], size: tuple[int, int], intrinsics: np.ndarray) -> Camera:
+    """A camera at ``eye`` that looks at the origin, with the world's z up."""
+    forward = -np.array(eye) / np.linalg.norm(eye)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    world_to_camera = np.eye(4)
+    world_to_camera[:3, :3], world_to_camera[:3, 3] = rotation, -rotation @ np.array(eye)
+    return Camera(name, *size, intrinsics, world_to_camera)
+
+
 def steps_between(points: np.ndarray) -> float:
     """Mean distance from one to the next."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean())

@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 from support import builders
+from support.builders import looking_at
 
 from frog_blender import point_cloud
 from frog_blender.engine.capture.camera import Camera
@@ -19,17 +20,6 @@ from frog_blender.engine.scene.scene_file import write_scene as write_file
 
 HIDDEN, EMBEDDING = 16, builders.MODEL["embedding_size"]
 MODEL = {**builders.MODEL, "hidden_width": HIDDEN, "motion_unit": 1.0}
-
-
-def looking_at(name: str, eye: tuple[float, float, float], size: tuple[int, int], intrinsics: np.ndarray) -> Camera:
-    """A camera at ``eye`` that looks at the origin, with the world's z up."""
-    forward = -np.array(eye) / np.linalg.norm(eye)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    world_to_camera = np.eye(4)
-    world_to_camera[:3, :3], world_to_camera[:3, 3] = rotation, -rotation @ np.array(eye)
-    return Camera(name, *size, intrinsics, world_to_camera)
 
 
 def lens(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from support.builders import one_gaussian
+import numpy as np
+from support.builders import join, one_gaussian
+
+from frog_blender.engine.gaussians import NumpyGaussians
 
 NAN, INF = float("nan"), float("inf")
 
@@ -49,3 +52,13 @@ STRANGE = {
     "very bright": one_gaussian((0, 0, 2), sh=[[[1e6, 1e6, 1e6]]]),
     "far to the side, wide": one_gaussian((1e6, 0, 2), scales=[[1e6, 1e6, 1e6]]),
 }
+
+
+def scattered(good: NumpyGaussians) -> tuple[NumpyGaussians, np.ndarray]:
+    """These with everything that is invisible among them, one before each, and which ones they are then."""
+    parts: list[NumpyGaussians] = []
+    for index, bad in enumerate(INVISIBLE.values()):
+        parts += [bad, good.part(slice(index, index + 1))]
+    kept = 2 * np.arange(len(INVISIBLE)) + 1
+    rest = good.part(slice(len(INVISIBLE), None))
+    return join(*parts, rest), np.concatenate([kept, kept[-1] + 1 + np.arange(len(rest))])

@@ -95,7 +95,7 @@ def test_code_is_compiled_once(recorder: Recorder, tmp_path: Path) -> None:
     first = compiling.machine_code(EMIT, 90, tmp_path / "a", compiler=recorder)
     assert first == compiling.machine_code(EMIT, 90, tmp_path / "a", compiler=recorder)
     assert recorder.built == ["sm_90"]
-    assert not list((tmp_path / "a").glob(".partial-*"))
+    assert not list((tmp_path / "a").glob(".*.part"))
 
 
 class IncludesOthers(Kernel):

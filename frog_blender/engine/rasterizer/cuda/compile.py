@@ -6,10 +6,12 @@ The compiler is NVRTC through an own binding (``nvrtc.py`` says why).
 from __future__ import annotations
 
 import hashlib
-import os
-import tempfile
+from contextlib import suppress
 from pathlib import Path
 
+from ...errors import FrogError
+from ...io.atomic_files import write_atomically
+from ...io.cache_folder import default_cache_folder
 from . import nvrtc
 from .sources import Kernel
 
@@ -31,15 +33,14 @@ def machine_code(
     Raises:
         FrogError: no compiler was found, the GPU is too old, or the kernel does not compile.
     """
-    from ...io.cache_folder import default_cache_folder
-
     compiler = compiler or nvrtc.compiler()
     target = compiler.target(capability)
     path = (folder or default_cache_folder() / "kernels") / _name(kernel, target, compiler.version)
     code = _read(path)
     if code is None:
         code = compiler.build(kernel, target)
-        _write(path, code)
+        with suppress(FrogError):  # a folder that cannot be written only costs time at the next start
+            write_atomically(path, _FORMAT + hashlib.sha256(code).digest() + code)
     return code
 
 
@@ -62,17 +63,3 @@ def _read(path: Path) -> bytes | None:
     digest, code = data[len(_FORMAT) : start], data[start:]
     whole = data.startswith(_FORMAT) and code and hashlib.sha256(code).digest() == digest
     return code if whole else None
-
-
-def _write(path: Path, code: bytes) -> None:
-    """Put a cache file in place at once; a folder that cannot be written only costs time at the next start."""
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".partial-")
-        with os.fdopen(handle, "wb") as file:
-            file.write(_FORMAT + hashlib.sha256(code).digest() + code)
-        os.replace(temporary, path)
-    except OSError:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
