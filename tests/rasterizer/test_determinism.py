@@ -30,25 +30,20 @@ def assert_same_bits(found: dict[str, np.ndarray], expected: dict[str, np.ndarra
 
 
 def test_any_number_of_threads(crowd: GaussianArrays, set_thread_count: Callable[[int], None]) -> None:
+    """Also of more than one block of the sorting: 8192 are counted and placed separately, many at the same depth."""
+    many = random_gaussians(CAMERA, 20_000, 0, seed=3, opacity=(0.02, 0.1))
+    many.means[::2] = many.means[1]
+
+    def outputs() -> list[dict[str, np.ndarray]]:
+        return [native_image(crowd, CAMERA), with_everything(crowd), native_image(many, CAMERA)]
+
     set_thread_count(1)
-    expected, everything = native_image(crowd, CAMERA), with_everything(crowd)
-    assert binding.library().frog_thread_count() == 1
+    expected = outputs()
     for threads in (2, 3, 7, 1):
         set_thread_count(threads)
         assert binding.library().frog_thread_count() == threads
-        assert_same_bits(native_image(crowd, CAMERA), expected)
-        assert_same_bits(with_everything(crowd), everything)
-
-
-def test_more_gaussians_than_one_block_of_the_sorting(set_thread_count: Callable[[int], None]) -> None:
-    """Blocks of 8192 are counted and placed separately; many lie at the same depth."""
-    gaussians = random_gaussians(CAMERA, 20_000, 0, seed=3, opacity=(0.02, 0.1))
-    gaussians.means[::2] = gaussians.means[1]
-    set_thread_count(1)
-    expected = native_image(gaussians, CAMERA)
-    for threads in (2, 7):
-        set_thread_count(threads)
-        assert_same_bits(native_image(gaussians, CAMERA), expected)
+        for drawn, one_thread in zip(outputs(), expected, strict=True):
+            assert_same_bits(drawn, one_thread)
 
 
 def test_ties_in_depth_are_broken_by_index() -> None:

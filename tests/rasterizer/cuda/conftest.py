@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from frog_blender.engine.rasterizer.cuda import launch
-from frog_blender.engine.rasterizer.cuda.launch import Launcher
 
 sys.path.insert(0, str(Path(__file__).parent / "emulator"))
 
@@ -25,17 +24,17 @@ def built_emulator(tmp_path_factory: pytest.TempPathFactory):
 
 
 @pytest.fixture
-def launch_on(monkeypatch: pytest.MonkeyPatch) -> Callable[[Launcher], None]:
-    """Makes ``backend="cuda"`` use a launcher, whatever device the tensors are on."""
+def launch_on(monkeypatch: pytest.MonkeyPatch) -> Callable[[object], None]:
+    """Makes ``backend="cuda"`` use a device of the test's, whatever device the tensors are on."""
 
-    def use(launcher: Launcher) -> None:
+    def use(launcher: object) -> None:
         monkeypatch.setattr(launch, "launcher_for", lambda device: launcher)
 
     return use
 
 
 @pytest.fixture
-def emulator(built_emulator, launch_on: Callable[[Launcher], None]):
+def emulator(built_emulator, launch_on: Callable[[object], None]):
     """``backend="cuda"`` draws tensors on the CPU, with the kernels compiled by g++."""
     launch_on(built_emulator)
     built_emulator.reset()

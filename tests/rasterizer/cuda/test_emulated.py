@@ -113,14 +113,35 @@ def test_tensors_on_the_cpu_are_refused_without_the_emulator() -> None:
         rasterize(tensors(random_gaussians(SMALL, 6, 1)), SMALL, backend="cuda")
 
 
-def test_structs_and_constants_are_those_of_the_kernels(built_emulator: Emulator) -> None:
-    library = build(HERE / "layout.cpp", built_emulator.folder / "layout.so")
+STAGED = ("x", "y", "along", "lean", "across", "log2_opacity", "red", "green", "blue", "depth")
+STAGED += ("extent_x", "extent_y", "radius", "widest")
+"""What the kernels copy as four float4 and then read by name."""
+LAYOUT = """
+#include "cuda_on_cpu.h"
+#include "common.cuh"
+static_assert(offsetof(Splat, first_row) == offsetof(Staged, rows), "rows");
+{same}
+extern "C" {{
+{layouts}
+extern const int constants[] = {{THREADS, TILE, sizeof(Splat), SPLAT_GRADIENTS}};
+}}
+"""
+
+
+def test_structs_and_constants_are_those_of_the_kernels(built_emulator: Emulator, tmp_path: Path) -> None:
+    """As a C++ compiler lays them out."""
+    layouts, expected = [], {}
     for name in ("Gaussians", "Camera", "Options", "Gradients"):
         struct = getattr(structs, name)
         fields = [field for field, *_ in struct._fields_]
-        expected = [ctypes.sizeof(struct), *[getattr(struct, field).offset for field in fields]]
-        layout = (ctypes.c_size_t * len(expected)).in_dll(library, f"{name.lower()}_layout")
-        assert list(layout) == expected, name
+        sizes = [f"sizeof(Frog{name})", *(f"offsetof(Frog{name}, {field})" for field in fields)]
+        layouts.append(f"extern const size_t {name}[] = {{{', '.join(sizes)}}};")
+        expected[name] = [ctypes.sizeof(struct), *(getattr(struct, field).offset for field in fields)]
+    same = [f'static_assert(offsetof(Splat, {name}) == offsetof(Staged, {name}), "{name}");' for name in STAGED]
+    (tmp_path / "layout.cpp").write_text(LAYOUT.format(same="\n".join(same), layouts="\n".join(layouts)))
+    library = build(tmp_path / "layout.cpp", tmp_path / "layout.so")
+    for name, layout in expected.items():
+        assert list((ctypes.c_size_t * len(layout)).in_dll(library, name)) == layout, name
     constants = list((ctypes.c_int * 4).in_dll(library, "constants"))
     assert constants == [launch.THREADS, binning.TILE, 4 * structs.SPLAT_FLOATS, module.MOMENTS]
 

@@ -46,7 +46,7 @@ def device(driver: ctypes.CDLL, built_emulator: Emulator) -> launch.Device:
 
 
 def test_draws_through_the_driver(
-    driver: ctypes.CDLL, device: launch.Device, built_emulator: Emulator, launch_on: Callable[[launch.Launcher], None]
+    driver: ctypes.CDLL, device: launch.Device, built_emulator: Emulator, launch_on: Callable[[object], None]
 ) -> None:
     launch_on(device)
     through_driver = draw(SCENE, "cuda", torch.float32)
@@ -58,7 +58,7 @@ def test_draws_through_the_driver(
 
 
 def test_a_failed_launch_is_a_sentence_and_leaves_no_context_behind(
-    driver: ctypes.CDLL, device: launch.Device, launch_on: Callable[[launch.Launcher], None]
+    driver: ctypes.CDLL, device: launch.Device, launch_on: Callable[[object], None]
 ) -> None:
     launch_on(device)
     for status, reason in ((719, "unspecified launch failure"), (1, "error 1")):

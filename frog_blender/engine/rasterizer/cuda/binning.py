@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 
 from ...errors import FrogError
-from .launch import THREADS, Launcher
+from .launch import THREADS, Device
 from .sources import kernel
 
 TILE = 16  # pixels a side; TILE in src/shared/types.h
@@ -44,7 +44,7 @@ def blocks_for(threads: int) -> int:
 
 
 def bin_splats(
-    launcher: Launcher,
+    launcher: Device,
     splats: torch.Tensor,
     depths: torch.Tensor,
     tile_counts: torch.Tensor,

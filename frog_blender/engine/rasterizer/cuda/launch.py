@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable
 from ctypes import POINTER, byref, c_char_p, c_int, c_int32, c_uint, c_void_p
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import torch
 
@@ -22,38 +22,8 @@ Argument: TypeAlias = torch.Tensor | int | ctypes.Structure | None
 Parameter: TypeAlias = c_void_p | c_int32 | ctypes.Structure
 
 
-class TorchCuda(Protocol):
-    """What is used of ``torch.cuda``."""
-
-    # Any: torch's own classes, of which torch exports one under a private name.
-    def get_device_properties(self, device: int, /) -> Any:
-        """With ``total_memory`` in bytes, ``major`` and ``minor`` of the compute capability, and ``name``."""
-        ...
-
-    def current_stream(self, device: int, /) -> Any:
-        """With the handle ``cuda_stream``, and ``synchronize``."""
-        ...
-
-
-class Launcher(Protocol):
-    """What ``rasterize`` needs of a device.
-
-    Attributes:
-        memory: bytes of the device.
-    """
-
-    memory: int
-
-    def launch(self, kernel: Kernel, blocks: int, *arguments: Argument) -> None:
-        """Start a kernel on ``blocks`` blocks of THREADS threads; nothing where there are none.
-
-        Arguments are tensors (their addresses are passed), None (a null address), ints (32 bits) or ctypes structs (by
-        value), in the order of the kernel's parameters.
-        """
-
-
 def as_parameters(arguments: tuple[Argument, ...]) -> list[Parameter]:
-    """ctypes objects for what ``Launcher.launch`` takes."""
+    """ctypes objects for what ``Device.launch`` takes."""
     parameters: list[Parameter] = []
     for argument in arguments:
         if argument is None or isinstance(argument, torch.Tensor):
@@ -102,7 +72,7 @@ def _check(driver: ctypes.CDLL, status: int, action: str) -> None:
 
 
 class Device:
-    """A Launcher for one GPU, in the context and on the streams that torch uses.
+    """One GPU, in the context and on the streams that torch uses.
 
     Kernels are compiled and loaded when they are first launched. Any thread may launch.
 
@@ -111,6 +81,9 @@ class Device:
         driver: see ``load_driver``; loaded here by default.
         code: the machine code of a kernel for a compute capability, see ``machine_code``.
         cuda: torch's interface to its GPUs.
+
+    Attributes:
+        memory: of the GPU, bytes.
     """
 
     def __init__(
@@ -119,7 +92,7 @@ class Device:
         *,
         driver: ctypes.CDLL | None = None,
         code: Callable[[Kernel, int], bytes] = machine_code,
-        cuda: TorchCuda = torch.cuda,
+        cuda: Any = torch.cuda,
     ) -> None:
         self._index, self._code, self._cuda = index, code, cuda
         properties = cuda.get_device_properties(index)
@@ -136,7 +109,11 @@ class Device:
         _check(driver, driver.cuDevicePrimaryCtxRetain(byref(self._context), device), self._name)
 
     def launch(self, kernel: Kernel, blocks: int, *arguments: Argument) -> None:
-        """See Launcher. FrogError when the kernel cannot be compiled, loaded or launched."""
+        """Starts a kernel on ``blocks`` blocks of THREADS threads; nothing where there are none.
+
+        Arguments are tensors (their addresses are passed), None (a null address), ints (32 bits) or ctypes structs (by
+        value), in the order of the kernel's parameters. FrogError when it cannot be compiled, loaded or launched.
+        """
         if not blocks:
             return
         parameters = as_parameters(arguments)
@@ -169,7 +146,7 @@ def _device(index: int) -> Device:
     return Device(index)
 
 
-def launcher_for(device: torch.device) -> Launcher:
+def launcher_for(device: torch.device) -> Device:
     """The launcher of a CUDA device; ValueError for another device."""
     if device.type != "cuda":
         raise ValueError(f"the CUDA rasterizer draws tensors on a GPU, not on {device}")

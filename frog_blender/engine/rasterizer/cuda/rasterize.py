@@ -40,22 +40,12 @@ class _View:
         return self.columns * -(-self.height // TILE)
 
 
-@dataclass
-class _Outputs:
-    """What the forward pass fills besides the image; None where it is not wanted. See Image."""
-
-    radii: torch.Tensor
-    median_index: torch.Tensor | None
-    mean_depth: torch.Tensor | None
-    max_weights: torch.Tensor | None
-
-
 class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(
         ctx: Context,
         view: _View,
-        outputs: _Outputs,
+        outputs: dict[str, torch.Tensor],
         pose: torch.Tensor | None,
         screen: torch.Tensor,
         *tensors: torch.Tensor,
@@ -70,19 +60,19 @@ class _Rasterize(torch.autograd.Function):
             kernel("project", SH_COUNT=attributes[4].shape[1]),
             blocks_for(count),
             *(structs.gaussians_struct(GaussianArrays(*attributes)), view.camera, view.options, pose),
-            *(splats, depths, tile_counts, outputs.radii),
+            *(splats, depths, tile_counts, outputs["radii"]),
         )
         bins = bin_splats(launcher, splats, depths, tile_counts, (view.width, view.height))
         size = (view.height, view.width)
         rgb, alpha = _floats(device, *size, 3), _floats(device, *size)
-        constants = {"DEPTH": outputs.median_index is not None, "WEIGHTS": outputs.max_weights is not None}
+        extras = [outputs.get(name) for name in ("median_index", "mean_depth", "max_weights")]
         final_transmittance = _floats(device, *size) if view.differentiable else None
         reached = torch.empty(size, device=device, dtype=torch.int32) if view.differentiable else None
         launcher.launch(
-            kernel("blend", **constants),
+            kernel("blend", DEPTH="median_index" in outputs, WEIGHTS="max_weights" in outputs),
             view.tiles,
             *(splats, bins.tile_splats, bins.ranges, view.options, view.columns),
-            *(rgb, alpha, final_transmittance, reached, outputs.median_index, outputs.mean_depth, outputs.max_weights),
+            *(rgb, alpha, final_transmittance, reached, *extras),
         )
         ctx.view = view
         drawn = (bins.tile_splats, bins.slots, bins.ranges, bins.first_slots, splats, tile_counts)
@@ -160,20 +150,20 @@ def rasterize(
     view = _view(camera, background, options)
     size = (view.height, view.width)
     screen = _floats(device, count, 2).zero_().requires_grad_()
-    outputs = _Outputs(
-        radii=_floats(device, count),
-        median_index=torch.empty(size, device=device, dtype=torch.int32) if options.depth else None,
-        mean_depth=_floats(device, *size) if options.depth else None,
-        max_weights=_floats(device, count).zero_() if options.weights else None,
-    )
+    outputs = {"radii": _floats(device, count)}
+    if options.depth:
+        outputs["median_index"] = torch.empty(size, device=device, dtype=torch.int32)
+        outputs["mean_depth"] = _floats(device, *size)
+    if options.weights:
+        outputs["max_weights"] = _floats(device, count).zero_()
     attributes = [getattr(gaussians, name) for name in structs.ATTRIBUTES]
     apply: Callable[..., tuple[torch.Tensor, torch.Tensor]] = _Rasterize.apply
     rgb, alpha = apply(view, outputs, rows, screen, *attributes)
-    image = Image(rgb, alpha, outputs.radii, screen)
-    image.mean_depth, image.max_weights = outputs.mean_depth, outputs.max_weights
-    if outputs.median_index is not None:
+    image = Image(rgb, alpha, outputs["radii"], screen, max_weights=outputs.get("max_weights"))
+    if options.depth:
+        image.mean_depth = outputs["mean_depth"]
         matrix = torch.tensor(camera.world_to_camera[:3], device=device, dtype=torch.float32) if rows is None else rows
-        image.median_depth = _median_depth(outputs.median_index, means.detach(), matrix.detach())
+        image.median_depth = _median_depth(outputs["median_index"], means.detach(), matrix.detach())
     return image
 
 

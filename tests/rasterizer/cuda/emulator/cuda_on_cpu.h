@@ -33,7 +33,7 @@ static inline float4 make_float4(float x, float y, float z, float w) { return {x
 struct Index {
   unsigned x, y, z;
 };
-static Index threadIdx, blockIdx, blockDim, gridDim;
+static Index threadIdx, blockIdx;
 
 namespace emulator {
 
@@ -146,9 +146,6 @@ static inline float __frcp_rn(float value) { return 1 / value; }
 static inline int max(int a, int b) { return a > b ? a : b; }
 static inline int __float_as_int(float value) { return emulator::unpack<int>(emulator::pack(value)); }
 static inline float __int_as_float(int value) { return emulator::unpack<float>(emulator::pack(value)); }
-static inline unsigned long long atomicAdd(unsigned long long *at, unsigned long long value) {
-  return (*at += value) - value;
-}
 static inline int atomicMax(int *at, int value) {
   const int old = *at;
   if (value > old) *at = value;
@@ -210,8 +207,6 @@ struct Launch {
     fibers.resize(threads);
     warps.assign(threads / LANES, Warp());
     stacks.resize(threads * STACK);
-    gridDim = {blocks, 1, 1};
-    blockDim = {threads, 1, 1};
     for (unsigned block = 0; block < blocks; ++block) {
       blockIdx = {block, 0, 0};
       if (__start_frog_shared) memset(__start_frog_shared, 0xff, __stop_frog_shared - __start_frog_shared);

@@ -1,4 +1,4 @@
-"""A Launcher that compiles the kernels with g++ and runs them on the CPU: their arithmetic is tested anywhere."""
+"""In the place of a GPU: kernels compiled with g++ run on the CPU, so that their arithmetic is tested anywhere."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _fused() -> list[str]:
 
 
 class Emulator:
-    """See ``launch.Launcher``; tensors lie on the CPU.
+    """As ``launch.Device``; tensors lie on the CPU.
 
     Attributes:
         folder: where the libraries are built.
