@@ -16,9 +16,9 @@ from frog_blender.engine.capture.calibration.points import read_points
 from frog_blender.engine.capture.calibration.report import REPORT, report_lines
 from frog_blender.engine.capture.media import read_film_header, read_photograph, read_sound
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.capture.synchronization.run import WorkFolder
 from frog_blender.engine.capture.video import read_facts, read_image
 from frog_blender.engine.errors import FrogError, printable
+from frog_blender.engine.io.work_folder import WorkFolder
 from frog_blender.tasks.clocks import CAMERAS, read_clocks, write_clock
 from fuzzing.of_captures import timed_films
 from fuzzing.worker import Kind

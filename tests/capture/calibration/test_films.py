@@ -10,10 +10,11 @@ import pytest
 
 from frog_blender.engine.capture.calibration.views import common_times, images_at, is_standing, view_film
 from frog_blender.engine.capture.synchronization.films import Film, find_films, kinds_of
-from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
+from frog_blender.engine.capture.synchronization.run import Run
 from frog_blender.engine.capture.video import VideoFacts
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io.child_process import Stopped
+from frog_blender.engine.io.work_folder import WorkFolder
 
 from .walls import camera, film, image, rig
 

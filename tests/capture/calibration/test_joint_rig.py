@@ -17,10 +17,11 @@ from frog_blender.engine.capture.calibration.joints import OTHER_SIDE, agreed_si
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.epipolar import fundamental
 from frog_blender.engine.capture.synchronization.films import Film, find_films
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run, WorkFolder
+from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run
 from frog_blender.engine.capture.synchronization.synchronization import Synchronization
 from frog_blender.engine.capture.synchronization.synchronize import synchronize
 from frog_blender.engine.capture.synchronization.tracks import NamedTracks, track_lags
+from frog_blender.engine.io.work_folder import WorkFolder
 
 from ..synchronization.moving_scene import MovingScene, cards, ring
 from ..synchronization.test_starts import RATE, speech

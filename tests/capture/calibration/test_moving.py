@@ -12,8 +12,9 @@ from frog_blender.engine.capture.calibration.pipeline import Options, calibrate
 from frog_blender.engine.capture.calibration.sequences import film_images
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.synchronization.films import find_films
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run, WorkFolder
+from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run
 from frog_blender.engine.errors import FrogError
+from frog_blender.engine.io.work_folder import WorkFolder
 
 from .rigs import rig_errors
 from .walls import FOCAL, camera, film, image

@@ -11,7 +11,8 @@ from frog_blender.engine.capture.calibration.calibration import Calibration
 from frog_blender.engine.capture.calibration.placing import place_views
 from frog_blender.engine.capture.calibration.views import View
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run, WorkFolder
+from frog_blender.engine.capture.synchronization.run import CalibrationRefused, Run
+from frog_blender.engine.io.work_folder import WorkFolder
 
 from .rigs import rig_errors
 from .walls import FOCAL, distorted_view, kept, rig, view

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.synchronization.run import WorkFolder
+from frog_blender.engine.io.work_folder import WorkFolder
 
 
 @pytest.mark.parametrize("other", [{"a": np.arange(4)}, {"a": np.arange(3.0)}, {"b": np.arange(3)}, {}])

@@ -11,7 +11,8 @@ import numpy as np
 
 from frog_blender.engine.capture.calibration.views import CameraFacts, View
 from frog_blender.engine.capture.camera import Camera
-from frog_blender.engine.capture.synchronization.run import Run, key_of
+from frog_blender.engine.capture.synchronization.run import Run
+from frog_blender.engine.io.work_folder import key_of
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 _TEXELS = 640

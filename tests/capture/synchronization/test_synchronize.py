@@ -12,10 +12,11 @@ from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Distortion
 from frog_blender.engine.capture.synchronization.films import find_films
 from frog_blender.engine.capture.synchronization.motion import Cameras
-from frog_blender.engine.capture.synchronization.run import Run, WorkFolder
+from frog_blender.engine.capture.synchronization.run import Run
 from frog_blender.engine.capture.synchronization.synchronization import Synchronization
 from frog_blender.engine.capture.synchronization.synchronize import find_clocks, synchronize
 from frog_blender.engine.io.child_process import Stopped
+from frog_blender.engine.io.work_folder import WorkFolder
 
 from .moving_scene import MovingScene, Start, cards, ring, write_film, write_films
 from .test_tracks import seen

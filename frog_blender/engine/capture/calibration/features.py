@@ -17,10 +17,10 @@ import numpy as np
 
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray, Ints
 from ...io.child_process import Progress
+from ...io.work_folder import WorkFolder, key_of
 from ..epipolar import mutual
 from ..readers.footage import state_of
 from ..synchronization.films import resized, spread
-from ..synchronization.run import WorkFolder, key_of
 from ..video import load_opencv, read_gray
 from .colmap import load_pycolmap, undistorted_pixels, verified
 from .model import Lens

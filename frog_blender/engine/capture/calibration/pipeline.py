@@ -13,9 +13,10 @@ from pathlib import Path
 
 from ...errors import FrogError
 from ...io.child_process import Progress
+from ...io.work_folder import WorkFolder
 from ..synchronization.films import Clocks, Film, find_films, with_clocks
 from ..synchronization.motion import Cameras
-from ..synchronization.run import NAME, CalibrationRefused, Run, WorkFolder
+from ..synchronization.run import NAME, CalibrationRefused, Run
 from ..synchronization.synchronization import Synchronization, differ
 from ..synchronization.synchronize import find_clocks
 from .board import board_in_films, calibrate_board_films

@@ -11,9 +11,10 @@ import numpy as np
 
 from ...arrays import Array
 from ...io.child_process import Progress
+from ...io.work_folder import WorkFolder, key_of
 from ..readers.footage import state_of
 from ..synchronization.films import Film
-from ..synchronization.run import CalibrationRefused, Run, WorkFolder, key_of
+from ..synchronization.run import CalibrationRefused, Run
 from . import checks
 from .calibration import Calibration, MovingCamera
 from .features import find_features, image_features, match_pairs, pairs_to_match, view_features

@@ -13,8 +13,9 @@ import numpy as np
 
 from ...errors import FrogError, found_instead
 from ...io.atomic_files import write_atomically
+from ...io.work_folder import key_of
 from ..synchronization.films import Film, kinds_of, spread
-from ..synchronization.run import Run, key_of
+from ..synchronization.run import Run
 from ..video import decode, find_images, find_videos, image_size, load_opencv
 
 _LEAST_IMAGES = 8  # of a camera, below which it is not taken for a moving one

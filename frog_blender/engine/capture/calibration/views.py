@@ -9,9 +9,10 @@ import numpy as np
 
 from ...arrays import Array, Bools, Float32s, ImageArray, Ints
 from ...errors import FrogError, found_instead
+from ...io.work_folder import WorkFolder, key_of
 from ..readers.footage import decode_film
 from ..synchronization.films import Film, kinds_of, spread
-from ..synchronization.run import Run, WorkFolder, key_of
+from ..synchronization.run import Run
 from ..video import load_opencv
 
 ALMOST = 0.01

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...arrays import Bools, Float64s, Ints
+from ...io.work_folder import key_of
 from ..camera import Camera
 from ..capture import Distortion
 from ..epipolar import alike_pairs, fundamental, sampson_distances, sampson_table
@@ -20,7 +21,7 @@ from . import limits
 from .films import Film
 from .moving_points import REACH, Matches, MovingPoints, match, points_in
 from .pairs import Clocks, Curve, PairLag, maxima
-from .run import Run, key_of
+from .run import Run
 from .starts import Motion
 
 _ROUNDS = 8  # of reweighting

@@ -14,12 +14,12 @@ import numpy as np
 
 from ...arrays import Array, Bools, Float32s, Float64s, ImageArray
 from ...errors import FrogError
+from ...io.work_folder import WorkFolder, key_of
 from ..media import film_tags, read_sound
 from ..video import load_opencv
 from . import limits
 from .films import Film
 from .pairs import Curve, PairLag, maxima, vertex
-from .run import WorkFolder, key_of
 
 RATE = 16_000
 """Samples of sound a second."""

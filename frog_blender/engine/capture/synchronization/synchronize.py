@@ -7,13 +7,14 @@ from itertools import combinations
 
 from ...errors import found_instead
 from ...io.child_process import Progress
+from ...io.work_folder import WorkFolder
 from ..video import load_opencv
 from . import limits
 from .films import Film
 from .motion import Cameras, coarse_lags, fine_lags, views_of
 from .pairs import PairLag, Solution, solve
 from .report import reported
-from .run import Run, WorkFolder
+from .run import Run
 from .starts import Motion, audio_lag, energy_lag, motion_of, preferred, read_audio, read_timecode
 from .synchronization import Synchronization, in_step
 from .tracks import NamedTracks, track_lags
