@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from support.blender_windows import event, in_window
+from support.builders import result_of
 from support.composed_scene import compose, compose_anew
 from support.small_scenes import rig_of_three, write_scene
 from support.still_scenes import write_still
@@ -45,12 +46,7 @@ def make(**settings):
 def expected(path, frames):
     """What the engine makes of a scene's frames."""
     player = ScenePlayer.load(path)
-    steps = make_proxy([lambda f=f: player.at_frame(f) for f in frames], player.header.cameras, RESOLUTION)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
+    return result_of(make_proxy([lambda f=f: player.at_frame(f) for f in frames], player.header.cameras, RESOLUTION))[0]
 
 
 def vertices_of(obj):

@@ -12,8 +12,9 @@ from support.layouts.lists import posed, write_listed
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.readers.frame_times import frame_times, times_by_name
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
+
+from .readers.reading import refuses
 
 
 def frames_of(times: list[float], lists: list[int] | None = None) -> tuple[list[int], list[float]]:
@@ -128,8 +129,7 @@ def test_the_rational_model_has_eight_coefficients(tmp_path: Path) -> None:
 @pytest.mark.parametrize("model", ["FOV", "THIN_PRISM_FISHEYE", "VR180_L", "nonsense"])
 def test_lens_models_that_nobody_here_knows_are_refused(tmp_path: Path, model: str) -> None:
     write_listed(tmp_path, NAMES[:1], [posed(NAMES[0], 0)], camera_model=model, omega=0.9)
-    with pytest.raises(FrogError, match=f"found the camera model {model.upper()}, expected a perspective camera"):
-        open_capture(tmp_path)
+    refuses(tmp_path, f"found the camera model {model.upper()}, expected a perspective camera")
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,9 @@ from support.layouts import phones
 
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.seeds import SeedSettings, find_seeds
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
 
-from .readers.reading import assert_same_cameras, assert_same_images, opened
+from .readers.reading import assert_same_cameras, assert_same_images, opened, refuses
 
 NO_LENS: dict[str, Any] = {"radial_distortion": [0.0] * 3, "tangential_distortion": [0.0] * 2}
 
@@ -158,24 +157,20 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(
     rig: Rig, name: str, changes: dict[str, Any], sentence: str
 ) -> None:
     rig.change(name, **changes)
-    with pytest.raises(FrogError, match=sentence):
-        open_capture(rig.path)
+    refuses(rig.path, sentence)
 
 
 @pytest.mark.parametrize("missing", ["metadata.json", "rgb"])
 def test_a_missing_part_is_named(rig: Rig, missing: str) -> None:
     (rig.path / missing).rename(rig.path / "elsewhere")
-    with pytest.raises(FrogError, match=missing):
-        open_capture(rig.path)
+    refuses(rig.path, missing)
 
 
 def test_points_of_another_shape_and_pickles_are_refused(rig: Rig) -> None:
     np.save(rig.path / "points.npy", np.zeros((4, 2)))
-    with pytest.raises(FrogError, match=r"points\.npy: found float64 of shape \(4, 2\)"):
-        open_capture(rig.path)
+    refuses(rig.path, r"points\.npy: found float64 of shape \(4, 2\)")
     np.save(rig.path / "points.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    with pytest.raises(FrogError, match="not a NumPy array"):
-        open_capture(rig.path)
+    refuses(rig.path, "not a NumPy array")
 
 
 def test_points_from_nowhere_are_left_out(rig: Rig) -> None:

@@ -10,8 +10,9 @@ from support.layouts.lists import rewrite
 from support.layouts.lists import write_moving as write
 
 from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.errors import FrogError
 from frog_blender.engine.frames.store import FrameStore
+
+from .readers.reading import refuses
 
 
 def test_an_images_own_values_win(tmp_path: Path) -> None:
@@ -47,8 +48,7 @@ def test_missing_images_are_counted_and_none_is_an_error(tmp_path: Path) -> None
     assert "2 of 10 listed images are missing" in capture.warnings[0]
     for image in tmp_path.glob("*.[pP]*"):
         image.unlink()
-    with pytest.raises(FrogError, match="10 listed images of which none exists"):
-        open_capture(tmp_path)
+    refuses(tmp_path, "10 listed images of which none exists")
 
 
 @pytest.mark.parametrize("name", ["../secret.png", "/etc/hostname", "a/../../b.png", "..\\x.png"])
@@ -56,8 +56,7 @@ def test_paths_outside_the_folder_are_refused(tmp_path: Path, name: str) -> None
     data = write(tmp_path, 2)
     data["frames"][1]["file_path"] = name
     rewrite(tmp_path, data)
-    with pytest.raises(FrogError, match="outside the capture's folder"):
-        open_capture(tmp_path)
+    refuses(tmp_path, "outside the capture's folder")
 
 
 @pytest.mark.parametrize(
@@ -85,8 +84,7 @@ def test_values_that_cannot_be_used_are_refused(
     for frame in data["frames"]:
         frame.update(own)
     rewrite(tmp_path, data)
-    with pytest.raises(FrogError, match=found):
-        open_capture(tmp_path)
+    refuses(tmp_path, found)
 
 
 def test_blender_layout_holds_out_its_test_images_and_lies_over_white(tmp_path: Path) -> None:
@@ -128,8 +126,7 @@ def test_an_image_of_other_proportions_than_its_own_size_is_named(tmp_path: Path
     data = write(tmp_path, 3)
     data["frames"][2].update({"w": 30, "h": 40})
     rewrite(tmp_path, data)
-    with pytest.raises(FrogError, match=r"transforms_002\.png: found images of 40 x 30 .*, expected .*, 30 x 40"):
-        open_capture(tmp_path)
+    refuses(tmp_path, r"transforms_002\.png: found images of 40 x 30 .*, expected .*, 30 x 40")
 
 
 def test_a_whole_path_inside_the_folder_is_taken_wherever_one_stands(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from support.small_captures import llff_row
 from frog_blender.engine.capture.readers import open_capture
 from frog_blender.engine.capture.video import decode
 from frog_blender.engine.source_media.clips import find_clips
-from frog_blender.engine.source_media.undistorted_clips import clips_folder, undistortion
+from frog_blender.engine.source_media.undistorted_clips import Undistortion, clips_folder, undistortion
 
 from .test_undistorted_clips import header_of
 
@@ -37,53 +38,56 @@ def n3dv(folder: Path) -> Path:
     return folder
 
 
+def with_films(folder: Path, film: Path, names: str = "ab") -> Path:
+    for name in names:
+        (folder / f"{name}.mp4").write_bytes(film.read_bytes())
+    return folder
+
+
+def needed(folder: Path) -> Undistortion | None:
+    """What has to be written for the scene ``c.frog`` beside the capture."""
+    return undistortion(header_of(open_capture(folder)), folder.with_suffix(".frog"), folder)
+
+
+def written(folder: Path, name: str, frames: Iterable[int]) -> list[int]:
+    """The numbers that images of a clip show."""
+    films = needed(folder)
+    if films is not None:
+        list(films.steps)
+    return [number_of(image) for image in decode(clips_folder(folder.with_suffix(".frog")) / f"{name}.mp4", frames)]
+
+
 @pytest.mark.parametrize("layout", [calibrated, n3dv])
 def test_clips_of_films_that_lack_frames_show_each_image_at_its_time(film: Path, tmp_path: Path, layout: Any) -> None:
-    folder = layout(tmp_path / "c")
-    (folder / "a.mp4").write_bytes(film.read_bytes())
+    folder = with_films(layout(tmp_path / "c"), film, "a")
     there = [frame for frame in range(20) if frame not in (4, 5, 11)]
     encode(folder / "b.mp4", [numbered(20)[frame] for frame in there], times=[frame / 30 for frame in there])
-    header, scene = header_of(open_capture(folder)), tmp_path / "x.frog"
-    films = undistortion(header, scene, folder)
-    assert films is not None
-    list(films.steps)
-    found = [number_of(image) for image in decode(clips_folder(scene) / "b.mp4", range(20))]
-    assert found == [0, 1, 2, 3, 3, 3, 6, 7, 8, 9, 10, 10, *range(12, 20)], "the image before stays in a gap"
+    shown = [0, 1, 2, 3, 3, 3, 6, 7, 8, 9, 10, 10, *range(12, 20)]
+    assert written(folder, "b", range(20)) == shown, "the image before stays in a gap"
 
 
 @pytest.mark.parametrize("layout", [calibrated, n3dv])
 def test_plain_films_are_shown_as_they_are(film: Path, tmp_path: Path, layout: Any) -> None:
-    folder = layout(tmp_path / "c")
-    for name in ("a", "b"):
-        (folder / f"{name}.mp4").write_bytes(film.read_bytes())
-    assert undistortion(header_of(open_capture(folder)), tmp_path / "x.frog", folder) is None
+    assert needed(with_films(layout(tmp_path / "c"), film)) is None
 
 
 def test_a_late_clock_and_high_dynamic_range_need_clips(film: Path, tmp_path: Path) -> None:
-    late = calibrated(tmp_path / "late", b={"offset": 0.1})
-    for name in ("a", "b"):
-        (late / f"{name}.mp4").write_bytes(film.read_bytes())
-    header = header_of(open_capture(late))
-    films = undistortion(header, tmp_path / "late.frog", late)
-    assert films is not None
-    list(films.steps)
-    found = [next(decode(clips_folder(tmp_path / "late.frog") / f"{name}.mp4", [5])) for name in ("a", "b")]
-    assert [number_of(image) for image in found] == [8, 5]
+    late = with_films(calibrated(tmp_path / "late", b={"offset": 0.1}), film)
+    assert (written(late, "a", [5]), written(late, "b", [5])) == ([8], [5])
     bright = calibrated(tmp_path / "bright")
     for name in ("a", "b"):
         encode(bright / f"{name}.mp4", numbered(4), transfer="pq")
-    assert undistortion(header_of(open_capture(bright)), tmp_path / "bright.frog", bright) is not None
+    assert needed(bright) is not None
 
 
 def test_trimmed_films_need_no_clips(film: Path, tmp_path: Path) -> None:
     folder = calibrated(tmp_path / "c")
     for name in ("a", "b"):
         copied(film, folder / f"{name}.mp4", start=0.2)
-    assert undistortion(header_of(open_capture(folder)), tmp_path / "x.frog", folder) is None
+    assert needed(folder) is None
 
 
 def test_films_that_a_calibration_names_are_found(film: Path, tmp_path: Path) -> None:
-    folder = calibrated(tmp_path / "c", a={"video": "../film.mp4"})
-    (folder / "b.mp4").write_bytes(film.read_bytes())
+    folder = with_films(calibrated(tmp_path / "c", a={"video": "../film.mp4"}), film, "b")
     clips = find_clips(header_of(open_capture(folder)), folder)
     assert {name: clip.path.resolve() for name, clip in clips.items()} == {"a": film, "b": folder / "b.mp4"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -59,6 +60,16 @@ def bent(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    return tmp_path / "x.frog"
+
+
+@pytest.fixture
+def header(bent: Path) -> SceneHeader:
+    return header_of(open_capture(bent))
+
+
 def difference(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(a.astype(float) - b).mean())
 
@@ -69,9 +80,8 @@ def write_films(header: SceneHeader, scene: Path, folder: Path) -> None:
     list(films.steps)
 
 
-def test_films_show_what_training_saw(bent: Path, tmp_path: Path) -> None:
-    capture, scene = open_capture(bent), tmp_path / "x.frog"
-    header = header_of(capture)
+def test_films_show_what_training_saw(bent: Path, scene: Path, header: SceneHeader) -> None:
+    capture = open_capture(bent)
     assert undistorted_clips(header, scene) == {}
     films = undistortion(header, scene, bent)
     assert films is not None
@@ -90,9 +100,7 @@ def test_films_show_what_training_saw(bent: Path, tmp_path: Path) -> None:
     assert undistortion(header, scene, bent) is None, "they are there already"
 
 
-def test_films_of_other_lenses_are_not_taken(bent: Path, tmp_path: Path) -> None:
-    capture, scene = open_capture(bent), tmp_path / "x.frog"
-    header = header_of(capture)
+def test_films_of_other_lenses_are_not_taken(bent: Path, scene: Path, header: SceneHeader) -> None:
     write_films(header, scene, bent)
     for changed in (
         replace(header, capture_path="/another"),
@@ -107,9 +115,7 @@ def test_films_of_other_lenses_are_not_taken(bent: Path, tmp_path: Path) -> None
         assert undistorted_clips(header, scene) == {}
 
 
-def test_what_changed_is_written_again(bent: Path, tmp_path: Path) -> None:
-    scene = tmp_path / "x.frog"
-    header = header_of(open_capture(bent))
+def test_what_changed_is_written_again(bent: Path, scene: Path, header: SceneHeader) -> None:
     write_films(header, scene, bent)
     film(bent / "right.mp4", 7)
     assert undistortion(header, scene, bent) is not None, "another video of the same name"
@@ -124,9 +130,7 @@ def test_what_changed_is_written_again(bent: Path, tmp_path: Path) -> None:
     assert undistortion(header, scene, bent) is not None
 
 
-def test_nobody_s_own_files_are_touched(bent: Path, tmp_path: Path) -> None:
-    scene = tmp_path / "x.frog"
-    header = header_of(open_capture(bent))
+def test_nobody_s_own_files_are_touched(bent: Path, scene: Path, header: SceneHeader) -> None:
     footage = clips_folder(scene) / "left.mp4"
     footage.parent.mkdir()
     footage.write_bytes(b"mine")
@@ -204,10 +208,9 @@ def test_a_single_frame_is_an_image_and_any_name_a_file(tmp_path: Path) -> None:
     assert [read_image(clip.path).mean() for clip in clips.values()] == [0, 10, 20, 30, 40, 50]
 
 
-def test_stopped_or_failed_nothing_is_left(bent: Path, tmp_path: Path) -> None:
+def test_stopped_or_failed_nothing_is_left(bent: Path, tmp_path: Path, header: SceneHeader) -> None:
     scene = tmp_path / "scenes" / "x.frog"
     scene.parent.mkdir()
-    header = header_of(open_capture(bent))
     films = undistortion(header, scene, bent)
     next(films.steps)
     films.steps.close()
@@ -236,15 +239,15 @@ def precious(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("name", ["left.mp4", "right.mp4", "clips.json"])
 @pytest.mark.parametrize("dangling", [False, True])
-def test_no_link_is_written_through(bent: Path, tmp_path: Path, precious: Path, name: str, dangling: bool) -> None:
+def test_no_link_is_written_through(
+    bent: Path, scene: Path, precious: Path, name: str, dangling: bool, header: SceneHeader
+) -> None:
     """The folder came with the scene, films begun in it, and a link under the name of one or of the index."""
-    scene = tmp_path / "x.frog"
-    folder = clips_folder(scene)
+    folder, (name, dangling) = clips_folder(scene), link
     folder.mkdir()
     (folder / "clips.json").write_text("{}")
     (folder / name).unlink(missing_ok=True)
     (folder / name).symlink_to(precious.with_name("new.txt") if dangling else precious)
-    header = header_of(open_capture(bent))
     if name == "clips.json" and dangling:  # no index at all
         with pytest.raises(FrogError, match="found files of others"):
             undistortion(header, scene, bent)
@@ -256,17 +259,14 @@ def test_no_link_is_written_through(bent: Path, tmp_path: Path, precious: Path, 
 
 
 @pytest.mark.parametrize("exists", [False, True])
-def test_a_folder_that_is_a_link_is_left_alone(bent: Path, tmp_path: Path, precious: Path, exists: bool) -> None:
-    scene = tmp_path / "x.frog"
+def test_a_folder_that_is_a_link_is_left_alone(bent: Path, scene: Path, precious: Path, exists: bool) -> None:
     clips_folder(scene).symlink_to(precious.parent if exists else precious.parent / "new")
     with pytest.raises(FrogError, match="found files of others"):
         undistortion(header_of(open_capture(bent)), scene, bent)
     assert [each.name for each in precious.parent.iterdir()] == ["precious.txt"]
 
 
-def test_what_was_written_before_stays_until_all_is_new(bent: Path, tmp_path: Path) -> None:
-    scene = tmp_path / "x.frog"
-    header = header_of(open_capture(bent))
+def test_what_was_written_before_stays_until_all_is_new(bent: Path, scene: Path, header: SceneHeader) -> None:
     write_films(header, scene, bent)
     before = undistorted_clips(header, scene)
     film(bent / "right.mp4", 7)
@@ -279,9 +279,7 @@ def test_what_was_written_before_stays_until_all_is_new(bent: Path, tmp_path: Pa
     assert names == ["clips.json", "left.mp4", "right.mp4"]
 
 
-def test_what_a_killed_process_left_goes_with_time(bent: Path, tmp_path: Path) -> None:
-    scene = tmp_path / "x.frog"
-    header = header_of(open_capture(bent))
+def test_what_a_killed_process_left_goes_with_time(bent: Path, scene: Path, header: SceneHeader) -> None:
     for name, age in (("old", 100_000), ("young", 100)):
         partial = clips_folder(scene) / f".partial-{name}"
         partial.mkdir(parents=True)

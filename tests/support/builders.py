@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
 from dataclasses import fields
 from itertools import combinations, product
 from pathlib import Path
@@ -39,6 +39,16 @@ def pairwise(*choices: Iterable[Any]) -> list[tuple[Any, ...]]:
         missing -= pairs(best)
         chosen.append(tuple(options[index] for options, index in zip(values, best, strict=True)))
     return chosen
+
+
+def result_of(steps: Generator[Any, None, Any]) -> tuple[Any, list[Any]]:
+    """What a generator returns, and what it yielded."""
+    said: list[Any] = []
+    while True:
+        try:
+            said.append(next(steps))
+        except StopIteration as end:
+            return end.value, said
 
 
 def rotation_of(axis: tuple[float, float, float], angle: float) -> np.ndarray:

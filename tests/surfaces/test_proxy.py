@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.builders import result_of
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.errors import FrogError
@@ -47,16 +48,6 @@ def looking_down(height=4.0, size=64):
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[2, 3] = height
     return Camera("above", size, size, np.array([[size, 0, size / 2], [0, size, size / 2], [0, 0, 1]]), pose)
-
-
-def result_of(steps):
-    """What a generator returns, and what it yielded."""
-    said = []
-    while True:
-        try:
-            said.append(next(steps))
-        except StopIteration as end:
-            return end.value, said
 
 
 def normals_of(mesh):
