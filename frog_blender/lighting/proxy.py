@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bpy
-import numpy as np
 
 from ..engine.surfaces.fusion import Mesh
 from ..engine.surfaces.proxy import Proxy
@@ -164,13 +163,7 @@ def _material(build: Builder) -> None:
 
 def _mesh(name: str, content: Mesh, material: bpy.types.Material | None) -> bpy.types.Mesh:
     mesh = bpy.data.meshes.new(name)
-    mesh.vertices.add(len(content.vertices))
-    mesh.vertices.foreach_set("co", content.vertices.ravel())
-    mesh.loops.add(content.quads.size)
-    mesh.loops.foreach_set("vertex_index", content.quads.ravel())
-    mesh.polygons.add(len(content.quads))
-    mesh.polygons.foreach_set("loop_start", np.arange(0, content.quads.size, 4, dtype=np.int32))
-    mesh.update(calc_edges=True)
+    mesh.from_pydata(content.vertices.tolist(), (), content.quads.tolist(), shade_flat=False)
     mesh.shade_smooth()
     if material is not None:
         mesh.materials.append(material)

@@ -63,7 +63,6 @@ to a .frog file"""
     stop_keys = ("ESC",)  # one goes on working
     at_once = 0.5
     timer_seconds = 0.1
-    said = ""  # of the last file
     _written: Path | None = None  # and not added yet
 
     @classmethod
@@ -180,9 +179,6 @@ to a .frog file"""
             self.report({"INFO"}, self.said)
         frames = f" in {imported.frames:,} frames" if imported.frames > 1 else ""
         self.said = f"Imported {imported.gaussians:,} Gaussians{frames} to {imported.path}."
-
-    def finished_message(self) -> str:
-        return self.said
 
     def stopped_message(self) -> str:
         written = f"{self._written} is written, but not added." if self._written is not None else ""

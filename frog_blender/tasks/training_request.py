@@ -64,12 +64,9 @@ class TrainingRequest:
 
 def longer_request(settings: Any, steps: int) -> TrainingRequest:
     """The request that goes on with a finished training until it has had ``steps``, for an output of its own: until it
-    ends its scene may be worse than the one that is there. FrogError where there is nothing to go on with.
+    ends its scene may be worse than the one that is there. There has to be one: see ``can_train_longer``.
     """
-    done = output_of(settings)
-    if not can_train_longer(settings):
-        raise found_instead(checkpoint_path(done), "no finished training of this capture", "one to go on with")
-    request = request_of(settings, resume=True)
+    done, request = output_of(settings), request_of(settings, resume=True)
     options = replace(request.options, steps=steps, seconds=None)
     return replace(request, output=unused_output(done), continued=done, options=options)
 
