@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 EventSource = Callable[[CancelToken], Iterator[Event]]
 OnFinished = Callable[[Path], str | None]
 """Is called with a finished scene's file; returns an additional note for the panel, if any. May raise FrogError."""
-Watcher = Callable[["TrainingState"], None]
-"""Is called with a training's state whenever it has changed, on Blender's main thread."""
 
 
 @dataclass
@@ -69,21 +67,25 @@ class TrainingState:
             parts.append(f"quality {self.psnr:.1f} dB")
         return f"{'; '.join(parts)}."
 
-    def take(self, event: Event) -> None:
-        """Apply an event of the engine."""
+    def take(self, event: Event) -> Progress | None:
+        """Applies an event of the engine; returns the progress that it tells, if any."""
         match event:
+            case events.Stage():
+                return Progress(event.name.capitalize(), event.done, max(event.total, 1))
+            case events.Started():
+                self.steps, self.gaussians = event.steps or 0, event.gaussians
+                return Progress("", 0, self.steps)
             case events.Progress():
                 self.step, self.steps, self.loss = event.step, event.steps, event.loss
                 self.seconds, self.seconds_left = event.seconds, event.seconds_left
                 self.gaussians, self.moving = event.gaussians, event.num_dynamic
+                return Progress("", event.step, event.steps)
             case events.Reduced():
                 self.capacity.append(event.message)
             case events.Preview():
                 self.preview = event.image
             case events.CompressionPreview():
                 self.report_image = event.image
-            case events.Started():
-                self.steps, self.gaussians = event.steps or 0, event.gaussians
             case events.Evaluated():
                 self.psnr, self.psnr_split = event.psnr, event.split
             case events.WarningEvent():
@@ -93,6 +95,7 @@ class TrainingState:
             case events.Cancelled():
                 self.is_cancelled = True
                 self.result = Path(event.path) if event.path else None
+        return None
 
     def _finish(self, event: events.Finished) -> None:
         self.result = Path(event.path)  # first: the file exists, whatever else is wrong with the event
@@ -247,14 +250,7 @@ class TrainingTask(BackgroundTask):
     def take(self, event: Event) -> None:
         """Applies an event of the source."""
         try:
-            match event:
-                case events.Stage():
-                    self.progress = Progress(event.name.capitalize(), event.done, max(event.total, 1))
-                case events.Started():
-                    self.progress = Progress("", 0, event.steps or 0)
-                case events.Progress():
-                    self.progress = Progress("", event.step, event.steps)
-            self.state.take(event)
+            self.progress = self.state.take(event) or self.progress
         except Exception as error:  # the events that follow can still be shown
             self.state.warnings.append(f"An event of the training cannot be shown ({brief(repr(error))}).")
 
@@ -288,7 +284,7 @@ class TrainingTask(BackgroundTask):
         applied = 0
         try:
             if applied := self.pump():
-                for watcher in addon_state.get(_Watchers).of_state:
+                for watcher in addon_state.get(Watchers).of_state:
                     watcher(self.state)
                 self.redraw()
             if self.live is not None and self.live.update():
@@ -317,26 +313,21 @@ class TrainingTask(BackgroundTask):
         self.pump_all()
 
 
-class _Watchers:
-    """Who is told of the training that panels show: of its state, and of its scene."""
+class Watchers:
+    """Who is told of the training that panels show.
+
+    Attributes:
+        of_state: are given its state whenever that has changed.
+        of_scene: are called whenever there is another snapshot of its scene, or none any more.
+    """
 
     def __init__(self) -> None:
-        self.of_state: list[Watcher] = []
+        self.of_state: list[Callable[[TrainingState], None]] = []
         self.of_scene: list[Callable[[], None]] = []
 
 
-def watch(watcher: Watcher) -> None:
-    """Calls ``watcher`` with the training's state whenever that has changed."""
-    addon_state.get(_Watchers).of_state.append(watcher)
-
-
-def watch_live(watcher: Callable[[], None]) -> None:
-    """Calls ``watcher`` whenever there is another snapshot of the training's scene, or none any more."""
-    addon_state.get(_Watchers).of_scene.append(watcher)
-
-
 def _tell_live_watchers() -> None:
-    for watcher in addon_state.get(_Watchers).of_scene:
+    for watcher in addon_state.get(Watchers).of_scene:
         watcher()
 
 

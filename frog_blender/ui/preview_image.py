@@ -6,7 +6,7 @@ import bpy.utils.previews
 import numpy as np
 
 from .. import addon_state
-from ..tasks.training import TrainingState, watch
+from ..tasks.training import TrainingState, Watchers
 
 NAME = "training"
 REPORT = "training report"
@@ -73,7 +73,7 @@ def draw(layout: bpy.types.UILayout, name: str = NAME) -> None:
 
 def register() -> None:
     addon_state.get(PreviewIcons).icons = bpy.utils.previews.new()
-    watch(show_training)
+    addon_state.get(Watchers).of_state.append(show_training)
 
 
 def unregister() -> None:

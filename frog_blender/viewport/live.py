@@ -5,8 +5,9 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from .. import addon_state
 from ..scene_import.capture_objects import of_same_capture
-from ..tasks.training import TrainingTask, watch_live
+from ..tasks.training import TrainingTask, Watchers
 from ..timeline.playback_cache import SceneTime
 from . import drawing
 from .picture import Shown
@@ -29,7 +30,7 @@ def register() -> None:
     if bpy.app.background:  # nothing is drawn, and there may be no graphics
         return
     drawing.state().source = shown_in
-    watch_live(drawing.changed)
+    addon_state.get(Watchers).of_scene.append(drawing.changed)
 
 
 def unregister() -> None:
