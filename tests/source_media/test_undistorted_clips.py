@@ -237,10 +237,9 @@ def precious(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", ["left.mp4", "right.mp4", "clips.json"])
-@pytest.mark.parametrize("dangling", [False, True])
+@pytest.mark.parametrize("link", product(("left.mp4", "right.mp4", "clips.json"), (False, True)))
 def test_no_link_is_written_through(
-    bent: Path, scene: Path, precious: Path, name: str, dangling: bool, header: SceneHeader
+    bent: Path, scene: Path, header: SceneHeader, precious: Path, link: tuple[str, bool]
 ) -> None:
     """The folder came with the scene, films begun in it, and a link under the name of one or of the index."""
     folder, (name, dangling) = clips_folder(scene), link
