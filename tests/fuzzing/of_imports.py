@@ -83,9 +83,9 @@ class InProcess(Imports):
                 devnull = os.open(os.devnull, os.O_WRONLY)
                 os.dup2(devnull, 1)
                 os.dup2(devnull, 2)
-                request = {"source": str(self.path), "target": str(self.target), "compact": False}
+                answer: dict[str, str] = {}
                 try:
-                    answer = imports.convert(request, lambda *_: None)
+                    imports.convert(self.path, self.target, False, lambda *_: None)
                 except FrogError as error:
                     answer = {"error": str(error)}
                 os.write(writer, json.dumps(answer).encode())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 import subprocess
 import sys
@@ -11,13 +10,14 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from frog_blender.engine.capture.synchronization.run import CHILD
 from frog_blender.engine.errors import FrogError
 from frog_blender.engine.io import child_process
-from frog_blender.engine.io.child_process import ChildProcess, Stopped, bounded_lines
+from frog_blender.engine.io.child_process import ChildProcess, Progress, Stopped, bounded_lines, run_in_child
+from frog_blender.engine.io.paths import is_network_path
 
 COMMAND = [sys.executable, "-m", "frog_blender.engine.io.child_process"]
 posix = pytest.mark.skipif(os.name != "posix", reason="starts scripts and sends signals")
@@ -37,8 +37,9 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Stand:
     return put
 
 
-def run_placing(folder: Path) -> object:
-    return CHILD.run(folder, lambda *_: None, lambda: False)
+def asked(folder: Path, path: object = "//evil/share", tell: Progress = lambda *_: None, **more: Any) -> bool:
+    """What the child says of a path."""
+    return run_in_child(is_network_path, path, folder=folder, progress=tell, failure=lambda end: f"it {end}", **more)
 
 
 def is_gone(process: int) -> bool:
@@ -51,10 +52,10 @@ def is_gone(process: int) -> bool:
     return True
 
 
-def test_an_error_in_the_child_is_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "request.json").write_text(json.dumps({"room": "calibration"}))
-    with pytest.raises(FrogError, match=r"ended with status 1 .*nothing was written"):
-        run_placing(tmp_path)
+def test_the_child_answers_or_its_error_is_one_sentence(tmp_path: Path) -> None:
+    assert asked(tmp_path) is True and asked(tmp_path, "mine") is False
+    with pytest.raises(FrogError, match=r"it ended with status 1 .*path = 5, expected a text"):
+        asked(tmp_path, 5)
 
 
 @posix
@@ -71,7 +72,7 @@ def test_an_end_of_the_child_is_one_sentence(tmp_path: Path, stand_in: Stand, co
     (tmp_path / "result.json").write_text("{}")
     stand_in(code)
     with pytest.raises(FrogError, match=sentence):
-        run_placing(tmp_path)
+        asked(tmp_path)
 
 
 @posix
@@ -82,7 +83,7 @@ def test_a_child_that_is_stopped_has_ended(tmp_path: Path, stand_in: Stand) -> N
     )
     told: list[tuple[str, int, int]] = []
     with pytest.raises(Stopped):
-        CHILD.run(tmp_path, lambda *step: told.append(step), lambda: bool(told))
+        asked(tmp_path, tell=lambda *step: told.append(step), stopped=lambda: bool(told))
     assert told == [("poses", 1, 2)]
     assert is_gone(int((tmp_path / "pid").read_text()))
 
@@ -91,7 +92,7 @@ def test_a_child_that_is_stopped_has_ended(tmp_path: Path, stand_in: Stand) -> N
 def test_the_child_ends_with_its_parent(tmp_path: Path) -> None:
     """Its standard input closes when the parent is gone, however that ended."""
     os.mkfifo(tmp_path / "request.json")  # reading it waits for ever
-    child = subprocess.Popen([*COMMAND, CHILD.name, str(tmp_path)], stdin=subprocess.PIPE)
+    child = subprocess.Popen([*COMMAND, str(tmp_path)], stdin=subprocess.PIPE)
     assert child.stdin is not None
     time.sleep(0.5)
     child.stdin.close()

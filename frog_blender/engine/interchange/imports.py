@@ -27,7 +27,8 @@ from ..field.names import SEQUENCE
 from ..gaussians import NumpyGaussians
 from ..io import child_process
 from ..io.atomic_files import remove_partial_files
-from ..io.plain_values import JsonObject, UnfitValue
+from ..io.child_process import run_in_child
+from ..io.plain_values import UnfitValue
 from ..io.regular_file import regular_file
 from ..io.tensor_files import LONGEST_HEADER, write_rows
 from ..optional_imports import needed_package
@@ -263,30 +264,25 @@ def _import_beside(source: Path, target: Path, compact: bool, progress: Progress
     def failure(end: str) -> str:
         return f"{source}: the program that reads it {end}: the file is damaged or too large."
 
-    request = {"source": str(source), "target": str(target), "compact": compact}
+    def told(_stage: str, done: int, total: int) -> None:
+        progress(done, total)
+
     with tempfile.TemporaryDirectory(prefix="frog-import-", ignore_cleanup_errors=True) as name:
-        folder = Path(name)
-        (folder / child_process.REQUEST).write_text(json.dumps(request), encoding="utf-8")
-        task = child_process.Task("interchange.imports:convert", failure)
-        done = task.run(folder, lambda _stage, done, total: progress(done, total))
-    gaussians, left_out, frames = (int(done[name]) for name in ("gaussians", "left_out", "frames"))
-    return Imported(target, gaussians, left_out, frames=frames, keeps_identity=bool(done["keeps_identity"]))
+        return run_in_child(convert, source, target, compact, folder=Path(name), progress=told, failure=failure)
 
 
-def convert(request: JsonObject, tell: child_process.Progress) -> JsonObject:
-    """The child's task: writes the scene, and returns what was imported."""
-    source, target, compact = Path(request["source"]), Path(request["target"]), bool(request["compact"])
+def convert(source: Path, target: Path, compact: bool, tell: child_process.Progress) -> Imported:
+    """The child's side: writes the scene."""
     try:
         preload(source)
         limit_memory(source)
-        done = write_source(
+        return write_source(
             open_source(source), source, target, compact=compact, progress=lambda *steps: tell("importing", *steps)
         )
     except MemoryError as error:
         raise FrogError(f"{source}: found a file that needs more memory than its size allows for.") from error
     except ImportError as error:
         raise needed_package(source, error) from error
-    return {name: getattr(done, name) for name in ("gaussians", "left_out", "frames", "keeps_identity")}
 
 
 def preload(source: Path) -> None:

@@ -1,7 +1,7 @@
 """Programs beside this one: followed by their lines, killed with all they have started, and gone when this one is.
 
-``ChildProcess`` is any program. ``Task`` is a function of the engine in a Python of its own: whatever ends that one,
-memory or a crash in a library, this one goes on.
+``ChildProcess`` is any program. ``run_in_child`` runs a function of the engine in a Python of its own: whatever ends
+that one, memory or a crash in a library, this one goes on.
 """
 
 from __future__ import annotations
@@ -17,20 +17,19 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Self
+from typing import IO, Self, TypeVar, get_type_hints
 
 from ..errors import FrogError, brief, how_it_ended
 from .atomic_files import write_atomically
-from .plain_values import JsonObject, UnfitValue, entries, plain_json
+from .plain_values import UnfitValue, entries, plain, plain_json, typed
 
 LONGEST_LINE = 2**23
 """Bytes of a line that is read."""
 Progress = Callable[[str, int, int], None]
 """Told a stage's name, and how much of how much is done."""
-REQUEST, RESULT = "request.json", "result.json"
-"""Files of a task's folder."""
+Result = TypeVar("Result")
+_REQUEST, _RESULT = "request.json", "result.json"
 _PACKAGE = Path(__file__).parents[2]  # frog_blender, or an extension that holds it
 _ENGINE = f"{_PACKAGE.name}.engine"  # as a child of ours imports it
 _QUESTIONS = 0.1  # seconds between questions whether to stop
@@ -191,49 +190,49 @@ class ChildProcess:
                 self._said.extend(bounded_lines(stream, _LONGEST_WORDS))
 
 
-@dataclass(frozen=True)
-class Task:
-    """A function of the engine that runs in a Python of its own, on a request in a folder.
+def run_in_child(
+    function: Callable[..., Result],
+    *arguments: object,
+    folder: Path,
+    progress: Progress,
+    stopped: Callable[[], bool] = lambda: False,
+    failure: Callable[[str], str],
+    kind: type[FrogError] = FrogError,
+) -> Result:
+    """What a function of the engine returns, run in a Python of its own: what a library does to that ends it alone.
 
-    Attributes:
-        name: of its module below the engine, and its own: ``capture.calibration.clocks:synchronization``. It takes the
-            request and where to tell its progress, and returns a result.
+    Its arguments and its result pass as ``plain`` values in files of a folder.
+
+    Args:
+        progress: told what the function tells its last parameter, where that is called ``tell``.
         failure: the sentence for a process that failed, of how it ended.
-        kind: of FrogError that it may raise, which is raised here as such.
+        kind: of FrogError that the function may raise, which is raised here as such.
+
+    Raises:
+        Stopped: if ``stopped`` said so; the process was ended.
+        FrogError: if the function raised one, or its process failed or died.
     """
-
-    name: str
-    failure: Callable[[str], str]
-    kind: type[FrogError] = FrogError
-
-    def run(self, folder: Path, progress: Progress, stopped: Callable[[], bool] = lambda: False) -> JsonObject:
-        """Runs it on the request in a folder and returns its result.
-
-        Raises:
-            Stopped: if ``stopped`` said so; the process was ended.
-            FrogError: if the task raised one, or its process failed or died.
-        """
-        (folder / RESULT).unlink(missing_ok=True)
-        command = [sys.executable, "-P", "-m", f"{_ENGINE}.io.child_process", self.name, str(folder)]
-        with ChildProcess(command, environment=_python_environment()) as child:
-            for line in child.lines(stopped):
-                if (told := _told(line)) is not None:
-                    progress(*told)
-            if child.code or not (folder / RESULT).is_file():
-                raise FrogError(self.failure(child.end))
-        return self._result(folder / RESULT)
-
-    def _result(self, path: Path) -> JsonObject:
-        """What the child wrote; FrogError for what it raised."""
-        try:
-            if path.stat().st_size > _MOST_TEXT:
-                raise UnfitValue(f"{path.stat().st_size} bytes", "less")
-            result = entries(plain_json(path.read_text(encoding="utf-8"), "a result"), "a result")
-        except (OSError, UnfitValue) as error:
-            raise FrogError(f"{path}: found a result that cannot be read ({brief(error)}).") from error
-        if "error" in result:
-            raise (self.kind if result.get("kind") == self.kind.__name__ else FrogError)(result["error"])
+    path, module = folder / _RESULT, function.__module__.rpartition(".engine.")[2]
+    path.unlink(missing_ok=True)
+    request = {"module": module, "function": function.__name__, "arguments": plain(arguments)}
+    write_atomically(folder / _REQUEST, json.dumps(request).encode())
+    command = [sys.executable, "-P", "-m", f"{_ENGINE}.io.child_process", str(folder)]
+    with ChildProcess(command, environment=_python_environment()) as child:
+        for line in child.lines(stopped):
+            if (told := _told(line)) is not None:
+                progress(*told)
+        if child.code or not path.is_file():
+            raise FrogError(failure(child.end))
+    try:
+        if path.stat().st_size > _MOST_TEXT:
+            raise UnfitValue(f"{path.stat().st_size} bytes", "less")
+        answer = entries(plain_json(path.read_text(encoding="utf-8"), "a result"), "a result")
+        if "error" in answer:
+            raise (kind if answer.get("kind") == kind.__name__ else FrogError)(answer["error"])
+        result: Result = typed(get_type_hints(function)["return"], answer.get("result"), "a result")
         return result
+    except (OSError, UnfitValue) as error:
+        raise FrogError(f"{path}: found a result that cannot be read ({brief(error)}).") from error
 
 
 def _python_environment() -> dict[str, str]:
@@ -266,17 +265,21 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def main(name: str, folder: Path) -> None:
-    """The child: runs a task and writes its result; anything but a FrogError ends the process as it is."""
+def main(folder: Path) -> None:
+    """The child: runs a function and writes its result; anything but a FrogError ends the process as it is."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    module, _, function = name.partition(":")
     try:
-        request = entries(plain_json((folder / REQUEST).read_text(encoding="utf-8"), "a request"), "a request")
-        result = getattr(importlib.import_module(f"{_ENGINE}.{module}"), function)(request, _tell)
+        request = entries(plain_json((folder / _REQUEST).read_text(encoding="utf-8"), "a request"), "a request")
+        function = getattr(importlib.import_module(f"{_ENGINE}.{request['module']}"), request["function"])
+        hints = get_type_hints(function)
+        del hints["return"]
+        more = {"tell": _tell} if hints.pop("tell", None) else {}
+        given = zip(hints.items(), request["arguments"], strict=True)
+        answer = {"result": plain(function(*(typed(hint, value, name) for (name, hint), value in given), **more))}
     except FrogError as error:
-        result = {"error": str(error), "kind": type(error).__name__}
-    write_atomically(folder / RESULT, json.dumps(result).encode())
+        answer = {"error": str(error), "kind": type(error).__name__}
+    write_atomically(folder / _RESULT, json.dumps(answer).encode())
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], Path(sys.argv[2]))
+    main(Path(sys.argv[1]))

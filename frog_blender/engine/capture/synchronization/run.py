@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
-import json
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from shutil import rmtree
-from typing import Any, TypeVar, get_type_hints
+from typing import TypeVar
 
-from ...errors import FrogError, found_instead
-from ...io.atomic_files import write_atomically
-from ...io.child_process import REQUEST, RESULT, Progress, Stopped, Task
-from ...io.plain_values import JsonObject, UnfitValue, plain, typed
+from ...errors import FrogError
+from ...io.child_process import Progress, Stopped, run_in_child
+from ...io.plain_values import plain
 from ...io.work_folder import WorkFolder, key_of
 
 NAME = ".frog_calibration"
@@ -64,34 +61,15 @@ class Run:
 
         Its arguments and its result pass as ``plain`` values. A last parameter ``tell`` is told its progress.
         """
-        *_, room, module = function.__module__.split(".")
-        request = {"room": room, "module": module, "function": function.__name__, "arguments": plain(arguments)}
-        folder = self.work.path / f"{function.__name__}-{key_of(request)}"
-        write_atomically(folder / REQUEST, json.dumps(request).encode())
-        given = CHILD.run(folder, self.progress, self.cancelled)
-        try:
-            result: _Result = typed(get_type_hints(function)["return"], given["result"], "a result")
-        except (KeyError, UnfitValue) as error:
-            raise found_instead(folder / RESULT, f"a damaged result ({error})", "a whole one") from error
+        folder = self.work.path / f"{function.__name__}-{key_of(plain(arguments))}"
+        result = run_in_child(
+            function,
+            *arguments,
+            folder=folder,
+            progress=self.progress,
+            stopped=self.cancelled,
+            failure=lambda end: f"The calibration's process {end}; nothing was written, and what is done is kept.",
+            kind=CalibrationRefused,
+        )
         rmtree(folder, ignore_errors=True)
         return result
-
-
-def answer(request: JsonObject, tell: Progress) -> JsonObject:
-    """The child's side of ``Run.in_child``: runs the function that a request names, of these two rooms."""
-    room, module, name = (str(request[key]) for key in ("room", "module", "function"))
-    if room not in ("calibration", "synchronization") or not module.isidentifier():
-        raise FrogError(f"{room}.{module}: expected a function of calibration.")
-    function = getattr(importlib.import_module(f"...{room}.{module}", __name__), name)
-    hints = get_type_hints(function)
-    del hints["return"]
-    more: dict[str, Any] = {"tell": tell} if hints.pop("tell", None) else {}
-    given = zip(hints.items(), request["arguments"], strict=True)
-    return {"result": plain(function(*(typed(hint, value, key) for (key, hint), value in given), **more))}
-
-
-CHILD = Task(
-    "capture.synchronization.run:answer",
-    lambda end: f"The calibration's process {end}; nothing was written, and what is done is kept.",
-    CalibrationRefused,
-)
