@@ -237,7 +237,7 @@ def precious(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("link", product(("left.mp4", "right.mp4", "clips.json"), (False, True)))
+@pytest.mark.parametrize("link", [*product(("left.mp4", "right.mp4", "clips.json"), (False, True))])
 def test_no_link_is_written_through(
     bent: Path, scene: Path, header: SceneHeader, precious: Path, link: tuple[str, bool]
 ) -> None:

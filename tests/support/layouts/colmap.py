@@ -9,18 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.playback.transform import quaternion_of
 
 MODELS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "SIMPLE_RADIAL": 2, "RADIAL": 3, "OPENCV": 4, "OPENCV_FISHEYE": 5}
 MODELS |= {"FULL_OPENCV": 6, "FOV": 7, "SIMPLE_RADIAL_FISHEYE": 8, "RADIAL_FISHEYE": 9, "THIN_PRISM_FISHEYE": 10}
 Lens = tuple[str, Sequence[float]]
 POINTS = np.array([[0.1, 0.2, 6.0], [-1.0, 0.4, 6.0], [1.0, -0.5, 4.5]])
-
-
-def quaternion(rotation: np.ndarray) -> np.ndarray:
-    """w x y z of a (3, 3) rotation by less than half a turn."""
-    w = np.sqrt(1 + np.trace(rotation)) / 2
-    x, y, z = (rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1])
-    return np.array([w, x / (4 * w), y / (4 * w), z / (4 * w)])
 
 
 def pinhole(camera: Camera) -> Lens:
@@ -56,7 +50,7 @@ def _write_binary(folder: Path, names: Sequence[str], cameras: Sequence[Camera],
     (folder / "cameras.bin").write_bytes(content)
     content = count
     for index, (camera, name) in enumerate(zip(cameras, names, strict=True), start=1):
-        pose = [*quaternion(camera.rotation), *camera.world_to_camera[:3, 3]]
+        pose = [*quaternion_of(camera.rotation), *camera.world_to_camera[:3, 3]]
         content += struct.pack("<I7dI", 10 + index, *pose, index) + name.encode() + b"\0"
         pixels, _ = camera.project(POINTS)
         content += struct.pack("<Q", len(POINTS))
@@ -76,7 +70,7 @@ def _write_text(folder: Path, names: Sequence[str], cameras: Sequence[Camera], l
     (folder / "cameras.txt").write_text("\n".join(lines) + "\n")
     lines = ["# Image list with two lines of data per image:"]
     for index, (camera, name) in enumerate(zip(cameras, names, strict=True), start=1):
-        pose = [*quaternion(camera.rotation), *camera.world_to_camera[:3, 3]]
+        pose = [*quaternion_of(camera.rotation), *camera.world_to_camera[:3, 3]]
         lines.append(f"{10 + index} {' '.join(repr(float(v)) for v in pose)} {index} {name}")
         pixels, _ = camera.project(POINTS)
         seen = " ".join(f"{x} {y} {k}" for k, (x, y) in enumerate(pixels))

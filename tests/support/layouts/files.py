@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
-from support.filmed_scene import FRAMES, HEIGHT, WIDTH, still
+from support.filmed_scene import FRAMES, HEIGHT, WIDTH, Rays, image
 
 from frog_blender.engine.capture.camera import Camera
 
@@ -23,23 +23,26 @@ def write_film(path: Path, images: Sequence[np.ndarray]) -> Path:
     """A lossless film (FFV1 in AVI)."""
     path.parent.mkdir(parents=True, exist_ok=True)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), 30.0, (WIDTH, HEIGHT))
-    for image in images:
-        writer.write(np.ascontiguousarray(image[..., ::-1]))
+    for drawn in images:
+        writer.write(np.ascontiguousarray(drawn[..., ::-1]))
     writer.release()
     return path
 
 
 def write_frames(folder: Path, cameras: Sequence[Camera], pattern: str = "{name}/{frame:04d}.png") -> None:
-    """The images of all frames of cameras of the rig; ``pattern`` may use name, camera (a number), frame, and ``one``
-    (the frame counted from 1).
-    """
+    """The images of all frames; ``pattern`` may use name, camera (a number), frame, and ``one`` (the frame from 1)."""
     for index, camera in enumerate(cameras):
         for frame in range(FRAMES):
             name = pattern.format(name=camera.name, camera=index, frame=frame, one=frame + 1)
-            write_image(folder / name, still(camera.name, frame))
+            write_image(folder / name, image(camera, frame))
 
 
-def write_films(folder: Path, cameras: Sequence[Camera], pattern: str = "{name}.avi") -> None:
+def write_films(
+    folder: Path,
+    cameras: Sequence[Camera],
+    pattern: str = "{name}.avi",
+    rays: Callable[[Camera], Rays | None] = lambda _: None,
+) -> None:
     for index, camera in enumerate(cameras):
-        name = pattern.format(name=camera.name, camera=index)
-        write_film(folder / name, [still(camera.name, frame) for frame in range(FRAMES)])
+        images = [image(camera, frame, rays(camera)) for frame in range(FRAMES)]
+        write_film(folder / pattern.format(name=camera.name, camera=index), images)

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 from support.filmed_scene import HEIGHT, WIDTH, bent_rays, image, moving
-from support.layouts.colmap import quaternion
 from support.layouts.files import write_image
 from support.layouts.lists import posed_as
 from support.layouts.rigs import FISHEYE, fisheye_rays
 
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.playback.transform import quaternion_of
 
 COUNT = 9
 _OPENGL = np.diag([1.0, -1.0, -1.0])
@@ -24,9 +24,8 @@ def record3d(folder: Path) -> list[Camera]:
     cameras = [replace(camera, name=str(i)) for i, camera in enumerate(moving(COUNT))]
     poses = []
     for frame, camera in enumerate(cameras):
-        w, x, y, z = quaternion(camera.rotation.T @ _OPENGL @ _UPRIGHT)
-        turn = quaternion_product((w, x, y, z), _UPRIGHT_QUATERNION)
-        poses.append([turn[1], turn[2], turn[3], turn[0], *camera.center])
+        w, *axis = quaternion_of(camera.rotation.T @ _OPENGL)
+        poses.append([*axis, w, *camera.center])
         write_image(folder / "rgb" / f"{frame}.png", image(camera, frame))
     meta = {
         "K": cameras[0].intrinsics.T.ravel().tolist(),
@@ -38,25 +37,6 @@ def record3d(folder: Path) -> list[Camera]:
     (folder / "metadata.json").write_text(json.dumps(meta))
     (folder / "depth").mkdir()
     return cameras
-
-
-_UPRIGHT = (
-    _OPENGL  # turns by half a turn about x, whose quaternion is (0, 1, 0, 0): ``quaternion`` needs less than that
-)
-_UPRIGHT_QUATERNION = (0.0, 1.0, 0.0, 0.0)
-
-
-def quaternion_product(a: tuple[float, ...], b: tuple[float, ...]) -> np.ndarray:
-    w, x, y, z = a
-    p, q, r, s = b
-    return np.array(
-        [
-            w * p - x * q - y * r - z * s,
-            w * q + x * p + y * s - z * r,
-            w * r - x * s + y * p + z * q,
-            w * s + x * r - y * q + z * p,
-        ]
-    )
 
 
 def polycam(folder: Path) -> list[Camera]:

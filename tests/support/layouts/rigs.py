@@ -10,11 +10,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 from support.filmed_scene import FRAMES, HEIGHT, WIDTH, bent_rays, image, rig, still
-from support.layouts.colmap import POINTS, quaternion, write_model
-from support.layouts.files import write_film, write_films, write_frames, write_image
+from support.layouts.colmap import POINTS, write_model
+from support.layouts.files import write_films, write_frames, write_image
 from support.layouts.lists import opencv_entry, write_opencv
 
 from frog_blender.engine.capture.camera import Camera
+from frog_blender.engine.playback.transform import quaternion_of
 
 Lines = list[str]
 FISHEYE = (26.0, (-0.03, 0.01, 0.0, 0.0))
@@ -40,16 +41,10 @@ def llff_rows(cameras: Sequence[Camera]) -> np.ndarray:
     return np.array(rows)
 
 
-def frames_of(cameras: Sequence[Camera]) -> list[list[np.ndarray]]:
-    return [[image(camera, frame) for frame in range(FRAMES)] for camera in cameras]
-
-
 def n3dv_frames(folder: Path) -> list[Camera]:
     """N3DV, its films taken apart into ``cam00/images/0000.png``, as 4DGaussians' script does."""
     cameras = centred()
-    for camera, images in zip(cameras, frames_of(cameras), strict=True):
-        for frame, each in enumerate(images):
-            write_image(folder / camera.name / "images" / f"{frame:04d}.png", each)
+    write_frames(folder, cameras, "{name}/images/{frame:04d}.png")
     np.save(folder / "poses_bounds.npy", llff_rows(cameras))
     return cameras
 
@@ -62,9 +57,7 @@ def n3dv_nested(folder: Path) -> list[Camera]:
 def multipleview(folder: Path) -> list[Camera]:
     """4DGaussians' own data: numbers of images of the model are those of the folders; strays lie about."""
     cameras = named(rig(), "cam{one:02d}")
-    for camera, own in zip(cameras, rig(), strict=True):
-        for frame in range(FRAMES):
-            write_image(folder / camera.name / f"frame_{frame + 1:05d}.png", still(own.name, frame))
+    write_frames(folder, cameras, "{name}/frame_{one:05d}.png")
     (folder / "cam01" / "camera.db").write_bytes(b"x")
     write_image(folder / "cam02" / "thumbnail.jpg", still("cam00", 0))
     order = [2, 0, 3, 1]
@@ -76,9 +69,7 @@ def multipleview(folder: Path) -> list[Camera]:
 def multipleview_rows(folder: Path) -> list[Camera]:
     """Without the model: the rows alone."""
     cameras = named(centred(), "cam{one:02d}")
-    for camera, images in zip(cameras, frames_of(centred()), strict=True):
-        for frame, each in enumerate(images):
-            write_image(folder / camera.name / f"frame_{frame + 1:05d}.png", each)
+    write_frames(folder, cameras, "{name}/frame_{one:05d}.png")
     np.save(folder / "poses_bounds_multipleview.npy", llff_rows(cameras))
     return cameras
 
@@ -97,9 +88,7 @@ def panoptic_sports(folder: Path) -> list[Camera]:
             "cam_id": [[int(camera.name) for camera in each]] * FRAMES,
         }
         (folder / file).write_text(json.dumps(meta))
-    for camera, own in zip(cameras, rig(), strict=True):
-        for frame in range(FRAMES):
-            write_image(folder / "ims" / camera.name / f"{frame:06d}.png", still(own.name, frame))
+    write_frames(folder / "ims", cameras, "{name}/{frame:06d}.png")
     data = np.concatenate([POINTS, np.full((3, 3), 0.5), np.ones((3, 1))], axis=1)
     np.savez(folder / "init_pt_cld.npz", data=data)
     return cameras
@@ -124,9 +113,7 @@ def easyvolcap(folder: Path) -> list[Camera]:
         outer += _matrix(f"T_{camera.name}", camera.world_to_camera[:3, 3:])
     (folder / "intri.yml").write_text("\r\n".join(inner) + "\r\n")
     (folder / "extri.yml").write_text("\r\n".join(outer) + "\r\n")
-    for camera, own in zip(cameras, rig(), strict=True):
-        for frame in range(FRAMES):
-            write_image(folder / "images" / camera.name / f"{frame:06d}.png", still(own.name, frame))
+    write_frames(folder / "images", cameras, "{name}/{frame:06d}.png")
     return cameras
 
 
@@ -143,8 +130,7 @@ def easymocap(folder: Path) -> list[Camera]:
         outer.write(f"T_{camera.name}", camera.world_to_camera[:3, 3:])
     inner.release()
     outer.release()
-    for camera, images in zip(cameras, frames_of(rig()), strict=True):
-        write_film(folder / "videos" / f"{camera.name}.avi", images)
+    write_films(folder / "videos", cameras)
     return cameras
 
 
@@ -189,9 +175,9 @@ def pose2sim(folder: Path) -> list[Camera]:
     )
     (folder / "calibration" / "Calib_scene.toml").write_text(text + "[metadata]\nadjusted = false\nerror = 0.0\n")
     (folder / "Config.toml").write_text("[project]\nframe_rate = 'auto'\n")
-    for i, images in enumerate(frames_of(rig()), start=1):
-        write_film(folder / "videos" / f"cam{i:02d}.avi", images)
-    return named(rig(), "cam{one:02d}")
+    filmed = named(rig(), "cam{one:02d}")
+    write_films(folder / "videos", filmed)
+    return filmed
 
 
 def fisheye_rays(camera: Camera) -> Callable[[np.ndarray], np.ndarray]:
@@ -214,8 +200,7 @@ def fisheye_toml(folder: Path) -> list[Camera]:
         for camera in cameras
     )
     (folder / "calibration.toml").write_text(text)
-    for camera in cameras:
-        write_film(folder / f"{camera.name}.avi", [image(camera, f, fisheye_rays(camera)) for f in range(FRAMES)])
+    write_films(folder, cameras, rays=fisheye_rays)
     return cameras
 
 
@@ -238,8 +223,7 @@ def immersive(folder: Path) -> list[Camera]:
         for camera in cameras
     ]
     (folder / "models.json").write_text(json.dumps(entries))
-    for camera in cameras:
-        write_film(folder / f"{camera.name}.avi", [image(camera, f, fisheye_rays(camera)) for f in range(FRAMES)])
+    write_films(folder, cameras, rays=fisheye_rays)
     return cameras
 
 
@@ -258,7 +242,7 @@ def technicolor(folder: Path, skew: float = 0.0, scene: str = "Birthday") -> lis
     rows = ["focal cx cy aspect skew qw qx qy qz tx ty tz"]
     for camera in cameras:
         (focal_x, _, center_x), (_, focal_y, center_y), _ = (32 * camera.intrinsics).tolist()
-        pose = [*quaternion(camera.rotation), *camera.world_to_camera[:3, 3]]
+        pose = [*quaternion_of(camera.rotation), *camera.world_to_camera[:3, 3]]
         values = (focal_x, center_x, center_y, focal_y / focal_x, 32 * skew, *pose)
         rows.append(" ".join(f"{value:.12g}" for value in values) + "  ")
     folder.mkdir(parents=True, exist_ok=True)
