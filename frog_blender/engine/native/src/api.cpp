@@ -8,11 +8,8 @@
 #include <vector>
 
 #include "api.h"
-#include "raster/backward.h"
-#include "deformation/deformation.h"
 #include "instruction_sets.h"
-#include "raster/depth_order.h"
-#include "raster/mesh_depth.h"
+#include "raster/frame.h"
 #include "threads/thread_pool.h"
 
 namespace {

@@ -1,9 +1,8 @@
 // The deformation field over all Gaussians: shares blocks out to the threads, and adds the chunks' weight gradients in
 // a fixed order.
-#include "deformation/deformation.h"
-
 #include <algorithm>
 
+#include "api.h"
 #include "buffer.h"
 #include "deformation/plan.h"
 #include "raster/active_rows.h"

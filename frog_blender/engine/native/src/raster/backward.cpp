@@ -3,7 +3,8 @@
 // rows, so that the slots never need more than the caller allows.
 #include <algorithm>
 
-#include "raster/backward.h"
+#include "api.h"
+#include "raster/frame.h"
 #include "threads/thread_pool.h"
 
 namespace frog {

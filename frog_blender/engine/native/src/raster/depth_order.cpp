@@ -1,8 +1,7 @@
-#include "raster/depth_order.h"
-
 #include <cmath>
 #include <cstring>
 
+#include "api.h"
 #include "raster/radix_sort.h"
 
 namespace frog {

@@ -1,11 +1,10 @@
-#include "raster/mesh_depth.h"
-
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <vector>
 
+#include "api.h"
 #include "threads/thread_pool.h"
 
 namespace frog {
