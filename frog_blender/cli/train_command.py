@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -125,15 +125,21 @@ def _train(arguments: argparse.Namespace) -> int:
             raise FrogError("--events tells of a training by one process, and torchrun has started this one.")
         return _train_together(job)
     with printing_may_fail(), stopping() as asked:  # what was learned is saved
-        from ..engine.training.session.run import run_training
-        from ..engine.training.session.time_estimate import remembering
         from .progress import obeying_input, show, tell
 
         if arguments.events:
-            finished = tell(remembering(run_training(job, obeying_input(asked)), job))
+            finished = tell(_stream_of(job, obeying_input(asked)))
         else:
-            finished = show(remembering(run_training(job, asked), job), job.output)
+            finished = show(_stream_of(job, asked), job.output)
     return 0 if finished else 1
+
+
+def _stream_of(job: TrainingJob, asked: Callable[[], bool]) -> Iterator[events.Event]:
+    """Trains, and remembers how long it took."""
+    from ..engine.training.session.run import run_training
+    from ..engine.training.session.time_estimate import remembering
+
+    return remembering(run_training(job, asked), job)
 
 
 def _train_together(job: TrainingJob) -> int:
@@ -218,14 +224,12 @@ def is_trained(scene: Path) -> bool:
 
 def _train_take(name: str, job: TrainingJob, asked: Callable[[], bool]) -> bool:
     """Trains a take in this process; False when it was stopped, or failed."""
-    from ..engine.training.session.run import run_training
-    from ..engine.training.session.time_estimate import remembering
     from .progress import show
 
     if asked():
         return False
     try:
-        return show(remembering(run_training(_going_on(job), asked), job), job.output, f"{name}: ")
+        return show(_stream_of(_going_on(job), asked), job.output, f"{name}: ")
     except FrogError as error:  # the others can be trained nevertheless
         complain(f"{name}: {error}")
         return False
@@ -237,16 +241,10 @@ def _on_cluster(cluster: Cluster, jobs: Mapping[str, TrainingJob], asked: Callab
 
     from ..engine.distributed.cluster import Ended
 
-    tasks = [
-        (
-            name,
-            {
-                "job": replace(job, capture=job.capture.resolve(), output=job.output.resolve()),
-                "threads": cluster.threads(),
-            },
-        )
-        for name, job in jobs.items()
-    ]
+    tasks = []
+    for name, job in jobs.items():
+        anywhere = replace(job, capture=job.capture.resolve(), output=job.output.resolve())
+        tasks.append((name, {"job": anywhere, "threads": cluster.threads()}))
     shares, finished = dict.fromkeys(jobs, 0.0), []
     layout = "{desc} |{bar}| {n:.2f}/{total} takes"
     with tqdm(desc="Training", total=len(jobs), file=sys.stderr, bar_format=layout) as line:

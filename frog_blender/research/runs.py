@@ -54,14 +54,12 @@ class RunEnvironment:
         device: see ``TrainingJob``.
         threads: of each run; 0 for one a core.
         dedicated: whether no other run of the grid works at the same time.
-        save_every: between checkpoints.
     """
 
     folder: Path
     device: str = "auto"
     threads: int = 0
     dedicated: bool = True
-    save_every: float = 180.0
 
     @property
     def results(self) -> Path:
@@ -83,7 +81,7 @@ class RunEnvironment:
             scale=run.scale,
             holdout_frames=run.holdout_frames,
             device=self.device,
-            save_every=self.save_every,
+            save_every=180.0,
             overwrite=True,
             opened=run.opened(),
         )

@@ -74,19 +74,10 @@ class HexPlaneSettings:
         return frozenset({"means", "scales", "quaternions", *base, *colors})
 
 
-@dataclass(frozen=True)
-class Smoothness:
-    """Weights of the planes' own losses, with the original's values for N3DV.
-
-    Attributes:
-        space: mean square difference of neighbouring cells of the planes of space.
-        time: mean square second difference along time.
-        stillness: mean distance of the planes of time from one, where nothing changes.
-    """
-
-    space: float = 2e-4
-    time: float = 1e-3
-    stillness: float = 1e-4
+# Weights of the planes' own losses, with the original's values for N3DV.
+SPACE_WEIGHT = 2e-4  # of the mean square difference of neighbouring cells of the planes of space
+TIME_WEIGHT = 1e-3  # of the mean square second difference along time
+STILLNESS_WEIGHT = 1e-4  # of the mean distance of the planes of time from one, where nothing changes
 
 
 class HexPlaneField(nn.Module):
@@ -169,13 +160,10 @@ def _product(parts: list[torch.Tensor]) -> torch.Tensor:
 class HexPlane(SceneModel):
     """See the module."""
 
-    def __init__(
-        self, canonical: CanonicalField, settings: HexPlaneSettings, smoothness: Smoothness | None = None
-    ) -> None:
+    def __init__(self, canonical: CanonicalField, settings: HexPlaneSettings) -> None:
         super().__init__()
         self.canonical: CanonicalField = canonical
         self.settings = settings
-        self.smoothness = smoothness or Smoothness()
         self.deformation = HexPlaneField(settings, canonical.means)
 
     def deform(
@@ -195,15 +183,15 @@ class HexPlane(SceneModel):
         return {"grid": grid, "network": network}
 
     def regularization(self) -> torch.Tensor:
-        """The planes' smoothness; see Smoothness."""
-        weights, field = self.smoothness, self.deformation
+        """The planes' smoothness and stillness."""
+        field = self.deformation
         total = field.output_bias.new_zeros(())
         for space, over_time in zip(field.space_planes, field.time_planes, strict=True):
             for axis in (2, 3):
-                total = total + weights.space * space.diff(dim=axis).square().mean()
+                total = total + SPACE_WEIGHT * space.diff(dim=axis).square().mean()
             if over_time.shape[2] > 2:
-                total = total + weights.time * over_time.diff(n=2, dim=2).square().mean()
-            total = total + weights.stillness * (over_time - 1).abs().mean()
+                total = total + TIME_WEIGHT * over_time.diff(n=2, dim=2).square().mean()
+            total = total + STILLNESS_WEIGHT * (over_time - 1).abs().mean()
         return total
 
     def stored_settings(self, schedule_state: ScheduleState) -> JsonObject:
