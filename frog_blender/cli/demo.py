@@ -38,7 +38,6 @@ from ..engine.scene.header import SceneHeader
 from .arguments import positive
 from .terminal import printing_may_fail, say, stopping
 
-_KEY_INTERVAL = 4  # frames between keys of the moving camera
 SHIPPED = ("room", "dim", "fast")
 _SHIPPED_FOLDER = Path(__file__).resolve().parents[2] / "examples" / "captures"
 
@@ -203,7 +202,8 @@ def render_video(scene_path: Path, blend: Path, video: Path) -> None:
 
     import frog_blender
 
-    from ..scene_import.create_objects import import_scene
+    from ..operators.render_film import set_output
+    from ..scene_import.create_objects import add_camera, animate, import_scene
     from ..scene_import.scene_setup import look_through
 
     frog_blender.register()
@@ -213,18 +213,16 @@ def render_video(scene_path: Path, blend: Path, video: Path) -> None:
         point_cloud = import_scene(scene_path.resolve(), blender_scene)
         header = ScenePlayer.load(scene_path).header
         if not header.is_moving:  # a capture by a moving camera is seen through that camera
-            look_through(blender_scene, _flying_camera(header, point_cloud))
+            last = header.frame_count - 1
+            path = [(frame, flight(header, frame / max(last, 1))) for frame in range(last + 1)]
+            camera = add_camera("Flight", path[0][1], point_cloud.parent, point_cloud.users_collection[0])
+            animate(camera, path, start_frame=1)
+            look_through(blender_scene, camera)
         render = blender_scene.render
-        if hasattr(render.image_settings, "media_type"):  # Blender 5.0 and later
-            render.image_settings.media_type = "VIDEO"
-        render.image_settings.file_format = "FFMPEG"
-        render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
-        render.ffmpeg.constant_rate_factor = "HIGH"
         # H.264 wants even sizes.
         render.resolution_x -= render.resolution_x % 2
         render.resolution_y -= render.resolution_y % 2
-        render.use_file_extension = False
-        render.filepath = str(video.resolve())
+        set_output(blender_scene, video.resolve())
         bpy.ops.wm.save_as_mainfile(filepath=str(blend.resolve()))
         frames = blender_scene.frame_end - blender_scene.frame_start + 1
         print(f"Rendering {frames} frames with the FROG engine", flush=True)
@@ -289,28 +287,3 @@ def _focus(cameras: tuple[Camera, ...], base: Camera) -> Float64s:
     point = np.linalg.lstsq(np.sum(lines, axis=0), offsets, rcond=None)[0]
     depth = float((point - base.center) @ base.forward)
     return base.center + base.forward * (depth if 0 < depth < 50 * spread else 2 * spread)
-
-
-def _flying_camera(header: SceneHeader, point_cloud: Any) -> Any:
-    import bpy
-    from mathutils import Matrix
-
-    from ..cameras import apply_lens, pose_of
-
-    data = bpy.data.cameras.new("Flight")
-    obj = bpy.data.objects.new("Flight", data)
-    point_cloud.users_collection[0].objects.link(obj)
-    obj.parent = point_cloud.parent
-    obj.rotation_mode = "QUATERNION"
-    apply_lens(data, flight(header, 0.0))
-    before = None
-    last = header.frame_count - 1
-    for frame in sorted({*range(0, last, _KEY_INTERVAL), last}):
-        location, rotation, _ = Matrix(pose_of(flight(header, frame / max(last, 1))).tolist()).decompose()
-        if before is not None:
-            rotation.make_compatible(before)
-        before = rotation
-        obj.location, obj.rotation_quaternion = location, rotation
-        obj.keyframe_insert("location", frame=1 + frame)
-        obj.keyframe_insert("rotation_quaternion", frame=1 + frame)
-    return obj

@@ -38,11 +38,11 @@ class FROG_OT_render_film(FrogOperator, bpy.types.Operator, ExportHelper):
         width, height = int(scene.render.resolution_x * share), int(scene.render.resolution_y * share)
         if width % 2 or height % 2:
             raise FrogError(f"Renders have {width} x {height} pixels; films need even numbers of both.")
-        _set_output(scene, path)
+        set_output(scene, path)
         bpy.ops.render.render("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", animation=True)
 
 
-def _set_output(scene: bpy.types.Scene, path: Path) -> None:
+def set_output(scene: bpy.types.Scene, path: Path) -> None:
     """H.264 in an .mp4, which every program plays, of good quality."""
     render = scene.render
     render.filepath, image = str(path), render.image_settings

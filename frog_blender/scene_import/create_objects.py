@@ -124,16 +124,17 @@ def _add_cameras(
 ) -> list[bpy.types.Object]:
     """One Blender camera for each of the capture's cameras, or a single animated one for a moving camera."""
     if not header.is_moving:
-        return [_add_camera(camera.name, camera, holder, collection) for camera in header.cameras]
+        return [add_camera(camera.name, camera, holder, collection) for camera in header.cameras]
     path = camera_path(header)
-    obj = _add_camera("Moving Camera", path[0][1], holder, collection)
-    _animate(obj, path, start_frame)
+    obj = add_camera("Moving Camera", path[0][1], holder, collection)
+    animate(obj, path, start_frame)
     return [obj]
 
 
-def _add_camera(
+def add_camera(
     name: str, camera: Camera, holder: bpy.types.Object, collection: bpy.types.Collection
 ) -> bpy.types.Object:
+    """A Blender camera that sees as one of the capture's would, and is moved by ``holder``."""
     data = bpy.data.cameras.new(name)
     apply_lens(data, camera)
     data.frog.capture_camera = camera.name
@@ -146,7 +147,7 @@ def _add_camera(
     return obj
 
 
-def _animate(obj: bpy.types.Object, path: list[tuple[int, Camera]], start_frame: float) -> None:
+def animate(obj: bpy.types.Object, path: list[tuple[int, Camera]], start_frame: float) -> None:
     """Keyframe the pose at every image, and the lens where it changes; straight lines between them."""
     lenses = [lens_of(camera) for _, camera in path]
     changing = [name for name in ("lens", "shift_x", "shift_y") if len({lens[name] for lens in lenses}) > 1]
