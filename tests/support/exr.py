@@ -1,27 +1,15 @@
-"""Reads the OpenEXR files that Blender writes with 32-bit floats and no compression: exactly what a render stored."""
+"""Reads the OpenEXR files that Blender writes with 32-bit floats: exactly what a render stored."""
 
 from __future__ import annotations
 
-import struct
+import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 import numpy as np
-
-_MAGIC = b"\x76\x2f\x31\x01"
-_MULTIPART = 0x1000
-_TYPES = {0: "<u4", 1: "<f2", 2: "<f4"}
-
-
-@dataclass
-class _Part:
-    """One image of a file: its channels in the order in which rows store them, and its data window."""
-
-    channels: list[tuple[str, np.dtype]]
-    window: tuple[int, int, int, int]
+import pytest
 
 
 def render_channels(scene: bpy.types.Scene, path: Path) -> dict[str, np.ndarray]:
@@ -39,8 +27,8 @@ def render_channels(scene: bpy.types.Scene, path: Path) -> dict[str, np.ndarray]
 
 def pass_of(channels: dict[str, np.ndarray], name: str, components: str = "") -> np.ndarray:
     """(H, W, components) of a pass of the only view layer; (H, W) of a pass of one component, whatever its name."""
-    found = {key.rsplit(".", 1)[1]: values for key, values in channels.items() if f".{name}." in key}
-    return np.stack([found[each] for each in components], axis=-1) if components else found.popitem()[1]
+    images = {key.rsplit(".", 1)[1]: values for key, values in channels.items() if f".{name}." in key}
+    return np.stack([images[component] for component in components], axis=-1) if components else images.popitem()[1]
 
 
 @contextmanager
@@ -61,60 +49,12 @@ def _multilayer(settings: bpy.types.ImageFormatSettings) -> Iterator[None]:
 
 
 def read_exr(path: Path) -> dict[str, np.ndarray]:
-    """(H, W) of each channel by its name, rows from the top."""
-    content = path.read_bytes()
-    assert content[:4] == _MAGIC, f"{path}: no OpenEXR file"
-    (version,) = struct.unpack_from("<I", content, 4)
-    parts, at = _parts(content, 8, bool(version & _MULTIPART))
-    rows = sum(part.window[3] - part.window[1] + 1 for part in parts)
-    images: dict[str, np.ndarray] = {}
-    for part in parts:
-        left, top, right, bottom = part.window
-        for name, kind in part.channels:
-            images[name] = np.empty((bottom - top + 1, right - left + 1), kind)
-    for begin in struct.unpack_from(f"<{rows}Q", content, at):
-        number = 0
-        if version & _MULTIPART:
-            (number,) = struct.unpack_from("<i", content, begin)
-            begin += 4
-        part = parts[number]
-        (row,) = struct.unpack_from("<i", content, begin)
-        begin += 8  # its number and its size
-        width = part.window[2] - part.window[0] + 1
-        for name, kind in part.channels:
-            images[name][row - part.window[1]] = np.frombuffer(content, kind, width, begin)
-            begin += width * kind.itemsize
-    return images
-
-
-def _parts(content: bytes, at: int, several: bool) -> tuple[list[_Part], int]:
-    """The headers, and where the table of rows begins."""
-    parts: list[_Part] = []
-    while not parts or (several and content[at]):
-        attributes: dict[str, bytes] = {}
-        while content[at]:
-            name, at = _word(content, at)
-            _, at = _word(content, at)  # the type
-            (size,) = struct.unpack_from("<i", content, at)
-            attributes[name] = content[at + 4 : at + 4 + size]
-            at += 4 + size
-        at += 1
-        assert attributes["compression"] == b"\0", "expected no compression"
-        window = struct.unpack("<4i", attributes["dataWindow"])
-        parts.append(_Part(list(_channels(attributes["channels"])), window))
-    return parts, at + several
-
-
-def _word(content: bytes, at: int) -> tuple[str, int]:
-    """The text that begins there, and where it ends."""
-    end = content.index(b"\0", at)
-    return content[at:end].decode(), end + 1
-
-
-def _channels(stored: bytes) -> Iterator[tuple[str, np.dtype]]:
-    at = 0
-    while stored[at]:
-        name, at = _word(stored, at)
-        (kind,) = struct.unpack_from("<i", stored, at)
-        at += 16  # type, linearity, sampling
-        yield name, np.dtype(_TYPES[kind])
+    """(H, W) float32 of each channel by its name, rows from the top, by the library that Blender brings along."""
+    bpy.utils.expose_bundled_modules()
+    library = pytest.importorskip("OpenImageIO", reason="this Blender does not lend its OpenImageIO")
+    file, images = library.ImageInput.open(str(path)), {}
+    for part in itertools.count():
+        if not file.seek_subimage(part, 0):
+            return images
+        pixels = file.read_image(part, 0, 0, file.spec().nchannels, library.FLOAT)
+        images |= {name: pixels[..., index] for index, name in enumerate(file.spec().channelnames)}
