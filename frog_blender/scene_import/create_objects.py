@@ -15,6 +15,7 @@ from ..engine.errors import FrogError, brief
 from ..engine.scene.header import SceneHeader
 from ..engine.source_media.clips import camera_path
 from ..timeline import playback
+from ..timeline.timing_curve import new_keys
 from .camera_clips import add_clips
 from .capture_objects import HOLDS_CAMERAS, stored_path
 from .scene_setup import SETTINGS, all_or_nothing, is_untouched, set_up
@@ -151,11 +152,8 @@ def animate(obj: bpy.types.Object, path: list[tuple[int, Camera]], start_frame: 
     """Keyframe the pose at every image, and the lens where it changes; straight lines between them."""
     lenses = [lens_of(camera) for _, camera in path]
     changing = [name for name in ("lens", "shift_x", "shift_y") if len({lens[name] for lens in lenses}) > 1]
-    edit = bpy.context.preferences.edit
-    usual = edit.keyframe_new_interpolation_type
-    edit.keyframe_new_interpolation_type = "LINEAR"
-    try:
-        before = None
+    before = None
+    with new_keys("LINEAR"):
         for frame, camera in path:
             location, rotation, _ = Matrix(pose_of(camera).tolist()).decompose()
             if before is not None:
@@ -167,5 +165,3 @@ def animate(obj: bpy.types.Object, path: list[tuple[int, Camera]], start_frame: 
             apply_lens(obj.data, camera)
             for channel in changing:
                 obj.data.keyframe_insert(channel, frame=start_frame + frame)
-    finally:
-        edit.keyframe_new_interpolation_type = usual

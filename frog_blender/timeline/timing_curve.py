@@ -6,10 +6,11 @@ A user may edit the same curve in the Graph Editor: these functions keep the sha
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 
 import bpy
-import numpy as np
 
 from ..engine.errors import FrogError
 from . import playback
@@ -211,30 +212,23 @@ def split(curve: bpy.types.FCurve, frame: float) -> None:
             for point in (before, after):  # automatic ones would follow the new key
                 _free(point)
             if interpolation == "BEZIER":
-                _split_bezier(curve, before, after, frame)
+                with new_keys(interpolation):  # of which Blender divides the handles beside them
+                    _free(points.insert(frame, value, options={"FAST"}))
             else:
                 _insert(curve, frame, value, interpolation)
             curve.update()
             return
 
 
-def _split_bezier(curve: bpy.types.FCurve, before: bpy.types.Keyframe, after: bpy.types.Keyframe, frame: float) -> None:
-    """By de Casteljau's algorithm."""
-    corners = np.array([before.co, before.handle_right, after.handle_left, after.co], np.float64)
-    low, high = 0.0, 1.0
-    for _ in range(60):
-        share = (low + high) / 2
-        if _levels(corners, share)[-1][0][0] < frame:
-            low = share
-        else:
-            high = share
-    first, second, (middle,) = _levels(corners, (low + high) / 2)
-    _insert(curve, frame, middle[1], "BEZIER")
-    index = next(i for i, point in enumerate(curve.keyframe_points) if abs(point.co.x - frame) < _APART)
-    before, point, after = curve.keyframe_points[index - 1 : index + 2]
-    _free(point)
-    before.handle_right, after.handle_left = first[0], first[2]
-    point.handle_left, point.handle_right = second
+@contextmanager
+def new_keys(interpolation: str) -> Iterator[None]:
+    """Inside, Blender gives new keys this interpolation, whatever the user prefers."""
+    edit = bpy.context.preferences.edit
+    preferred, edit.keyframe_new_interpolation_type = edit.keyframe_new_interpolation_type, interpolation
+    try:
+        yield
+    finally:
+        edit.keyframe_new_interpolation_type = preferred
 
 
 def _insert(curve: bpy.types.FCurve, frame: float, value: float, interpolation: str = "LINEAR") -> bpy.types.Keyframe:
@@ -258,14 +252,6 @@ def _free(point: bpy.types.Keyframe) -> None:
     left, right = tuple(point.handle_left), tuple(point.handle_right)
     point.handle_left_type = point.handle_right_type = "FREE"
     point.handle_left, point.handle_right = left, right
-
-
-def _levels(corners: np.ndarray, share: float) -> list[np.ndarray]:
-    levels = []
-    while len(corners) > 1:
-        corners = corners[:-1] + (corners[1:] - corners[:-1]) * share
-        levels.append(corners)
-    return levels
 
 
 def reverse(curve: bpy.types.FCurve, first: float, last: float) -> None:
