@@ -68,13 +68,13 @@ class CaptureCalibration(CalibrationTask):
     stamp: object = None
     """Of the folder, from before it was read."""
 
-    def work(self) -> "Outcome":
+    def work(self) -> Outcome:
         outcome = super().work()
         self.tell("opening the capture", 0, 1)
         self.stamp, self.summary = capture_summary.stamp(str(self.folder)), capture_summary.read(self.folder)
         return outcome
 
-    def open(self, _outcome: "Outcome") -> None:
+    def open(self, _outcome: Outcome) -> None:
         """Shows the capture in every scene that names it, and draws what was found."""
         for scene in bpy.data.scenes:
             stored = scene.frog.capture_folder

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from ..engine.capture.calibration import pipeline
+from ..engine.capture.calibration.camera_files import is_calibrated
+from ..engine.capture.calibration.pipeline import Options, Outcome
+from ..engine.capture.calibration.sequences import still_images
+from ..engine.capture.synchronization.run import CalibrationRefused
+from ..engine.capture.video import find_videos
 from .background_task import BackgroundTask
-
-if TYPE_CHECKING:
-    from ..engine.capture.calibration.pipeline import Outcome
 
 
 class CalibrationTask(BackgroundTask):
@@ -29,11 +31,8 @@ class CalibrationTask(BackgroundTask):
         self.folder, self._points = folder, points
 
     def work(self) -> Outcome:
-        from ..engine.capture.calibration.pipeline import Options, calibrate
-        from ..engine.capture.synchronization.run import CalibrationRefused
-
         try:
-            return calibrate(self.folder, Options(points=self._points), self.tell, self.stopped.is_set)
+            return pipeline.calibrate(self.folder, Options(points=self._points), self.tell, self.stopped.is_set)
         except CalibrationRefused:
             self.is_refused = True
             raise
@@ -48,10 +47,6 @@ def raw_footage(folder: Path) -> str:
 
     Decodes nothing.
     """
-    from ..engine.capture.calibration.camera_files import is_calibrated
-    from ..engine.capture.calibration.sequences import still_images
-    from ..engine.capture.video import find_videos
-
     try:
         if not folder.is_dir() or is_calibrated(folder):
             return ""

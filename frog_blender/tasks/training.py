@@ -8,13 +8,15 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import bpy
+import numpy as np
 
 from .. import addon_state, redrawing, unsaved_changes
 from ..engine import memory
 from ..engine.errors import FrogError, brief
+from ..engine.playback.player import ScenePlayer
 from ..engine.scene.compression_report import lines, summary
 from ..engine.training.session import events
 from ..engine.training.session.cancel_token import CancelToken
@@ -22,11 +24,6 @@ from ..engine.training.session.events import Event
 from ..engine.training.session.live_scene import LiveScene
 from ..timeline import open_scenes, playback_cache, prefetch
 from .background_task import BackgroundTask, Ended, Progress
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ..engine.playback.player import ScenePlayer
 
 EventSource = Callable[[CancelToken], Iterator[Event]]
 OnFinished = Callable[[Path], str | None]

@@ -18,6 +18,7 @@ from ..engine.training.session.events import Event
 from ..engine.training.session.job import TrainingJob
 from ..engine.training.session.live_scene import LiveScene
 from ..engine.training.session.output_paths import checkpoint_path, is_of_another, training_progress, unused_output
+from ..engine.training.session.time_estimate import remembering
 from ..option_properties import chosen_options
 from . import package_folders
 
@@ -46,7 +47,6 @@ class TrainingRequest:
         """
         package_folders.hold()
         from ..engine.training.session.run import run_training
-        from ..engine.training.session.time_estimate import remembering
 
         self.copy_checkpoint()
         job = TrainingJob.of_options(self.capture, self.output, self.options, live=live)
