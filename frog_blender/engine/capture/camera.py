@@ -203,13 +203,9 @@ def _lens(value: object, what: str) -> Float64s:
 def _pose(value: object, what: str) -> Float64s:
     """(4, 4) pose from a header; UnfitValue unless it is rigid."""
     matrix = numbers(value, what, (4, 4), _MAX_COORDINATE)
-    *rows, last = matrix.tolist()
-    (a, b, c), (d, e, f), (g, h, i) = (row[:3] for row in rows)  # plain numbers: a moving camera has thousands
-    lengths = a * a + b * b + c * c, d * d + e * e + f * f, g * g + h * h + i * i
-    leans = a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i
-    mirrors = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) < 0
-    if mirrors or max(*(abs(length - 1) for length in lengths), *map(abs, leans)) > _ORTHONORMAL:
-        raise UnfitValue(f"{what} that mirrors, scales or shears ({[row[:3] for row in rows]})", "a rotation")
+    rotation, last = matrix[:3, :3], matrix[3].tolist()
+    if np.linalg.det(rotation) < 0 or np.abs(rotation @ rotation.T - np.eye(3)).max() > _ORTHONORMAL:
+        raise UnfitValue(f"{what} that mirrors, scales or shears ({rotation.tolist()})", "a rotation")
     if last != [0, 0, 0, 1]:
         raise UnfitValue(f"{what} with the last row {last}", "0, 0, 0, 1")
     return matrix

@@ -7,10 +7,11 @@ import json
 from pathlib import Path
 
 from ..errors import FrogError
-from .capture import Capture, Distortion, Shot
+from ..io.plain_values import plain
+from .capture import Capture, Shot
 from .masking import MaskSource
 
-_VERSION = 2  # raise it when the same capture would decode to other pixels
+_VERSION = 3  # raise it when the same capture would decode to other pixels
 
 Sources = dict[str, list[int]]
 """Size and modification time of each file of a capture, by its path."""
@@ -67,7 +68,7 @@ def decoding_key(capture: Capture) -> str:
 
 def key_of(capture: Capture, sources: Sources) -> str:
     cameras = [
-        [c.width, c.height, c.intrinsics.tolist(), _distortion_key(d), crop]
+        [c.width, c.height, c.intrinsics.tolist(), plain(d), crop]
         for c, d, crop in zip(capture.cameras, capture.distortions, capture.crops, strict=True)
     ]
     shots = [[s.camera, s.frame, str(s.path.resolve()), s.index] for s in capture.shots]
@@ -80,18 +81,7 @@ def key_of(capture: Capture, sources: Sources) -> str:
 
 
 def _mask_key(mask: MaskSource | None) -> list[object]:
-    if mask is None:
-        return []
-    return [str(mask.path.resolve()), mask.index, mask.is_alpha, *(["inverted"] if mask.inverted else [])]
-
-
-def _distortion_key(distortion: Distortion | None) -> list[float] | dict[str, object] | None:
-    if distortion is None:
-        return None
-    coefficients = distortion.coefficients.tolist()
-    if distortion.lens is not None:
-        return {"model": distortion.model, "coefficients": coefficients, "lens": distortion.lens.tolist()}
-    return {"coefficients": coefficients, "skew": distortion.skew} if distortion.skew else coefficients
+    return [] if mask is None else [str(mask.path.resolve()), mask.index, mask.is_alpha, mask.inverted]
 
 
 def has_changed(sources: Sources) -> bool:

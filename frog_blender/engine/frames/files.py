@@ -9,9 +9,8 @@ from __future__ import annotations
 import os
 import zlib
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,13 +78,8 @@ class FrameWriter:
         self._folder, self.written = folder, 0
         self._sizes: dict[str, list[int]] = {name: [] for name in names_of(has_masks)}
         self._said: set[str] = set()
-        self._files: dict[str, BinaryIO] = {}
-        try:
-            for name in self._sizes:
-                self._files[name] = _tiles_of(folder, name).open("wb")
-        except OSError:
-            self.abandon()
-            raise
+        self._opened = ExitStack()
+        self._files = {name: self._opened.enter_context(_tiles_of(folder, name).open("wb")) for name in self._sizes}
 
     def add(self, packed: PackedShot) -> None:
         """The next shot. OSError if the disk does not take it."""
@@ -115,9 +109,8 @@ class FrameWriter:
 
     def abandon(self) -> None:
         """Closes the files, whatever is in them."""
-        for file in self._files.values():
-            with suppress(OSError):  # what was not written yet does not fit on the disk
-                file.close()
+        with suppress(OSError):  # what was not written yet does not fit on the disk
+            self._opened.close()
 
 
 class FrameFiles:
