@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from support.films import encode
 
 from frog_blender.engine.capture.camera import Camera
 
@@ -117,37 +118,21 @@ class MovingScene:
         )
 
 
-def write_film(path: Path, images: Callable[[int], np.ndarray], count: int, rate: float) -> Path:
-    """A video of `count` frames, each (H, W, 3) uint8 RGB."""
-    height, width = images(0).shape[:2]
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), rate, (width, height))
-    for frame in range(count):
-        writer.write(np.ascontiguousarray(images(frame)[..., ::-1]))
-    writer.release()
-    return path
-
-
 @dataclass(frozen=True)
 class Start:
     """When a camera started, in seconds of capture time, its frames a second, and its clock's rate."""
 
     offset: float
-    frames_per_second: float = 30.0
+    frames_per_second: int = 30
     rate: float = 1.0
 
 
 def write_films(
     folder: Path, scene: MovingScene, cameras: dict[str, Camera], starts: dict[str, Start], seconds: float
-) -> dict[str, Path]:
+) -> None:
     """A film of each camera; film time t shows capture time offset + rate * t."""
-    folder.mkdir(parents=True, exist_ok=True)
-    films = {}
     for name, camera in cameras.items():
         start = starts[name]
-
-        def image(frame: int, camera: Camera = camera, start: Start = start) -> np.ndarray:
-            return scene.image(camera, start.offset + start.rate * frame / start.frames_per_second)
-
-        count = round(seconds * start.frames_per_second)
-        films[name] = write_film(folder / f"{name}.mp4", image, count, start.frames_per_second)
-    return films
+        times = start.offset + start.rate * np.arange(0, seconds - 1e-9, 1 / start.frames_per_second)
+        images = [scene.image(camera, time) for time in times.tolist()]
+        encode(folder / f"{name}.mp4", images, rate=start.frames_per_second)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import combinations
+
 import numpy as np
 
 from frog_blender.engine.capture.synchronization.pairs import PairLag, solve
@@ -13,25 +16,11 @@ def lags_of(offsets: list[float], at: float = 0.0, rates: list[float] | None = N
     """Exact lags between all films, with rates measured where they are given."""
     speeds = rates or [1.0] * len(offsets)
     sigma = 1e-6 if rates else float("inf")
-    return [
-        PairLag(
-            i,
-            j,
-            (offsets[j] + speeds[j] * at - offsets[i]) / speeds[i] - at,
-            at,
-            0.02 * FRAME,
-            0.8,
-            "motion",
-            speeds[j] / speeds[i],
-            sigma,
-        )
-        for i in range(len(offsets))
-        for j in range(i + 1, len(offsets))
-    ]
-
-
-def changed(pair: PairLag, **changes: object) -> PairLag:
-    return PairLag(**{**pair.__dict__, **changes})  # type: ignore[arg-type]
+    lags = []
+    for i, j in combinations(range(len(offsets)), 2):
+        lag = (offsets[j] + speeds[j] * at - offsets[i]) / speeds[i] - at
+        lags.append(PairLag(i, j, lag, at, 0.02 * FRAME, 0.8, "motion", speeds[j] / speeds[i], sigma))
+    return lags
 
 
 def test_exact_lags_give_the_offsets_from_the_earliest_on() -> None:
@@ -46,8 +35,8 @@ def test_exact_lags_give_the_offsets_from_the_earliest_on() -> None:
 def test_wrong_pairs_change_nothing() -> None:
     truth = [0.0, 0.4, -0.3, 0.9, 0.2]
     pairs = lags_of(truth)
-    pairs[2] = changed(pairs[2], lag=pairs[2].lag + 3.0)
-    pairs[7] = changed(pairs[7], lag=pairs[7].lag - 1.0)
+    pairs[2] = replace(pairs[2], lag=pairs[2].lag + 3.0)
+    pairs[7] = replace(pairs[7], lag=pairs[7].lag - 1.0)
     solution = solve(5, pairs, FRAME, 10.0)
     offsets = solution.clocks.offsets
     np.testing.assert_allclose(offsets - offsets[0], truth, atol=0.02 * FRAME)
@@ -63,7 +52,7 @@ def test_rivals_of_repeating_motion_are_chosen_so_that_all_agree_and_offsets_are
         # Each pair's best maximum is any of the repetitions; the others score as well.
         shifted = pair.lag + period * ((pair.first + 2 * pair.second) % 3 - 1)
         others = tuple((shifted + k * period, 0.78) for k in (-2, -1, 1, 2))
-        pairs.append(changed(pair, lag=shifted, others=others))
+        pairs.append(replace(pair, lag=shifted, others=others))
     offsets = solve(4, pairs, FRAME, 10.0).clocks.offsets
     wrapped = (offsets - offsets[0] - truth + period / 2) % period - period / 2
     np.testing.assert_allclose(wrapped, 0, atol=1e-4)
@@ -80,7 +69,7 @@ def test_a_fast_clock_is_found_and_the_others_keep_their_rate() -> None:
 
 
 def test_a_rate_within_its_doubt_is_none() -> None:
-    pairs = [changed(pair, rate=1.00001, rate_sigma=1e-5) for pair in lags_of([0.0, 0.1], at=20.0)]
+    pairs = [replace(pair, rate=1.00001, rate_sigma=1e-5) for pair in lags_of([0.0, 0.1], at=20.0)]
     np.testing.assert_array_equal(solve(2, pairs, FRAME, 40.0).clocks.rates, 1.0)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.films import encode
 
 from frog_blender.engine.capture.camera import Camera
 from frog_blender.engine.capture.capture import Distortion
@@ -18,10 +19,11 @@ from frog_blender.engine.capture.synchronization.synchronize import find_clocks,
 from frog_blender.engine.io.child_process import Stopped
 from frog_blender.engine.io.work_folder import WorkFolder
 
-from .moving_scene import MovingScene, Start, cards, ring, write_film, write_films
+from .moving_scene import MovingScene, Start, cards, ring, write_films
 from .test_tracks import seen
 
 SIZE = (200, 150)
+STILL = [np.full((150, 200, 3), 90, np.uint8)] * 20
 
 
 def known(cameras: dict[str, Camera]) -> Cameras:
@@ -36,7 +38,7 @@ def errors(found: Synchronization, starts: dict[str, Start]) -> np.ndarray:
 
 def test_offsets_are_right_to_a_few_hundredths_of_a_frame(tmp_path: Path) -> None:
     cameras = ring(4, *SIZE)
-    starts = {name: Start(o, 20.0) for name, o in zip(cameras, (0.0, 0.317, -0.208, 0.111), strict=True)}
+    starts = {name: Start(o, 20) for name, o in zip(cameras, (0.0, 0.317, -0.208, 0.111), strict=True)}
     write_films(tmp_path, MovingScene(cards()), cameras, starts, 2.0)
     told: list[tuple[str, int, int]] = []
     work = WorkFolder(tmp_path / "work")
@@ -54,9 +56,7 @@ def test_offsets_are_right_to_a_few_hundredths_of_a_frame(tmp_path: Path) -> Non
 
 def test_films_of_different_rates_by_cameras_that_are_not_quite_right(tmp_path: Path) -> None:
     cameras = ring(3, *SIZE)
-    starts = {
-        name: Start(o, rate) for name, o, rate in zip(cameras, (0.0, 0.217, -0.108), (24.0, 30.0, 24.0), strict=True)
-    }
+    starts = {name: Start(o, rate) for name, o, rate in zip(cameras, (0.0, 0.217, -0.108), (24, 30, 24), strict=True)}
     write_films(tmp_path, MovingScene(cards()), cameras, starts, 2.0)
     random = np.random.default_rng(2)
     rough = {
@@ -70,7 +70,7 @@ def test_films_of_different_rates_by_cameras_that_are_not_quite_right(tmp_path: 
 
 def test_a_fast_clock_is_measured(tmp_path: Path) -> None:
     cameras = ring(2, *SIZE)
-    starts = {"cam00": Start(0.0, 10.0), "cam01": Start(0.13, 10.0, 1.001)}
+    starts = {"cam00": Start(0.0, 10), "cam01": Start(0.13, 10, 1.001)}
     write_films(tmp_path, MovingScene(cards()), cameras, starts, 26.0)
     found = synchronize(find_films(tmp_path), WorkFolder(tmp_path / "work"), known(cameras))
     assert abs(found.clocks["cam01"][1] / found.clocks["cam00"][1] - 1.001) < 1e-4
@@ -80,7 +80,7 @@ def test_a_fast_clock_is_measured(tmp_path: Path) -> None:
 def test_what_was_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And a child finds what this process does."""
     cameras = known(ring(2, *SIZE))
-    starts = {"cam00": Start(0.0, 20.0), "cam01": Start(0.15, 20.0)}
+    starts = {"cam00": Start(0.0, 20), "cam01": Start(0.15, 20)}
     write_films(tmp_path, MovingScene(cards()), ring(2, *SIZE), starts, 1.5)
     films, work, told = find_films(tmp_path), WorkFolder(tmp_path / "kept"), list[tuple[str, int, int]]()
     run = Run(work, lambda *step: told.append(step), lambda: False)
@@ -98,13 +98,13 @@ def test_what_was_kept_is_not_looked_for_again(tmp_path: Path, monkeypatch: pyte
     for name, clock in first.clocks.items():
         assert found.clocks[name] == pytest.approx(clock, abs=1e-6)
     assert told[-1][0] == "offsets"
-    write_film(tmp_path / "cam01.mp4", lambda frame: np.full((150, 200, 3), 90, np.uint8), 20, 20.0)
+    encode(tmp_path / "cam01.mp4", STILL, rate=20)
     assert synchronize(find_films(tmp_path), work, cameras).refusal is not None  # another film of the same name
 
 
 def test_sound_alone_and_named_points_are_asked_in_the_child(tmp_path: Path) -> None:
     cameras = ring(2, *SIZE)
-    write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20.0) for name in cameras}, 0.5)
+    write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20) for name in cameras}, 0.5)
     films, work = find_films(tmp_path), WorkFolder(tmp_path / "work")
     silent = synchronize(films, work, tracks={})
     assert silent.refusal is not None and not silent.by_sound  # though their motion is alike
@@ -118,8 +118,8 @@ def test_sound_alone_and_named_points_are_asked_in_the_child(tmp_path: Path) -> 
 
 def test_a_film_that_shares_nothing_is_refused(tmp_path: Path) -> None:
     cameras = ring(2, *SIZE)
-    write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20.0) for name in cameras}, 1.0)
-    write_film(tmp_path / "still.mp4", lambda frame: np.full((150, 200, 3), 90, np.uint8), 20, 20.0)
+    write_films(tmp_path, MovingScene(cards()), cameras, {name: Start(0.0, 20) for name in cameras}, 1.0)
+    encode(tmp_path / "still.mp4", STILL, rate=20)
     found = synchronize(find_films(tmp_path), WorkFolder(tmp_path / "work"))
     assert found.refusal is not None and "still" in found.refusal
     assert all(camera.confidence < 0.75 for camera in found.cameras)  # motion energy alone proves little
