@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frog_blender.engine.capture.camera import NEUTRAL, Camera, cameras_move
+from frog_blender.engine.capture.camera import NEUTRAL, Camera
 from frog_blender.engine.capture.readers.checks import pinhole
 from frog_blender.engine.capture.time import frame_to_time, time_to_frame
 from frog_blender.engine.errors import FrogError
@@ -83,20 +83,3 @@ def test_frames_and_times_invert_each_other_even_between_frames_and_for_one_fram
     assert frame_to_time(29, 30) == 1.0
     assert time_to_frame(frame_to_time(3.25, 30), 30) == 3.25
     assert frame_to_time(0, 1) == 0.0
-
-
-@pytest.mark.parametrize(
-    ("images", "frames", "one_camera", "rig"),
-    [
-        ([1, 1, 1], [0, 1, 2], True, True),
-        ([1, 1, 1], [0, 1], True, True),  # the third is held out
-        ([1, 1, 1, 1], [0, 0, 1, 1], False, True),
-        ([2, 1], [0, 1, 1], False, False),
-        ([1, 1], [3, 3], False, False),
-        ([1], [0], False, False),
-        ([], [], False, False),
-    ],
-)
-def test_cameras_move(images: list[int], frames: list[int], one_camera: bool, rig: bool) -> None:
-    assert cameras_move(images, frames) is one_camera
-    assert cameras_move(images, frames, rig=True) is rig

@@ -43,33 +43,29 @@ def test_a_pixel_offset_moves_the_principal_point_back(n3dv: Path) -> None:
     assert moved.crops == ((0.0, 0.0), (8.0, -2.5), (0.0, 0.0))
 
 
-def test_only_images_at_different_frames_are_one_moving_camera(n3dv: Path) -> None:
-    capture = open_capture(n3dv)
-    one_frame = tuple(shot for shot in capture.shots if shot.frame == 0)
-    along_a_path = tuple(replace(shot, frame=shot.camera) for shot in one_frame)
-    assert not replace(capture, shots=one_frame, frame_count=1).is_moving
-    assert replace(capture, shots=along_a_path).is_moving
-
-
-def test_of_a_rig_of_two_moving_cameras_one_trains_and_one_judges(n3dv: Path) -> None:
-    """Held-out images may share a frame with training ones; two training images may not."""
-    capture = open_capture(n3dv)
-    frames = {"cam00": 0, "cam01": 0, "cam03": 1}
-    shots = tuple(Shot(i, frames[camera.name], Path("x"), 0) for i, camera in enumerate(capture.cameras))
-    rig = replace(capture, shots=shots, frame_count=2)
-    assert rig.is_moving
-    assert not replace(rig, test_cameras=frozenset()).is_moving
-    assert not replace(rig, test_cameras=frozenset({"cam00", "cam01"})).is_moving  # one image moves nowhere
-
-
-def test_cameras_move_whatever_a_held_out_one_does(n3dv: Path) -> None:
-    """D-NeRF's validation images of one scene are all of one standing camera."""
-    capture = open_capture(n3dv)
-    images = [(1, 0), (2, 1), (0, 0), (0, 1)]
+@pytest.mark.parametrize(
+    ("images", "held_out", "is_moving", "has_moving_cameras"),
+    [
+        ([(0, 0), (1, 1), (2, 2)], [], True, True),
+        ([(0, 0), (1, 0), (2, 0)], [], False, False),
+        ([(0, 0)], [], False, False),
+        ([], [], False, False),
+        # of a rig of two moving cameras one trains and one judges, or both train
+        ([(0, 0), (1, 0), (2, 1)], ["cam00"], True, True),
+        ([(0, 0), (1, 0), (2, 1)], [], False, True),
+        ([(0, 0), (1, 0), (2, 1)], ["cam00", "cam01"], False, False),
+        # D-NeRF's validation images of one scene are all of one standing camera
+        ([(1, 0), (2, 1), (0, 0), (0, 1)], ["cam00"], False, True),
+        ([(1, 0), (2, 1), (0, 0), (0, 1)], [], False, False),
+    ],
+)
+def test_cameras_move(
+    n3dv: Path, images: list[tuple[int, int]], held_out: list[str], is_moving: bool, has_moving_cameras: bool
+) -> None:
+    """Held-out images may share a frame with training ones, and move or stand."""
     shots = tuple(Shot(camera, frame, Path("x"), 0) for camera, frame in images)
-    judged = replace(capture, shots=shots, frame_count=2, test_cameras=frozenset({"cam00"}))
-    assert judged.has_moving_cameras and not judged.is_moving
-    assert not replace(judged, test_cameras=frozenset()).has_moving_cameras
+    capture = replace(open_capture(n3dv), shots=shots, test_cameras=frozenset(held_out))
+    assert (capture.is_moving, capture.has_moving_cameras) == (is_moving, has_moving_cameras)
 
 
 def test_a_camera_left_out_is_gone_with_its_pose_and_its_shots(n3dv: Path) -> None:

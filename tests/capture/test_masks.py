@@ -248,24 +248,18 @@ def test_a_key_is_a_mask_of_every_image(folder: Path, tmp_path: Path) -> None:
     assert mask_lines(capture) == ["only this: what is not #ffb000,0.3"]
 
 
-def test_the_hull_of_a_subject_holds_it_and_nothing_else(folder: Path, tmp_path: Path) -> None:
+def test_the_hull_of_a_subject_holds_it_its_seeds_and_nothing_else(folder: Path, tmp_path: Path) -> None:
     write_masks(folder / "masks", "numbered")
     capture = open_capture(folder)
-    hull = VisualHull(capture, stored(capture, tmp_path), capture.train_indices)
+    store = stored(capture, tmp_path)
+    hull = VisualHull(capture, store, capture.train_indices)
     behind = np.array([[0.0, 0.0, 1.2], [-2.0, 1.0, 1.0], [0.0, 0.0, -60.0]])  # the wall, and nowhere
     points = np.concatenate([BALL[None], behind])
     inside, seen = hull.contains_at(points, 2)
     assert inside.tolist() == [True, False, False, False] and (seen[:2] > 0).all()
     assert hull.contains(points).tolist() == [True, False, False, False]
     assert not hull.contains_at(points, 5)[0].any()  # the ball is elsewhere by then
-
-
-def test_seeds_lie_inside_the_hull(folder: Path, tmp_path: Path) -> None:
-    write_masks(folder / "masks", "numbered")
-    capture = open_capture(folder)
-    store = stored(capture, tmp_path)
     seeds = find_seeds(capture, store, SeedSettings(400))
     assert len(seeds.points) > 50
-    hull = VisualHull(capture, store, capture.train_indices)
     assert hull.contains(seeds.points.astype(float)).mean() > 0.95  # seeding looks at fewer frames
     assert seeds.points[:, 2].max() < 1.0  # not on the wall

@@ -38,12 +38,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache"
 
 
-@pytest.fixture
-def nothing_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As of a capture larger than memory."""
-    monkeypatch.setattr(store, "_memory_for_images", lambda: 0)
-
-
 def noisy(size: tuple[int, int]) -> Callable[[int], np.ndarray]:
     return lambda frame: np.random.default_rng(frame).integers(0, 256, (*size, 3)).astype(np.uint8)
 
@@ -62,46 +56,35 @@ def aged(store: FrameStore, days: float) -> Path:
     return store.folder
 
 
-@pytest.mark.usefixtures("nothing_kept")
-@pytest.mark.parametrize("scale", [1.0, 3.02])
-def test_the_bits_are_those_that_were_decoded(n3dv: Path, cache: Path, scale: float) -> None:
-    """Whole, halved and in part, of images with and without a reduced one, of even and odd sizes."""
+@pytest.mark.parametrize(("scale", "is_large"), [(1.0, True), (3.02, True), (3.02, False)])
+def test_the_bits_are_those_that_were_decoded(
+    n3dv: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, scale: float, is_large: bool
+) -> None:
+    """Whole, halved and in part, of images with and without a reduced one, of even and odd sizes, kept or not."""
+    if is_large:
+        monkeypatch.setattr(store, "_memory_for_images", lambda: 0)
     capture = open_capture(films(n3dv, (48, 64))).scaled(scale)
-    store, order = FrameStore.open(capture), decoding_order(capture)
+    frames, order = FrameStore.open(capture), decoding_order(capture)
     random = np.random.default_rng(0)
+    assert frames.is_large == is_large
     for index, truth in zip(order, decode_shots(capture, order), strict=True):
         height, width = truth.shape[:2]
-        np.testing.assert_array_equal(store.image(index), truth)
-        half = halved_image(truth)
-        np.testing.assert_array_equal(store.part(index, (0, 0, width // 2, height // 2), is_half=True), half)
+        half = (0, 0, width // 2, height // 2)
         for ahead in (False, True, False):
             left, top = int(random.integers(width)), int(random.integers(height))
             region = (left, top, int(random.integers(1, width - left + 1)), int(random.integers(1, height - top + 1)))
             if ahead:
-                store.prefetch((index + 1) % len(order), region)  # guessed wrong
-                store.prefetch(index, region)
-            found = store.part(index, region)
-            np.testing.assert_array_equal(found, truth[top : top + region[3], left : left + region[2]])
+                frames.prefetch((index + 1) % len(order), region)  # guessed wrong
+                frames.prefetch(index, region)
+            part = frames.part(index, region)
+            np.testing.assert_array_equal(part, truth[top : top + region[3], left : left + region[2]])
+            np.testing.assert_array_equal(frames.part(index, half, is_half=True), halved_image(truth))
+        np.testing.assert_array_equal(frames.image(index), truth)
 
 
-def test_a_training_sees_the_same_bits_whether_images_are_kept_or_not(
-    n3dv: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    capture = open_capture(films(n3dv, (96, 128)))
-    kept = FrameStore.open(capture)
-    monkeypatch.setattr(store, "_memory_for_images", lambda: 0)
-    read = FrameStore.open(capture)
-    assert read.is_large and not kept.is_large
-    for index in range(len(kept)):
-        for region, is_half in (((16, 32, 40, 24), False), ((0, 0, 64, 48), True)):
-            parts = [store.part(index, region, is_half) for store in (kept, read, kept)]
-            np.testing.assert_array_equal(parts[0], parts[1])
-            np.testing.assert_array_equal(parts[0], parts[2])
-
-
-@pytest.mark.usefixtures("nothing_kept")
 @pytest.mark.parametrize("name", ["halves.tiles", "details.tiles"])
-def test_a_damaged_block_is_decoded_anew(n3dv: Path, cache: Path, name: str) -> None:
+def test_a_damaged_block_is_decoded_anew(n3dv: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setattr(store, "_memory_for_images", lambda: 0)
     capture = open_capture(films(n3dv, (96, 128)))
     truth = [FrameStore.open(capture).image(index).copy() for index in range(15)]
     path = FrameStore.open(capture).folder / name
@@ -110,13 +93,13 @@ def test_a_damaged_block_is_decoded_anew(n3dv: Path, cache: Path, name: str) -> 
         damaged = bytearray(content)
         damaged[place] ^= 1 << int(random.integers(8))
         path.write_bytes(damaged)
-        store = FrameStore.open(capture)
+        frames = FrameStore.open(capture)
         for index in range(15):
-            np.testing.assert_array_equal(store.image(index), truth[index])
+            np.testing.assert_array_equal(frames.image(index), truth[index])
             whole = (0, 0, 64, 48)
-            np.testing.assert_array_equal(store.part(index, whole, is_half=True), halved_image(truth[index]))
-        assert (store.folder / "damaged").exists()
-        del store
+            np.testing.assert_array_equal(frames.part(index, whole, is_half=True), halved_image(truth[index]))
+        assert (frames.folder / "damaged").exists()
+        del frames
         decoded: list[int] = []
         FrameStore.open(capture, progress=lambda done, total, to=decoded: to.append(done))  # type: ignore[misc]
         assert len(decoded) == 15 and path.read_bytes() == content  # written again
