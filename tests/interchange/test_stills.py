@@ -152,7 +152,7 @@ def test_gltf_text_is_read(scene: ScenePlayer, tmp_path: Path, beside: str | Non
         ("missing.bin", "no file"),
         ("short.bin", "10 bytes"),
         ("data:image/png;base64,AAAA", "base64"),
-        ("data:application/octet-stream;base64,?", "no base64"),
+        ("data:application/octet-stream;base64,?", "base64 data"),
     ],
 )
 def test_buffers_that_cannot_be_used(scene: ScenePlayer, tmp_path: Path, uri: str, sentence: str) -> None:

@@ -30,31 +30,25 @@ def clusters(gaussians: NumpyGaussians) -> Array:
     largest = np.sort(gaussians.scales.astype(np.float64), axis=1)[:, 1:]
     reach = np.clip(REACH * np.sqrt(largest.prod(axis=1)), most / 2**_LEVELS, most)
     level = np.clip(np.floor(np.log2(most / reach)), 0, _LEVELS).astype(int)
-    starts, ends = [], []
-    for each in np.unique(level):
-        own = np.flatnonzero(level == each)
-        start, end = _touching(points, own, most / 2.0**each)
-        starts.append(start)
-        ends.append(end)
-    return components(np.concatenate(starts), np.concatenate(ends), count)
+    pairs = [_touching(points, np.flatnonzero(level == step), most / 2.0**step) for step in np.unique(level)]
+    starts, ends = np.concatenate(pairs, axis=1)
+    return components(starts, ends, count)
 
 
-def _touching(points: Array, own: Array, size: float) -> tuple[Array, Array]:
-    """Pairs of Gaussians that together link those ``own`` with all that lie in their cells of a grid, or beside."""
+def _touching(points: Array, own: Array, size: float) -> Array:
+    """(2, P) pairs that together link the Gaussians ``own`` with all that lie in their cells of a grid, or beside."""
     cells = np.floor((points - points[own].min(0)) / size).astype(np.int64) + 1
     span = cells[own].max(0) + 2  # with a border, where neighbours are nobody's
     inside = ((cells >= 0) & (cells < span)).all(1)
     keys = np.where(inside, (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2], -1)
     occupied, first = np.unique(keys[own], return_index=True)
-    starts, ends = [], []
-    everyone = np.flatnonzero(inside)
+    pairs, everyone = [], np.flatnonzero(inside)
     for step in product((-1, 0, 1), repeat=3):
-        wanted = keys[everyone] + (step[0] * span[1] + step[1]) * span[2] + step[2]
-        place = np.clip(np.searchsorted(occupied, wanted), 0, len(occupied) - 1)
-        there = occupied[place] == wanted
-        starts.append(everyone[there])
-        ends.append(own[first[place[there]]])
-    return np.concatenate(starts), np.concatenate(ends)
+        cell = keys[everyone] + (step[0] * span[1] + step[1]) * span[2] + step[2]
+        index = np.clip(np.searchsorted(occupied, cell), 0, len(occupied) - 1)
+        there = occupied[index] == cell
+        pairs.append(np.stack([everyone[there], own[first[index[there]]]]))
+    return np.concatenate(pairs, axis=1)
 
 
 def components(starts: Array, ends: Array, count: int) -> Array:

@@ -63,7 +63,7 @@ class Crop:
         local: Array = inverse[:3, :3].astype(np.float32) @ points.T
         local += inverse[:3, 3:].astype(np.float32)
         if self.mesh is not None:
-            kept = _as_shares(self.mesh.contains(local.T) == self.keep_inside)
+            kept: Array = (self.mesh.contains(local.T) == self.keep_inside).astype(np.float32)
             if self.feather:
                 fading = np.flatnonzero(kept == 0)
                 distances = self._surface.within(points[fading], self.feather)
@@ -72,9 +72,12 @@ class Crop:
         if self.feather:
             outside = self._distance(local, inverse[:3, :3])
             beyond = outside if self.keep_inside else -outside
-            return _as_shares(np.clip(1 - beyond / np.float32(self.feather), 0, 1))
-        inside = (np.abs(local).max(0) if self.shape == BOX else np.einsum("in,in->n", local, local)) <= 1
-        return _as_shares(inside == self.keep_inside)
+            kept = np.clip(1 - beyond / np.float32(self.feather), 0, 1)
+        else:
+            inside = (np.abs(local).max(0) if self.shape == BOX else np.einsum("in,in->n", local, local)) <= 1
+            kept = inside == self.keep_inside
+        shares: Array = kept.astype(np.float32)
+        return shares
 
     @cached_property
     def _surface(self) -> MeshDistance:
@@ -108,11 +111,6 @@ def _inverse(matrix: tuple[float, ...]) -> Array | None:
     inverse: Array = np.linalg.inv(rows)
     inverse.flags.writeable = False
     return inverse
-
-
-def _as_shares(kept: Array) -> Array:
-    result: Array = kept.astype(np.float32)
-    return result
 
 
 def kept_of_all(crops: Sequence[Crop], kept: Sequence[Array], count: int) -> Array:

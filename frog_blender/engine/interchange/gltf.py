@@ -8,7 +8,6 @@ are floats and normalized whole numbers, of a ``.glb`` or of a ``.gltf`` with bu
 from __future__ import annotations
 
 import base64
-import binascii
 import json
 import struct
 from collections.abc import Iterator
@@ -18,7 +17,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from ..arrays import Array, Float64s
-from ..errors import FrogError, brief
+from ..errors import brief
 from ..gaussians import GaussianArrays, NumpyGaussians
 from ..io.plain_values import JsonObject, UnfitValue, entries, items, numbers, plain_json, text, whole
 from ..io.regular_file import regular_file
@@ -225,14 +224,11 @@ def _opened(path: Path, content: bytes) -> tuple[JsonObject, list[memoryview]]:
     A buffer beside the file is read from its own folder or one below, never from another place.
 
     Raises:
-        UnfitValue: for any other content.
-        FrogError: for a buffer that is not there.
+        ValueError: for any other content.
+        FrogError, OSError: for a buffer that is not there, or cannot be read.
     """
-    own: memoryview | None = None
-    if content[:4] == _MAGIC.to_bytes(4, "little"):
-        told, own = _chunks(content)
-    else:
-        told = content
+    is_binary = content.startswith(_MAGIC.to_bytes(4, "little"))
+    told, own = _chunks(content) if is_binary else (content, None)
     if len(told) > _LONGEST_JSON:
         raise UnfitValue(f"a description of {len(told):,} bytes", f"at most {_LONGEST_JSON:,}")
     try:
@@ -291,10 +287,7 @@ def _in_text(uri: str) -> bytes:
     start = next((start for start in _DATA if uri.startswith(start)), None)
     if start is None:
         raise UnfitValue(f"a buffer written as {brief(uri[:60])}", "bytes in base64")
-    try:
-        return base64.b64decode(uri[len(start) :], validate=True)
-    except (binascii.Error, ValueError) as error:
-        raise UnfitValue("a buffer that is no base64", _GLTF) from error
+    return base64.b64decode(uri[len(start) :], validate=True)
 
 
 def _beside(path: Path, uri: str, most: int) -> bytes:
@@ -305,11 +298,7 @@ def _beside(path: Path, uri: str, most: int) -> bytes:
     parts = name.split("/")
     if ":" in name or "\\" in name or "\0" in name or not name or ".." in parts or name.startswith("/"):
         raise UnfitValue(f"a buffer at {brief(uri)}", "one in the folder of the file")
-    place = regular_file(path.parent / name, "a buffer of the glTF file")
-    try:
-        size = place.stat().st_size
-        if size > most:
-            raise UnfitValue(f"buffers of more than {_LARGEST:,} bytes", "smaller ones")
-        return place.read_bytes()
-    except OSError as error:
-        raise FrogError(f"{place}: could not be read ({error.strerror or error}).") from error
+    file = regular_file(path.parent / name, "a buffer of the glTF file")
+    if file.stat().st_size > most:
+        raise UnfitValue(f"buffers of more than {_LARGEST:,} bytes", "smaller ones")
+    return file.read_bytes()

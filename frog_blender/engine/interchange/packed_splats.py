@@ -36,13 +36,11 @@ _Section = namedtuple(
 """Gaussians that it has and has room for; how many share a centre, and how many centres there are; extent of a bucket,
 bytes of a centre, steps from it to a side; buckets that are full and that are not; degree of the harmonics."""
 _HARMONICS = (0, 9, 24)  # numbers of degree 0, 1 and 2
-_RANGES = {1: slice(0, 3), 2: slice(3, 8)}  # coefficients of a degree, after the first
 _COMMON_RANGE = 32767
 _LEAST_HARMONIC = 1.5
 _MOST = 1 << 28  # Gaussians: the pixels of the largest WebP
 _LONGEST_META, _LARGEST_IMAGE = 16 << 20, 1 << 30
 _PALETTE_COLUMNS = 64
-_SOG_HARMONICS = {1: 3, 2: 8, 3: 15}
 _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
@@ -114,7 +112,7 @@ def _read_section(
     sh = [colors]
     begin = 0
     for degree in range(1, section.degree + 1):  # of each degree all of red, then green, then blue
-        width = _RANGES[degree].stop - _RANGES[degree].start
+        width = 2 * degree + 1
         sh.append(harmonics[:, begin : begin + 3 * width].reshape(-1, 3, width).transpose(0, 2, 1))
         begin += 3 * width
     opacities = table["rgba"][:, 3] / 255.0
@@ -171,8 +169,7 @@ class _SogArchive:
 
     def _harmonics(self, found: JsonObject) -> Array:
         """(N, K, 3) of the degrees from 1 on: each Gaussian names a row of a palette."""
-        degree = whole(found.get("bands"), "bands", 1, 3)
-        width = _SOG_HARMONICS[degree]
+        width = (whole(found.get("bands"), "bands", 1, 3) + 1) ** 2 - 1
         palette = self._pixels(found, 0)
         labels = self._image(found, 1).astype(np.int64)
         if palette.shape[1] != _PALETTE_COLUMNS * width:

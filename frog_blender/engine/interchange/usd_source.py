@@ -93,8 +93,7 @@ class UsdSource(FrameSource):
     def _gaussians(self, where: str, prim: Usd.Prim, time: float | None) -> NumpyGaussians:
         means = _value(prim, "positions", time)
         count = len(means)
-        found = {name: _value(prim, name, time) for name in _NAMES[1:]}
-        turns, scales, opacities, colors = found.values()
+        turns, scales, opacities, colors = (_value(prim, name, time) for name in _NAMES[1:])
         if not len(scales):
             raise found_instead(where, "no scales", "a size of each Gaussian")
         degree = len(colors) // count if count else 0

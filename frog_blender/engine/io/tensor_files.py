@@ -177,12 +177,11 @@ def _tensor(name: str, found: object, start: int) -> Tensor:
 
 def _array(file: FileIO, tensor: Tensor) -> Array:
     array = np.empty(tensor.shape, _DTYPES[tensor.dtype])
-    if array.size:
-        into = array.reshape(-1).view(np.uint8).data
-        while into:
-            count = file.readinto(into)
-            if not count:
-                raise UnfitValue("an end in the middle of an array", "a file that nobody cuts meanwhile")
-            into = into[count:]
+    into = array.reshape(-1).view(np.uint8).data
+    while into:
+        count = file.readinto(into)
+        if not count:
+            raise UnfitValue("an end in the middle of an array", "a file that nobody cuts meanwhile")
+        into = into[count:]
     # Any byte but 0 and 1 is no truth value.
     return array.view(np.uint8) != 0 if tensor.dtype == "BOOL" else array

@@ -29,7 +29,7 @@ from ..native.deformation import FieldShape, PlaybackField
 from ..native.options import ALPHA_MIN
 from ..native.structs import Buffer
 from ..scene.scene_file import VISIBILITY
-from .frame_delta import BufferPool, FrameDelta, canonical_gaussians, extract_columns
+from .frame_delta import BufferPool, FrameDelta, canonical_gaussians, column_of
 
 GROUP_SIZE = 16
 """Gaussians side by side; GROUP_SIZE of the native library."""
@@ -395,4 +395,5 @@ class DeformationPlayer:
         self._deform(self._part_field, time, moved)
         if not colors:
             moved["sh"] = self._still["sh"][:count]
-        return extract_columns(GaussianArrays(**moved), names)
+        gaussians = GaussianArrays(**moved)
+        return {name: column_of(gaussians, name) for name in names}

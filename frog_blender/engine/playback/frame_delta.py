@@ -12,7 +12,6 @@ from __future__ import annotations
 import threading
 import weakref
 from collections import OrderedDict, deque
-from collections.abc import Collection
 from typing import TypeAlias
 
 import numpy as np
@@ -134,11 +133,6 @@ def _coefficient(sh: Array, k: int) -> Array:
         return np.ascontiguousarray(sh[:, k])
     whole = sh.view("V12")[:, :, 0]  # numpy copies one piece of 12 bytes in half the time of three numbers
     return np.ascontiguousarray(whole[:, k]).view(np.float32).reshape(-1, 3)
-
-
-def extract_columns(gaussians: NumpyGaussians, names: Collection[str], count: int | None = None) -> FrameDelta:
-    """Those columns of the first ``count`` Gaussians."""
-    return {name: column_of(gaussians, name, count) for name in names}
 
 
 Key = tuple[str, float]

@@ -30,7 +30,6 @@ from .frame_delta import (
     column_names,
     column_of,
     column_view,
-    extract_columns,
     normalize,
     put_columns,
 )
@@ -50,8 +49,7 @@ class PlayableSequence:
         self._still = canonical_gaussians(arrays).checked()
         self._rows = rows
         self.num_dynamic = len(rows)
-        has_sh = {f"sh_{k}" for k in range(1, self._still.sh.shape[1])}
-        known = {"means", "quaternions", "scales", "base"} | has_sh
+        known = frozenset(column_names(self._still.sh.shape[1]))
         self.changing = frozenset(rows.layout.columns) & known if self.num_dynamic and rows.count > 1 else frozenset()
 
     def at(self, time: float) -> NumpyGaussians:
@@ -248,7 +246,8 @@ class ScenePlayer:
             return {}
         if isinstance(self._deformation, _BY_COLUMN):  # which gives those columns alone
             return self._deformation.delta_at(self._held(time), self.changing)
-        return extract_columns(self.compute(self._held(time)), self.changing)
+        gaussians = self.compute(self._held(time))
+        return {name: column_of(gaussians, name, self.num_dynamic) for name in self.changing}
 
     @property
     def delta_bytes(self) -> int:

@@ -218,7 +218,8 @@ def write_scene(path: str | Path, scene: SceneFile, *, compact: bool = False) ->
 def scene_bytes(scene: SceneFile, *, compact: bool = False) -> bytes:
     """What ``write_scene`` writes."""
     arrays, metadata = packed_metadata(scene.header, scene.arrays, compact=compact)
-    result: bytes = serialize(_contiguous(arrays), metadata=metadata)
+    contiguous = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    result: bytes = serialize(contiguous, metadata=metadata)
     return result
 
 
@@ -272,10 +273,6 @@ def _unpacked(arrays: SceneArrays, described: JsonObject) -> SceneArrays:
         return unpack_scene(arrays, described)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, MemoryError) as error:
         raise UnfitValue(f"packed arrays that cannot be read ({error})", "a .frog scene") from error
-
-
-def _contiguous(arrays: SceneArrays) -> SceneArrays:
-    return {name: np.ascontiguousarray(array) for name, array in arrays.items()}
 
 
 def _is_known(name: str, method: Method | None) -> bool:
