@@ -38,16 +38,15 @@ _MEANING = "Radiance is display-referred sRGB minus one half, as 3DGS trainings 
 _SAME_ROWS = "The same row is the same Gaussian at every time."
 _OTHER_ROWS = "Rows are other Gaussians at each time: between two samples the earlier one holds."
 _SH_NAME = "radiance:sphericalHarmonicsCoefficients"
-_ATTRIBUTES: dict[str, tuple[tuple[str, str], tuple[str, str] | None]] = {
-    "positions": (("Point3fArray", "Vec3f"), None),
-    "orientations": (("QuatfArray", "Quatf"), ("QuathArray", "Quath")),
-    "scales": (("Float3Array", "Vec3f"), ("Half3Array", "Vec3h")),
-    "opacities": (("FloatArray", "Float"), ("HalfArray", "Half")),
-    _SH_NAME: (("Float3Array", "Vec3f"), ("Half3Array", "Vec3h")),
+_ATTRIBUTES = {
+    "positions": ("Point3fArray", "Point3fArray"),
+    "orientations": ("QuatfArray", "QuathArray"),
+    "scales": ("Float3Array", "Half3Array"),
+    "opacities": ("FloatArray", "HalfArray"),
+    _SH_NAME: ("Float3Array", "Half3Array"),
 }
-"""Types of the prims' attributes and of Vt's arrays in single precision, and in half where that is enough."""
+"""Types of the prims' attributes in single precision, and in half where that is enough."""
 _COLUMNS = {"means": "positions", "quaternions": "orientations", "scales": "scales"}
-_HALVES = {"Quath", "Vec3h", "Half"}
 _FLUSHED = 256 << 20  # bytes of samples that are held before they go to the disk
 _LARGEST_HALF = 65504.0
 _REACH = 3.0  # standard deviations within which a Gaussian is seen
@@ -201,17 +200,13 @@ class _Field:
         degree.Set(gaussians.sh_degree)
         hint = self._prim.CreateAttribute("sortingModeHint", types.Token, False, uniform)
         hint.Set("zDepth")
-        self._arrays: dict[str, str] = {}  # of Vt, by attribute
-        self._targets: dict[str, Usd.Attribute] = {}
+        self._attributes: dict[str, Usd.Attribute] = {}
         for name, (single, half) in _ATTRIBUTES.items():
-            kind, self._arrays[name] = single if full_precision or half is None else half
-            own = f"{name}h" if self._arrays[name] in _HALVES else name
-            self._targets[name] = self._prim.CreateAttribute(own, getattr(types, kind), False)
+            own, kind = (name, single) if full_precision or half == single else (f"{name}h", half)
+            self._attributes[name] = self._prim.CreateAttribute(own, getattr(types, kind), False)
 
     def put(self, gaussians: NumpyGaussians, names: Set[str], number: float | None = None) -> int:
         """Writes attributes of a frame, without time samples where it has no number; returns the bytes they take."""
-        from pxr import Vt
-
         rows, written = self._rows, 0
         means, scales = gaussians.means[rows], gaussians.scales[rows]
         reach = _REACH * scales.max(axis=1, keepdims=True)
@@ -224,12 +219,12 @@ class _Field:
             "opacities": gaussians.opacities[rows],
             _SH_NAME: gaussians.sh[rows].reshape(-1, 3),
         }
-        for name, array in self._arrays.items():
-            if name not in names:
-                continue
-            contiguous = _half(values[name]) if array in _HALVES else np.ascontiguousarray(values[name])
-            self._targets[name].Set(getattr(Vt, f"{array}Array").FromNumpy(contiguous), time_code(number))
-            written += 12 * len(contiguous)
+        for name, attribute in self._attributes.items():
+            if name in names:
+                contiguous = np.ascontiguousarray(values[name]) if attribute.GetName() == name else _half(values[name])
+                array = attribute.GetTypeName().type.pythonClass.FromNumpy(contiguous)
+                attribute.Set(array, time_code(number))
+                written += 12 * len(contiguous)
         return written
 
     def close(self) -> None:

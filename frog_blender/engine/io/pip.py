@@ -8,7 +8,6 @@ import site
 import sys
 from collections import deque
 from collections.abc import Callable, Sequence
-from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 from ..errors import FrogError
@@ -19,24 +18,21 @@ _LINES_KEPT = 30
 _OPTIONS = ("--disable-pip-version-check", "--no-input", "--progress-bar", "off", "--only-binary=:all:")
 
 
-def pip_command(find_spec: Callable[[str], ModuleSpec | None] = importlib.util.find_spec) -> list[str]:
+def pip_command() -> list[str]:
     """The command that runs pip with this Python: the installed one, or the wheel bundled with Python.
 
     Isolated (``-I``), so that nothing in the current folder or in PYTHONPATH runs in its place; and only for as long as
     this process keeps the other end of its input (``pip_process``).
 
-    Args:
-        find_spec: where this Python would import a module from.
-
     Raises:
         FrogError: where there is neither.
     """
     start = [sys.executable, "-I", str(Path(__file__).with_name("pip_process.py"))]
-    installed_pip = find_spec("pip")
+    installed_pip = importlib.util.find_spec("pip")
     origin = Path(installed_pip.origin or ".") if installed_pip is not None else None
     if origin is not None and any(origin.is_relative_to(folder) for folder in site.getsitepackages()):
         return [*start, ""]
-    bundled = find_spec("ensurepip")
+    bundled = importlib.util.find_spec("ensurepip")
     folders = bundled.submodule_search_locations if bundled else None
     wheels = sorted(glob.glob(f"{(folders or ['.'])[0]}/_bundled/pip-*.whl"))
     if not wheels:
