@@ -124,8 +124,8 @@ class ClosedMesh:
         if len(self.vertices) % 12 or len(self.triangles) % 12:
             raise ValueError("a mesh of incomplete vertices or triangles")
         if not 4 <= len(self.vertices) // 12 <= MOST_VERTICES or not 4 <= len(self.triangles) // 12 <= MOST_TRIANGLES:
-            found = f"{len(self.vertices) // 12:,} vertices and {len(self.triangles) // 12:,} triangles"
-            raise ValueError(f"a mesh of {found}; from 4 to {MOST_VERTICES:,} and {MOST_TRIANGLES:,} are possible")
+            size = f"{len(self.vertices) // 12:,} vertices and {len(self.triangles) // 12:,} triangles"
+            raise ValueError(f"a mesh of {size}; from 4 to {MOST_VERTICES:,} and {MOST_TRIANGLES:,} are possible")
         points, corners = self.arrays
         if not np.isfinite(points).all():
             raise ValueError("a mesh with vertices that are not finite")

@@ -88,7 +88,7 @@ class _Graded:
 
 def _graded(grades: Iterable[Grade], scene: ScenePlayer) -> list[_Graded]:
     """The grades of a scene's rows, without those that change nothing."""
-    found = []
+    graded = []
     for grade in grades:
         if grade.is_neutral:
             continue
@@ -102,7 +102,7 @@ def _graded(grades: Iterable[Grade], scene: ScenePlayer) -> list[_Graded]:
         base[:3, :3], base[3, 3] = matrix, grade.opacity
         changes_base = not stay or grade.opacity != 1
         length = scene.count if rows is None else len(rows)  # of a shift: numpy adds one row to many slowly
-        found.append(
+        graded.append(
             _Graded(
                 rows,
                 None if stay else matrix,
@@ -111,7 +111,7 @@ def _graded(grades: Iterable[Grade], scene: ScenePlayer) -> list[_Graded]:
                 grade.size,
             )
         )
-    return found
+    return graded
 
 
 class EditedScene(ScenePlayer):
@@ -263,8 +263,8 @@ def _without_hidden(scene: ScenePlayer, edits: Edits) -> ScenePlayer:
         if len(inner) < sum(crop.keep_inside for crop in edits.crops):  # another one may keep what these do not
             crops = [crop for crop in crops if not crop.keep_inside]
         if crops and kept[rows].size:
-            each = [crop.kept(_places(scene, crop)[rows]) for crop in crops]
-            kept[rows] &= kept_of_all(tuple(crops), each, kept[rows].size) > 0
+            shares = [crop.kept(_places(scene, crop)[rows]) for crop in crops]
+            kept[rows] &= kept_of_all(tuple(crops), shares, kept[rows].size) > 0
     if kept.all():
         return scene
     return scene.subset(np.flatnonzero(kept) if kept.any() else np.zeros(1, np.int64))

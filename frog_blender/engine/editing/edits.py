@@ -95,5 +95,5 @@ class Edits:
 
 
 def _dropped(what: str, marks: Marks, scene: ScenePlayer) -> str:
-    found = f"{marks.count:,} Gaussians" if marks.count != scene.file_count else "another training"
-    return f"{what} dropped: made for a scene of {found}, found one of {scene.file_count:,}."
+    other = f"{marks.count:,} Gaussians" if marks.count != scene.file_count else "another training"
+    return f"{what} dropped: made for a scene of {other}, found one of {scene.file_count:,}."

@@ -42,12 +42,12 @@ _BY_CHANNEL, _PLAIN = ("gains", "offsets"), Grade()
 
 def save_edits(path: Path, edits: Edits) -> None:
     """Writes edits, whole or not at all; FrogError when they cannot be written, or could not be read again."""
-    found = to_json(edits)
+    plain = to_json(edits)
     try:
-        from_json(found)
+        from_json(plain)
     except ValueError as error:
         raise FrogError(f"{path}: these edits could not be read again: found {error}.") from error
-    content = (json.dumps(found, indent=1, allow_nan=False) + "\n").encode()
+    content = (json.dumps(plain, indent=1, allow_nan=False) + "\n").encode()
     if len(content) > _LARGEST_FILE:
         raise found_instead(path, f"edits of {len(content):,} bytes", f"at most {_LARGEST_FILE:,}; simpler meshes")
     write_atomically(path, content)
@@ -74,24 +74,24 @@ def load_edits(path: Path) -> Edits:
 def to_json(edits: Edits) -> JsonObject:
     """Plain values for ``from_json``."""
     timing, grades = edits.timing, [_grade_json(grade) for grade in edits.grades if not grade.is_neutral]
-    found: JsonObject = {
+    content: JsonObject = {
         "hidden": edits.hidden and _marks_json(edits.hidden),
         "crops": [_crop_json(crop) for crop in edits.crops],
         "grades": grades,
         "time": timing and {"start": timing.start, "rate": timing.rate, "frames": list(timing.frames)},
     }
-    return {"frog_edits": _VERSION} | {name: value for name, value in found.items() if value}
+    return {"frog_edits": _VERSION} | {name: value for name, value in content.items() if value}
 
 
 def from_json(value: object) -> Edits:
     """Edits from plain values; ValueError (UnfitValue mostly) for what they cannot be."""
-    found = _entries(value, "the content", "frog_edits", "hidden", "crops", "grades", "time")
-    whole(found.get("frog_edits"), "frog_edits", _VERSION, _VERSION)
+    named = _entries(value, "the content", "frog_edits", "hidden", "crops", "grades", "time")
+    whole(named.get("frog_edits"), "frog_edits", _VERSION, _VERSION)
     return Edits(
-        _marks(found["hidden"], "hidden") if "hidden" in found else None,
-        tuple(_crop(item) for item in items(found.get("crops", []), "crops", MOST_CROPS)),
-        tuple(_grade(each) for each in items(found.get("grades", []), "grades", MOST_GRADES)),
-        _timing(found["time"]) if "time" in found else None,
+        _marks(named["hidden"], "hidden") if "hidden" in named else None,
+        tuple(_crop(item) for item in items(named.get("crops", []), "crops", MOST_CROPS)),
+        tuple(_grade(item) for item in items(named.get("grades", []), "grades", MOST_GRADES)),
+        _timing(named["time"]) if "time" in named else None,
     )
 
 
@@ -101,54 +101,54 @@ def _marks_json(marks: Marks) -> JsonObject:
 
 def _crop_json(crop: Crop) -> JsonObject:
     keep = "inside" if crop.keep_inside else "outside"
-    found: JsonObject = {"shape": crop.shape, "matrix": list(crop.matrix), "keep": keep}
+    content: JsonObject = {"shape": crop.shape, "matrix": list(crop.matrix), "keep": keep}
     if crop.feather:
-        found["feather"] = crop.feather
+        content["feather"] = crop.feather
     if crop.time is not None:
-        found["time"] = crop.time
+        content["time"] = crop.time
     if crop.mesh is not None:
-        found["vertices"] = np.frombuffer(crop.mesh.vertices, "<f4").astype(np.float64).tolist()
-        found["triangles"] = np.frombuffer(crop.mesh.triangles, "<i4").tolist()
-    return found
+        content["vertices"] = np.frombuffer(crop.mesh.vertices, "<f4").astype(np.float64).tolist()
+        content["triangles"] = np.frombuffer(crop.mesh.triangles, "<i4").tolist()
+    return content
 
 
 def _grade_json(grade: Grade) -> JsonObject:
     said = {name: getattr(grade, name) for name in (*RANGES, *_BY_CHANNEL)}
     changes = {name: value for name, value in said.items() if value != getattr(_PLAIN, name)}
-    found: JsonObject = {name: list(value) if name in _BY_CHANNEL else value for name, value in changes.items()}
-    return found | ({} if grade.only is None else {"only": _marks_json(grade.only)})
+    content: JsonObject = {name: list(value) if name in _BY_CHANNEL else value for name, value in changes.items()}
+    return content | ({} if grade.only is None else {"only": _marks_json(grade.only)})
 
 
 def _entries(value: object, what: str, *known: str) -> JsonObject:
     """An object of no other names than these."""
-    found = entries(value, what)
-    unknown = sorted(found.keys() - set(known))
+    named = entries(value, what)
+    unknown = sorted(named.keys() - set(known))
     if unknown:
         raise UnfitValue(f"{what} with {unknown[0]!r}", f"only {', '.join(sorted(known))}")
-    return found
+    return named
 
 
 def _marks(value: object, what: str) -> Marks:
-    found = _entries(value, what, "count", "scene", "bits")
-    count = whole(found.get("count"), f"{what}: count", 1, MOST)
-    scene = text(found.get("scene"), f"{what}: scene", 64)
-    return Marks.from_text(count, scene, text(found.get("bits"), f"{what}: bits", _LARGEST_FILE))
+    named = _entries(value, what, "count", "scene", "bits")
+    count = whole(named.get("count"), f"{what}: count", 1, MOST)
+    scene = text(named.get("scene"), f"{what}: scene", 64)
+    return Marks.from_text(count, scene, text(named.get("bits"), f"{what}: bits", _LARGEST_FILE))
 
 
 def _crop(value: object) -> Crop:
-    found = _entries(value, "a crop", "shape", "matrix", "keep", "feather", "time", "vertices", "triangles")
-    shape = _one_of(found.get("shape"), "a crop's shape", SHAPES)
-    keep = _one_of(found.get("keep", "inside"), "what a crop keeps", ("inside", "outside"))
-    matrix = numbers(found.get("matrix"), "a crop's matrix", (16,), _LARGEST)
-    time = number(found["time"], "a crop's time", 0, 1) if "time" in found else None
-    feather = number(found.get("feather", 0), "a crop's feather", 0, _LARGEST)
-    mesh = _mesh(found) if shape == MESH or "vertices" in found or "triangles" in found else None
+    named = _entries(value, "a crop", "shape", "matrix", "keep", "feather", "time", "vertices", "triangles")
+    shape = _one_of(named.get("shape"), "a crop's shape", SHAPES)
+    keep = _one_of(named.get("keep", "inside"), "what a crop keeps", ("inside", "outside"))
+    matrix = numbers(named.get("matrix"), "a crop's matrix", (16,), _LARGEST)
+    time = number(named["time"], "a crop's time", 0, 1) if "time" in named else None
+    feather = number(named.get("feather", 0), "a crop's feather", 0, _LARGEST)
+    mesh = _mesh(named) if shape == MESH or "vertices" in named or "triangles" in named else None
     return Crop(shape, tuple(matrix.tolist()), keep == "inside", feather, time, mesh)
 
 
-def _mesh(found: JsonObject) -> ClosedMesh:
-    vertices = items(found.get("vertices"), "vertices", 3 * MOST_VERTICES)
-    triangles = items(found.get("triangles"), "triangles", 3 * MOST_TRIANGLES)
+def _mesh(named: JsonObject) -> ClosedMesh:
+    vertices = items(named.get("vertices"), "vertices", 3 * MOST_VERTICES)
+    triangles = items(named.get("triangles"), "triangles", 3 * MOST_TRIANGLES)
     points = numbers(vertices, "vertices", (len(vertices),), _LARGEST)
     corners = [whole(corner, "a triangle's vertex", 0, MOST_VERTICES) for corner in triangles]
     if len(points) % 3 or len(corners) % 3:
@@ -157,9 +157,9 @@ def _mesh(found: JsonObject) -> ClosedMesh:
 
 
 def _grade(value: object) -> Grade:
-    found = _entries(value, "a grade", *RANGES, *_BY_CHANNEL, "only")
+    named = _entries(value, "a grade", *RANGES, *_BY_CHANNEL, "only")
     settings: JsonObject = {}
-    for name, setting in found.items():
+    for name, setting in named.items():
         if name in RANGES:
             settings[name] = number(setting, f"a grade's {name}", *RANGES[name])
         elif name in _BY_CHANNEL:
@@ -170,13 +170,13 @@ def _grade(value: object) -> Grade:
 
 
 def _timing(value: object) -> Timing:
-    found = _entries(value, "a timing", "start", "rate", "frames")
-    start = whole(found.get("start", 1), "a timing's start", -MOST_FRAMES, MOST_FRAMES)
+    named = _entries(value, "a timing", "start", "rate", "frames")
+    start = whole(named.get("start", 1), "a timing's start", -MOST_FRAMES, MOST_FRAMES)
     frames = [
         None if item is None else number(item, "a timing's frame", -_LARGEST, _LARGEST)
-        for item in items(found.get("frames"), "frames", MOST_FRAMES)
+        for item in items(named.get("frames"), "frames", MOST_FRAMES)
     ]
-    return Timing(tuple(frames), number(found.get("rate"), "a timing's rate", 0, FASTEST_RATE), start)
+    return Timing(tuple(frames), number(named.get("rate"), "a timing's rate", 0, FASTEST_RATE), start)
 
 
 def _one_of(value: object, what: str, known: tuple[str, ...]) -> str:

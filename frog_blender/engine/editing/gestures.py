@@ -49,11 +49,11 @@ class OnScreen:
         x, y, z = local[:, rows]
         k = camera.intrinsics
         places = np.array([k[0, 0] * x / z + k[0, 1] * y / z + k[0, 2], k[1, 1] * y / z + k[1, 2]])
-        found = cls(rows, np.clip(places, -_AWAY, _AWAY).astype(np.float32))
+        on_screen = cls(rows, np.clip(places, -_AWAY, _AWAY).astype(np.float32))
         if not only_visible or not len(rows):
-            return found
-        visible = _visible(gaussians, camera, found, z)
-        return cls(rows[visible], np.ascontiguousarray(found.places[:, visible]))
+            return on_screen
+        visible = _visible(gaussians, camera, on_screen, z)
+        return cls(rows[visible], np.ascontiguousarray(on_screen.places[:, visible]))
 
     def among(self, hit: Array, count: int) -> Array:
         """(count,) bool of all Gaussians, from (K,) bool of those that can be hit."""
@@ -157,10 +157,10 @@ def gesture(kind: str, screen: OnScreen, radius: float) -> Gesture:
 
 def drawn(kind: str, screen: OnScreen, path: Iterable[Place], radius: float) -> Gesture:
     """One that went along a path."""
-    found = gesture(kind, screen, radius)
+    stroke = gesture(kind, screen, radius)
     for place in path:
-        found.move(place)
-    return found
+        stroke.move(place)
+    return stroke
 
 
 def _crosses(places: Array, start: Place, end: Place) -> Array:

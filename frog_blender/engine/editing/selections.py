@@ -106,9 +106,9 @@ def grown(scene: ScenePlayer, chosen: Array, distance: float, time: float = 0.0)
         for y in (-1, 0, 1):
             for z in (-1, 0, 1):
                 waiting = np.flatnonzero(~near)
-                wanted = keys[others[waiting]] + (x << 42) + (y << 21) + z
-                begin = np.searchsorted(keys[own], wanted, "left")
-                lengths = np.searchsorted(keys[own], wanted, "right") - begin
+                cell = keys[others[waiting]] + (x << 42) + (y << 21) + z
+                begin = np.searchsorted(keys[own], cell, "left")
+                lengths = np.searchsorted(keys[own], cell, "right") - begin
                 near[waiting[_any_within(points, others[waiting], own, begin, lengths, distance)]] = True
     result[others[near]] = True
     return result
@@ -128,22 +128,22 @@ def _numbered(cells: Array) -> Array:
     """(N, 3) int64 from 1: the same cells, by numbers that fit 21 bits, next to each other where the cells are."""
     numbers = np.empty(cells.shape, np.int64)
     for axis in range(3):
-        known, place = np.unique(cells[:, axis], return_inverse=True)
+        known, index = np.unique(cells[:, axis], return_inverse=True)
         steps = np.minimum(np.diff(known, prepend=known[0]), 2)  # an empty cell between them is enough to part them
-        numbers[:, axis] = np.cumsum(steps).astype(np.int64)[place] + 1
+        numbers[:, axis] = np.cumsum(steps).astype(np.int64)[index] + 1
     return numbers
 
 
 def _any_within(points: Array, asking: Array, own: Array, begin: Array, lengths: Array, distance: float) -> Array:
     """(K,) bool: whether one of a run of ``own`` lies within a distance of each point that asks."""
-    found = np.zeros(len(asking), bool)
+    within = np.zeros(len(asking), bool)
     for step in range(int(lengths.max(initial=0))):
-        left = np.flatnonzero((lengths > step) & ~found)
+        left = np.flatnonzero((lengths > step) & ~within)
         if not len(left):
             break
         offsets = points[own[begin[left] + step]] - points[asking[left]]
-        found[left] = np.einsum("ni,ni->n", offsets, offsets) <= distance**2
-    return found
+        within[left] = np.einsum("ni,ni->n", offsets, offsets) <= distance**2
+    return within
 
 
 def _times(scene: ScenePlayer) -> tuple[float, ...]:

@@ -68,7 +68,7 @@ def glb_bytes(gaussians: NumpyGaussians) -> bytes:
         pieces.append(piece)
         start += len(piece)
     primitive = {
-        "attributes": {name: place for place, name in enumerate(columns)},
+        "attributes": {name: index for index, name in enumerate(columns)},
         "mode": _POINTS,
         "extensions": {
             EXTENSION: {
@@ -134,27 +134,27 @@ class _Document:
         """The primitives that are Gaussians, and (4, 4) from their space to the world."""
         nodes, meshes = self._nodes, self._meshes
         children = [self._numbers_of(node, "children", len(nodes)) for node in nodes]
-        below = {child for each in children for child in each}
-        waiting = [(place, np.eye(4), 0) for place in range(len(nodes)) if place not in below]
-        found: list[tuple[JsonObject, Float64s]] = []
+        below = {child for siblings in children for child in siblings}
+        waiting = [(index, np.eye(4), 0) for index in range(len(nodes)) if index not in below]
+        placed: list[tuple[JsonObject, Float64s]] = []
         seen = 0
         while waiting:
-            place, above, depth = waiting.pop()
+            index, above, depth = waiting.pop()
             seen += 1
             if depth > _DEEPEST or seen > _MOST_NODES:
                 raise UnfitValue("nodes below nodes without end", EXPECTED)
-            matrix = above @ _matrix(nodes[place])
-            waiting += [(child, matrix, depth + 1) for child in children[place]]
-            if "mesh" not in nodes[place]:
+            matrix = above @ _matrix(nodes[index])
+            waiting += [(child, matrix, depth + 1) for child in children[index]]
+            if "mesh" not in nodes[index]:
                 continue
-            mesh = meshes[whole(nodes[place]["mesh"], "a mesh", 0, len(meshes) - 1)]
+            mesh = meshes[whole(nodes[index]["mesh"], "a mesh", 0, len(meshes) - 1)]
             for item in items(mesh.get("primitives"), "primitives", _MOST_NODES):
                 primitive = entries(item, "a primitive")
                 if EXTENSION in entries(primitive.get("extensions", {}), "extensions"):
-                    found.append((primitive, matrix))
-            if len(found) > _MOST_PRIMITIVES:
+                    placed.append((primitive, matrix))
+            if len(placed) > _MOST_PRIMITIVES:
                 raise UnfitValue("Gaussians in very many parts", f"at most {_MOST_PRIMITIVES:,}")
-        return found
+        return placed
 
     def _read(self, primitive: JsonObject) -> NumpyGaussians:
         extension = entries(entries(primitive["extensions"], "extensions")[EXTENSION], EXTENSION)
@@ -189,7 +189,7 @@ class _Document:
         binary = self._buffers[whole(view.get("buffer"), "a buffer", 0, len(self._buffers) - 1)]
         dtype = np.dtype(_TYPES[kind])
         count = whole(accessor.get("count"), f"the count of {name}", 1, len(binary))
-        begin = sum(whole(each.get("byteOffset", 0), "an offset", 0, len(binary)) for each in (view, accessor))
+        begin = sum(whole(part.get("byteOffset", 0), "an offset", 0, len(binary)) for part in (view, accessor))
         stride = whole(view.get("byteStride", width * dtype.itemsize), "a stride", width * dtype.itemsize, 252)
         if begin + (count - 1) * stride + width * dtype.itemsize > len(binary):
             raise UnfitValue(f"{count:,} of {name} from byte {begin:,}", f"{len(binary):,} bytes")
@@ -261,7 +261,7 @@ def _chunks(content: bytes) -> tuple[bytes, memoryview | None]:
 
 
 def _buffers(path: Path, document: JsonObject, own: memoryview | None) -> list[memoryview]:
-    found: list[memoryview] = []
+    buffers: list[memoryview] = []
     files: dict[str, memoryview] = {}  # however often one is named, it is read once
     room = _LARGEST
     for index, item in enumerate(items(document.get("buffers"), "buffers", _MOST_BUFFERS)):
@@ -279,8 +279,8 @@ def _buffers(path: Path, document: JsonObject, own: memoryview | None) -> list[m
             content = files[name]
         if len(content) < size:
             raise UnfitValue(f"a buffer of {len(content):,} bytes", f"the {size:,} that are announced")
-        found.append(content[:size])
-    return found
+        buffers.append(content[:size])
+    return buffers
 
 
 def _in_text(uri: str) -> bytes:

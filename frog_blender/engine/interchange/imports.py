@@ -327,7 +327,7 @@ def free_scene_path(source: Path) -> Path:
     if not source.name:
         raise FrogError(f"{source}: found a folder without a name, expected the name of the .frog to write as well.")
     kind = source.suffix.lower().lstrip(".") or "frames"
-    names = [source.stem, f"{source.stem}_{kind}", *(f"{source.stem}_{kind}{number}" for number in range(2, 1000))]
+    names = [source.stem, f"{source.stem}_{kind}", *(f"{source.stem}_{kind}{count}" for count in range(2, 1000))]
     for name in names:
         path = source.with_name(f"{name}.frog")
         if not path.exists() or _was_imported_from(source, path):

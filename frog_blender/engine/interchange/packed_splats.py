@@ -70,8 +70,8 @@ def decode_ksplat(_path: Path, content: bytes) -> list[Part]:
     for index in range(sections):
         section = _Section._make(_SECTION_HEAD.unpack_from(content, _MAIN + index * _SECTION))
         if section.count > section.capacity or section.degree >= len(_HARMONICS):
-            found = f"{section.count:,} Gaussians of degree {section.degree} in a section for {section.capacity:,}"
-            raise UnfitValue(found, KSPLAT)
+            said = f"{section.count:,} Gaussians of degree {section.degree} in a section for {section.capacity:,}"
+            raise UnfitValue(said, KSPLAT)
         gaussians, start = _read_section(content, start, section, level, bounds)
         if len(gaussians):
             parts.append(gaussians)
@@ -84,13 +84,13 @@ def _read_section(
     content: bytes, start: int, section: _Section, level: int, bounds: tuple[float, float]
 ) -> tuple[NumpyGaussians, int]:
     """The Gaussians of a section, and where the next one begins."""
-    number = "<f4" if level == 0 else "<f2"
+    kind = "<f4" if level == 0 else "<f2"
     further = _HARMONICS[section.degree]
     row = np.dtype(
         [
             ("mean", "<f4" if level == 0 else "<u2", 3),
-            ("scale", number, 3),
-            ("turn", number, 4),
+            ("scale", kind, 3),
+            ("turn", kind, 4),
             ("rgba", "u1", 4),
             ("sh", {0: "<f4", 1: "<f2", 2: "u1"}[level], (further,)),
         ]
@@ -155,7 +155,7 @@ class _SogArchive:
         """What the file holds."""
         means = entries(self._meta.get("means"), "means")
         low, high = (numbers(means.get(name), name, (3,), 1e3) for name in ("mins", "maxs"))
-        fine, coarse = (self._image(means, place)[:, :3].astype(np.float64) for place in (0, 1))
+        fine, coarse = (self._image(means, index)[:, :3].astype(np.float64) for index in (0, 1))
         logarithms = low + (high - low) * ((fine + 256 * coarse) / 65535)
         places = np.sign(logarithms) * np.expm1(np.minimum(np.abs(logarithms), 80.0))
         scales, colors = (entries(self._meta.get(name), name) for name in ("scales", "sh0"))
@@ -167,38 +167,38 @@ class _SogArchive:
         turns = _turns(self._image(entries(self._meta.get("quats"), "quats"), 0))
         return GaussianArrays(places, turns, np.exp(np.minimum(sizes, 80)), color_image[:, 3] / 255.0, sh)
 
-    def _harmonics(self, found: JsonObject) -> Array:
+    def _harmonics(self, described: JsonObject) -> Array:
         """(N, K, 3) of the degrees from 1 on: each Gaussian names a row of a palette."""
-        width = (whole(found.get("bands"), "bands", 1, 3) + 1) ** 2 - 1
-        palette = self._pixels(found, 0)
-        labels = self._image(found, 1).astype(np.int64)
+        width = (whole(described.get("bands"), "bands", 1, 3) + 1) ** 2 - 1
+        palette = self._pixels(described, 0)
+        labels = self._image(described, 1).astype(np.int64)
         if palette.shape[1] != _PALETTE_COLUMNS * width:
             raise UnfitValue(f"a palette {palette.shape[1]} pixels wide", f"{_PALETTE_COLUMNS * width}")
         rows = palette.reshape(-1, width, palette.shape[2])[:, :, :3]
         chosen = labels[:, 0] + 256 * labels[:, 1]
         if chosen.max() >= len(rows):
             raise UnfitValue(f"row {chosen.max():,} of a palette", f"fewer than {len(rows):,}")
-        result: Array = self._table(found)[rows[chosen]]
+        result: Array = self._table(described)[rows[chosen]]
         return result
 
-    def _table(self, found: JsonObject) -> Array:
-        return numbers(found.get("codebook"), "a codebook", (256,), 1e6).astype(np.float32)
+    def _table(self, described: JsonObject) -> Array:
+        return numbers(described.get("codebook"), "a codebook", (256,), 1e6).astype(np.float32)
 
-    def _image(self, found: JsonObject, place: int) -> Array:
+    def _image(self, described: JsonObject, index: int) -> Array:
         """(N, 4) red, green, blue and alpha of the Gaussians' pixels."""
-        pixels = self._pixels(found, place)
+        pixels = self._pixels(described, index)
         flat = pixels.reshape(-1, pixels.shape[2])
         if len(flat) < self._count:
             raise UnfitValue(f"an image of {len(flat):,} pixels", f"{self._count:,}")
         flat = flat[: self._count]
         return flat if flat.shape[1] == 4 else np.pad(flat, ((0, 0), (0, 1)), constant_values=255)
 
-    def _pixels(self, found: JsonObject, place: int) -> Array:
+    def _pixels(self, described: JsonObject, index: int) -> Array:
         """(H, W, 3 or 4) uint8."""
-        names = items(found.get("files"), "files", 8)
-        if place >= len(names):
-            raise UnfitValue(f"{len(names)} files", f"at least {place + 1}")
-        name = text(names[place], "a file's name", 1024)
+        names = items(described.get("files"), "files", 8)
+        if index >= len(names):
+            raise UnfitValue(f"{len(names)} files", f"at least {index + 1}")
+        name = text(names[index], "a file's name", 1024)
         cv2 = load_opencv()
         content = np.frombuffer(self._member(name, _LARGEST_IMAGE), np.uint8)
         try:

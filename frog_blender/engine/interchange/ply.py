@@ -162,27 +162,27 @@ def _count(path: str | Path, text: str) -> int:
 def _splats(path: str | Path, table: Array) -> StillSource:
     names = set(table.dtype.names or ())
     rest = next(i for i in itertools.count() if f"f_rest_{i}" not in names)
-    wanted = {
+    columns_of = {
         "means": [*"xyz"],
         "quaternions": [f"rot_{i}" for i in range(4)],
         "log_scales": [f"scale_{i}" for i in range(3)],
         "opacity_logits": ["opacity"],
         "sh": [*(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest))],
     }
-    missing = [name for columns in wanted.values() for name in columns if name not in names]
+    missing = [name for columns in columns_of.values() for name in columns if name not in names]
     if missing:
-        found = "a compressed one" if "packed_position" in names else f"no {', '.join(missing)}"
-        raise found_instead(path, found, f"{_EXPECTED} with every property of a Gaussian")
+        lack = "a compressed one" if "packed_position" in names else f"no {', '.join(missing)}"
+        raise found_instead(path, lack, f"{_EXPECTED} with every property of a Gaussian")
     if rest not in _RESTS:
         raise found_instead(path, f"{rest} properties f_rest", "0, 9, 24 or 45 of them")
     with np.errstate(over="ignore", invalid="ignore"):  # what no float32 holds is no number then, and is left out
         world, places = _local_places(table)
         arrays = {
             name: np.stack([_floats(path, places.get(column, table[column])) for column in columns], axis=1)
-            for name, columns in wanted.items()
+            for name, columns in columns_of.items()
         }
     arrays["opacity_logits"] = arrays["opacity_logits"][:, 0]
-    halves = any(table.dtype[column].kind != "f" for columns in wanted.values() for column in columns)
+    halves = any(table.dtype[column].kind != "f" for columns in columns_of.values() for column in columns)
     arrays, left_out = _cleaned(path, arrays, halves=halves)
     flat = arrays["sh"]
     further = flat[:, 3:].reshape(len(flat), 3, -1).transpose(0, 2, 1)
@@ -286,7 +286,7 @@ class PlySequence(FrameSource):
             raise FrogError(f"{path}: found {rate:g} frames a second, expected 0.001 to 10,000.")
         self._archive: zipfile.ZipFile | None = None
         if path.is_dir():
-            names = [each.name for each in path.iterdir() if each.suffix.lower() == ".ply"]
+            names = [file.name for file in path.iterdir() if file.suffix.lower() == ".ply"]
         else:
             regular_file(path, _FRAMES)
             try:
@@ -302,11 +302,11 @@ class PlySequence(FrameSource):
 
     def at(self, frame: int) -> NumpyGaussians:
         """A frame, counted from 0, with the file's own axes."""
-        place = self._path / self._names[frame]
-        splats = read_splats(place) if self._archive is None else splats_in(place, self._file(frame))
+        path = self._path / self._names[frame]
+        splats = read_splats(path) if self._archive is None else splats_in(path, self._file(frame))
         self.left_out = max(self.left_out, splats.left_out)
         if not splats.world.is_plain:
-            raise found_instead(place, "coordinates that need more than single precision", "local ones")
+            raise found_instead(path, "coordinates that need more than single precision", "local ones")
         return splats.gaussians
 
     def _file(self, frame: int) -> io.BytesIO:

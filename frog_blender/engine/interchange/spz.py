@@ -78,8 +78,8 @@ def spz_bytes(gaussians: NumpyGaussians, version: int) -> bytes:
         _smallest_three(g.quaternions).tobytes(),
         _byte(g.sh[:, 1:] * 128 + 128).tobytes(),
     ]
-    number = sum(map(bool, parts)) if version == 4 else 0  # of streams, which version 3 does not count
-    header = _HEADER.pack(_MAGIC, version, len(g), g.sh_degree, bits, 0, number)
+    count = sum(map(bool, parts)) if version == 4 else 0  # of streams, which version 3 does not count
+    header = _HEADER.pack(_MAGIC, version, len(g), g.sh_degree, bits, 0, count)
     if version == 3:
         packer = zlib.compressobj(9, zlib.DEFLATED, 31)  # as gzip, without a time or a name
         return packer.compress(header + b"".join(parts)) + packer.flush()
@@ -122,20 +122,20 @@ def _attributes(content: bytes, count: int, widths: tuple[int, ...]) -> tuple[li
     return [view[start:end] for start, end in itertools.pairwise(ends)], view[size:]
 
 
-def _streams(content: bytes, sizes: list[int], number: int) -> tuple[list[memoryview], memoryview]:
+def _streams(content: bytes, sizes: list[int], count: int) -> tuple[list[memoryview], memoryview]:
     """The attributes of version 4, and the records of extensions before them."""
     sizes = [size for size in sizes if size]
     start = _PLACES_OF_STREAMS.unpack_from(content.ljust(32, b"\0"), _HEADER.size)[0]
-    at = start + number * _SIZES.size
+    at = start + count * _SIZES.size
     first = _HEADER.size + _PLACES_OF_STREAMS.size
-    if number != len(sizes) or start < first or at > len(content) or sum(sizes) > _BYTES_OF_BYTE * len(content):
-        raise UnfitValue(f"{number} streams in {len(content):,} bytes", f"{len(sizes)} of {sum(sizes):,} bytes")
+    if count != len(sizes) or start < first or at > len(content) or sum(sizes) > _BYTES_OF_BYTE * len(content):
+        raise UnfitValue(f"{count} streams in {len(content):,} bytes", f"{len(sizes)} of {sum(sizes):,} bytes")
     parts, view = [], memoryview(content)
     for index, size in enumerate(sizes):
         packed, announced = _SIZES.unpack_from(content, start + index * _SIZES.size)
         if announced != size or packed > len(content) - at:
-            found = f"a stream of {announced:,} bytes in {packed:,}"
-            raise UnfitValue(found, f"{size:,} in at most {len(content) - at:,}")
+            said = f"a stream of {announced:,} bytes in {packed:,}"
+            raise UnfitValue(said, f"{size:,} in at most {len(content) - at:,}")
         parts.append(memoryview(_expanded(view[at : at + packed], size)))
         at += packed
     return parts, view[first:start]
@@ -224,8 +224,8 @@ def _smallest_three(quaternions: Array) -> Array:
     packed = largest.astype(np.uint32)
     for axis in range(4):
         size = np.rint(np.abs(turns[:, axis]) * (511 * math.sqrt(2))).clip(0, 511).astype(np.uint32)
-        number = (packed << np.uint32(10)) | (np.uint32(512) * (turns[:, axis] < 0)).astype(np.uint32) | size
-        packed = np.where(largest == axis, packed, number)
+        shifted = (packed << np.uint32(10)) | (np.uint32(512) * (turns[:, axis] < 0)).astype(np.uint32) | size
+        packed = np.where(largest == axis, packed, shifted)
     stored: Array = packed.astype("<u4")
     return stored
 
@@ -236,8 +236,8 @@ def _from_smallest_three(stored: Array) -> Array:
     largest, turns = (packed >> 30).astype(np.int64), np.zeros((len(packed), 4))
     for axis in range(3, -1, -1):
         here = largest != axis
-        number = (packed & 511) / (511 * math.sqrt(2)) * np.where(packed & 512, -1.0, 1.0)
-        turns[here, axis] = number[here]
+        values = (packed & 511) / (511 * math.sqrt(2)) * np.where(packed & 512, -1.0, 1.0)
+        turns[here, axis] = values[here]
         packed = np.where(here, packed >> 10, packed)
     rest = np.sqrt(np.maximum(1 - np.square(turns).sum(axis=1), 0))
     turns[np.arange(len(turns)), largest] = rest

@@ -52,10 +52,10 @@ def _add_camera(stage: Usd.Stage, scope: str, name: str, views: Sequence[tuple[f
     """One camera at its frame numbers, or without time samples where there is one view of number None."""
     from pxr import Gf, Sdf, Tf
 
-    types, identifier, number = Sdf.ValueTypeNames, Tf.MakeValidIdentifier(name), 1
+    types, identifier, count = Sdf.ValueTypeNames, Tf.MakeValidIdentifier(name), 1
     while stage.GetPrimAtPath(f"{scope}/{identifier}"):
-        number += 1
-        identifier = f"{Tf.MakeValidIdentifier(name)}_{number}"
+        count += 1
+        identifier = f"{Tf.MakeValidIdentifier(name)}_{count}"
     prim = stage.DefinePrim(f"{scope}/{identifier}", "Camera")
     prim.SetCustomDataByKey(_NAME, name)
     prim.SetCustomDataByKey(_PIXELS, Gf.Vec2i(views[0][1].width, views[0][1].height))
@@ -123,11 +123,11 @@ def cameras_of(stage: Usd.Stage, time: float | None, up: Array) -> Iterator[Came
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         if prim.GetTypeName() != "Camera" or _value(prim, "projection", code) not in (None, "perspective"):
             continue
-        name, number = str(prim.GetCustomDataByKey(_NAME) or prim.GetName()), 1
+        name, count = str(prim.GetCustomDataByKey(_NAME) or prim.GetName()), 1
         base = name
         while name in names:
-            number += 1
-            name = f"{base}_{number}"
+            count += 1
+            name = f"{base}_{count}"
         try:
             camera = _camera(prim, code, name, up @ world_matrix(cache, prim))
         except (ValueError, TypeError, ArithmeticError, np.linalg.LinAlgError):

@@ -103,7 +103,7 @@ def _written(unfinished: Path, path: Path, take: Take, full_precision: bool) -> 
     root.SetMetadata("kind", "component")
     root.SetCustomDataByKey("frog:method", take.header.method)
     fields: list[_Field] = []
-    place, pending, before = None, 0, None
+    pose, pending, before = None, 0, None
     changing = _attributes(take.changing)
     shown: list[tuple[float, float]] = []
     for done, frame in enumerate(take.frames(), 1):
@@ -118,8 +118,8 @@ def _written(unfinished: Path, path: Path, take: Take, full_precision: bool) -> 
         if take.num_dynamic:
             pending += fields[-1].put(gaussians, changing, frame.number)
         if frame.placement is not None:
-            place = place or transform_of(root)
-            place.Set(usd_matrix(frame.placement), frame.number)
+            pose = pose or transform_of(root)
+            pose.Set(usd_matrix(frame.placement), frame.number)
         shown.append((frame.number, frame.time))
         before = gaussians.quaternions
         if pending > _FLUSHED:
@@ -168,8 +168,8 @@ def _beside(file: Path, folder: Path) -> str:
 
 def _attributes(columns: Sequence[str]) -> frozenset[str]:
     """The prim's attributes that hold columns of a frame."""
-    found = {_COLUMNS.get(name, _SH_NAME) for name in columns}
-    return frozenset(found | ({"opacities"} if "base" in columns else set()))
+    names = {_COLUMNS.get(name, _SH_NAME) for name in columns}
+    return frozenset(names | ({"opacities"} if "base" in columns else set()))
 
 
 def _compatible(gaussians: NumpyGaussians, before: Array | None) -> NumpyGaussians:

@@ -85,8 +85,8 @@ class UsdSource(FrameSource):
                 parts.append(gaussians)
                 left_out += without
         except Tf.ErrorException as error:
-            found = f"a frame that the USD library cannot read ({brief(error)})"
-            raise found_instead(self._path, found, _EXPECTED) from error
+            what = f"a frame that the USD library cannot read ({brief(error)})"
+            raise found_instead(self._path, what, _EXPECTED) from error
         self.left_out = max(self.left_out, left_out)
         return joined(parts)
 
@@ -128,7 +128,7 @@ class UsdSource(FrameSource):
         if count > min(MAX_FRAMES, _SPARSEST * len(times)) or codes_per_second / step > 1e6:
             expected = f"at most {_SPARSEST} for each of its {len(times):,} time samples"
             raise found_instead(self._path, f"{count:,} frames", expected)
-        return [times[0] + step * place for place in range(count)], codes_per_second / step
+        return [times[0] + step * index for index in range(count)], codes_per_second / step
 
 
 def _make_placeable(stage: Usd.Stage, prims: Sequence[Usd.Prim]) -> None:
@@ -149,11 +149,11 @@ def _attributes(prim: Usd.Prim) -> list[Any]:  # of pxr, which has no types
 
 def _moves(prim: Usd.Prim) -> list[Any]:  # of pxr, which has no types
     """What moves the prim and its parents."""
-    found = []
+    attributes = []
     while prim and not prim.IsPseudoRoot():
-        found += [attribute for attribute in prim.GetAttributes() if attribute.GetName().startswith("xformOp:")]
+        attributes += [attribute for attribute in prim.GetAttributes() if attribute.GetName().startswith("xformOp:")]
         prim = prim.GetParent()
-    return found
+    return attributes
 
 
 def _value(prim: Usd.Prim, name: str, time: float | None) -> Array:

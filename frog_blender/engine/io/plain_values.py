@@ -40,8 +40,8 @@ def plain_json(text: str, what: str) -> object:
     if text.count("[") + text.count("{") > _MOST_LISTS:
         raise UnfitValue(f"{what} of more than {_MOST_LISTS} lists", "fewer")
     try:
-        found: object = json.loads(text)
-        return found
+        content: object = json.loads(text)
+        return content
     except (ValueError, RecursionError) as error:
         raise UnfitValue(f"{what} that is no JSON ({brief(error)})", "a whole one") from error
 
@@ -67,10 +67,10 @@ def numbers(value: object, what: str, shape: tuple[int, ...], most: float) -> Ar
     for length in shape:
         if any(type(row) is not list or len(row) != length for row in rows):
             raise UnfitValue(f"{what} = {brief(value)}", f"{' x '.join(map(str, shape))} numbers")
-        rows = flat = [each for row in rows for each in row]
-    if not (set(map(type, flat)) <= {int, float} and all(-most <= each <= most for each in flat)):
-        for each in flat:
-            number(each, what, -most, most)
+        rows = flat = [part for row in rows for part in row]
+    if not (set(map(type, flat)) <= {int, float} and all(-most <= part <= most for part in flat)):
+        for part in flat:
+            number(part, what, -most, most)
     return np.array(flat, np.float64).reshape(shape)
 
 
@@ -84,8 +84,8 @@ def text(value: object, what: str, longest: int) -> str:
 def items(value: object, what: str, most: int) -> JsonList:
     """A list of at most ``most`` values; UnfitValue otherwise."""
     if type(value) is not list or len(value) > most:
-        found = f"{len(value)} {what}" if isinstance(value, list) else f"{what} = {brief(value)}"
-        raise UnfitValue(found, f"a list of at most {most}")
+        said = f"{len(value)} {what}" if isinstance(value, list) else f"{what} = {brief(value)}"
+        raise UnfitValue(said, f"a list of at most {most}")
     return value
 
 
@@ -93,21 +93,21 @@ def entries(value: object, what: str) -> JsonObject:
     """A JSON object; UnfitValue for anything else."""
     if type(value) is not dict:
         raise UnfitValue(f"{what} = {brief(value)}", "an object of named values")
-    found: JsonObject = value
-    return found
+    named: JsonObject = value
+    return named
 
 
 def finite_entries(value: object, what: str) -> JsonObject:
     """The same, all of whose numbers, however deep, are finite and fit into 64 bits."""
-    found = entries(value, what)
-    waiting: list[object] = [found]
+    named = entries(value, what)
+    waiting: list[object] = [named]
     while waiting:
-        each = waiting.pop()
-        if isinstance(each, dict | list):
-            waiting += each.values() if isinstance(each, dict) else each
-        elif isinstance(each, int | float) and not (math.isfinite(each) if isinstance(each, float) else _fits(each)):
-            raise UnfitValue(f"{what} with {brief(each)}", "finite numbers")
-    return found
+        part = waiting.pop()
+        if isinstance(part, dict | list):
+            waiting += part.values() if isinstance(part, dict) else part
+        elif isinstance(part, int | float) and not (math.isfinite(part) if isinstance(part, float) else _fits(part)):
+            raise UnfitValue(f"{what} with {brief(part)}", "finite numbers")
+    return named
 
 
 def plain(value: Any) -> Any:
@@ -123,9 +123,9 @@ def plain(value: Any) -> Any:
         known[~np.isfinite(value)] = None
         return known.tolist()
     if isinstance(value, Mapping):
-        return {name: plain(each) for name, each in value.items()}
+        return {name: plain(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(each) for each in value]
+        return [plain(item) for item in value]
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     return str(value) if isinstance(value, Path) else value
@@ -156,18 +156,18 @@ def typed(kind: Any, value: Any, what: str) -> Any:
             raise UnfitValue(f"{what} with or without {min(missing)}", f"one with {', '.join(names)}")
         return origin(**{name: typed(hints[name], given[name], f"{name} of {what}") for name in names})
     if issubclass(origin, Mapping):
-        return {str(name): typed(parts[1], each, f"{name} of {what}") for name, each in entries(value, what).items()}
+        return {str(name): typed(parts[1], item, f"{name} of {what}") for name, item in entries(value, what).items()}
     if issubclass(origin, str | Path):
         return origin(text(value, what, _LONGEST))
     if issubclass(origin, tuple) and parts[-1:] != (...,):
         kinds = parts or tuple(get_type_hints(origin).values())
         if len(items(value, what, len(kinds))) != len(kinds):
             raise UnfitValue(f"{what} of {len(value)}", f"{len(kinds)}")
-        each_typed = [typed(part, each, what) for part, each in zip(kinds, value, strict=True)]
+        each_typed = [typed(part, item, what) for part, item in zip(kinds, value, strict=True)]
         return tuple(each_typed) if parts else origin(*each_typed)
     if issubclass(origin, Sequence):
-        found = [typed(parts[0], each, what) for each in items(value, what, _MOST_LISTS)]
-        return tuple(found) if issubclass(origin, tuple) else found
+        values = [typed(parts[0], item, what) for item in items(value, what, _MOST_LISTS)]
+        return tuple(values) if issubclass(origin, tuple) else values
     if origin is float:
         return math.nan if value is None else number(value, what, -_FARTHEST, _FARTHEST)
     if type(value) is not origin:

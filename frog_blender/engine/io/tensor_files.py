@@ -161,9 +161,9 @@ def write_rows(
         raise FrogError(f"{path}: could not be written ({error.strerror or error}); nothing was changed.") from error
 
 
-def _tensor(name: str, found: object, start: int) -> Tensor:
+def _tensor(name: str, described: object, start: int) -> Tensor:
     """Of a file whose arrays begin at a byte."""
-    entry = entries(found, name)
+    entry = entries(described, name)
     dtype, lengths, offsets = (entry.get(key) for key in ("dtype", "shape", "data_offsets"))
     if not isinstance(dtype, str) or dtype not in _DTYPES:
         raise UnfitValue(f"{name} of type {brief(dtype)}", f"one of {', '.join(_DTYPES)}")

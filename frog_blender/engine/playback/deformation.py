@@ -364,8 +364,8 @@ class DeformationPlayer:
         if not self._shape.head_width:
             return {"temporal": temporal}
         bias, embedding_weight, temporal_weight, modulation_weight = self._first_layer
-        found = first_layer(temporal, temporal_weight, bias, embedding_weight, modulation_weight)
-        return dict(zip(("shared", "embedding_weight"), found, strict=True))
+        layer = first_layer(temporal, temporal_weight, bias, embedding_weight, modulation_weight)
+        return dict(zip(("shared", "embedding_weight"), layer, strict=True))
 
     def _deform(
         self,

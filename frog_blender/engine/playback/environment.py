@@ -73,7 +73,7 @@ def _side(rays: Float64s) -> int:
     steps = []
     for axis in (0, 1):
         if rays.shape[axis] > 1:
-            first, second = (np.delete(rays, place, axis=axis) for place in (-1, 0))
+            first, second = (np.delete(rays, end, axis=axis) for end in (-1, 0))
             lengths = np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1)
             between = np.linalg.norm(np.cross(first, second), axis=-1) / lengths
             if np.isfinite(between).any():
@@ -98,16 +98,16 @@ def _fill(whole: Drawing, pixels: tuple[Array, ...], local: Float64s, camera: Ca
         local: (N, 3) their rays in the face's axes.
     """
     size, focal = camera.width, camera.intrinsics[0, 0]
-    place = local[:, :2] / local[:, 2:] * focal + size / 2 - 0.5
-    corner = np.clip(np.floor(place).astype(np.int64), 0, size - 2)
-    share = (place - corner).astype(np.float32)
+    pixel = local[:, :2] / local[:, 2:] * focal + size / 2 - 0.5
+    corner = np.clip(np.floor(pixel).astype(np.int64), 0, size - 2)
+    share = (pixel - corner).astype(np.float32)
     left, top = corner.T
     for down in (0, 1):
         for right in (0, 1):
             weight = np.abs(1 - right - share[:, 0]) * np.abs(1 - down - share[:, 1])
             whole.rgb[pixels] += weight[:, None] * face.rgb[top + down, left + right]
             whole.alpha[pixels] += weight * face.alpha[top + down, left + right]
-    column, row = np.clip(np.rint(place).astype(np.int64), 0, size - 1).T
+    column, row = np.clip(np.rint(pixel).astype(np.int64), 0, size - 1).T
     whole.median_index[pixels] = face.median_index[row, column]
     whole.median_depth[pixels] = whole.median_z[pixels] = face.median_depth[row, column]
     longer = np.linalg.norm(local, axis=1) / local[:, 2]

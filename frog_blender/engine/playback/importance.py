@@ -42,12 +42,12 @@ def camera_weights(scene: ScenePlayer) -> Array:
     Returns:
         float32 in [0, 1]; C is 0 for a scene that does not say what it was filmed with.
     """
-    found: dict[str, Array] = {}
+    largest: dict[str, Array] = {}
     for camera, frame in sampled_views(scene.header, _MOST_SMALL_VIEWS, trained=True):
         if camera is not None:
             weights = _visible_weights(scene.at_frame(frame), camera)
-            found[camera.name] = np.maximum(found.get(camera.name, 0), weights)
-    return np.array(list(found.values()), np.float32).reshape(len(found), scene.count)
+            largest[camera.name] = np.maximum(largest.get(camera.name, 0), weights)
+    return np.array(list(largest.values()), np.float32).reshape(len(largest), scene.count)
 
 
 def most_important(order: Array, count: int) -> Array:

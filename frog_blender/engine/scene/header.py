@@ -126,8 +126,8 @@ class SceneHeader:
             raise UnfitValue(f"a header without {', '.join(missing)}", "all that a scene needs")
         header = cls(**{name: read(data[name], name) for name, read in _READERS.items() if name in data})
         if len(header.camera_shots) != len(header.cameras):
-            found = f"{len(header.camera_shots)} camera_shots of {len(header.cameras)} cameras"
-            raise UnfitValue(found, "what each of them saw")
+            said = f"{len(header.camera_shots)} camera_shots of {len(header.cameras)} cameras"
+            raise UnfitValue(said, "what each of them saw")
         if len(header.cameras) > MOST_STANDING and not header.is_moving:
             raise UnfitValue(f"{len(header.cameras)} cameras that do not move", f"at most {MOST_STANDING}")
         return header
@@ -141,11 +141,11 @@ def _method(value: object, what: str) -> str:
 
 
 def _masks(value: object, what: str) -> MaskSettings:
-    found = {"use": True, "key": None} | entries(value, what)
-    key = None if found["key"] is None else text(found["key"], "the chroma key", 100)
-    if not isinstance(found["use"], bool):
-        raise UnfitValue(f"use of masks = {brief(found['use'])}", "true or false")
-    return MaskSettings(found["use"], key)
+    named = {"use": True, "key": None} | entries(value, what)
+    key = None if named["key"] is None else text(named["key"], "the chroma key", 100)
+    if not isinstance(named["use"], bool):
+        raise UnfitValue(f"use of masks = {brief(named['use'])}", "true or false")
+    return MaskSettings(named["use"], key)
 
 
 def _frames(value: object, what: str) -> tuple[int, ...]:
@@ -153,11 +153,11 @@ def _frames(value: object, what: str) -> tuple[int, ...]:
 
 
 def _offsets(value: object, what: str) -> dict[str, tuple[float, float]]:
-    found = {}
+    offsets = {}
     for name, offset in entries(value, what).items():
         dx, dy = numbers(offset, "a pixel offset", (2,), 1e6).tolist()
-        found[text(name, "a camera's name", _LONGEST_NAME)] = (dx, dy)
-    return found
+        offsets[text(name, "a camera's name", _LONGEST_NAME)] = (dx, dy)
+    return offsets
 
 
 def _each(value: object, what: str, read: Callable[[Any, str], Any]) -> tuple[Any, ...]:

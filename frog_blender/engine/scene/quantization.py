@@ -66,18 +66,18 @@ def from_stored(content: bytes, rows: int, columns: int, bits: int, apart: int) 
     middle, end = len(content) - APART_BYTES * apart, len(content) - APART_BYTES // 2 * apart
     kind = np.uint8 if bits == 8 else np.dtype("<u2")
     levels = from_significance(content[ranges.nbytes : middle], bits // 8).view(kind).reshape(columns, rows).T
-    found = np.empty((rows, columns), np.float32)
+    result = np.empty((rows, columns), np.float32)
     for begin in range(0, rows, _TOGETHER):
         some = slice(begin, begin + _TOGETHER)
         block = np.arange(begin, min(begin + _TOGETHER, rows)) // BLOCK
-        np.multiply(np.ascontiguousarray(levels[some]), ranges[1][block], out=found[some])
-        found[some] += ranges[0][block]
+        np.multiply(np.ascontiguousarray(levels[some]), ranges[1][block], out=result[some])
+        result[some] += ranges[0][block]
     if apart:
         places = from_significance(content[middle:end], 4).view("<u4").cumsum(dtype=np.int64)
         if places[-1] >= rows * columns:
             raise ValueError(f"a number apart at {places[-1]} of {rows * columns}")
-        found.reshape(-1)[places] = from_significance(content[end:], 4).view("<f4")
-    return found
+        result.reshape(-1)[places] = from_significance(content[end:], 4).view("<f4")
+    return result
 
 
 def by_significance(numbers: Array, width: int) -> bytes:
@@ -105,7 +105,7 @@ def _inside(name: str, rows: Array, bits: int) -> Array | None:
     """(N, columns) which numbers stand in their block's range; None where all do."""
     whole = len(rows) // BLOCK * BLOCK
     parts = [part for part in (rows[:whole].reshape(-1, BLOCK, rows.shape[1]), rows[whole:][None]) if part.size]
-    by_column = [np.ascontiguousarray(part.transpose(0, 2, 1)) for part in parts]  # (blocks, columns, rows) each
+    by_column = [np.ascontiguousarray(part.transpose(0, 2, 1)) for part in parts]  # (blocks, columns, rows) part_of
     levels, fine = 2**bits - 1, _FINE.get(name, 0.0)
     suspects = [np.argwhere(np.ptp(part, axis=2) > levels * fine) for part in by_column]
     if not sum(map(len, suspects)):
@@ -117,7 +117,7 @@ def _inside(name: str, rows: Array, bits: int) -> Array | None:
     for part, at, values, extent in zip(by_column, suspects, ordered, extents, strict=True):
         widths = np.maximum(_WIDEST * np.maximum(extent, usual), levels * fine)
         for index in np.flatnonzero(np.subtract(values[:, -1], values[:, 0], dtype=np.float64) > widths):
-            inside = [np.ones(each.shape, bool) for each in by_column] if inside is None else inside
+            inside = [np.ones(part_of.shape, bool) for part_of in by_column] if inside is None else inside
             mask = inside[0] if part is by_column[0] else inside[-1]
             first, last = _fullest(values[index], widths[index])
             block, column = at[index]
@@ -244,10 +244,10 @@ def unpack_scene(arrays: dict[str, Array], descriptions: Mapping[str, JsonMappin
     Args:
         descriptions: of arrays that are all in ``arrays``.
     """
-    wanted = sum(4 * math.prod(_shape_of(description)) for description in descriptions.values())
+    size = sum(4 * math.prod(_shape_of(description)) for description in descriptions.values())
     most = _ALWAYS + _BYTES_OF_BYTE * sum(arrays[name].nbytes for name in descriptions)
-    if wanted > most:
-        raise ValueError(f"arrays of {wanted:,} bytes, expected at most {most:,}")
+    if size > most:
+        raise ValueError(f"arrays of {size:,} bytes, expected at most {most:,}")
     means = unpack(arrays["means"], descriptions["means"], most=_MEANS_OF_BYTES * arrays["means"].size)
     return {"means": means} | {
         name: unpack(arrays[name], description, _NUMBERS_OF_GAUSSIAN * len(means) if name in BITS else _LARGEST_NETWORK)

@@ -168,8 +168,8 @@ def find_rows(path: str | Path, header: SceneHeader, num_gaussians: int) -> Fram
         tensor = read_header(file)[0].get(FRAMES)
     expected = (header.frame_count, layout.size)
     if tensor is None or tensor.shape != expected or tensor.dtype != "U8":
-        found = f"shape {tensor.shape} and type {tensor.dtype}" if tensor else "nothing"
-        raise UnfitValue(f"{FRAMES} of {found}", f"shape {expected} of bytes")
+        said = f"shape {tensor.shape} and type {tensor.dtype}" if tensor else "nothing"
+        raise UnfitValue(f"{FRAMES} of {said}", f"shape {expected} of bytes")
     return FrameRows(path, stamp_of(path), tensor.begin, header.frame_count, layout)
 
 
@@ -228,8 +228,8 @@ def packed_metadata(header: SceneHeader, arrays: SceneArrays, *, compact: bool) 
     metadata = {_HEADER_KEY: header.to_json()}
     if compact:
         packed = packed_arrays(arrays)
-        arrays = {name: each.content for name, each in packed.items()}
-        metadata[_PACKING_KEY] = json.dumps({name: each.description for name, each in packed.items()})
+        arrays = {name: part.content for name, part in packed.items()}
+        metadata[_PACKING_KEY] = json.dumps({name: part.description for name, part in packed.items()})
     return arrays, metadata
 
 
@@ -296,9 +296,9 @@ def _check_arrays(arrays: SceneArrays) -> None:
         "opacity_logits": (count,),
     }
     for name, shape in shapes.items():
-        found = arrays[name].shape if name in arrays else "nothing"
-        if found != shape or not count:
-            raise UnfitValue(f"{name} of shape {found}", f"shape {shape} with at least one Gaussian")
+        actual = arrays[name].shape if name in arrays else "nothing"
+        if actual != shape or not count:
+            raise UnfitValue(f"{name} of shape {actual}", f"shape {shape} with at least one Gaussian")
     sh = arrays.get("sh")
     if sh is None or sh.ndim != 3 or sh.shape[0] != count or sh.shape[1] not in (1, 4, 9, 16) or sh.shape[2] != 3:
         raise UnfitValue("no usable colours (sh)", f"shape ({count}, 1 | 4 | 9 | 16, 3)")
