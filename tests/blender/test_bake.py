@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.blender_windows import event, in_window
+from support.blender_windows import in_window
 from support.observed_players import observed
 from support.small_scenes import plays, rig_of_three, shows, write_scene
 
@@ -165,11 +165,9 @@ def test_too_large_a_bake_is_refused_before_it_begins(empty, tmp_path):
 def test_in_a_window_a_bake_is_stopped(empty, capture, static_rig):
     with in_window(bake.FROG_OT_bake) as window:
         assert bpy.ops.frog.bake() == {"RUNNING_MODAL"}
-        operator, _ = window.started[0]
-        for _ in range(4):
-            assert operator.modal(bpy.context, event()) == {"PASS_THROUGH"}
+        assert window.send(times=4) == {"PASS_THROUGH"}
         assert len(leftovers(static_rig.parent)) == 1
-        assert operator.modal(bpy.context, event("ESC", "PRESS")) == {"CANCELLED"} and operator.timer is None
+        assert window.send("ESC", "PRESS") == {"CANCELLED"} and window.operator.timer is None
         assert not static_rig.with_suffix(".frogbake").exists() and not leftovers(static_rig.parent)
         assert window.said == [("INFO", "Baking was stopped. Nothing was written.")]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from support.blender_windows import event, in_window
+from support.blender_windows import in_window
 from support.layouts.lists import opencv_entry, rewrite, write_opencv
 from support.small_scenes import moving_camera, rig_of_three, write_scene
 
@@ -219,8 +219,6 @@ def test_in_a_window_straightening_can_be_stopped(bent):
         obj = imported(bent)
         before = shown_files(obj)
         assert bpy.ops.frog.add_clips() == {"RUNNING_MODAL"}
-        operator, _ = window.started[-1]
-        assert operator.modal(bpy.context, event()) == {"PASS_THROUGH"}
-        assert operator.modal(bpy.context, event("ESC", "PRESS")) == {"CANCELLED"}
+        assert window.send() == {"PASS_THROUGH"} and window.send("ESC", "PRESS") == {"CANCELLED"}
         assert shown_files(obj) == before
     assert {path.name for path in bent.parent.iterdir()} == {"bent", "bent.frog"}

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import threading
-import time
-from types import SimpleNamespace
 
 import bpy
 import pytest
-from support.blender_windows import event, in_window
+from support.blender_windows import in_window
 
 from frog_blender import unsaved_changes
 from frog_blender.engine.interchange import imports
@@ -43,11 +41,9 @@ def importing(empty, static_rig, tmp_path, monkeypatch):
         files = {"directory": str(tmp_path), "files": [{"name": name} for name in names]} if count > 1 else {}
         options |= files or {"filepath": str(paths[0])}
         assert bpy.ops.import_scene.frog_splats(**options) == {"RUNNING_MODAL"}
-        operator, steps = window.started[-1]
-        running = SimpleNamespace(operator=operator, steps=steps, said=window.said, gates=gates, begun=begun)
-        running.gate, running.path = gates[names[0]], paths[0]
-        assert send(running) == {"PASS_THROUGH"} and begun[names[0]].wait(PATIENCE)
-        return running
+        window.begun, window.gate, window.path = begun, gates[names[0]], paths[0]
+        assert window.send() == {"PASS_THROUGH"} and begun[names[0]].wait(PATIENCE)
+        return window
 
     with in_window(FROG_OT_import_splats) as window:
         yield begin
@@ -55,26 +51,9 @@ def importing(empty, static_rig, tmp_path, monkeypatch):
             gate.set()
 
 
-def send(running, kind="TIMER", value="NOTHING"):
-    return running.operator.modal(bpy.context, event(kind, value))
-
-
 def finish(running):
-    """Sends events until the operator ends."""
     running.gate.set()
-    deadline = time.monotonic() + PATIENCE
-    while (result := send(running)) == {"PASS_THROUGH"}:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    return result
-
-
-def send_until(running, reached):
-    """Sends events until something is reached."""
-    deadline = time.monotonic() + PATIENCE
-    while not reached():
-        assert send(running) == {"PASS_THROUGH"} and time.monotonic() < deadline
-        time.sleep(0.01)
+    return running.send_until()
 
 
 def captures():
@@ -88,7 +67,7 @@ def worker():
 def test_one_goes_on_until_it_is_there(importing):
     running = importing()
     for _ in range(3):
-        assert send(running) == {"PASS_THROUGH"} and not captures()
+        assert running.send() == {"PASS_THROUGH"} and not captures()
     assert running.operator.doing == "Importing a{{b}}.ply: 25%"
     bpy.ops.mesh.primitive_cube_add()
     assert finish(running) == {"FINISHED"}
@@ -100,9 +79,9 @@ def test_one_goes_on_until_it_is_there(importing):
 
 def test_esc_stops_it_and_nothing_is_written(importing):
     running = importing()
-    assert send(running, "RIGHTMOUSE", "PRESS") == {"PASS_THROUGH"}, "one works with the mouse meanwhile"
+    assert running.send("RIGHTMOUSE", "PRESS") == {"PASS_THROUGH"}, "one works with the mouse meanwhile"
     thread = worker()
-    assert send(running, "ESC", "PRESS") == {"CANCELLED"} and running.operator.timer is None
+    assert running.send("ESC", "PRESS") == {"CANCELLED"} and running.operator.timer is None
     running.gate.set()
     thread.join(PATIENCE)
     assert not thread.is_alive() and not captures() and not list(running.path.parent.glob("a*.frog"))
@@ -114,10 +93,10 @@ def test_a_scene_that_is_edited_gets_it_afterwards(importing):
     bpy.ops.mesh.primitive_cube_add()
     bpy.ops.object.mode_set(mode="EDIT")
     running.gate.set()
-    send_until(running, lambda: "Object Mode" in running.operator.doing)
+    running.send_until(lambda: "Object Mode" in running.operator.doing)
     assert running.path.with_suffix(".frog").is_file() and not captures()
     bpy.ops.object.mode_set(mode="OBJECT")
-    assert send(running) == {"FINISHED"} and len(captures()) == 1
+    assert running.send() == {"FINISHED"} and len(captures()) == 1
 
 
 def test_a_scene_that_is_gone_gets_nothing_and_the_turn_is_told(importing):
@@ -135,7 +114,7 @@ def test_only_one_at_a_time(importing):
     with pytest.raises(RuntimeError, match="Another import is running"):
         importing()
     thread = worker()
-    assert send(running, "ESC", "PRESS") == {"CANCELLED"}
+    assert running.send("ESC", "PRESS") == {"CANCELLED"}
     with pytest.raises(RuntimeError, match="has not ended yet"):
         importing()
     running.gate.set()
@@ -160,8 +139,8 @@ def test_what_was_changed_meanwhile_stays(importing, given):
 def test_stopped_after_the_first_of_several_it_can_be_undone(importing):
     running = importing(2)
     running.gate.set()
-    send_until(running, running.begun["second.ply"].is_set)
+    running.send_until(running.begun["second.ply"].is_set)
     assert len(captures()) == 1 and unsaved_changes.is_being_changed()
-    assert send(running, "ESC", "PRESS") == {"FINISHED"}
+    assert running.send("ESC", "PRESS") == {"FINISHED"}
     ((kind, sentence),) = running.said
     assert kind == "INFO" and sentence.startswith("The import was stopped. Imported 60 Gaussians to ")

@@ -6,13 +6,12 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import bpy
 import mathutils
 import numpy as np
 import pytest
-from support.blender_windows import event, in_window
+from support.blender_windows import in_window
 from support.foreign_takes import assert_equal_within
 from support.small_scenes import rig_of_three, write_scene
 
@@ -227,17 +226,11 @@ def export(empty, static_rig, tmp_path):
         assert bpy.ops.export_scene.frog_frames(
             filepath=str(tmp_path / "out" / "x.ply"), frames="SCENE", **options
         ) == {"RUNNING_MODAL"}
-        operator, steps = window.started[-1]
-        return SimpleNamespace(operator=operator, steps=steps, said=window.said, folder=tmp_path / "out")
+        window.folder = tmp_path / "out"
+        return window
 
     with in_window(FROG_OT_export_frames) as window:
         yield begin
-
-
-def send(running, kind="TIMER", times=1, value="NOTHING"):
-    for _ in range(times):
-        result = running.operator.modal(bpy.context, event(kind, value))
-    return result
 
 
 def written(running):
@@ -248,16 +241,16 @@ def written(running):
 
 
 def is_over(running):
-    return running.operator.timer is None and running.steps.gi_frame is None
+    return running.operator.timer is None and running.started[-1][1].gi_frame is None
 
 
 def test_a_frame_each_time_until_all_are_there(empty, export, static_rig):
     running = export(apply_transform=False)
     assert written(running) == []
     for done in range(1, 11):
-        assert send(running) == {"PASS_THROUGH"} and len(written(running)) == done
-        assert send(running, "MOUSEMOVE") == {"PASS_THROUGH"} and len(written(running)) == done
-    assert send(running) == {"FINISHED"} and is_over(running)
+        assert running.send() == {"PASS_THROUGH"} and len(written(running)) == done
+        assert running.send("MOUSEMOVE") == {"PASS_THROUGH"} and len(written(running)) == done
+    assert running.send() == {"FINISHED"} and is_over(running)
     assert running.said == [("INFO", f"10 files written to {running.folder}.")]
     means = read_splats(running.folder / "x_0007.ply").arrays["means"]
     np.testing.assert_array_equal(means, ScenePlayer.load(static_rig).at_frame(6).means)
@@ -266,20 +259,20 @@ def test_a_frame_each_time_until_all_are_there(empty, export, static_rig):
 
 def test_it_is_stopped_and_files_stay(empty, export):
     running = export(apply_transform=True)
-    send(running, times=3)
+    running.send(times=3)
     assert empty.frame_current == 3
-    assert send(running, "RIGHTMOUSE", value="RELEASE") == {"PASS_THROUGH"}, "of a key that was pressed before"
-    assert send(running, "RIGHTMOUSE", value="PRESS") == {"CANCELLED"} and is_over(running)
+    assert running.send("RIGHTMOUSE", value="RELEASE") == {"PASS_THROUGH"}, "of a key that was pressed before"
+    assert running.send("RIGHTMOUSE", value="PRESS") == {"CANCELLED"} and is_over(running)
     assert written(running) == ["x_0001.ply", "x_0002.ply", "x_0003.ply"] and empty.frame_current == 4
     assert running.said == [("INFO", f"The export was stopped. 3 of 10 files were written to {running.folder}.")]
-    assert send(running) == {"CANCELLED"} and len(written(running)) == 3, "a late event does nothing"
+    assert running.send() == {"CANCELLED"} and len(written(running)) == 3, "a late event does nothing"
 
 
 def test_an_error_in_the_middle_ends_it_in_a_sentence(empty, export):
     running = export()
-    send(running, times=2)
+    running.send(times=2)
     (running.folder / "x_0003.ply").mkdir()  # where the next file goes
-    assert send(running) == {"CANCELLED"} and is_over(running)
+    assert running.send() == {"CANCELLED"} and is_over(running)
     (running.folder / "x_0003.ply").rmdir()
     assert len(written(running)) == 2
     ((kind, text),) = running.said
@@ -289,10 +282,10 @@ def test_an_error_in_the_middle_ends_it_in_a_sentence(empty, export):
 
 def test_the_capture_is_deleted_meanwhile(empty, export):
     running = export(apply_transform=True)
-    send(running, times=2)
+    running.send(times=2)
     name = active_capture(bpy.context).name
     bpy.data.objects.remove(next(playback.captures(empty.objects)))
-    assert send(running) == {"CANCELLED"} and is_over(running) and len(written(running)) == 2
+    assert running.send() == {"CANCELLED"} and is_over(running) and len(written(running)) == 2
     ((kind, text),) = running.said
     assert kind == "ERROR" and text.startswith(f"{name}: this capture is no longer in the file; 2 of 10 files")
     assert empty.frame_current == 4
@@ -300,15 +293,15 @@ def test_the_capture_is_deleted_meanwhile(empty, export):
 
 def test_another_scene_is_shown_then_the_first_is_deleted(empty, export, static_rig):
     running = export(apply_transform=True, y_down=False)
-    send(running, times=2)
+    running.send(times=2)
     bpy.context.window.scene = bpy.data.scenes.new("Other")
-    assert send(running) == {"PASS_THROUGH"}
+    assert running.send() == {"PASS_THROUGH"}
     means = read_splats(running.folder / "x_0003.ply").arrays["means"]
     np.testing.assert_allclose(means, ScenePlayer.load(static_rig).at_frame(2).means, atol=1e-6)
     capture = next(playback.captures(empty.objects))
     bpy.context.scene.collection.objects.link(capture)  # or it would go with its scene
     bpy.data.scenes.remove(empty)
-    assert send(running) == {"CANCELLED"} and is_over(running) and len(written(running)) == 3
+    assert running.send() == {"CANCELLED"} and is_over(running) and len(written(running)) == 3
     assert "its scene was deleted during the export" in running.said[0][1]
 
 

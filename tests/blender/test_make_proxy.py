@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
-from support.blender_windows import event, in_window
+from support.blender_windows import in_window
 from support.builders import result_of
 from support.composed_scene import compose, compose_anew
 from support.small_scenes import rig_of_three, write_scene
@@ -137,11 +137,8 @@ def test_escape_changes_nothing(empty, capture):
     before = count_of_data()
     with in_window(FROG_OT_make_proxy) as window:
         assert bpy.ops.frog.make_proxy(resolution=RESOLUTION) == {"RUNNING_MODAL"}
-        operator, steps = window.started[-1]
-        for _ in range(6):
-            assert operator.modal(bpy.context, event("TIMER", "NOTHING")) == {"PASS_THROUGH"}
-        assert operator.modal(bpy.context, event("ESC", "PRESS")) == {"CANCELLED"}
-        assert window.said[-1][0] == "INFO" and steps.gi_frame is None
+        assert window.send(times=6) == {"PASS_THROUGH"} and window.send("ESC", "PRESS") == {"CANCELLED"}
+        assert window.said[-1][0] == "INFO" and window.started[-1][1].gi_frame is None
         assert count_of_data() == before and empty.frame_current == 1
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import threading
-import time
 from functools import partial
-from types import SimpleNamespace
 
 import bpy
 import pytest
-from support.blender_windows import event, in_window
+from support.blender_windows import in_window
 from support.training_panel import panel_says
 
 from frog_blender.operators.open_capture import FROG_OT_drop_videos
@@ -91,30 +89,20 @@ def test_a_window_does_not_wait_until_a_folder_is_read(empty, capture, drawn_pan
 
 @pytest.fixture
 def dropping(empty, capture, monkeypatch):
-    """Videos that were dropped into a window, whose folder is read when ``go_on`` is called."""
+    """Videos that were dropped into a window, whose folder is read when it ``may_go_on``."""
     read, may_go_on = capture_summary.read, threading.Event()
     monkeypatch.setattr(capture_summary, "read", lambda folder: may_go_on.wait(20.0) and read(folder))
     with in_window(FROG_OT_drop_videos) as window:
         assert drop(capture, "cam01.mp4") == {"RUNNING_MODAL"}
-        operator, _ = window.started[-1]
-
-        def send(kind="TIMER", value="NOTHING"):
-            return operator.modal(bpy.context, event(kind, value))
-
-        def go_on():
-            may_go_on.set()
-            deadline = time.monotonic() + 20.0
-            while (result := send()) == {"PASS_THROUGH"} and time.monotonic() < deadline:
-                time.sleep(0.01)
-            return result
-
-        yield SimpleNamespace(send=send, go_on=go_on, said=window.said)
+        window.may_go_on = may_go_on
+        yield window
     may_go_on.set()
 
 
 def test_a_window_goes_on_while_dropped_videos_are_read(empty, capture, dropping):
-    assert dropping.send() == dropping.send() == {"PASS_THROUGH"} and not empty.frog.capture_folder
-    assert dropping.go_on() == {"FINISHED"}
+    assert dropping.send(times=2) == {"PASS_THROUGH"} and not empty.frog.capture_folder
+    dropping.may_go_on.set()
+    assert dropping.send_until() == {"FINISHED"}
     assert empty.frog.capture_folder == str(capture)
     ((kind, sentence),) = dropping.said
     assert kind == "INFO" and "4 cameras" in sentence

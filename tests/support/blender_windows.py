@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,6 +25,25 @@ class InWindow:
         self.started: list[tuple[Any, Iterator[Any]]] = []
         self.said: list[tuple[str, str]] = []
 
+    @property
+    def operator(self) -> Any:
+        """The last one."""
+        return self.started[-1][0]
+
+    def send(self, kind: str = "TIMER", value: str = "NOTHING", times: int = 1) -> set[str]:
+        """Sends events to the last operator; what it gives to Blender for the last of them."""
+        for _ in range(times):
+            result: set[str] = self.operator.modal(bpy.context, SimpleNamespace(type=kind, value=value))
+        return result
+
+    def send_until(self, reached: Callable[[], bool] = lambda: False) -> set[str]:
+        """Sends the timer's events until something is reached, or else until the operator ends."""
+        deadline, result = time.monotonic() + 60, {"PASS_THROUGH"}
+        while not reached() and (result := self.send()) == {"PASS_THROUGH"}:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        return result
+
 
 @contextmanager
 def in_window(operator: type) -> Iterator[InWindow]:
@@ -32,17 +52,12 @@ def in_window(operator: type) -> Iterator[InWindow]:
 
     class Windowed(operator):  # type: ignore[misc]
         bl_idname, bl_label, __doc__ = operator.bl_idname, operator.bl_label, operator.__doc__
-        is_interactive = True  # of those that first show a file browser
+        is_interactive = True  # as ``invoke`` sets it, which does more that needs a screen
         slice_seconds = at_once = 0.0
 
         @staticmethod
         def has_window(context: bpy.types.Context) -> bool:
             return context.window is not None
-
-        def execute(self, context: bpy.types.Context) -> set[str]:
-            browses = hasattr(operator, "is_interactive")  # what it is invoked for; and nothing is without a screen
-            is_invoked = hasattr(operator, "invoke") and not browses
-            return self.invoke(context, None) if is_invoked else super().execute(context)
 
         def run_in_window(self, context: bpy.types.Context, steps: Iterator[Any], total: int) -> set[str]:
             noted.started.append((self, steps))
@@ -73,10 +88,6 @@ def viewport() -> dict[str, Any]:
     area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
     region = next(region for region in area.regions if region.type == "WINDOW")
     return {"window": window, "area": area, "region": region, "space_data": area.spaces.active}
-
-
-def event(kind: str = "TIMER", value: str = "NOTHING") -> SimpleNamespace:
-    return SimpleNamespace(type=kind, value=value)
 
 
 def another_blender(script: Path, *arguments: object) -> list[str]:
