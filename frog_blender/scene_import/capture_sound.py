@@ -10,13 +10,11 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
 import bpy
-import numpy as np
 
 from ..capture_files import file_of, named_file
 from ..engine.capture import media
@@ -184,19 +182,14 @@ def _stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
     values: list[object] = [getattr(settings, name) for name in _TIMING]
     values += [render.fps, render.fps_base, render.frame_map_old, render.frame_map_new]
     values += [scene.frame_start, scene.frame_end, named_file(obj).name]
-    digest = hashlib.blake2b(digest_size=16)
     curve = shown_curve(obj) if settings.use_remap else None
     if settings.use_remap and curve is None:
         values.append(settings.shown_frame)
     elif curve is not None:
-        points = curve.keyframe_points
-        for name in ("co", "handle_left", "handle_right"):
-            numbers = np.empty(len(points) * 2, np.float32)
-            points.foreach_get(name, numbers)
-            digest.update(numbers.tobytes())
-        values += [curve.extrapolation, [(point.interpolation, point.easing) for point in points]]
-    digest.update(json.dumps(values).encode())
-    return digest.hexdigest()
+        for point in curve.keyframe_points:
+            values += [*point.co, *point.handle_left, *point.handle_right, point.interpolation, point.easing]
+        values.append(curve.extrapolation)
+    return hashlib.blake2b(json.dumps(values).encode(), digest_size=16).hexdigest()
 
 
 def _has_pyav() -> bool:
@@ -269,7 +262,9 @@ def _add_speaker(context: bpy.types.Context, obj: bpy.types.Object, sound: bpy.t
 
 
 def _play_from(context: bpy.types.Context, speaker: bpy.types.Object, made: MadeSound) -> None:
-    for strip in _sound_strips(speaker):
+    animation = speaker.animation_data
+    strips = [strip for track in animation.nla_tracks for strip in track.strips] if animation is not None else []
+    for strip in (strip for strip in strips if strip.type == "SOUND"):
         strip.frame_end = max(made.start, strip.frame_start) + made.frames + 1
         strip.frame_start = made.start
         strip.frame_end = made.start + made.frames
@@ -279,9 +274,3 @@ def _play_from(context: bpy.types.Context, speaker: bpy.types.Object, made: Made
     context.view_layer.update()
     speaker.hide_viewport = hidden
     context.view_layer.update()
-
-
-def _sound_strips(speaker: bpy.types.Object) -> Iterator[bpy.types.NlaStrip]:
-    animation = speaker.animation_data
-    for track in animation.nla_tracks if animation is not None else ():
-        yield from (strip for strip in track.strips if strip.type == "SOUND")

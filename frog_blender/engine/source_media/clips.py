@@ -60,11 +60,11 @@ def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
     The path of one moving camera has the name of its first image's camera (see ``camera_path``).
     """
     try:
-        found = _files(header, folder) if folder.is_dir() else {}
+        stored = _files(header, folder) if folder.is_dir() else {}
     except (FrogError, OSError):
         return {}
-    composed_files = {composed(name): file for name, file in found.items()}
-    files = {each.name: composed_files.get(composed(each.name), []) for each in header.cameras}
+    named = {composed(name): paths for name, paths in stored.items()}
+    files = {camera.name: named.get(composed(camera.name), []) for camera in header.cameras}
     if header.is_moving:
         path = [(frame, camera.name) for frame, camera in camera_path(header)]
         shown = [(frame, of[0]) for frame, name in path if (of := files[name])]
@@ -73,14 +73,13 @@ def find_clips(header: SceneHeader, folder: Path) -> dict[str, Clip]:
     clips = {}
     for camera, frames in zip(header.cameras, header.camera_shots, strict=True):
         of = files[camera.name]
-        if not of:
-            continue
         sequence = None
         if len(of) == len(frames):  # a standing camera's
             sequence = _sequence(list(zip(sorted(frames), of, strict=True)), header.frame_count)
-        is_video = of[0].suffix.lower() in VIDEO_SUFFIXES
-        alone = Clip(of[0], "VIDEO", count=header.frame_count) if is_video else Clip(of[0], "IMAGE")
-        clips[camera.name] = sequence or alone
+        if of:
+            is_video = of[0].suffix.lower() in VIDEO_SUFFIXES
+            alone = Clip(of[0], "VIDEO", count=header.frame_count) if is_video else Clip(of[0], "IMAGE")
+            clips[camera.name] = sequence or alone
     return clips
 
 
@@ -105,7 +104,7 @@ def _files(header: SceneHeader, folder: Path) -> dict[str, list[Path]]:
             return transforms_json.images_by_camera(folder) if transforms_json.matches(folder) else {}
         case "hypernerf":
             folders = [folder / "rgb" / "2x", *sorted((folder / "rgb").glob("*x"))]
-            return next((files for each in folders if (files := _by_stem(each))), {})
+            return next(filter(None, map(_by_stem, folders)), {})
         case "technicolor":
             return {}  # its images' names end with the camera's number: no program takes them for a sequence
     return _of_capture(folder)
@@ -136,23 +135,13 @@ def _by_stem(folder: Path) -> dict[str, list[Path]]:
 
 def _sequence(files: list[tuple[int, Path]], count: int) -> Clip | None:
     """Images by frame as one sequence; None where their numbers do not follow the frames in equal steps."""
-    if len(files) < 2:
+    named = [(frame, file, match) for frame, file in files if (match := _NUMBER.fullmatch(file.stem))]
+    around = {(file.parent, match[1], match[3], file.suffix) for _, file, match in named}
+    if len(named) < max(len(files), 2) or len(around) > 1:
         return None
-    numbers: list[tuple[int, int]] = []
-    pattern = None
-    for frame, file in files:
-        match = _NUMBER.fullmatch(file.stem)
-        if match is None:
-            return None
-        around = (file.parent, match[1], match[3], file.suffix)
-        digits = len(match[2]) if pattern is None else pattern[1]
-        pattern = pattern or (around, digits)
-        if around != pattern[0] or match[2] != f"{int(match[2]):0{digits}d}":
-            return None
-        numbers.append((frame, int(match[2])))
-    (frame, number), (other_frame, other) = numbers[0], numbers[-1]
-    step = (other - number) // (other_frame - frame)
-    first = number - step * frame
-    if any(value != first + step * frame for frame, value in numbers):
+    (start, path, low), (end, _, high) = named[0], named[-1]
+    step = (int(high[2]) - int(low[2])) // (end - start)
+    first = int(low[2]) - step * start
+    if any(match[2] != f"{first + step * frame:0{len(low[2])}d}" for frame, _, match in named):
         return None
-    return Clip(files[0][1], "SEQUENCE", first, step, count)
+    return Clip(path, "SEQUENCE", first, step, count)

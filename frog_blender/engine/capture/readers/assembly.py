@@ -171,20 +171,14 @@ def localized(capture: Capture) -> Capture:
     centers = np.array([camera.center for camera in capture.cameras])
     middle = np.median(centers, axis=0)
     spread = float(np.linalg.norm(centers - middle, axis=1).max())
-    near = capture.near_far[0] if capture.near_far is not None else 0.0
-    extent = max(spread, near)
-    unit = 1.0
-    if 0 < extent < _TINY or extent > _HUGE:
-        unit = 10.0 ** math.floor(math.log10(extent))
-    origin = (0.0, 0.0, 0.0)
-    if np.linalg.norm(middle) > (_FAR * extent if extent > 0 else _FAR_ALONE):
-        step = 10.0 ** math.floor(math.log10(extent)) if extent > 0 else 1.0
-        x, y, z = (np.round(middle / step) * step).tolist()
-        origin = (x, y, z)
-    world = World(origin, unit)
+    extent = max(spread, capture.near_far[0] if capture.near_far is not None else 0.0)
+    step = 10.0 ** math.floor(math.log10(extent)) if extent > 0 else 1.0
+    is_far = np.linalg.norm(middle) > (_FAR * extent if extent > 0 else _FAR_ALONE)
+    x, y, z = (np.round(middle / step) * step).tolist() if is_far else (0.0, 0.0, 0.0)
+    world = World((x, y, z), step if 0 < extent < _TINY or extent > _HUGE else 1.0)
     if world.is_plain:
         return capture
-    near_far = capture.near_far and (capture.near_far[0] / unit, capture.near_far[1] / unit)
+    near_far = capture.near_far and (capture.near_far[0] / world.unit, capture.near_far[1] / world.unit)
     said = f"{capture.path}: the cameras' coordinates need more than single precision; they are taken as {world}."
     return replace(
         capture,

@@ -87,20 +87,18 @@ def named_videos(path: Path) -> dict[str, Path]:
     """
     if not (path / _OPENCV).is_file():
         return {}
-    entries = _opencv_cameras(path / _OPENCV, read_json(path / _OPENCV))
+    entries, _, _ = _opencv_calibration(path / _OPENCV)
     return {entry.name: entry.video for entry in entries if entry.video is not None}
 
 
 def _calibration(path: Path) -> tuple[Path, list[_Entry], Float64s | None, list[str]]:
     """The file, its cameras, each of one name, its points (N, 3) if it has any, and what is said about it."""
-    points, unused = None, []
-    if (path / _OPENCV).is_file():
-        file = path / _OPENCV
-        content = read_json(file)
-        entries, points, unused = _opencv_cameras(file, content), _points(file, content), _unused(file, content)
+    file = path / _OPENCV
+    if file.is_file():
+        entries, points, unused = _opencv_calibration(file)
     else:
         file = _qualisys_files(path)[0]
-        entries = [_Entry(calibrated) for calibrated in read_qualisys(file)]
+        entries, points, unused = [_Entry(calibrated) for calibrated in read_qualisys(file)], None, []
     names = [entry.name for entry in entries]
     if len(set(names)) != len(names):
         raise found_instead(file, f"several cameras named {max(names, key=names.count)}", "one of each name")
@@ -165,26 +163,28 @@ def _fitted(camera: Camera, lens: Distortion | None, film: Footage, warnings: li
     return replace(camera, width=shown[0], height=shown[1]), lens
 
 
-def _points(path: Path, content: dict[str, object]) -> Float64s | None:
+def _points(path: Path, listed: object) -> Float64s | None:
     """(N, 3) of ``cameras_opencv.json``, as ``frog calibrate`` writes them; None without any."""
-    listed = content.get("points")
-    if listed is None:
+    if listed is None or listed == []:
         return None
     count = len(listed) if isinstance(listed, list) else 0
     if count > _MOST_POINTS:
         raise found_instead(path, f"{count:,} points", f"at most {_MOST_POINTS:,}")
-    return numbers(listed, (count, 3), path, "points") if listed != [] else None
+    return numbers(listed, (count, 3), path, "points")
 
 
-def _opencv_cameras(path: Path, content: dict[str, object]) -> list[_Entry]:
-    """Cameras of ``cameras_opencv.json``: name, width, height, K, dist (k1 k2 p1 p2 k3), R, t; x_camera = R x + t.
+def _opencv_calibration(path: Path) -> tuple[list[_Entry], Float64s | None, list[str]]:
+    """Cameras of ``cameras_opencv.json``: name, width, height, K, dist (k1 k2 p1 p2 k3), R, t; x_camera = R x + t; its
+    points; and a sentence where it has keys that nothing here uses, such as another lens model.
 
     Optional are video (a path), offset (seconds) and rate.
     """
+    content = read_json(path)
     entries = content.get("cameras")
     if not isinstance(entries, list) or not entries or not all(isinstance(entry, dict) for entry in entries):
         raise found_instead(path, "no list of cameras", '"cameras": [{"name": ..., "K": ..., "R": ..., "t": ...}, ...]')
     cameras: list[_Entry] = []
+    unused = content.keys() - _OF_FILE
     for position, entry in enumerate(entries):
         name = "" if entry.get("name") is None else composed(str(entry["name"]))  # which may be the number 0
         if not name:
@@ -192,19 +192,11 @@ def _opencv_cameras(path: Path, content: dict[str, object]) -> list[_Entry]:
         width, height = (size(entry.get(side), path, f"{side} of camera {name}") for side in ("width", "height"))
         view = opencv_camera(name, (width, height), {key: entry.get(key) for key in ("K", "R", "t", "dist")}, path)
         cameras.append(_Entry(view, _video(entry, path, name), clock_of(entry, path, name)))
-    return cameras
-
-
-def _unused(path: Path, content: dict[str, object]) -> list[str]:
-    """A sentence where ``cameras_opencv.json`` has keys that nothing here uses, such as another lens model."""
-    cameras = content["cameras"]
-    assert isinstance(cameras, list)  # of objects: ``_opencv_cameras`` took them
-    keys = sorted((content.keys() - _OF_FILE).union(*(entry.keys() - _OF_CAMERA for entry in cameras)))
-    if not keys:
-        return []
-    listed = ", ".join(key[:_LONGEST_KEY] for key in keys[:_MOST_NAMED])
-    more = f" and {len(keys) - _MOST_NAMED} more" if len(keys) > _MOST_NAMED else ""
-    return [f"{path}: not used: {listed}{more}; every lens is taken for OpenCV's perspective one, which `dist` bends."]
+        unused |= entry.keys() - _OF_CAMERA
+    listed = ", ".join(key[:_LONGEST_KEY] for key in sorted(unused)[:_MOST_NAMED])
+    listed += f" and {len(unused) - _MOST_NAMED} more" if len(unused) > _MOST_NAMED else ""
+    said = f"{path}: not used: {listed}; every lens is taken for OpenCV's perspective one, which `dist` bends."
+    return cameras, _points(path, content.get("points")), [said] if unused else []
 
 
 def _video(entry: dict[str, object], path: Path, name: str) -> Path | None:
