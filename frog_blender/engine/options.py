@@ -13,19 +13,7 @@ from .capture.masking import MaskSettings, chroma_key
 from .errors import FrogError
 from .recipes import RECIPES, Recipe, recipe
 from .registry import METHODS
-from .setting import (
-    MEANING,
-    Choice,
-    Field,
-    Kind,
-    Meaning,
-    Name,
-    Number,
-    OrNone,
-    check,
-    plain,
-    text_of,
-)
+from .setting import MEANING, Choice, Field, Kind, Meaning, Name, Number, OrNone, check, plain, text_of
 
 _MOST_CAMERAS, _MOST_OFFSET = 10_000, 1e6
 

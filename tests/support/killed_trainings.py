@@ -21,14 +21,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from support import synthetic_capture as film
 
-from frog_blender.engine.capture.readers import open_capture
-from frog_blender.engine.frames.store import FrameStore
 from frog_blender.engine.io.tensor_files import read_tensors
-from frog_blender.engine.options import JobOptions
 from frog_blender.engine.recipes import recipe
 from frog_blender.engine.scene.scene_file import read_scene
-from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session.checkpoint import load_checkpoint, save_checkpoint
 from frog_blender.engine.training.session.events import Progress
 from frog_blender.engine.training.session.job import TrainingJob
 from frog_blender.engine.training.session.output_paths import checkpoint_path
@@ -125,46 +120,9 @@ def during_training(folder: Path, kills: int, seed: int, steps: int) -> dict[str
     return {"kills": done, "resumes": resumed, "trainings": rounds}
 
 
-def during_saving(folder: Path, kills: int, seed: int) -> dict[str, int]:
-    """Kills processes that do nothing but save; what they leave is loaded into a training each time."""
-    chance = random.Random(seed)
-    path = folder / "saving.checkpoint"
-
-    def trainer() -> Trainer:
-        capture = open_capture(folder / "capture")
-        settings = recipe("draft", **RATES)
-        return Trainer(capture, FrameStore.open(capture), film.seeds(3000), settings, JobOptions(steps=9))
-
-    def save_on_and_on(begun: int) -> None:
-        one = trainer()
-        os.write(begun, b".")
-        while True:
-            save_checkpoint(path, one)
-
-    os.waitpid(forked(lambda: save_checkpoint(path, trainer())), 0)
-    unfinished = 0
-    for _ in range(kills):
-        reading, writing = os.pipe()
-        saving = forked(lambda writing=writing: save_on_and_on(writing))
-        os.close(writing)
-        assert killed_after(saving, chance.uniform(0.0, 0.2), reading)
-        os.close(reading)
-        parts = list(folder.glob(".saving.checkpoint.*.part"))
-        unfinished += len(parts)
-        for part in parts:
-            part.unlink()
-        loading = forked(lambda: load_checkpoint(path, trainer()))
-        assert os.waitpid(loading, 0)[1] == 0, "the checkpoint before the kill does not open"
-    return {"kills": kills, "in the middle of a file": unfinished}
-
-
 def main() -> None:
     folder, kills, seed, steps = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
-    answer = {
-        "training": during_training(folder, kills, seed, steps),
-        "saving": during_saving(folder, kills // 4, seed),
-    }
-    print(json.dumps(answer))
+    print(json.dumps(during_training(folder, kills, seed, steps)))
 
 
 if __name__ == "__main__":

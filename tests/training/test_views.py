@@ -12,6 +12,7 @@ import pytest
 import torch
 from support import synthetic_capture as film
 from support import turning_object
+from support.training_steps import train
 
 from frog_blender.engine.capture.capture import Capture
 from frog_blender.engine.capture.readers import open_capture
@@ -113,8 +114,7 @@ def test_only_our_method_follows_the_capture(
     single = one_a_moment(capture)
     images = FrameStore.open(single, cache_folder=store.folder.parent)
     trainer = Trainer(single, images, film.seeds(), settings, JobOptions(method=method, steps=8))
-    while not trainer.finished:
-        trainer.step()
+    train(trainer)
     with torch.no_grad():
         opacities = [trainer.deform(time)[0].opacities for time in (0.0, 1.0)]
     assert torch.equal(*opacities) == fixed

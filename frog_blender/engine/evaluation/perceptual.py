@@ -44,13 +44,10 @@ def _why_no_lpips(installed: Callable[[str], bool]) -> str:
     """Why LPIPS cannot be computed offline; empty where it can."""
     if not all(installed(name) for name in ("torch", "torchvision", "lpips")):
         return "not installed"
-    return "" if _alexnet_weights() else "weights missing"
-
-
-def _alexnet_weights() -> list[Path]:
     import torch
 
-    return sorted((Path(torch.hub.get_dir()) / "checkpoints").glob(_ALEXNET))
+    weights = (Path(torch.hub.get_dir()) / "checkpoints").glob(_ALEXNET)
+    return "" if any(weights) else "weights missing"
 
 
 def lpips(image: Image, truth: Image) -> float:

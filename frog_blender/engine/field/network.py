@@ -104,11 +104,7 @@ def first_layer(
 
 
 def first_layer_gradients(
-    by_shared: Array,
-    by_weights: Array,
-    temporal: Array,
-    temporal_weight: Array,
-    modulation_weight: Array | None = None,
+    by_shared: Array, by_weights: Array, temporal: Array, temporal_weight: Array, modulation_weight: Array | None = None
 ) -> dict[str, Array]:
     """Gradients by argument of ``first_layer``; those of bias and embedding_weight are the first two arguments.
 

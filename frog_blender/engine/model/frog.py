@@ -18,7 +18,7 @@ from ..native.deformation import FieldShape
 from ..rasterizer import GaussianArrays, RasterizeOptions, cpu, exposed
 from .canonical import CanonicalField
 from .deformation import DeformationField, FrogSettings, fuse, reduction_factor, uniform
-from .fused import FusedRenderResult, deform_fused, field_arrays, forward_field, versions_of
+from .fused import FusedRenderResult, field_arrays, forward_field, versions_of
 from .interface import FINISHED, RenderResult, SceneModel, ScheduleState
 
 _ATTENTION_WIDTH = 16
@@ -86,15 +86,15 @@ class Frog(SceneModel):
     def deform(
         self, time: float, schedule_state: ScheduleState = FINISHED, sh_count: int | None = None
     ) -> tuple[TorchGaussians, dict[str, torch.Tensor]]:
-        """See SceneModel."""
+        """See SceneModel; by plain torch where gradients are asked for."""
         sh_count = sh_count or self.canonical.sh.shape[1]
         if not self.canonical.num_dynamic:
             return self.canonical.gaussians(sh_count), {}
         temporal = self.temporal_embedding(time, schedule_state)
-        if not self._is_fused:
+        if torch.is_grad_enabled() or not self._is_fused:
             return self.deform_reference(temporal, schedule_state, sh_count)
-        shape = self.field_shape(schedule_state, sh_count)
-        gaussians, changes = deform_fused(self.canonical, self.deformation, temporal, shape)
+        arrays = field_arrays(self.canonical, self.deformation, temporal)
+        _, gaussians, changes = forward_field(self.field_shape(schedule_state, sh_count), arrays)
         return gaussians, self.deformation.by_attribute(changes)
 
     def draw(

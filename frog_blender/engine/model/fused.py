@@ -1,13 +1,12 @@
-"""The field computed by the native library (float32 on the CPU): as one torch operation, or with the image of it.
+"""The field computed by the native library (float32 on the CPU), without automatic differentiation.
 
-``FusedRenderResult`` is an image that was made by native calls one after the other, and so is its backward pass: the
-same bits as ``deform_fused`` and ``rasterize`` with automatic differentiation, which keeps track of some twenty arrays
-between them and takes a tenth of a training's step for that.
+``FusedRenderResult`` is an image that was made by native calls one after the other, and so is its backward pass. It is
+held equal to automatic differentiation of plain torch, which keeps track of some twenty arrays between deformation and
+rasterizer and takes a tenth of a training's step for that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -19,7 +18,6 @@ from ..gaussians import TorchGaussians
 from ..native.deformation import FieldShape, deform, deform_backward
 from ..rasterizer import GaussianArrays
 from ..rasterizer.cpu import RasterPass
-from ..rasterizer.torch_types import Context
 from .canonical import ATTRIBUTES, CanonicalField
 from .deformation import DeformationField
 from .interface import RenderResult
@@ -78,32 +76,6 @@ def forward_field(shape: FieldShape, arrays: dict[str, torch.Tensor]) -> tuple[F
     return FieldPass(shape, inputs, arrays), GaussianArrays(**result), changes
 
 
-class _Deform(torch.autograd.Function):
-    """Inputs in the order of ``names`` after ``shape`` and ``names``; outputs _OUTPUTS and the changes."""
-
-    @staticmethod
-    def forward(
-        ctx: Context, shape: FieldShape, names: tuple[str, ...], *tensors: torch.Tensor
-    ) -> tuple[torch.Tensor, ...]:
-        ctx.field, gaussians, changes = forward_field(shape, dict(zip(names, tensors, strict=True)))
-        result = [getattr(gaussians, name) for name in _OUTPUTS]
-        ctx.names, ctx.sizes = names, [array.shape for array in result]
-        ctx.save_for_backward(*tensors)  # torch refuses tensors changed since
-        ctx.mark_non_differentiable(changes)
-        ctx.set_materialize_grads(False)  # of the changes: zeros that nobody reads
-        return *result, changes
-
-    @staticmethod
-    def backward(ctx: Context, *by: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
-        some = ctx.saved_tensors[0]
-        by_outputs = {
-            name: some.new_zeros(size) if gradient is None else gradient.contiguous()
-            for name, size, gradient in zip(_OUTPUTS, ctx.sizes, by, strict=False)
-        }
-        gradients = ctx.field.backward(by_outputs)
-        return None, None, *(gradients[name] for name in ctx.names)
-
-
 def field_arrays(
     canonical: CanonicalField, network: DeformationField, temporal: torch.Tensor
 ) -> dict[str, torch.Tensor]:
@@ -112,21 +84,6 @@ def field_arrays(
     names = (*_FIRST_LAYER, *(_MODULATION if network.modulated else ()))
     names += (*_NETWORK, *(_HEADS if network.head_width else ()))
     return arrays | {"temporal": temporal} | {name: getattr(network, name) for name in names}
-
-
-def deform_fused(
-    canonical: CanonicalField, network: DeformationField, temporal: torch.Tensor, shape: FieldShape
-) -> tuple[TorchGaussians, torch.Tensor]:
-    """Deformed, activated Gaussians with ``shape.sh_active`` coefficients, and the changes (M, outputs) of those
-    that move, means in world units, without gradients.
-
-    Args:
-        temporal: (networks, T) fused temporal embedding of the time.
-    """
-    arrays = field_arrays(canonical, network, temporal)
-    apply: Callable[..., tuple[torch.Tensor, ...]] = _Deform.apply
-    *outputs, changes = apply(shape, tuple(arrays), *arrays.values())
-    return GaussianArrays(**dict(zip(_OUTPUTS, outputs, strict=True))), changes
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,8 @@ def fit_to(recipe: Recipe, capture: Capture) -> Recipe:
     no other image sees alike costs the most by them, and is learned by heart. A camera that stands still, or moves on
     slowly, sees what changes.
     """
-    if _shows_other_sides(capture, recipe.appearance_views):
+    few_views = capture.has_moving_cameras and views_per_moment(capture) < recipe.appearance_views
+    if few_views and turn_between_images(capture) >= _LEAP:
         return replace(
             recipe,
             deformed_sh=0,
@@ -49,8 +50,3 @@ def fit_to(recipe: Recipe, capture: Capture) -> Recipe:
             square_weight=0.0,
         )
     return replace(recipe, size_weight=0.0)
-
-
-def _shows_other_sides(capture: Capture, views: float) -> bool:
-    """Whether a moment has fewer than ``views`` views, and the next moment others."""
-    return capture.has_moving_cameras and views_per_moment(capture) < views and turn_between_images(capture) >= _LEAP

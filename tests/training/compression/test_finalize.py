@@ -78,17 +78,6 @@ def test_a_part_of_a_scene_shows_the_same() -> None:
     assert still.num_dynamic == 0 and len(still.at(0.5)) == 99
 
 
-def test_axes_that_nobody_can_see_cost_others_nothing() -> None:
-    """Packed sizes are as exact as where no axis has shrunk to nothing."""
-    plain = scene_file(600)
-    shrunk = plain.arrays["log_scales"].copy()
-    shrunk[::7, 1] = -25.0
-    thin = SceneFile(plain.header, plain.arrays | {"log_scales": shrunk})
-    scenes = [reorder_for_playback(each, finished=False) for each in (plain, thin)]
-    wrong = [np.abs(as_packed(each).arrays["log_scales"] - each.arrays["log_scales"]).max() for each in scenes]
-    assert 0 < wrong[1] <= 1.01 * wrong[0]
-
-
 def test_where_most_can_be_seen_there_are_none() -> None:
     assert "lifetimes" not in reorder_for_playback(scene_file(300, opacity_reduction="off")).arrays
     single = flickering()

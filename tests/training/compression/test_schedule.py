@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support import synthetic_capture as film
-from support.image_stores import ImageStore
+from support.image_stores import Drawn
 from support.training_steps import compression, train
 
 from frog_blender.engine.capture.capture import Capture
@@ -42,23 +41,12 @@ def test_milestones_make_the_scene_smaller_and_training_goes_on(make_trainer: Ma
     assert all((step.loss or 0.0) <= max(DEFAULT.max_freeze_loss, DEFAULT.max_prune_loss) for step in log)
 
 
-class Exact(ImageStore):
-    """A store of images as they were drawn, without a film's losses."""
-
-    def __init__(self, capture: Capture) -> None:
-        self._capture = capture
-
-    def image(self, index: int) -> np.ndarray:
-        shot = self._capture.shots[index]
-        return film.image(self._capture.cameras[shot.camera], shot.frame)
-
-
 FEW = CompressionSettings(min_frozen=0.0)
 """Of a wall of broad Gaussians few are clear of the ball."""
 
 
 def test_what_lies_where_images_hardly_change_is_frozen_early(make_trainer: Make, capture: Capture) -> None:
-    trainer = make_trainer(100, watched=Exact(capture), compression=FEW, capacity="auto")
+    trainer = make_trainer(100, watched=Drawn(capture), compression=FEW, capacity="auto")
     train(trainer, until=10)
     (found,) = compression(trainer).log
     moving = trainer.model.canonical.num_dynamic
@@ -82,7 +70,7 @@ def test_what_lies_where_images_hardly_change_is_frozen_early(make_trainer: Make
 def test_what_the_images_would_miss_is_not_frozen_early_and_neither_are_few(
     make_trainer: Make, capture: Capture, change: dict
 ) -> None:
-    trainer = make_trainer(100, watched=Exact(capture), compression=replace(FEW, **change), capacity="auto")
+    trainer = make_trainer(100, watched=Drawn(capture), compression=replace(FEW, **change), capacity="auto")
     train(trainer, until=20)
     assert compression(trainer).log == []
     assert trainer.model.canonical.num_dynamic == trainer.count
@@ -93,7 +81,7 @@ def test_motion_is_learned_to_the_end_unless_some_are_static_already(
     make_trainer: Make, capture: Capture, some_static: bool, share: float, at: float
 ) -> None:
     settings = FEW if some_static else CompressionSettings(min_frozen=1.1)
-    images = Exact(capture) if some_static else None
+    images = Drawn(capture) if some_static else None
     trainer = make_trainer(100, watched=images, compression=settings, capacity="auto", dynamic_share=share)
     train(trainer, until=79)
     assert (trainer.model.canonical.num_dynamic < trainer.count) == some_static  # copies of static ones are static

@@ -11,6 +11,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from support import synthetic_capture as film
+from support.image_stores import Drawn
 from support.training_steps import compression, train
 
 from frog_blender.engine.capture.capture import Capture
@@ -199,12 +200,7 @@ def test_the_rest_energy_is_what_standing_still_changes(capture: Capture, name: 
 
 
 def test_pixels_that_change_show_what_is_dynamic(capture: Capture) -> None:
-    class Exact:
-        def image(self, index: int) -> np.ndarray:
-            shot = capture.shots[index]
-            return film.image(capture.cameras[shot.camera], shot.frame)
-
-    variance = temporal_variance(capture, Exact())
+    variance = temporal_variance(capture, Drawn(capture))
     views = [SampledView(camera, time) for camera in variance for time in (0.0, 0.5, 1.0)]
     change = change_of_pixels(at, capture, views, variance)
     assert change.shape == (len(at(0.0)),) and not change.requires_grad

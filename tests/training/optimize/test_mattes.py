@@ -231,8 +231,7 @@ def test_nothing_is_learned_of_what_is_ignored(
     losses = []
     for frames in (store, Marked()):
         trainer = Trainer(capture, frames, film.seeds(), lively(60), JobOptions(steps=60))  # type: ignore[arg-type]
-        while not trainer.finished:
-            trainer.step()
+        train(trainer)
         losses.append((trainer.loss, trainer.model.canonical.sh.detach().clone(), trainer.evaluate(9)))
     (loss, colors, psnr), (loss_marked, colors_marked, psnr_marked) = losses
     assert loss == loss_marked and torch.equal(colors, colors_marked) and psnr == psnr_marked

@@ -21,7 +21,7 @@ from frog_blender.engine.playback.player import ScenePlayer
 from frog_blender.engine.recipes import Recipe
 from frog_blender.engine.scene.scene_file import read_scene
 from frog_blender.engine.training.optimize.trainer import Trainer
-from frog_blender.engine.training.session import events, pictures
+from frog_blender.engine.training.session import events, loop, pictures
 from frog_blender.engine.training.session.cancel_token import CancelToken
 from frog_blender.engine.training.session.checkpoint import checkpoint_settings
 from frog_blender.engine.training.session.job import TrainingJob
@@ -243,7 +243,7 @@ def job(filmed: Path, tmp_path: Path, recipe: Recipe, live: LiveScene) -> Traini
 @pytest.fixture
 def without_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     """A snapshot before every step."""
-    monkeypatch.setattr(pictures, "Rest", lambda: Rest(shortest=0.0, share=1.0, clocks=(lambda: 0.0,)))
+    monkeypatch.setattr(loop, "Rest", lambda: Rest(shortest=0.0, share=1.0, clocks=(lambda: 0.0,)))
 
 
 def test_a_training_is_seen_while_it_learns(
@@ -269,7 +269,7 @@ def test_a_training_is_seen_while_it_learns(
         arrays.append((session, player))
         return player
 
-    monkeypatch.setattr(pictures, "snapshot", watched)
+    monkeypatch.setattr(loop, "snapshot", watched)
     for event in run_training(job(filmed, tmp_path, lively(12), Looking())):
         assert not isinstance(event, events.WarningEvent), event
     assert len(taken) >= 2
@@ -287,7 +287,7 @@ def test_nobody_looks_and_nothing_is_made(
     filmed: Path, tmp_path: Path, lively: Callable[..., Recipe], monkeypatch: pytest.MonkeyPatch, without_rest: None
 ) -> None:
     made: list[Session] = []
-    monkeypatch.setattr(pictures, "snapshot", made.append)
+    monkeypatch.setattr(loop, "snapshot", made.append)
     list(run_training(job(filmed, tmp_path, lively(12), LiveScene(is_wanted=False))))
     assert not made
 
@@ -298,7 +298,7 @@ def test_a_snapshot_that_fails_is_told_once_and_the_training_goes_on(
     def fail(_session: Session) -> ScenePlayer:
         raise MemoryError("no room")
 
-    monkeypatch.setattr(pictures, "snapshot", fail)
+    monkeypatch.setattr(loop, "snapshot", fail)
     said = list(run_training(job(filmed, tmp_path, lively(12), LiveScene())))
     warnings = [event.message for event in said if isinstance(event, events.WarningEvent)]
     assert sum("cannot be shown while it runs" in each for each in warnings) == 1

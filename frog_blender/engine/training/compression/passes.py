@@ -70,19 +70,19 @@ def change_of_pixels(
     """(N,) the mean temporal variance of the pixels that each Gaussian colours in ``views``, weighted by blending
     weight; infinite where it colours none.
     """
+    import cv2
+
     sums = torch.zeros((), device="cpu")
     for view in views:
         camera, gaussians = capture.cameras[view.camera], gaussians_at(view.time)
-        of_pixels = _resized(variance[view.camera], (camera.width, camera.height))
+        cells, size = variance[view.camera], (camera.width, camera.height)
+        of_pixels = np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST))
         sums = sums + sums_of_pixels(gaussians, camera, of_pixels, capture.background)
     return torch.where(sums[:, 1] >= 1, sums[:, 0] / sums[:, 1], torch.inf)
 
 
 def sums_of_pixels(
-    gaussians: TorchGaussians,
-    camera: Camera,
-    of_pixels: NDArray[np.float32],
-    background: tuple[float, float, float],
+    gaussians: TorchGaussians, camera: Camera, of_pixels: NDArray[np.float32], background: tuple[float, float, float]
 ) -> torch.Tensor:
     """(N, 3) the sum over a camera's pixels of numbers (H, W), each times the Gaussian's blending weight there; the sum
     of the weights; and zeros.
@@ -96,13 +96,6 @@ def sums_of_pixels(
     image.backward(torch.stack([given, torch.ones_like(given), torch.zeros_like(given)], dim=2))
     assert grey.grad is not None
     return grey.grad[:, 0] / SH_DC
-
-
-def _resized(variance: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
-    """Each pixel of an image of ``size`` (width, height) with its cell's."""
-    import cv2
-
-    return np.asarray(cv2.resize(variance, size, interpolation=cv2.INTER_NEAREST))
 
 
 def _variance(store: FrameStore, shots: list[int]) -> NDArray[np.float32]:

@@ -63,7 +63,6 @@ def distances_along_rays(image: Image, camera: Camera, kind: str) -> torch.Tenso
     return image.mean_depth / torch.from_numpy(planar).to(image.mean_depth)
 
 
-@torch.no_grad()
 def worst_points(
     image: Image,
     distances: torch.Tensor,
@@ -88,7 +87,6 @@ def worst_points(
     return torch.from_numpy(points).float().to(truth.device), truth.reshape(-1, 3)[chosen]
 
 
-@torch.no_grad()
 def undeformed(
     points: torch.Tensor, deformed: torch.Tensor, motion: torch.Tensor, embeddings: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
@@ -105,7 +103,6 @@ def undeformed(
     return points - motion.detach()[closest], embeddings.detach()[closest]
 
 
-@torch.no_grad()
 def new_anchors(
     points: torch.Tensor, colors: torch.Tensor, embeddings: torch.Tensor, existing: torch.Tensor, sh_count: int
 ) -> dict[str, torch.Tensor]:

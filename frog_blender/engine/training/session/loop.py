@@ -22,16 +22,11 @@ from ..optimize.view_pass import PeerLost, agreed
 from . import events
 from .checkpoint import restore, share_state
 from .events import Event
-from .export import (
-    EVALUATED_SHOTS,
-    Metrics,
-    build_scene,
-    fit_budget,
-    remove_non_finite,
-)
+from .export import EVALUATED_SHOTS, Metrics, build_scene, fit_budget, remove_non_finite
 from .fallback_save import Checkpoints, save_with_fallback
+from .live_scene import Rest
 from .output_paths import beside, checkpoint_path
-from .pictures import Previews, Snapshots, draw_report_image, preview_shot
+from .pictures import Previews, draw_report_image, preview_shot, snapshot
 from .recovery import Recovery
 from .session import Session
 from .time_estimate import TimeLeft, Workload
@@ -98,7 +93,8 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
     job, trainer, cancel = session.job, session.trainer, session.cancel
     last_event = last_save = time.monotonic()
     evaluated = int(trainer.progress * _EVALUATIONS)
-    previews, snapshots, time_left = Previews(session), Snapshots(session), _time_left(session)
+    previews, time_left = Previews(session), _time_left(session)
+    live, rest = job.live, Rest()
     shows = session.peers.rank == 0
     while not trainer.finished:
         ended, paused = cancel.ended, cancel.paused  # asked once: a pause that comes later holds the next step
@@ -116,8 +112,13 @@ def _steps(session: Session, recovery: Recovery, checkpoints: Checkpoints) -> It
             last_event = last_save = time.monotonic()
         if paused and cancel():
             continue  # the others are told that it ends
-        if snapshots.due:
-            yield from snapshots.offer()
+        if live is not None and live.is_due and rest.is_over:
+            try:
+                with rest.measured():
+                    live.offer(snapshot(session))
+            except Exception as error:  # the training does not need it
+                live = None
+                yield events.WarningEvent(f"The training cannot be shown while it runs ({reason(error)}).")
         trainer.step()
         yield from _compression_events(session)
         now = time.monotonic()

@@ -15,7 +15,6 @@ import torch
 from numpy.typing import NDArray
 
 from ...capture.capture import Capture
-from ...errors import reason
 from ...gaussians import TorchGaussians
 from ...playback.player import ScenePlayer
 from ...playback.render import to_uint8
@@ -26,7 +25,6 @@ from ..compression.context import Compression
 from . import events
 from .events import Event
 from .export import scene_as_it_stands
-from .live_scene import Rest
 from .session import Session
 
 
@@ -74,29 +72,6 @@ class Previews:
             shot = preview_shot(capture) or 0
         yield events.Preview(trainer.step_count, to_uint8(trainer.render_image(shot, self._session.job.preview_size)))
         self._last = time.monotonic()
-
-
-class Snapshots:
-    """Offers snapshots of a session to its job's live scene, if there is one."""
-
-    def __init__(self, session: Session) -> None:
-        self._session, self._live, self._rest = session, session.job.live, Rest()
-
-    @property
-    def due(self) -> bool:
-        """Whether one is wanted, and the training can spare the time."""
-        return self._live is not None and self._live.is_due and self._rest.is_over
-
-    def offer(self) -> Iterator[Event]:
-        """Hands one over; where that fails, a warning, and no further ones."""
-        if self._live is None:
-            return
-        try:
-            with self._rest.measured():
-                self._live.offer(snapshot(self._session))
-        except Exception as error:  # the training does not need it
-            self._live = None
-            yield events.WarningEvent(f"The training cannot be shown while it runs ({reason(error)}).")
 
 
 def snapshot(session: Session) -> ScenePlayer:

@@ -8,8 +8,8 @@ from .. import passive_threads  # noqa: F401
 
 
 import os
-import queue
 import threading
+from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future
 from dataclasses import replace
@@ -48,6 +48,7 @@ from .time_estimate import Workload
 
 Result = TypeVar("Result")
 _MAX_WAIT = 10.0  # seconds for abandoned work to end
+_TOLD_EVERY = 0.1  # seconds
 
 
 class _Abandoned(Exception):
@@ -62,13 +63,13 @@ def in_background(
     Raises:
         Exception: what ``work`` raised, unless it was cancelled.
     """
-    reports: queue.Queue[tuple[int, int]] = queue.Queue()
+    newest = deque[tuple[int, int]](maxlen=1)  # of the reports, which alone matters
     abandoned, outcome = threading.Event(), Future[Result]()
 
     def report(done: int, total: int) -> None:
         if abandoned.is_set() or cancelled():
             raise _Abandoned
-        reports.put((done, total))
+        newest.append((done, total))
 
     def run() -> None:
         try:
@@ -79,14 +80,10 @@ def in_background(
     worker = threading.Thread(target=run, name=f"frog: {name}", daemon=True)
     worker.start()
     try:
-        while worker.is_alive() or not reports.empty():
-            try:
-                done, total = reports.get(timeout=0.1)
-            except queue.Empty:
-                continue
-            while not reports.empty():  # only the newest matters
-                done, total = reports.get_nowait()
-            yield Stage(name, done, total)
+        while worker.is_alive() or newest:
+            worker.join(_TOLD_EVERY)
+            if newest:
+                yield Stage(name, *newest.pop())
     finally:  # nothing half-made is left when the caller stops listening
         abandoned.set()
         worker.join(_MAX_WAIT)
@@ -209,10 +206,7 @@ def add_hooks(training: Training, compression: CompressionSettings = DEFAULT) ->
 
 
 def seeds_of(
-    job: TrainingJob,
-    capture: Capture,
-    store: FrameStore,
-    report: Callable[[int, int], None] = lambda done, total: None,
+    job: TrainingJob, capture: Capture, store: FrameStore, report: Callable[[int, int], None] = lambda done, total: None
 ) -> Seeds:
     """The seed points that a training starts from, searched for where no earlier one kept them.
 
