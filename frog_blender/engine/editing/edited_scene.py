@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..gaussians import GaussianArrays, NumpyGaussians
-from ..playback.frame_delta import FrameDelta, column_of
+from ..playback.frame_delta import FrameDelta, column_of, put_columns
 from ..playback.player import ScenePlayer
 from .crops import Crop, kept_of_all
 from .edits import Edits, Timing
@@ -176,18 +176,19 @@ class EditedScene(ScenePlayer):
 
     @cached_property
     def _still(self) -> NumpyGaussians:
-        plain = self.source._still
-        base = column_of(plain, "base")
-        colors, scales = plain.sh, plain.scales
-        for grade in self._grades:
-            base, scales = grade.changed("base", base), grade.changed("scales", scales)
-            if grade.matrix is not None and colors.shape[1] > 1:
-                colors = _further_graded(colors, grade)
-        if any(grade.base is not None for grade in self._grades):
-            colors = colors.copy() if colors is plain.sh else colors
-            colors[:, 0] = base[:, :3]
-        opacities = base[:, 3] * self._kept
-        return GaussianArrays(plain.means, plain.quaternions, scales, opacities, colors).checked()
+        plain, changed = self.source._still, {}
+        for name in self.columns if self._grades else ():
+            column = graded = column_of(plain, name)
+            for grade in self._grades:
+                graded = grade.changed(name, graded)
+            if graded is not column:
+                changed[name] = graded
+        arrays = vars(plain) | {"opacities": plain.opacities.copy()}
+        if changed.keys() - {"scales"}:
+            arrays["sh"] = plain.sh.copy()
+        put_columns(arrays, changed, self.count)
+        arrays["opacities"] *= self._kept
+        return GaussianArrays(**arrays).checked()
 
     @cached_property
     def _kept_by_crop(self) -> list[Array]:
@@ -227,16 +228,6 @@ class EditedScene(ScenePlayer):
             for crop, known in zip(self.edits.crops, self._kept_by_crop, strict=True)
         ]
         return self._without_marked(kept_of_all(self.edits.crops, kept, count))
-
-
-def _further_graded(colors: Array, grade: _Graded) -> Array:
-    """(N, K, 3) coefficients whose further ones a grade has changed."""
-    assert grade.matrix is not None
-    rows = slice(None) if grade.rows is None else grade.rows
-    result = colors.copy()
-    further = colors[rows, 1:]
-    result[rows, 1:] = (further.reshape(-1, 3) @ grade.matrix).reshape(further.shape)
-    return result
 
 
 def _places(scene: ScenePlayer, crop: Crop) -> Array:

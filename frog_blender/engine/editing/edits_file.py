@@ -100,16 +100,16 @@ def _marks_json(marks: Marks) -> JsonObject:
 
 
 def _crop_json(crop: Crop) -> JsonObject:
-    keep = "inside" if crop.keep_inside else "outside"
-    content: JsonObject = {"shape": crop.shape, "matrix": list(crop.matrix), "keep": keep}
-    if crop.feather:
-        content["feather"] = crop.feather
-    if crop.time is not None:
-        content["time"] = crop.time
-    if crop.mesh is not None:
-        content["vertices"] = np.frombuffer(crop.mesh.vertices, "<f4").astype(np.float64).tolist()
-        content["triangles"] = np.frombuffer(crop.mesh.triangles, "<i4").tolist()
-    return content
+    content: JsonObject = {
+        "shape": crop.shape,
+        "matrix": list(crop.matrix),
+        "keep": "inside" if crop.keep_inside else "outside",
+        "feather": crop.feather or None,
+        "time": crop.time,
+        "vertices": crop.mesh and np.frombuffer(crop.mesh.vertices, "<f4").astype(np.float64).tolist(),
+        "triangles": crop.mesh and np.frombuffer(crop.mesh.triangles, "<i4").tolist(),
+    }
+    return {name: value for name, value in content.items() if value is not None}
 
 
 def _grade_json(grade: Grade) -> JsonObject:
