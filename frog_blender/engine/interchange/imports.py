@@ -19,12 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arrays import Array, SceneArrays
+from ..arrays import Array
 from ..capture.video import load_opencv
 from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, brief, found_instead
 from ..field.names import SEQUENCE
-from ..gaussians import NumpyGaussians
 from ..io import child_process
 from ..io.atomic_files import remove_partial_files
 from ..io.child_process import run_in_child
@@ -32,7 +31,7 @@ from ..io.plain_values import UnfitValue
 from ..io.regular_file import regular_file
 from ..io.tensor_files import LONGEST_HEADER, write_rows
 from ..optional_imports import needed_package
-from ..playback.frame_delta import column_names, column_of
+from ..playback.frame_delta import canonical_arrays, column_names, column_of
 from ..scene.header import SceneHeader
 from ..scene.quantization import morton_order
 from ..scene.scene_file import FRAMES, RowLayout, SceneFile, packed_metadata, read_scene, write_scene
@@ -45,7 +44,6 @@ _MOST_SHOTS = LONGEST_HEADER // 12  # of all cameras; in the header each is up t
 _MOST_GROWN, _ROOM = 10_000, 4 << 30
 """Bytes of frames for each byte that they were made of, and for any file: Gaussians that a small file says to move
 evenly for minutes become many frames, but what becomes far more is damaged or made to fill the disk."""
-_MOST_CERTAIN, _THINNEST = 1 - 2.0**-26, 1e-30
 _OTHER_ROWS = (
     "Its frames are not the same Gaussians in the same order: they play, without anything between two of them, and can "
     "be edited by place alone."
@@ -102,7 +100,7 @@ def write_source(
     dynamic = int(seen.moves.sum())
     order = morton_order(seen.first.means) if compact else np.arange(seen.count)  # neighbours are packed well
     order = order[np.argsort(~seen.moves[order], kind="stable")]
-    arrays = source.arrays or _canonical(seen.first)
+    arrays = source.arrays or canonical_arrays(seen.first)
     if compact or dynamic:
         arrays = {name: array[order] for name, array in arrays.items()}
     columns = tuple(name for name in column_names(seen.first.sh.shape[1]) if name in seen.columns)
@@ -164,17 +162,6 @@ def _size_of(file: Path) -> int:
         return sum(part.stat().st_size for part in (file.iterdir() if file.is_dir() else [file]))
     except OSError:
         return 0
-
-
-def _canonical(g: NumpyGaussians) -> SceneArrays:
-    opacities = np.clip(g.opacities.astype(np.float64), 1e-12, _MOST_CERTAIN)
-    return {
-        "means": np.ascontiguousarray(g.means, np.float32),
-        "quaternions": np.ascontiguousarray(g.quaternions, np.float32),
-        "log_scales": np.log(np.maximum(g.scales.astype(np.float64), _THINNEST)).astype(np.float32),
-        "opacity_logits": (np.log(opacities) - np.log1p(-opacities)).astype(np.float32),
-        "sh": np.ascontiguousarray(g.sh, np.float32),
-    }
 
 
 def _moving_rows(

@@ -28,7 +28,7 @@ from ..capture.world import FILES_OWN, World
 from ..errors import FrogError, brief, found_instead
 from ..gaussians import NumpyGaussians
 from ..io.regular_file import regular_file
-from ..playback.frame_delta import canonical_gaussians
+from ..playback.frame_delta import canonical_arrays, canonical_gaussians
 from ..scene.header import MAX_FRAMES
 from .frame_source import FrameSource, StillSource
 from .stills import bounded, units
@@ -74,9 +74,9 @@ def splat_bytes(gaussians: NumpyGaussians, *, promise: bool = False) -> bytes:
     rest = g.sh[:, 1:].transpose(0, 2, 1).reshape(len(g), -1)  # channel by channel
     names = [*"xyz", "nx", "ny", "nz", *(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(rest.shape[1]))]
     names += ["opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
-    opacities = np.clip(g.opacities.astype(np.float64), 1e-12, 1 - 2.0**-26)[:, None]
-    columns = [g.means, np.zeros_like(g.means), g.sh[:, 0], rest, np.log(opacities) - np.log1p(-opacities)]
-    columns += [np.log(np.maximum(g.scales.astype(np.float64), 1e-30)), g.quaternions]
+    a = canonical_arrays(g)
+    columns = [g.means, np.zeros_like(g.means), g.sh[:, 0], rest, a["opacity_logits"][:, None], a["log_scales"]]
+    columns.append(g.quaternions)
     comments = [PROMISE] if promise else []
     header = ["ply", "format binary_little_endian 1.0", *comments, f"element vertex {len(g)}"]
     header += [*(f"property float {name}" for name in names), "end_header\n"]

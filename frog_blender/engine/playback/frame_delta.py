@@ -79,6 +79,15 @@ def canonical_gaussians(arrays: SceneArrays) -> NumpyGaussians:
     )
 
 
+def canonical_arrays(g: NumpyGaussians) -> SceneArrays:
+    """The other way round: a static scene file's arrays, of Gaussians with unit quaternions."""
+    opacities = np.clip(g.opacities.astype(np.float64), 1e-12, 1 - 2.0**-26)
+    scales = np.maximum(g.scales.astype(np.float64), 1e-30)
+    logits = np.log(opacities) - np.log1p(-opacities)
+    arrays = {"means": g.means, "quaternions": g.quaternions, "log_scales": np.log(scales), "opacity_logits": logits}
+    return {name: np.ascontiguousarray(array, np.float32) for name, array in (arrays | {"sh": g.sh}).items()}
+
+
 def normalize(quaternions: Array) -> Array:
     """(N, 4) of length one."""
     result: Array = quaternions / np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)
