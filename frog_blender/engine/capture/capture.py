@@ -344,12 +344,12 @@ class Capture:
         """The capture with these shots (their cameras as numbered here) and only the cameras that have one."""
         shots = tuple(shots)
         used = sorted({shot.camera for shot in shots})
-        place = {camera: index for index, camera in enumerate(used)}
+        indices = {camera: index for index, camera in enumerate(used)}
         return replace(
             self,
             cameras=tuple(self.cameras[camera] for camera in used),
             distortions=tuple(self.distortions[camera] for camera in used),
             crops=tuple(self.crops[camera] for camera in used),
-            shots=tuple(replace(shot, camera=place[shot.camera]) for shot in shots),
+            shots=tuple(replace(shot, camera=indices[shot.camera]) for shot in shots),
             test_cameras=self.test_cameras & {self.cameras[camera].name for camera in used},
         )

@@ -71,8 +71,8 @@ def contact_sheet(capture: Capture) -> ImageArray:
         top, left = index // columns * down, index % columns * across
         sheet[top : top + image.shape[0], left : left + image.shape[1]] = image
         name = capture.cameras[capture.shots[shot].camera].name
-        place = (left + _GAP, top + height + _LABEL - 7)
-        cv2.putText(sheet, name, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (230, 230, 230), 1, cv2.LINE_AA)
+        corner = (left + _GAP, top + height + _LABEL - 7)
+        cv2.putText(sheet, name, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (230, 230, 230), 1, cv2.LINE_AA)
     return sheet
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import FrogError
 from ..io.plain_values import plain
-from .capture import Capture, Shot
+from .capture import Capture
 from .masking import MaskSource
 
 _VERSION = 3  # raise it when the same capture would decode to other pixels
@@ -29,12 +29,10 @@ def bytes_of(shape: tuple[int, int]) -> int:
 
 def decoding_order(capture: Capture) -> list[int]:
     """Indices of the shots, one file after the other, in ascending frames."""
-
-    def place(index: int) -> tuple[int, str, int]:
-        shot: Shot = capture.shots[index]
-        return (shot.camera, str(shot.path), shot.index)
-
-    return sorted(range(len(capture.shots)), key=place)
+    shots = capture.shots
+    return sorted(
+        range(len(shots)), key=lambda index: (shots[index].camera, str(shots[index].path), shots[index].index)
+    )
 
 
 def _facts(path: Path) -> list[int]:

@@ -86,8 +86,8 @@ def chroma_key(text: str) -> ChromaKey:
     """
     name, _, rest = text.partition(",")
     name = name.strip().lower()
-    found = _HEX.fullmatch(name)
-    color = _NAMED.get(name) or (tuple(bytes.fromhex(found[1])) if found else None)
+    digits = _HEX.fullmatch(name)
+    color = _NAMED.get(name) or (tuple(bytes.fromhex(digits[1])) if digits else None)
     try:
         tolerance = float(rest) if rest.strip() else _TOLERANCE
     except ValueError:

@@ -81,8 +81,8 @@ def _turned_lens(distortion: Distortion) -> Distortion:
 
 def _quarter_turned(coefficients: Float64s) -> Float64s:
     """The tangential and thin-prism terms where x' = -y and y' = x; radial terms stay."""
-    found = coefficients.copy()
-    found[2], found[3] = coefficients[3], -coefficients[2]
-    if len(found) >= _MAX_TURNED_COEFFICIENTS:
-        found[8:10], found[10:12] = -coefficients[10:12], coefficients[8:10]
-    return found
+    moved = coefficients.copy()
+    moved[2], moved[3] = coefficients[3], -coefficients[2]
+    if len(moved) >= _MAX_TURNED_COEFFICIENTS:
+        moved[8:10], moved[10:12] = -coefficients[10:12], coefficients[8:10]
+    return moved

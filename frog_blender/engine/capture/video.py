@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Float32s, Float64s, ImageArray
+from ..arrays import Float64s, ImageArray
 from ..errors import found_instead
 from ..io.regular_file import regular_file
 from ..optional_imports import importing
 from ..preloading import open_extension
 from .camera import MAX_SIDE
+from .masking import over
 from .media import film_path, may_miss, read_film_header, read_photograph, truncated
 from .orientation import is_mirrored, oriented, quarter_turns, turned, turned_size
 from .tone_mapping import ToneMapping
@@ -151,7 +152,7 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
         FrogError: if the file cannot be decoded or ends too early.
     """
     cv2 = load_opencv()
-    wanted = list(indices)
+    frames = list(indices)
     transfer = read_film_header(path).transfer
     toned = ToneMapping(transfer) if transfer else None
     video = _open(path)
@@ -159,7 +160,7 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
         position, last = 0, None
         turns = _turns(video)
         with _as_frog_error(path, "a complete video"):
-            for index in wanted:
+            for index in frames:
                 while position < index and video.grab():
                     position += 1
                 is_read, image = video.read() if position == index else (False, None)
@@ -167,8 +168,8 @@ def decode(path: Path, indices: Iterable[int]) -> Iterator[ImageArray]:
                     position += 1
                     last = turned(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), turns)
                     last = last if toned is None else toned.apply(last)
-                elif last is None or wanted[-1] + 1 - position > may_miss(wanted[-1] + 1) // 2:
-                    raise truncated(path, position, wanted[-1] + 1)
+                elif last is None or frames[-1] + 1 - position > may_miss(frames[-1] + 1) // 2:
+                    raise truncated(path, position, frames[-1] + 1)
                 yield last
     finally:
         video.release()
@@ -187,10 +188,7 @@ def read_image(path: Path, background: tuple[float, float, float] = (0.0, 0.0, 0
             return np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2RGB))
         if image.shape[2] == 3:
             return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
-        rgba: Float32s = cv2.cvtColor(image, cv2.COLOR_BGRA2RGBA).astype(np.float32)
-    alpha = rgba[..., 3:] / 255.0
-    over = rgba[..., :3] * alpha + np.float32(255.0) * np.asarray(background, np.float32) * (1.0 - alpha)
-    return (over + 0.5).astype(np.uint8)
+        return over(cv2.cvtColor(image, cv2.COLOR_BGRA2RGB), image[..., 3], background)
 
 
 def read_gray(path: Path) -> ImageArray:

@@ -43,8 +43,8 @@ class World:
         return camera.with_pose(pose)
 
     def __str__(self) -> str:
-        place = ", ".join(f"{value:.10g}" for value in self.origin)
-        return f"({place}) + {'' if self.unit == 1 else f'{self.unit:g} x '}the scene's coordinates"
+        origin = ", ".join(f"{value:.10g}" for value in self.origin)
+        return f"({origin}) + {'' if self.unit == 1 else f'{self.unit:g} x '}the scene's coordinates"
 
     def to_json(self) -> dict[str, object]:
         """A plain dictionary for headers; ``from_json`` reads it back."""
@@ -53,9 +53,9 @@ class World:
     @classmethod
     def from_json(cls, data: object) -> World:
         """The world of ``to_json``; UnfitValue for anything else."""
-        found = {"origin": None, "unit": None} | entries(data, "world")
-        x, y, z = numbers(found["origin"], "the world's origin", (3,), _MAX_COORDINATE).tolist()
-        return cls((x, y, z), number(found["unit"], "the world's unit", *_UNITS))
+        values = {"origin": None, "unit": None} | entries(data, "world")
+        x, y, z = numbers(values["origin"], "the world's origin", (3,), _MAX_COORDINATE).tolist()
+        return cls((x, y, z), number(values["unit"], "the world's unit", *_UNITS))
 
 
 FILES_OWN = World()

@@ -215,7 +215,7 @@ def _fitted(values: Float64s, known: Bools) -> Float64s:
     cv2 = load_opencv()
     height, width = values.shape
     lines, columns = np.mgrid[:height, :width].astype(np.float64)
-    weight, found = known.astype(np.float64), np.full(values.shape, np.nan)
+    weight, fitted = known.astype(np.float64), np.full(values.shape, np.nan)
     values = np.where(known, values, 0.0)
     for deviation in _WIDTHS:
         x, y = (columns - width / 2) / deviation, (lines - height / 2) / deviation
@@ -225,7 +225,7 @@ def _fitted(values: Float64s, known: Bools) -> Float64s:
             return blurred
 
         share = mean(weight)
-        inside = np.isnan(found) & (share > _ENOUGH)
+        inside = np.isnan(fitted) & (share > _ENOUGH)
         share = np.maximum(share, 1e-12)
         mean_x, mean_y, middle = mean(weight * x) / share, mean(weight * y) / share, mean(values) / share
         xx = mean(weight * x * x) / share - mean_x**2 + _RIDGE
@@ -234,8 +234,8 @@ def _fitted(values: Float64s, known: Bools) -> Float64s:
         xv, yv = mean(values * x) / share - mean_x * middle, mean(values * y) / share - mean_y * middle
         determinant = xx * yy - xy**2
         across, down = (yy * xv - xy * yv) / determinant, (xx * yv - xy * xv) / determinant
-        found[inside] = (middle + across * (x - mean_x) + down * (y - mean_y))[inside]
-    return found
+        fitted[inside] = (middle + across * (x - mean_x) + down * (y - mean_y))[inside]
+    return fitted
 
 
 def _diffused(values: Float64s, known: Bools, image: Float32s) -> Float64s:

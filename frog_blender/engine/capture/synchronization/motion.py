@@ -114,12 +114,12 @@ def views_of(films: Sequence[Film], motions: Sequence[Motion], known: Cameras, s
 
     def of_film(index: int) -> MovingPoints:
         film, keyframes = films[index], _keyframes(films[index], start, index)
-        found = run.work.kept(
+        kept = run.work.kept(
             "moving_points",
             key_of(film.state, keyframes),
             lambda: vars(points_in(film, motions[index].region, keyframes)),
         )
-        points = MovingPoints(**found)
+        points = MovingPoints(**kept)
         return replace(points, tracks=straightened(cameras[index], known[film.name][1], points.tracks))
 
     points = run.in_threads("moving points", of_film, range(len(films)))

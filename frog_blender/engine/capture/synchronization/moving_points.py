@@ -16,7 +16,7 @@ from ...arrays import Array, Bools, Float32s, Float64s, ImageArray, Ints
 from ..epipolar import mutual
 from ..video import load_opencv
 from . import limits
-from .films import Film
+from .films import Film, spread
 
 REACH = 2
 """Frames to either side of its own in which a point is tracked."""
@@ -84,9 +84,9 @@ def points_in(film: Film, region: ImageArray, keyframes: Sequence[int]) -> Movin
         recent[index] = gray
         key = index - REACH
         if key in keyframes and region.any():
-            found = _tracked([recent[key + shift] for shift in _SHIFTS], region)
-            if found is not None:
-                parts.append((np.full(len(found[0]), keyframes.index(key)), *found))
+            moving = _tracked([recent[key + shift] for shift in _SHIFTS], region)
+            if moving is not None:
+                parts.append((np.full(len(moving[0]), keyframes.index(key)), *moving))
         recent.pop(index - 2 * REACH, None)
     rows, tracks, descriptors = (np.concatenate(part) for part in zip(*parts, strict=True))
     frames = np.array(keyframes, np.int64)
@@ -163,7 +163,7 @@ class Matches:
         more than ``most`` evenly drawn ones."""
         kept = np.flatnonzero(np.abs(self.apart - lag) <= reach)
         if len(kept) > most:
-            kept = kept[np.linspace(0, len(kept) - 1, most).round().astype(np.int64)]
+            kept = kept[spread(len(kept), most)]
         return Matches(self.first[kept], self.second[kept], self.apart[kept])
 
 
@@ -183,10 +183,8 @@ def match(
             all without it.
     """
     first, second = points
-    count = len(first.key_times)
-    chosen = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
     rows_a, rows_b = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for key_a in chosen:
+    for key_a in spread(len(first.key_times), most):
         in_a = first.of_keyframe(key_a)
         later = first.key_times[key_a] - second.key_times
         for key_b in np.flatnonzero((later >= apart[0]) & (later <= apart[1])):

@@ -18,7 +18,7 @@ from ...io.work_folder import WorkFolder, key_of
 from ..media import film_tags, read_sound
 from ..video import load_opencv
 from . import limits
-from .films import Film
+from .films import Film, spread
 from .pairs import Curve, PairLag, maxima, vertex
 
 RATE = 16_000
@@ -58,9 +58,9 @@ def audio_lag(pair: tuple[int, int], sounds: tuple[Float32s, Float32s]) -> PairL
     first, second = sounds
     length = int(limits.AUDIO_SEGMENT * RATE)
     count = max(1, len(second) // length)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, limits.AUDIO_SEGMENTS)).round().astype(int))
+    chosen = spread(count, limits.AUDIO_SEGMENTS)
     heard, curves = [], []
-    for start in chosen * length:
+    for start in (segment * length for segment in chosen):
         piece = second[start : start + length] if count > 1 else second
         curve = _phase_correlation(first, piece, start)
         lag, prominence = _peak(curve)
@@ -163,7 +163,7 @@ def motion_of(film: Film, work: WorkFolder) -> Motion:
 
     def seen() -> dict[str, Array]:
         count = film.facts.frame_count
-        sampled = {round(index) for index in np.linspace(0, count - 1, min(limits.BACKGROUND_SAMPLES, count))}
+        sampled = spread(count, limits.BACKGROUND_SAMPLES)
         small: ImageArray | None = None
         changes, samples = [], []
         for index, gray in enumerate(film.gray(range(count), limits.LONGEST_SIDE)):

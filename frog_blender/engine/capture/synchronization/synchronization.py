@@ -92,9 +92,9 @@ class Synchronization:
 
 def read_synchronization(value: object) -> Synchronization:
     """What a report says of a synchronisation; UnfitValue for anything else."""
-    found: Synchronization = typed(Synchronization, value, "a synchronisation")
-    number(found.frame, "the frame interval", 1e-6, 1e4)
-    for camera in found.cameras:
+    answer: Synchronization = typed(Synchronization, value, "a synchronisation")
+    number(answer.frame, "the frame interval", 1e-6, 1e4)
+    for camera in answer.cameras:
         what = f"of camera {camera.name}"
         number(camera.offset, f"the offset {what}", -_LONGEST, _LONGEST)
         number(camera.rate, f"the rate {what}", *_RATES)
@@ -104,16 +104,16 @@ def read_synchronization(value: object) -> Synchronization:
         offsets, scores = camera.curve.lags, camera.curve.scores
         if offsets.shape != scores.shape or offsets.ndim != 1 or not np.isfinite(offsets).all():
             raise UnfitValue(f"the curve {what} of {offsets.shape} offsets and {scores.shape} scores", "one of each")
-    return found
+    return answer
 
 
-def in_step(found: Synchronization, films: Sequence[Film]) -> Synchronization:
+def in_step(answer: Synchronization, films: Sequence[Film]) -> Synchronization:
     """The same with equal clocks where all began together and ran alike: what is left is the error of finding it."""
-    offsets, rates = zip(*found.clocks.values(), strict=True)
+    offsets, rates = zip(*answer.clocks.values(), strict=True)
     frame = 1 / max(film.facts.frames_per_second for film in films)
     if max(offsets) - min(offsets) < 2 * _IN_STEP * frame and all(abs(rate - 1) < _SAME_RATE for rate in rates):
-        return found.with_clocks(dict.fromkeys(found.clocks, (0.0, 1.0)))
-    return found
+        return answer.with_clocks(dict.fromkeys(answer.clocks, (0.0, 1.0)))
+    return answer
 
 
 def differ(one: Clocks, other: Clocks, films: Sequence[Film]) -> bool:
